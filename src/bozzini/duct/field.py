@@ -1,0 +1,132 @@
+"""The sampled field: signed distance to a wall on a regular grid, in the scanner's world frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_number, check_points
+from ..errors import InputError
+
+__all__ = ["SampledField"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledField:
+    """Signed distance to a wall, exact at the nodes of a grid and interpolated between them.
+
+    Parameters
+    ----------
+    values : (nx, ny, nz) float32
+        Signed distance at the nodes to the wall before inflation [mm], negative inside.
+    spacing : (3,) float
+        Distance between nodes along each grid axis [mm].
+    origin : (3,) float
+        World position of node (0, 0, 0) [mm].
+    rotation : (3, 3) float
+        Columns are the grid axes in the world frame: orthonormal, a reflection is allowed.
+    inflation : float
+        The wall is moved outwards by this much [mm]: the field answers ``values - inflation``.
+        Moved outwards means that all points within `inflation` of the lumen become lumen, so the
+        answer is a lower bound of the room inside the moved wall.
+    wall : str
+        What the wall is, in words.
+    wall_error : float
+        How far the true wall may be from the stated one [mm]: half a voxel's diagonal for labels.
+    reach : float
+        Distances outside the lumen are exact up to this value [mm]; beyond it they are upper
+        bounds.
+
+    Notes
+    -----
+    ``error`` is how far the trilinear interpolant of a 1-Lipschitz function can be from it: half
+    the diagonal of a cell (by Jensen's inequality), plus the rounding of float32.
+    """
+
+    values: NDArray[np.float32]
+    spacing: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    inflation: float = 0.0
+    wall: str = "sampled wall"
+    wall_error: float = 0.0
+    reach: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 3 or min(self.values.shape) < 2:
+            raise InputError(
+                f"field values have shape {self.values.shape}: it must be (nx, ny, nz), each >= 2"
+            )
+        if not np.all(np.isfinite(self.values)):
+            raise InputError("field values are not all finite")
+        check_number("inflation", self.inflation, low=0.0, unit="mm")
+        if self.spacing.shape != (3,) or not np.all(self.spacing > 0.0):
+            raise InputError(f"field spacing is {self.spacing}: three positive lengths in mm")
+        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6):
+            raise InputError("field rotation is not orthonormal")
+
+    @property
+    def kind(self) -> str:
+        """The answer is sampled: see `error`."""
+        return "sampled"
+
+    @property
+    def error(self) -> float:
+        """Largest error of the interpolant against the stated wall [mm]."""
+        rounding = float(np.abs(self.values).max()) * 2.0**-23
+        return 0.5 * float(np.linalg.norm(self.spacing)) + rounding
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) corners of the box around the grid, world frame [mm]."""
+        size = (np.array(self.values.shape) - 1) * self.spacing
+        corners = np.array(np.meshgrid(*[(0.0, s) for s in size], indexing="ij")).reshape(3, -1).T
+        world = self.to_world(corners)
+        return np.stack([world.min(axis=0), world.max(axis=0)])
+
+    def to_grid(self, points_world: ArrayLike) -> NDArray[np.float64]:
+        """Turn world points (..., 3) into the field's own frame [mm from node 0]."""
+        return np.asarray((np.asarray(points_world, dtype=np.float64) - self.origin) @ self.rotation)
+
+    def to_world(self, points_grid: ArrayLike) -> NDArray[np.float64]:
+        """Turn points (..., 3) of the field's own frame [mm from node 0] into world points."""
+        return np.asarray(
+            np.asarray(points_grid, dtype=np.float64) @ self.rotation.T + self.origin
+        )
+
+    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return the (...) trilinear signed distance at world points (..., 3) [mm].
+
+        Raises
+        ------
+        InputError
+            If the points are not finite or not (..., 3).
+        """
+        return self._evaluate(points, with_gradient=False)[0]
+
+    def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return the (..., 3) gradient of the interpolant in the world frame."""
+        return self._evaluate(points, with_gradient=True)[1]
+
+    def inflate(self, distance: float) -> SampledField:
+        """Return the same lumen with its wall moved outwards by `distance` mm more."""
+        return replace(self, inflation=self.inflation + distance)
+
+    def _evaluate(
+        self, points: ArrayLike, *, with_gradient: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        from ._kernels import evaluate_field
+
+        array = check_points("points", points)
+        flat = np.ascontiguousarray(self.to_grid(array).reshape(-1, 3))
+        distance = np.empty(len(flat))
+        gradient = np.empty((len(flat) if with_gradient else 0, 3))
+        hx, hy, hz = (float(h) for h in self.spacing)
+        evaluate_field(self.values, hx, hy, hz, self.inflation, flat, distance, gradient)
+        shape = array.shape[:-1]
+        if with_gradient:
+            gradient = (gradient @ self.rotation.T).reshape(*shape, 3)
+        return distance.reshape(shape), gradient

@@ -1,0 +1,124 @@
+"""Units at the edge: text such as ``100 psi`` or ``36 deg`` becomes a number in mm, N, MPa, rad, s.
+
+Inside the library everything is a plain float in these units; only the command line and study
+files pass through here.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from .errors import UnitError
+
+if TYPE_CHECKING:
+    import pint
+
+__all__ = ["INTERNAL_UNITS", "parse_quantity", "parse_vector"]
+
+INTERNAL_UNITS = {
+    "length": "mm",
+    "force": "N",
+    "pressure": "MPa",
+    "angle": "rad",
+    "time": "s",
+    "stiffness": "N/mm",
+    "dimensionless": "",
+}
+"""The unit that each kind of quantity has inside Bozzini."""
+
+_EXAMPLES = {
+    "length": "5mm, 0.5 cm, 0.2in",
+    "force": "0.5N, 50 gf",
+    "pressure": "100psi, 689 kPa, 0.7MPa",
+    "angle": "36deg, 0.63 rad",
+    "time": "2s, 50ms",
+    "stiffness": "0.1N/mm",
+    "dimensionless": "0.5",
+}
+# One number, then at most one unit. The number is not left to pint, which reads 5,0mm as 50 mm.
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*([^\s0-9.,][^,]*)?")
+
+
+@lru_cache(maxsize=1)
+def _registry() -> pint.UnitRegistry[Any]:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def parse_quantity(text: str | float, kind: str) -> float:
+    """Turn text with a unit into a number in Bozzini's internal unit.
+
+    A bare number is taken in the internal unit.
+
+    Parameters
+    ----------
+    text : str or float
+        For example ``"5 mm"``, ``"100psi"``, ``"36deg"`` or ``5``.
+    kind : str
+        A key of `INTERNAL_UNITS`.
+
+    Returns
+    -------
+    float
+        The value in `INTERNAL_UNITS[kind]`.
+
+    Raises
+    ------
+    UnitError
+        If the unit is unknown or of another dimension, or the number is not finite.
+    """
+    unit = INTERNAL_UNITS[kind]
+    hint = f"give a {kind} such as {_EXAMPLES[kind]} (a bare number is in {unit or 'no unit'})"
+    if isinstance(text, str):
+        match = _QUANTITY.fullmatch(text)
+        if match is None:
+            raise UnitError(f"'{text}' is not a quantity: {hint}")
+        value = float(match[1])
+        if match[2]:
+            value = _convert(value, match[2].strip(), unit, text, hint)
+    else:
+        value = _take_number(text, hint)
+    if not math.isfinite(value):
+        raise UnitError(f"'{text}' is not a finite number: {hint}")
+    return value
+
+
+def _take_number(value: float, hint: str) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise UnitError(f"{value!r} is not a number: {hint}") from None
+
+
+def _convert(value: float, given: str, unit: str, text: str, hint: str) -> float:
+    import pint
+
+    try:
+        quantity: Any = _registry().Quantity(value, given)
+    except pint.UndefinedUnitError:
+        raise UnitError(f"unknown unit '{given}' in '{text}': {hint}") from None
+    except Exception:  # pint's parser raises many kinds on malformed text
+        raise UnitError(f"'{text}' is not a quantity: {hint}") from None
+    try:
+        return float(quantity.to(unit or "dimensionless").magnitude)
+    except pint.DimensionalityError:
+        raise UnitError(f"'{text}' has the wrong kind of unit: {hint}") from None
+
+
+def parse_vector(text: str, kind: str, *, size: int = 3) -> tuple[float, ...]:
+    """Turn comma-separated quantities, for example ``12mm,-5mm,0``, into a tuple of floats.
+
+    Raises
+    ------
+    UnitError
+        If there are not `size` parts or a part is not a quantity of this kind.
+    """
+    parts = text.split(",")
+    if len(parts) != size:
+        raise UnitError(f"'{text}' has {len(parts)} part(s): give {size}, separated by commas")
+    return tuple(parse_quantity(part, kind) for part in parts)

@@ -1,0 +1,118 @@
+"""The centreline: in the middle, inside everywhere, between the right ends."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from bozzini.duct import build_field, find_centreline
+from bozzini.duct.centreline import measure_arc_length, resample_polyline
+from bozzini.errors import GeometryError, InputError
+from tests.shapes import bend_curve, curve_distance, sample_field, tube_lumen
+
+
+@pytest.fixture(scope="module")
+def bend():
+    curve = bend_curve(25.0, np.pi, 30.0)
+    field, _ = tube_lumen(curve, 7.0)
+    return curve, field
+
+
+def test_a_tube_gives_back_its_axis(bend):
+    curve, field = bend
+    line = find_centreline(field)
+    # The ends are found one radius or less inside the caps; the axis goes on to the caps' centres.
+    off = cKDTree(resample_polyline(curve, 0.1)).query(line.points)[0]
+    assert off.max() < 1.5 and off.mean() < 0.7
+    missing = cKDTree(line.points).query(curve)[0]
+    assert missing.max() < 7.0
+    assert line.radius.min() > 5.0
+    assert line.radius == pytest.approx(-field.signed_distance(line.points))
+
+
+def test_points_are_ordered_evenly_spaced_and_inside(bend):
+    line = find_centreline(bend[1])
+    steps = np.diff(line.arc_length)
+    assert np.all(steps > 0.0)
+    assert steps.max() / steps.min() < 1.2
+    assert line.arc_length == pytest.approx(measure_arc_length(line.points))
+    assert np.all(bend[1].signed_distance(line.points) < 0.0)
+    turned = line.reverse()
+    assert turned.points[::-1] == pytest.approx(line.points)
+    assert turned.arc_length == pytest.approx(measure_arc_length(turned.points))
+
+
+def test_given_ends_are_kept_exactly(bend):
+    start, end = [0.0, 1.0, -20.0], [50.0, -1.0, -10.0]
+    line = find_centreline(bend[1], (start, end))
+    assert line.points[0] == pytest.approx(start)
+    assert line.points[-1] == pytest.approx(end)
+
+
+def test_the_higher_found_end_is_the_start():
+    curve = bend_curve(30.0, np.pi / 2, 25.0)[:, [0, 1, 2]]
+    for flip in (1.0, -1.0):
+        field, _ = tube_lumen(curve * [1, 1, flip], 6.0)
+        line = find_centreline(field)
+        assert line.points[0, 2] > line.points[-1, 2]
+
+
+def test_a_pouch_is_not_taken_for_the_far_end():
+    # A wide tube bent by 180 degrees with a blind pouch on the outside of the bend: the taut way
+    # to the pouch's tip is longer than to the end, the middle way is not.
+    curve = bend_curve(20.0, np.pi, 25.0)
+    pouch = np.array([[20.0, 0.0, 20.0], [20.0, 0.0, 52.0]])
+    tube, blind = curve_distance(curve, 12.0), curve_distance(pouch, 8.0)
+    field = sample_field(
+        lambda points: np.minimum(tube(points), blind(points)),
+        curve.min(axis=0) - 16.0,
+        [60.0, 16.0, 66.0],
+        1.0,
+    )
+    line = find_centreline(field)
+    ends = line.points[[0, -1]]
+    gap = np.linalg.norm(ends[:, None] - curve[[0, -1]], axis=2)
+    assert min(gap[0, 0] + gap[1, 1], gap[0, 1] + gap[1, 0]) < 16.0
+
+
+def test_inflation_opens_no_short_cut_between_neighbouring_limbs():
+    # Limbs 14 mm apart, wall to wall 2 mm: inflated by 3 mm they merge.
+    curve = bend_curve(7.0, np.pi, 60.0)
+    field, _ = tube_lumen(curve, 6.0, voxel=0.7)
+    merged = field.inflate(3.0)
+    assert merged.signed_distance([7.0, 0.0, -30.0]) < 0.0
+    line = find_centreline(merged)
+    assert line.length > 110.0
+
+
+def test_an_end_outside_or_in_another_lumen_is_refused(bend):
+    _, field = bend
+    with pytest.raises(GeometryError, match=r"start \(25, 0, -30\) mm lies outside the lumen by"):
+        find_centreline(field, ([25.0, 0.0, -30.0], None))
+    with pytest.raises(InputError, match="end has 1 point"):
+        find_centreline(field, (None, [np.nan, 0.0, 0.0]))
+    two = [np.array([[x, 0.0, 0.0], [x, 0.0, 20.0]]) for x in (0.0, 20.0)]
+    apart = sample_field(
+        lambda p: np.minimum(*(curve_distance(c, 5.0)(p) for c in two)), (-8, -8, -8), (28, 8, 28), 1
+    )
+    with pytest.raises(GeometryError, match="not connected"):
+        find_centreline(apart, ([0.0, 0.0, 5.0], [20.0, 0.0, 5.0]))
+
+
+def test_human_upper_gi_against_the_published_midline(upper_gi_dir):
+    from bozzini.anatomy import read_tract
+
+    tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels=[1, 2, 3])
+    field = build_field(tract)
+    line = find_centreline(field)
+    with (upper_gi_dir / "upper_gi_axis.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    axis = np.array([[float(row[key]) for key in ("x_mm", "y_mm", "z_mm")] for row in rows])
+    assert np.all(field.signed_distance(line.points) < 0.0)
+    assert cKDTree(axis).query(line.points)[0].mean() < 4.0
+    assert cKDTree(line.points).query(axis)[0].mean() < 4.0
+    order = cKDTree(axis).query(line.points)[1]
+    assert np.corrcoef(order, np.arange(len(order)))[0, 1] > 0.99
