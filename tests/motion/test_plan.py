@@ -1,0 +1,106 @@
+"""Plans and scopes: checked when built, and a file that others can open."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bozzini.errors import FileFormatError, InputError, OutputError
+from bozzini.motion import Plan, Scope
+
+
+def make_plan(steps=4, count=3, **changes):
+    random = np.random.default_rng(7)
+    values: dict = {
+        "joints": random.normal(size=(steps, count, 3)),
+        "head_arc_length": np.arange(float(steps)),
+        "clearance": random.normal(size=(steps, count - 1)),
+        "path": random.normal(size=(5, 3)),
+        "path_arc_length": np.arange(5.0),
+        "path_radius": np.ones(5),
+        "method": "thesis",
+        "status": "stopped",
+        "reason_code": "LINK_LOCKED",
+        "reason": "link 2 locks",
+        "meta": {"scope": {"diameter_mm": 5.0}, "text": "naïve µm"},
+    }
+    return Plan(**{**values, **changes})
+
+
+@given(steps=st.integers(1, 6), joints=st.integers(2, 6))
+def test_a_saved_plan_comes_back_whole(tmp_path_factory, steps, joints):
+    plan = make_plan(steps, joints)
+    path = tmp_path_factory.mktemp("plan") / "plan.npz"
+    assert plan.save(path) == path
+    back = Plan.load(path)
+    for name in ("joints", "head_arc_length", "clearance", "path", "path_radius"):
+        assert np.array_equal(getattr(back, name), getattr(plan, name))
+    assert (back.status, back.reason, back.method) == (plan.status, plan.reason, plan.method)
+    assert back.meta["text"] == "naïve µm"
+    assert (back.steps, back.links) == (steps, joints - 1)
+
+
+def test_the_file_opens_with_numpy_alone(tmp_path):
+    path = make_plan().save(tmp_path / "plan.npz")
+    with np.load(path, allow_pickle=False) as data:
+        meta = json.loads(str(data["meta"]))
+        assert data["joints"].shape == (4, 3, 3)
+    assert meta["scope"]["diameter_mm"] == 5.0
+    assert meta["format"].startswith("bozzini-plan")
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])
+def test_a_file_that_is_no_plan_is_refused(tmp_path, content):
+    path = tmp_path / "plan.npz"
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError, match="is not a Bozzini plan"):
+        Plan.load(path)
+    with pytest.raises(FileFormatError, match="no such file"):
+        Plan.load(tmp_path / "other.npz")
+    np.savez(tmp_path / "some.npz", a=np.zeros(3))
+    with pytest.raises(FileFormatError, match="is not a Bozzini plan"):
+        Plan.load(tmp_path / "some.npz")
+
+
+def test_a_plan_that_cannot_be_written_leaves_nothing(tmp_path):
+    with pytest.raises(OutputError, match="cannot write"):
+        make_plan().save(tmp_path / "missing" / "plan.npz")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"joints": np.zeros((4, 1, 3))}, "must be .steps, joints, dim."),
+        ({"clearance": np.zeros((4, 3))}, r"clearance has shape \(4, 3\)"),
+        ({"head_arc_length": np.zeros(3)}, r"head_arc_length has shape \(3,\)"),
+        ({"status": "done"}, "status is 'done'"),
+    ],
+)
+def test_an_inconsistent_plan_is_refused(changes, message):
+    with pytest.raises(InputError, match=message):
+        make_plan(**changes)
+
+
+@given(length=st.floats(1.0, 50.0), path=st.floats(1.0, 900.0))
+def test_a_scope_reaches_the_end_of_its_path(length, path):
+    links = Scope(diameter=1.0, link_length=length).count_links(path)
+    assert links * length >= path * (1 - 1e-9)
+    assert (links - 1) * length < path or links == 1
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf"), "wide", None])
+def test_scope_dimensions_must_be_positive_numbers(bad):
+    with pytest.raises(InputError, match="scope diameter is"):
+        Scope(diameter=bad, link_length=5.0)
+    with pytest.raises(InputError, match="link length is"):
+        Scope(diameter=5.0, link_length=bad)
+
+
+def test_a_scope_has_at_least_one_link():
+    with pytest.raises(InputError, match=r"scope length is 4 mm: it must lie in \[5, inf\) mm"):
+        Scope(diameter=2.0, link_length=5.0, length=4.0)
