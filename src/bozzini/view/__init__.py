@@ -1,0 +1,21 @@
+"""Views: pictures, the report and the animated scene of a plan."""
+
+from __future__ import annotations
+
+from .clearance_plot import draw_clearance
+from .figures import draw_depths, draw_overview, write_figure
+from .fluoroscopy import Projection, render_fluoroscopy
+from .report import write_report
+from .scene import SceneInfo, write_scene
+
+__all__ = [
+    "Projection",
+    "SceneInfo",
+    "draw_clearance",
+    "draw_depths",
+    "draw_overview",
+    "render_fluoroscopy",
+    "write_figure",
+    "write_report",
+    "write_scene",
+]

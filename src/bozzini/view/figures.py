@@ -1,0 +1,199 @@
+"""Figures of a plan: the scope in the tract at several depths, and its clearance.
+
+Drawn with matplotlib's objects only (no pyplot), so that no window, backend or global state is
+touched. Every function returns a `Figure`; `write_figure` writes it.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..checks import check_integer
+from ..files import write_atomically
+from .clearance_plot import draw_clearance, fill_clearance
+from .fluoroscopy import render_fluoroscopy
+from .palette import NIGHT, ClearanceScale, choose_clearance_scale
+from .sampling import MotionSample, find_radius, sample_motion
+from .scope_drawing import draw_color_bar, draw_panel, draw_scope
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ..duct.field import SampledField
+    from ..motion.plan import Plan
+
+__all__ = ["draw_clearance", "draw_depths", "draw_overview", "write_figure"]
+
+_FAINT = "#8fa1b3"
+
+
+def write_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = 100.0) -> Path:
+    """Write a figure in the format its suffix names (.png, .svg, .pdf) and return the path.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    return write_atomically(
+        path, lambda temporary: figure.savefig(temporary, dpi=dpi, facecolor=figure.get_facecolor())
+    )
+
+
+def draw_depths(
+    plan: Plan,
+    field: SampledField,
+    *,
+    depths: int = 5,
+    views: tuple[str, ...] = ("coronal", "sagittal"),
+) -> Figure:
+    """Return a dark figure of the scope in the tract: one column a depth, one row a view.
+
+    Parameters
+    ----------
+    plan : Plan
+    field : SampledField
+        The lumen that the plan was made in.
+    depths : int
+        How many insertion depths, the last being as far as the plan goes.
+    views : tuple of str
+        Views of `render_fluoroscopy`.
+
+    Raises
+    ------
+    InputError
+        If the plan's arrays do not fit each other, or an argument is out of range.
+    """
+    check_integer("number of depths", depths, low=1, high=12)
+    sample = sample_motion(plan, count=300)
+    rows = _pick_depths(sample, depths)
+    pictures = [render_fluoroscopy(field, axis=view) for view in views]
+    scale = choose_clearance_scale(sample.visible)
+    inches, head, foot, gap = 16.0, 0.42, 0.72, 0.06
+    column = (inches - gap * (len(rows) + 1)) / len(rows)
+    per_mm = min(
+        column / max(picture.width for picture in pictures),
+        9.0 / sum(picture.height for picture in pictures),
+    )
+    column = per_mm * max(picture.width for picture in pictures)
+    inches = max(8.0, column * len(rows) + gap * (len(rows) + 1))
+    tall = head + foot + sum(per_mm * picture.height + gap for picture in pictures)
+    figure = Figure(figsize=(inches, tall), facecolor=NIGHT)
+    for i, row in enumerate(rows):
+        left = gap + i * (column + gap) + 0.5 * (inches - gap - len(rows) * (column + gap))
+        figure.text(
+            (left + 0.5 * column) / inches,
+            1.0 - 0.5 * head / tall,
+            f"{sample.insertion[row]:.0f} mm",
+            color="white",
+            fontsize=13,
+            fontweight="bold",
+            ha="center",
+            va="center",
+        )
+        top = tall - head
+        for picture in pictures:
+            size = (per_mm * picture.width, per_mm * picture.height)
+            top -= size[1]
+            axes = _add_axes(figure, left + 0.5 * (column - size[0]), top, size[0], size[1])
+            draw_panel(axes, picture, legend=i == 0)
+            draw_scope(axes, picture, sample, row, scale=scale, radius=find_radius(plan))
+            top -= gap
+    bar = _add_axes(figure, 0.5 * inches - 2.5, 0.5, 5.0, 0.12)
+    draw_color_bar(figure, bar, scale, color="white")
+    return figure
+
+
+def draw_overview(
+    plan: Plan, field: SampledField, *, depths: int = 3, path: str | os.PathLike[str] | None = None
+) -> Figure:
+    """Return one wide picture (1600 x 900 at 100 dpi): the scope at some depths, its clearance.
+
+    Parameters
+    ----------
+    plan : Plan
+    field : SampledField
+        The lumen that the plan was made in.
+    depths : int
+        How many insertion depths.
+    path : path-like, optional
+        Also write the picture there.
+
+    Raises
+    ------
+    InputError
+        If the plan's arrays do not fit each other, or an argument is out of range.
+    OutputError
+        If the file cannot be written.
+    """
+    check_integer("number of depths", depths, low=1, high=8)
+    sample = sample_motion(plan, count=400, worst_between=True)
+    picture = render_fluoroscopy(field, axis="coronal")
+    scale = choose_clearance_scale(sample.visible)
+    figure = Figure(figsize=(16.0, 9.0), facecolor=NIGHT)
+    rows = _pick_depths(sample, depths)
+    gap, strip = 0.12, 2.45
+    room_wide, room_tall = (16.0 - gap) / len(rows) - gap, 9.0 - strip - 0.5
+    per_mm = min(room_wide / picture.width, room_tall / picture.height)
+    whole = len(rows) * (per_mm * picture.width + gap) - gap
+    for i, row in enumerate(rows):
+        wide, tall = per_mm * picture.width, per_mm * picture.height
+        if whole < 15.0:  # spread narrow tracts over the whole width
+            left = (16.0 / len(rows)) * (i + 0.5) - 0.5 * wide
+        else:
+            left = 0.5 * (16.0 - whole) + i * (wide + gap)
+        axes = _add_axes(figure, left, strip + 0.5 * (room_tall - tall), wide, tall)
+        draw_panel(axes, picture, legend=i == 0)
+        draw_scope(axes, picture, sample, row, scale=scale, radius=find_radius(plan))
+        figure.text(
+            (left + 0.5 * wide) / 16.0,
+            8.78 / 9.0,
+            f"{sample.insertion[row]:.0f} mm inserted",
+            color="white",
+            fontsize=16,
+            fontweight="bold",
+            ha="center",
+            va="center",
+        )
+    strip_axes = _add_axes(figure, 1.05, 0.62, 12.6, strip - 0.82)
+    _draw_strip(strip_axes, sample, scale, rows)
+    bar = _add_axes(figure, 14.35, 0.62, 0.16, strip - 0.82)
+    draw_color_bar(figure, bar, scale, color="white", vertical=True)
+    if path is not None:
+        write_figure(figure, path)
+    return figure
+
+
+def _pick_depths(sample: MotionSample, count: int) -> list[int]:
+    """Return rows of the sample at evenly spread insertion, the last one included."""
+    goal = float(sample.insertion.max())
+    wanted = goal * np.arange(1, count + 1) / count
+    rows = [int(np.argmin(np.abs(sample.insertion - depth))) for depth in wanted]
+    return list(dict.fromkeys(rows))
+
+
+def _add_axes(figure: Figure, left: float, bottom: float, wide: float, tall: float) -> Axes:
+    """Add axes at a place given in inches."""
+    width, height = figure.get_size_inches()
+    return figure.add_axes((left / width, bottom / height, wide / width, tall / height))
+
+
+def _draw_strip(axes: Any, sample: MotionSample, scale: ClearanceScale, rows: list[int]) -> None:
+    """Draw smallest clearance over insertion on a dark ground."""
+    fill_clearance(axes, sample, scale=scale, ink="white")
+    axes.set_facecolor(NIGHT)
+    for row in rows:
+        axes.axvline(sample.insertion[row], color=_FAINT, linewidth=0.9, linestyle=(0, (2, 3)))
+    axes.tick_params(colors="#d5dee6", labelsize=12)
+    for spine in axes.spines.values():
+        spine.set_color("#3a4957")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_xlabel("insertion [mm]", color="white", fontsize=13)
+    axes.set_ylabel("smallest\nclearance [mm]", color="white", fontsize=13)
+    axes.grid(axis="y", color="#22303d", linewidth=0.8)
+    axes.set_axisbelow(True)
