@@ -10,6 +10,7 @@ jump remains the motion stops there and says so, instead of jumping (the lock of
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,6 +111,11 @@ def move_by_thesis(
     )
 
 
+def floor_mm(value: float) -> str:
+    """Write a length rounded down, so that what is offered never reads like what is needed."""
+    return f"{math.floor(100.0 * value) / 100.0:.2f}"
+
+
 def _explain(
     code: int, state: NDArray[np.float64], duct: SampledField, line: Centreline, scope: Scope
 ) -> tuple[str, str]:
@@ -119,12 +125,12 @@ def _explain(
     if code == kernels.HEAD_BLOCKED and at == 0.0:
         return "ENTRY_CLEARANCE", (
             f"does not fit at the entry: needs {scope.radius:.2f} mm from the wall, "
-            f"the lumen offers {line.radius[0]:.2f} mm there"
+            f"the lumen offers {floor_mm(line.radius[0])} mm there"
         )
     if code == kernels.HEAD_BLOCKED:
         return "HEAD_CLEARANCE", (
             f"does not fit at {at:.1f} mm: needs {scope.radius:.2f} mm from the wall, "
-            f"the lumen offers {-value:.2f} mm on the centreline"
+            f"the lumen offers {floor_mm(-value)} mm on the centreline"
         )
     if code == kernels.LINK_INFEASIBLE:
         return "LINK_INFEASIBLE", (

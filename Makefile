@@ -1,0 +1,92 @@
+# Every target sets up .venv by itself; any Python >= 3.11 with pip will do.
+# To choose one: make demo PYTHON=/path/to/python3.12
+
+SHELL := /bin/sh
+.DEFAULT_GOAL := help
+
+VENV := .venv
+RUN := $(VENV)/bin/python
+PIP := $(RUN) -m pip --disable-pip-version-check --no-input -q -q install
+CORE := $(VENV)/.bozzini-core
+DEV := $(VENV)/.bozzini-dev
+DOCS := $(VENV)/.bozzini-docs
+
+# Exit code 1 is an honest answer about the scope ("through the wall"), not a failure of the demo.
+DEMO = rm -f bozzini-demo/summary.json; $(RUN) -m bozzini demo --out bozzini-demo --force \
+  || { [ $$? -eq 1 ] && [ -f bozzini-demo/summary.json ]; }
+
+# The stamps hold the path of this checkout: an environment that was moved, or whose Python has
+# gone, is set up anew.
+SOUND := $(shell [ "$$(cat $(CORE) 2>/dev/null)" = "$$(pwd)" ] && $(RUN) -c "" 2>/dev/null && echo yes)
+ifneq ($(SOUND),yes)
+$(shell rm -f $(CORE) $(DEV) $(DOCS))
+endif
+
+.PHONY: help demo test bench docs check format picture clean
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-8s %s\n", $$1, $$2}' Makefile
+
+demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
+	@$(DEMO)
+
+test: $(DEV) ## Run the tests
+	@$(RUN) -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+bench: $(DEV) ## Run the benchmarks
+	@$(RUN) -m pytest -o addopts= -q -p no:xdist --benchmark-only benchmarks
+
+check: $(DEV) ## Check style and types
+	@$(RUN) -m ruff check --quiet --output-format concise .
+	@$(RUN) -m ruff format --quiet --check .
+	@$(RUN) -m mypy --no-error-summary
+	@echo "style and types are clean"
+
+format: $(DEV) ## Put the code into the project's format
+	@$(RUN) -m ruff check --quiet --fix-only .
+	@$(RUN) -m ruff format --quiet .
+
+docs: $(DOCS) ## Build the documentation into site/
+	@NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict >$(VENV)/docs.log 2>&1 \
+	  || { cat $(VENV)/docs.log >&2; exit 1; }
+	@echo "documentation: site/index.html"
+
+picture: $(CORE) ## Make the README's picture anew from the project's own demo
+	@$(DEMO)
+	@mkdir -p docs/images && cp bozzini-demo/picture.png docs/images/demo.png
+	@echo "picture: docs/images/demo.png"
+
+clean: ## Remove what was built (not .venv)
+	@rm -rf bozzini-demo bozzini-plan site dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	@find src tests benchmarks docs -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+$(RUN):
+	@chosen=; noted=; \
+	for python in $${PYTHON:-python3 python3.14 python3.13 python3.12 python3.11 python}; do \
+	  "$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || continue; \
+	  "$$python" -c 'import ensurepip, venv' 2>/dev/null || { noted="$$python"; continue; }; \
+	  chosen="$$python"; break; \
+	done; \
+	if [ -z "$$chosen" ] && [ -n "$$noted" ]; then \
+	  echo "make: $$noted has no 'venv' with pip (Debian, Ubuntu: apt install python3-venv)" >&2; exit 1; \
+	elif [ -z "$$chosen" ]; then \
+	  echo "make: needs Python 3.11 or newer, found none among: $${PYTHON:-python3, python3.11 to python3.14, python}" >&2; exit 1; \
+	fi; \
+	"$$chosen" -m venv --clear $(VENV)
+
+$(CORE): pyproject.toml | $(RUN)
+	@$(RUN) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && $(RUN) -m pip --version >/dev/null 2>&1 \
+	  || { rm -rf $(VENV); $(MAKE) --no-print-directory $(RUN); }
+	@echo "setting up $(VENV) (once, about a minute) ..." >&2
+	@$(PIP) --editable . || { echo "make: could not install the dependencies, see above" >&2; exit 1; }
+	@pwd > $@
+
+$(DEV): $(CORE)
+	@echo "adding what the tests and checks need ..." >&2
+	@$(PIP) --editable '.[dev]' || { echo "make: could not install the dependencies, see above" >&2; exit 1; }
+	@touch $@
+
+$(DOCS): $(CORE)
+	@echo "adding what the documentation needs ..." >&2
+	@$(PIP) --editable '.[docs]' || { echo "make: could not install the dependencies, see above" >&2; exit 1; }
+	@touch $@

@@ -1,0 +1,71 @@
+"""Tracts: read from CT labels or surfaces, made as a phantom, or fetched from public sources.
+
+Everything is in mm, in the frame of the scanner or file (RAS+ for NIfTI: +x to the patient's
+right, +y to the front, +z to the head).
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .catalogue import CATALOGUE, PublicData
+    from .fetch import FetchResult, fetch_data
+    from .findings import Finding
+    from .labels import tract_from_labels
+    from .phantom import Phantom, make_phantom
+    from .read import read_labels, read_surface, read_tract
+    from .surface import tract_from_surface
+    from .tract import LabelTract, SurfaceTract, Tract
+    from .write import write_tract
+
+__all__ = [
+    "CATALOGUE",
+    "FetchResult",
+    "Finding",
+    "LabelTract",
+    "Phantom",
+    "PublicData",
+    "SurfaceTract",
+    "Tract",
+    "fetch_data",
+    "make_phantom",
+    "read_labels",
+    "read_surface",
+    "read_tract",
+    "tract_from_labels",
+    "tract_from_surface",
+    "write_tract",
+]
+
+_MODULES = {
+    "CATALOGUE": "catalogue",
+    "FetchResult": "fetch",
+    "Finding": "findings",
+    "LabelTract": "tract",
+    "Phantom": "phantom",
+    "PublicData": "catalogue",
+    "SurfaceTract": "tract",
+    "Tract": "tract",
+    "fetch_data": "fetch",
+    "make_phantom": "phantom",
+    "read_labels": "read",
+    "read_surface": "read",
+    "read_tract": "read",
+    "tract_from_labels": "labels",
+    "tract_from_surface": "surface",
+    "write_tract": "write",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,192 @@
+"""Fetching a public data set: whole or not at all, its checksum compared, its licence beside it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import urllib.error
+import urllib.request
+from contextlib import suppress
+from dataclasses import dataclass
+from http.client import HTTPException
+from pathlib import Path
+from typing import Any
+
+from ..errors import BozziniError, FileFormatError, InputError, OutputError
+from ..files import write_atomically, write_text
+from ..progress import Progress, no_progress
+from .catalogue import PublicData, find_data
+
+__all__ = ["FetchResult", "fetch_data"]
+
+TIMEOUT = 30.0
+"""Longest silence of a server [s]."""
+
+_BLOCK = 1 << 20
+_SCHEMES = ("https://", "http://", "file://")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FetchResult:
+    """What a fetch did.
+
+    Attributes
+    ----------
+    path, citation_path : Path
+        The file, and the licence and citation beside it.
+    sha256 : str
+        Checksum of the file as it came.
+    verified : bool
+        Whether the catalogue had a checksum to compare with (one that differs is an error).
+    size : int
+        Bytes.
+    """
+
+    path: Path
+    citation_path: Path
+    sha256: str
+    verified: bool
+    size: int
+
+
+def fetch_data(
+    data: str | PublicData,
+    directory: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    progress: Progress = no_progress,
+) -> FetchResult:
+    """Fetch a data set into a directory.
+
+    Parameters
+    ----------
+    data : str or PublicData
+        A name of the catalogue, or an entry of one's own.
+    directory : path-like
+        Where to; made if its parent exists.
+    force : bool
+        Replace a file that exists.
+    progress : Progress
+        Called with the fraction fetched, where the size is known.
+
+    Raises
+    ------
+    InputError
+        If the name is not in the catalogue, or the address is not http, https or file.
+    OutputError
+        If the file exists or cannot be written.
+    FileFormatError
+        If the address cannot be reached, or what came is empty, cut short, or has another
+        checksum; nothing is kept then.
+    """
+    entry = find_data(data) if isinstance(data, str) else data
+    if not entry.url.startswith(_SCHEMES):
+        raise InputError(f"the address of {entry.name} is '{entry.url}': it must be http or file")
+    folder = Path(directory)
+    fresh = not folder.exists()
+    _make_directory(folder)
+    target = folder / entry.file_name
+    beside = folder / f"{entry.file_name}.citation.txt"
+    if target.is_dir():
+        raise OutputError(f"{target} is a directory: remove it or choose another place")
+    if target.exists() and not force:
+        raise OutputError(f"{target} exists already: choose another directory or give --force")
+    state = _Transfer(entry, progress)
+    try:
+        write_atomically(target, state.run)
+    except BaseException:
+        if fresh:
+            with suppress(OSError):
+                folder.rmdir()  # made for a file that did not come
+        raise
+    write_text(
+        beside,
+        f"{entry.file_name}\n{entry.what}\nLicence: {entry.licence}\nCite as: {entry.citation}\n"
+        f"From: {entry.url}\nSHA-256: {state.checksum}"
+        f"{'' if entry.sha256 else ' (computed on arrival, not verified)'}\n",
+    )
+    return FetchResult(
+        path=target,
+        citation_path=beside,
+        sha256=state.checksum,
+        verified=entry.sha256 is not None,
+        size=state.size,
+    )
+
+
+def _make_directory(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
+
+
+class _Transfer:
+    """One transfer into a temporary file; knows its size and checksum at the end."""
+
+    def __init__(self, entry: PublicData, progress: Progress) -> None:
+        self.entry = entry
+        self.progress = progress
+        self.checksum = ""
+        self.size = 0
+
+    def run(self, path: Path) -> None:
+        entry = self.entry
+        try:
+            request = urllib.request.Request(entry.url, headers={"User-Agent": "bozzini"})
+            with urllib.request.urlopen(request, timeout=TIMEOUT) as source:
+                self._copy(source, path)
+        except BozziniError:
+            raise
+        except urllib.error.HTTPError as error:
+            raise FileFormatError(
+                f"cannot fetch {entry.name} from {entry.url}: the server answers {error.code} "
+                f"{error.reason}"
+            ) from None
+        except urllib.error.URLError as error:
+            reason = getattr(error.reason, "strerror", None) or error.reason
+            raise FileFormatError(
+                f"cannot fetch {entry.name} from {entry.url}: {_one_line(reason)}"
+            ) from None
+        except (HTTPException, TimeoutError, ConnectionError, ValueError) as error:
+            raise FileFormatError(
+                f"cannot fetch {entry.name} from {entry.url}: {_one_line(error)}"
+            ) from None
+        if self.size == 0:
+            raise FileFormatError(f"{entry.name}: {entry.url} gave an empty file")
+        if entry.sha256 is not None and self.checksum != entry.sha256:
+            raise FileFormatError(
+                f"{entry.name}: the checksum of {entry.url} is {self.checksum}, expected "
+                f"{entry.sha256}: nothing was kept"
+            )
+
+    def _copy(self, source: Any, path: Path) -> None:
+        announced = source.headers.get("Content-Length")
+        total = int(announced) if announced and announced.isdigit() else self.entry.size
+        digest = hashlib.sha256()
+        with path.open("wb") as target:
+            while block := self._read(source):
+                target.write(block)
+                digest.update(block)
+                self.size += len(block)
+                if total:
+                    self.progress(f"fetching {self.entry.name}", min(self.size / total, 1.0))
+        self.checksum = digest.hexdigest()
+        if announced and announced.isdigit() and self.size != int(announced):
+            raise FileFormatError(
+                f"{self.entry.name}: {self.entry.url} was cut short at {self.size} of "
+                f"{announced} bytes: nothing was kept"
+            )
+
+    def _read(self, source: Any) -> bytes:
+        try:
+            block: bytes = source.read(_BLOCK)
+        except (OSError, HTTPException) as error:  # the line broke, not the disk
+            raise FileFormatError(
+                f"cannot fetch {self.entry.name} from {self.entry.url}: {_one_line(error)}"
+            ) from None
+        return block
+
+
+def _one_line(error: object) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,152 @@
+"""The two forms in which a tract comes: voxels with labels, or the triangles of its wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_points
+from ..errors import GeometryError, InputError
+from .findings import Finding
+
+__all__ = ["LabelTract", "SurfaceTract", "Tract"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelTract:
+    """A lumen given by voxels.
+
+    Attributes
+    ----------
+    labels : ndarray of uint16, shape (nx, ny, nz)
+        0 is not lumen, every other value the label of a part of it. One connected component,
+        cropped to it, with at least two voxels of zero on every side.
+    affine : ndarray, shape (4, 4)
+        Voxel index (the centre of the voxel) to world [mm], of this cropped array.
+    source : str
+        Where it came from, for reports.
+    findings : tuple of Finding
+        What the checks found.
+
+    Raises
+    ------
+    InputError
+        If an array has the wrong shape or type.
+    GeometryError
+        If there is no lumen, or it comes within two voxels of the border of the array.
+    """
+
+    labels: NDArray[np.uint16]
+    affine: NDArray[np.float64]
+    source: str
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        labels = np.asarray(self.labels)
+        if labels.ndim != 3 or labels.dtype != np.uint16:
+            raise InputError(
+                f"labels are {labels.dtype} of shape {labels.shape}: they must be uint16 with "
+                f"3 dimensions"
+            )
+        affine = check_points("affine", self.affine, dim=4)
+        if affine.shape != (4, 4):
+            raise InputError(f"affine has shape {affine.shape}: it must be (4, 4)")
+        inner = labels[2:-2, 2:-2, 2:-2]
+        filled = np.count_nonzero(labels)
+        if filled == 0:
+            raise GeometryError("the label volume has no lumen: every voxel is 0")
+        if np.count_nonzero(inner) != filled:
+            raise GeometryError("the lumen is closer than two voxels to the border of its array")
+        object.__setattr__(self, "labels", labels)
+        object.__setattr__(self, "affine", affine)
+
+    @property
+    def kind(self) -> str:
+        """Which form this is: ``"labels"``."""
+        return "labels"
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Whether a voxel is lumen, shape (nx, ny, nz)."""
+        return np.asarray(self.labels != 0)
+
+    @property
+    def spacing(self) -> NDArray[np.float64]:
+        """Size of a voxel along its three axes [mm], shape (3,)."""
+        return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
+
+    @property
+    def volume(self) -> float:
+        """Volume of the lumen [mm^3]."""
+        return float(np.count_nonzero(self.labels) * abs(np.linalg.det(self.affine[:3, :3])))
+
+    @property
+    def label_values(self) -> tuple[int, ...]:
+        """The labels that are there."""
+        return tuple(
+            int(value) for value in np.flatnonzero(np.bincount(self.labels.ravel())) if value
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceTract:
+    """A lumen given by the triangles of its wall.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (n, 3)
+        World [mm].
+    faces : ndarray of int64, shape (m, 3)
+        Corners of each triangle, anticlockwise seen from outside the lumen.
+    source : str
+        Where it came from, for reports.
+    findings : tuple of Finding
+        What the checks found.
+
+    Raises
+    ------
+    InputError
+        If an array has the wrong shape, a vertex is not finite or a face points nowhere.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    source: str
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        vertices = check_points("vertices", self.vertices)
+        faces = np.asarray(self.faces)
+        if vertices.ndim != 2:
+            raise InputError(f"vertices have shape {vertices.shape}: it must be (n, 3)")
+        if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
+            raise InputError(
+                f"faces are {faces.dtype} of shape {faces.shape}: they must be integers (m, 3)"
+            )
+        if len(faces) == 0:
+            raise InputError("the surface has no faces")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise InputError(
+                f"faces point at vertices {faces.min()} to {faces.max()}: they must lie in "
+                f"[0, {len(vertices) - 1}]"
+            )
+        object.__setattr__(self, "vertices", np.ascontiguousarray(vertices))
+        object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int64))
+
+    @property
+    def kind(self) -> str:
+        """Which form this is: ``"surface"``."""
+        return "surface"
+
+    @property
+    def volume(self) -> float:
+        """Volume inside [mm^3], positive where the faces turn outwards."""
+        corners = self.vertices[self.faces] - self.vertices.mean(axis=0)
+        cross = np.cross(corners[:, 1], corners[:, 2])
+        return float(np.einsum("ij,ij->", corners[:, 0], cross) / 6.0)
+
+
+Tract = LabelTract | SurfaceTract
+"""Either form."""

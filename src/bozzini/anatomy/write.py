@@ -1,0 +1,104 @@
+"""Writing a tract to a file, by its suffix."""
+
+from __future__ import annotations
+
+import gzip
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, OutputError
+from ..files import write_atomically
+from ._quiet import quiet_libraries
+from .tract import LabelTract, SurfaceTract
+
+__all__ = ["check_target", "write_tract"]
+
+_LABELS = (".nii", ".nii.gz")
+_SURFACES = (".stl", ".ply", ".obj", ".glb")
+
+
+def check_target(path: str | os.PathLike[str], *, force: bool = False) -> str:
+    """Say which form a file's name asks for, ``"labels"`` or ``"surface"``.
+
+    Raises
+    ------
+    InputError
+        If the suffix is of no known kind.
+    OutputError
+        If the file exists and `force` is not given, or its directory does not.
+    """
+    name = os.fspath(path).lower()
+    if not name.endswith(_LABELS + _SURFACES):
+        raise InputError(
+            f"{path}: cannot tell what to write from the name; known are "
+            f"{', '.join(_SURFACES + _LABELS)}"
+        )
+    target = Path(path)
+    if target.is_dir():
+        raise OutputError(f"{path} is a directory: give the name of a file")
+    if target.exists() and not force:
+        raise OutputError(f"{path} exists already: choose another name or give --force")
+    if not target.parent.is_dir():
+        raise OutputError(f"cannot write {path}: {target.parent} is not a directory")
+    return "labels" if name.endswith(_LABELS) else "surface"
+
+
+def write_tract(
+    path: str | os.PathLike[str], tract: LabelTract | SurfaceTract, *, force: bool = False
+) -> Path:
+    """Write labels as NIfTI or a surface as STL, PLY, OBJ or GLB, in mm and in its own frame.
+
+    GLB is written in mm too, axes as they are, although its standard says m and +y up: it is
+    for reading back, not for viewing (that is what `bozzini.view` writes).
+
+    Parameters
+    ----------
+    path : path-like
+        The suffix decides the format.
+    tract : LabelTract or SurfaceTract
+    force : bool
+        Replace a file that exists.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, or does not suit the form of the tract.
+    OutputError
+        If the file cannot be written, or exists and `force` is not given.
+    """
+    kind = check_target(path, force=force)
+    if kind != tract.kind:
+        raise InputError(f"{path} holds a {kind} tract, but the tract given is {tract.kind}")
+    data = _encode_labels(path, tract) if isinstance(tract, LabelTract) else _encode(path, tract)
+    return write_atomically(path, lambda temporary: _put(temporary, data))
+
+
+def _put(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+def _encode(path: str | os.PathLike[str], tract: SurfaceTract) -> bytes:
+    import trimesh
+
+    with quiet_libraries():
+        mesh = trimesh.Trimesh(vertices=tract.vertices, faces=tract.faces, process=False)
+        data: Any = mesh.export(file_type=Path(path).suffix.lower().lstrip("."))
+    return data.encode("utf-8") if isinstance(data, str) else bytes(data)
+
+
+def _encode_labels(path: str | os.PathLike[str], tract: LabelTract) -> bytes:
+    import nibabel
+
+    nifti: Any = nibabel
+    small = np.uint8 if tract.labels.max() < 256 else np.uint16
+    image: Any = nifti.Nifti1Image(tract.labels.astype(small), tract.affine)
+    image.header.set_xyzt_units("mm")
+    image.set_sform(tract.affine, code="scanner")
+    image.set_qform(tract.affine, code="scanner")
+    data: bytes = image.to_bytes()
+    if os.fspath(path).lower().endswith(".gz"):
+        return gzip.compress(data, compresslevel=6, mtime=0)
+    return data

@@ -1,0 +1,255 @@
+"""What every command shares: quantities as options, one JSON object, progress, exit codes."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+
+import click
+
+from ..errors import BozziniError
+from ..progress import Progress, no_progress
+
+__all__ = [
+    "EXIT_BAD_INPUT",
+    "EXIT_DONE",
+    "EXIT_NEGATIVE",
+    "LabelsType",
+    "QuantityType",
+    "VectorType",
+    "clean_json",
+    "emit",
+    "force_option",
+    "json_option",
+    "progress_bar",
+    "quiet_option",
+    "run_exit",
+    "write_json",
+]
+
+EXIT_DONE = 0
+"""The work is done."""
+EXIT_NEGATIVE = 1
+"""An honest negative answer, for example: the scope does not fit."""
+EXIT_BAD_INPUT = 2
+"""The input or the usage is wrong; one line on stderr says what."""
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+if TYPE_CHECKING:  # generic in newer versions of click only
+    _FloatType = click.ParamType[float]
+    _FloatsType = click.ParamType[tuple[float, ...]]
+    _IntegersType = click.ParamType[tuple[int, ...]]
+else:
+    _FloatType = _FloatsType = _IntegersType = click.ParamType
+
+
+def json_option(function: _Function) -> _Function:
+    """Add ``--json`` as the argument ``as_json``: one object on stdout, nothing else."""
+    return click.option(
+        "--json", "as_json", is_flag=True, help="Write one JSON object on stdout, nothing else."
+    )(function)
+
+
+def quiet_option(function: _Function) -> _Function:
+    """Add ``--quiet`` as the argument ``quiet``: no progress on stderr."""
+    return click.option("--quiet", is_flag=True, help="Show no progress.")(function)
+
+
+def force_option(function: _Function) -> _Function:
+    """Add ``--force`` as the argument ``force``: replace what is there."""
+    return click.option("--force", is_flag=True, help="Replace an output that exists.")(function)
+
+
+class QuantityType(_FloatType):
+    """A number with a unit, such as ``5mm`` or ``100psi``, given on as a float.
+
+    Parameters
+    ----------
+    kind : str
+        A key of `bozzini.units.INTERNAL_UNITS`, for example ``"length"``.
+    """
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+        self.name = kind
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return `value` in the internal unit of its kind."""
+        from ..units import parse_quantity
+
+        try:
+            return parse_quantity(value, self.kind)
+        except BozziniError as error:
+            self.fail(str(error), param, ctx)
+
+
+class VectorType(_FloatsType):
+    """Comma-separated quantities, such as ``12mm,-5mm,0``, given on as a tuple of floats.
+
+    Parameters
+    ----------
+    kind : str
+        A key of `bozzini.units.INTERNAL_UNITS`.
+    size : int
+        How many there must be.
+    """
+
+    def __init__(self, kind: str, *, size: int = 3) -> None:
+        self.kind = kind
+        self.size = size
+        self.name = "x,y,z" if size == 3 else ",".join([kind] * size)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Return the parts of `value` in the internal unit of their kind."""
+        from ..units import parse_vector
+
+        if not isinstance(value, str):
+            return tuple(value)
+        try:
+            return parse_vector(value, self.kind, size=self.size)
+        except BozziniError as error:
+            self.fail(str(error), param, ctx)
+
+
+class LabelsType(_IntegersType):
+    """Comma-separated label numbers, such as ``1,2,3``, given on as a tuple of ints."""
+
+    name = "labels"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """Return the labels in the order given, each once."""
+        if not isinstance(value, str):
+            return tuple(value)
+        parts = [part.strip() for part in value.split(",")]
+        if not all(part.isascii() and part.isdigit() and 1 <= int(part) <= 65535 for part in parts):
+            self.fail(
+                f"'{value}' is not a list of labels: give whole numbers in [1, 65535] "
+                "separated by commas, such as 1,2,3 (0 is the background)",
+                param,
+                ctx,
+            )
+        return tuple(dict.fromkeys(int(part) for part in parts))
+
+
+def clean_json(value: Any) -> Any:
+    """Return `value` made of plain JSON types; a number that is not finite becomes None.
+
+    NumPy arrays and numbers become lists and numbers, paths become text.
+
+    Raises
+    ------
+    TypeError
+        If something inside `value` has no JSON form.
+    """
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): clean_json(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [clean_json(item) for item in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars
+        return clean_json(value.tolist())
+    raise TypeError(f"a {type(value).__name__} has no JSON form")
+
+
+def write_json(result: Mapping[str, Any]) -> None:
+    """Write `result` on stdout as one JSON object."""
+    click.echo(json.dumps(clean_json(result), indent=2, allow_nan=False, ensure_ascii=False))
+
+
+def emit(result: Mapping[str, Any], *, as_json: bool, text: str) -> None:
+    """Write a command's result on stdout: one JSON object, or text for people.
+
+    Parameters
+    ----------
+    result : mapping
+        The result; numbers that are not finite become ``null``.
+    as_json : bool
+        Whether ``--json`` was given.
+    text : str
+        The same for people.
+    """
+    if not as_json:
+        click.echo(text)
+        return
+    write_json(result)
+    context = click.get_current_context(silent=True)
+    if context is not None:
+        context.meta["bozzini.emitted"] = True
+
+
+def run_exit(code: int) -> NoReturn:
+    """End the command with exit code `code`; what it wrote before stays written."""
+    raise click.exceptions.Exit(code)
+
+
+@contextmanager
+def progress_bar(*, quiet: bool = False, delay: float = 0.5) -> Iterator[Progress]:
+    """Give a callback that shows progress on stderr.
+
+    On a terminal this is a bar, shown if the work lasts longer than `delay` and wiped away at
+    the end; elsewhere it is a line at most every ten seconds.
+
+    Parameters
+    ----------
+    quiet : bool
+        Show nothing.
+    delay : float
+        Time before anything is shown [s].
+    """
+    if quiet:
+        yield no_progress
+    elif sys.stderr.isatty():
+        yield from _show_bar(delay)
+    else:
+        yield _LineProgress()
+
+
+def _show_bar(delay: float) -> Iterator[Progress]:
+    from tqdm import tqdm
+
+    form = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}"
+    start = time.monotonic()
+    with tqdm(total=1.0, file=sys.stderr, leave=False, delay=delay, bar_format=form) as bar:
+
+        def show(stage: str, fraction: float) -> None:
+            if bar.desc != stage:
+                bar.set_description_str(stage, refresh=False)
+                bar.n = 0.0
+                bar.last_print_n = 0.0
+            bar.update(min(max(fraction, 0.0), 1.0) - bar.n)
+            if fraction >= 1.0 and time.monotonic() - start > delay:
+                bar.refresh()
+
+        yield show
+
+
+class _LineProgress:
+    """Progress for a log file: a line at most every `interval` seconds."""
+
+    def __init__(self, interval: float = 10.0) -> None:
+        self.interval = interval
+        self.last = time.monotonic()
+
+    def __call__(self, stage: str, fraction: float) -> None:
+        now = time.monotonic()
+        if now - self.last >= self.interval:
+            self.last = now
+            click.echo(f"bozzini: {stage} {100.0 * fraction:.0f} %", err=True)

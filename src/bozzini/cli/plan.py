@@ -1,0 +1,191 @@
+"""``bozzini plan``: from a scan or a surface to the motion of a scope, with a report."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .common import (
+    EXIT_NEGATIVE,
+    LabelsType,
+    QuantityType,
+    emit,
+    force_option,
+    json_option,
+    progress_bar,
+    quiet_option,
+    run_exit,
+)
+
+if TYPE_CHECKING:
+    from ..study import InsertionStudy
+
+__all__ = ["command", "describe_result"]
+
+
+class EndType(click.ParamType):  # type: ignore[type-arg]
+    """An end of the centreline: ``x,y,z`` with units, or the number of a label."""
+
+    name = "x,y,z|label"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...] | int:
+        """Return a label as int, or a point as a tuple in mm."""
+        from ..errors import BozziniError
+        from ..units import parse_vector
+
+        if not isinstance(value, str):
+            return value  # type: ignore[no-any-return]
+        if value.strip().isascii() and value.strip().isdigit():
+            return int(value)
+        try:
+            return parse_vector(value, "length")
+        except BozziniError as error:
+            self.fail(f"{error} (or give one label number)", param, ctx)
+
+
+@click.command(name="plan")
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option("--labels", type=LabelsType(), help="Labels that are lumen, e.g. 1,2,3 (default: all).")
+@click.option("--unit", default="mm", show_default=True, help="Unit of a surface file.")
+@click.option("--voxel", type=QuantityType("length"), help="Grid of the distance field.")
+@click.option(
+    "--inflate",
+    type=QuantityType("length"),
+    default="0mm",
+    show_default=True,
+    help="Move the wall outwards, as insufflation does.",
+)
+@click.option("--start", type=EndType(), help="Where the scope enters: a point or a label.")
+@click.option("--end", type=EndType(), help="Where it goes: a point or a label.")
+@click.option("--reverse", is_flag=True, help="Enter at the other end.")
+@click.option(
+    "--diameter",
+    type=QuantityType("length"),
+    default="9mm",
+    show_default=True,
+    help="Outer diameter of the scope.",
+)
+@click.option(
+    "--link",
+    type=QuantityType("length"),
+    default="10mm",
+    show_default=True,
+    help="Length of a rigid link.",
+)
+@click.option(
+    "--length", type=QuantityType("length"), help="Length of the scope (default: the tract's)."
+)
+@click.option(
+    "--head-step",
+    type=QuantityType("length"),
+    default="0.25mm",
+    show_default=True,
+    help="How far the head moves per step.",
+)
+@click.option(
+    "--method",
+    default="thesis",
+    show_default=True,
+    help="The planner: thesis.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default="bozzini-plan",
+    show_default=True,
+    help="Directory for plan, report, scene and summary.",
+)
+@force_option
+@json_option
+@quiet_option
+def command(
+    source: Path,
+    labels: tuple[int, ...] | None,
+    unit: str,
+    voxel: float | None,
+    inflate: float,
+    start: tuple[float, ...] | int | None,
+    end: tuple[float, ...] | int | None,
+    reverse: bool,
+    diameter: float,
+    link: float,
+    length: float | None,
+    head_step: float,
+    method: str,
+    out: Path,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Plan how a scope moves through the lumen in INPUT.
+
+    INPUT is a label volume (.nii, .nii.gz) or a surface (.stl, .ply, .obj, .glb). Lengths take
+    units (5mm, 0.5cm). Exit code 0: it fits; 1: it does not, and the report says where; 2: bad
+    input.
+    """
+    from ..files import check_new_directory
+    from ..motion import Scope
+
+    check_new_directory(out, force=force)
+    scope = Scope(diameter=diameter, link_length=link, length=length)
+    with progress_bar(quiet=quiet) as progress:
+        progress("read", 0.0)
+        from ..anatomy import read_tract
+        from ..study import run_insertion
+
+        begin = time.perf_counter()
+        tract = read_tract(source, labels=labels, unit=unit)
+        seconds = {"read": time.perf_counter() - begin}
+        study = run_insertion(
+            tract,
+            scope=scope,
+            start=start,
+            end=end,
+            reverse=reverse,
+            voxel=voxel,
+            inflate=inflate,
+            method=method,
+            head_step=head_step,
+            inputs=_describe_input(source, labels, unit, voxel),
+            seconds=seconds,
+            progress=progress,
+        )
+        summary = study.write(out, force=force, progress=progress)
+    emit(summary, as_json=as_json, text=describe_result(study, summary, out))
+    if not study.fits:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _describe_input(
+    source: Path, labels: tuple[int, ...] | None, unit: str, voxel: float | None
+) -> dict[str, Any]:
+    return {
+        "file": source.name,
+        "sha256": hashlib.sha256(source.read_bytes()).hexdigest(),
+        "labels": list(labels) if labels else None,
+        "unit": unit,
+        "voxel_mm": voxel,
+    }
+
+
+def describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) -> str:
+    """Return the result as text for people: findings, the verdict, where the files are."""
+    from ..view.verdict import judge_plan
+
+    verdict = judge_plan(study.plan, summary, error=summary["clearance_error_mm"])
+    lines = [f"{item.severity}: {item.message}" for item in study.tract.findings]
+    lines += [f"{verdict.label}. {verdict.sentence}"]
+    if not summary["certified"]:
+        lines.append(
+            f"Clearance is estimated to within {summary['clearance_error_mm']:.2f} mm of the "
+            f"{summary['wall']}; it is not certified."
+        )
+    lines.append(f"Report: {out / 'report.html'}")
+    lines.append(f"Animated scene: {out / 'scene.glb'} (Blender, any glTF viewer)")
+    return "\n".join(lines)

@@ -1,0 +1,264 @@
+"""The main job in one call: tract -> field -> centreline -> plan, and the directory it writes."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..anatomy.tract import LabelTract, SurfaceTract
+from ..duct import Centreline, SampledField, build_field, find_centreline
+from ..errors import InputError
+from ..files import new_directory, write_text
+from ..motion import Plan, Scope, plan_insertion
+from ..progress import Progress, no_progress
+
+__all__ = ["InsertionStudy", "run_insertion"]
+
+End = ArrayLike | int | None
+"""An end of the centreline: a point (3,) [mm], a label, or None to find it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InsertionStudy:
+    """Everything from one run of the main job.
+
+    Parameters
+    ----------
+    tract : LabelTract or SurfaceTract
+    field : SampledField
+        The lumen.
+    line : Centreline
+        The path of the head.
+    plan : Plan
+        The motion.
+    seconds : dict
+        Wall-clock time by stage [s].
+    """
+
+    tract: LabelTract | SurfaceTract
+    field: SampledField
+    line: Centreline
+    plan: Plan
+    seconds: dict[str, float]
+
+    @property
+    def fits(self) -> bool:
+        """Whether the scope reaches the end and its body stays inside the wall."""
+        return self.plan.status == "complete" and self.plan.clearance_min >= 0.0
+
+    def summarise(self) -> dict[str, Any]:
+        """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
+        plan, measures, field = self.plan, self.plan.meta["measures"], self.field
+        stopped = plan.status == "stopped"
+        inside = np.isfinite(plan.clearance).any()
+        return {
+            "method": plan.method,
+            "status": plan.status,
+            "reason": plan.reason,
+            "reason_code": plan.reason_code,
+            "fits": self.fits,
+            "certified": bool(plan.meta["certified"]),
+            "stopped_at_mm": plan.inserted if stopped else None,
+            "centreline_length_mm": self.line.length,
+            "inserted_mm": plan.inserted,
+            "steps": plan.steps,
+            "links": plan.links,
+            "clearance_min_mm": measures["clearance_min_mm"] if inside else None,
+            "clearance_where_mm": measures["clearance_where_mm"] if inside else None,
+            "clearance_insertion_mm": measures["clearance_insertion_mm"] if inside else None,
+            "clearance_error_mm": plan.meta["field"]["clearance_error_mm"],
+            "joint_step_max_mm": measures["joint_step_max_mm"],
+            "head_step_mm": plan.meta["head_step_mm"],
+            "joint_angle_max_rad": measures["joint_angle_max_rad"],
+            "radius_min_mm": float(self.line.radius.min()),
+            "radius_min_where_mm": float(self.line.arc_length[int(np.argmin(self.line.radius))]),
+            "wall": field.wall,
+            "wall_error_mm": field.wall_error,
+            "voxel_mm": [float(h) for h in field.spacing],
+            "inflation_mm": field.inflation,
+            "scope": plan.meta["scope"],
+            "input": plan.meta["input"],
+            "findings": [
+                {"code": item.code, "severity": item.severity, "message": item.message}
+                for item in self.tract.findings
+            ],
+            "seconds": {key: round(value, 4) for key, value in self.seconds.items()},
+        }
+
+    def write(
+        self,
+        directory: str | os.PathLike[str],
+        *,
+        force: bool = False,
+        progress: Progress = no_progress,
+    ) -> dict[str, Any]:
+        """Write plan.npz, scene.glb, report.html, picture.png and summary.json.
+
+        Nothing is left behind if any of them fails.
+
+        Returns
+        -------
+        dict
+            The summary that was written.
+
+        Raises
+        ------
+        OutputError
+            If the directory exists (without `force`) or cannot be written.
+        """
+        from ..view import draw_overview, write_report, write_scene
+
+        with new_directory(directory, force=force) as folder:
+            progress("report", 0.0)
+            self.plan.save(folder / "plan.npz")
+            progress("report", 0.2)
+            with _clock(self.seconds, "scene"):
+                write_scene(
+                    folder / "scene.glb",
+                    surface=self._draw_surface(),
+                    joints=self.plan.joints,
+                    diameter=float(self.plan.meta["scope"]["diameter_mm"]),
+                    path=self.plan.path,
+                    title=f"Insertion: {Path(self.tract.source).name}",
+                )
+            progress("report", 0.6)
+            with _clock(self.seconds, "report"):
+                draw_overview(self.plan, self.field, path=folder / "picture.png")
+                write_report(
+                    folder / "report.html",
+                    plan=self.plan,
+                    field=self.field,
+                    summary=self.summarise(),
+                    findings=self.tract.findings,
+                )
+            progress("report", 1.0)
+            self.seconds["total"] = sum(v for k, v in self.seconds.items() if k != "total")
+            summary = self.summarise()
+            write_text(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        return summary
+
+    def _draw_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the wall to look at: the surface itself, or the level set of the field."""
+        if isinstance(self.tract, SurfaceTract) and self.field.inflation == 0.0:
+            return self.tract.vertices, self.tract.faces
+        from skimage.measure import marching_cubes
+
+        vertices, faces, _, _ = marching_cubes(
+            self.field.values, level=self.field.inflation, spacing=tuple(self.field.spacing)
+        )
+        outward = faces if np.linalg.det(self.field.rotation) > 0.0 else faces[:, ::-1]
+        return self.field.to_world(vertices), np.asarray(outward, dtype=np.int64)
+
+
+def run_insertion(
+    tract: LabelTract | SurfaceTract,
+    *,
+    scope: Scope,
+    start: End = None,
+    end: End = None,
+    reverse: bool = False,
+    voxel: float | None = None,
+    inflate: float = 0.0,
+    method: str = "thesis",
+    head_step: float = 0.25,
+    inputs: Mapping[str, Any] | None = None,
+    seconds: Mapping[str, float] | None = None,
+    progress: Progress = no_progress,
+) -> InsertionStudy:
+    """Run the main job: sample the lumen, find its centreline, plan the insertion.
+
+    Parameters
+    ----------
+    tract : LabelTract or SurfaceTract
+        What `bozzini.anatomy.read_tract` or `make_phantom` gives.
+    scope : Scope
+    start, end : (3,) float, int or None
+        Ends of the centreline: a point in the world frame [mm], a label (the end lies in it), or
+        None to find it. See `bozzini.duct.find_centreline`.
+    reverse : bool
+        Insert from the other end.
+    voxel, inflate : float
+        See `bozzini.duct.build_field`.
+    method, head_step
+        See `bozzini.motion.plan_insertion`.
+    inputs : mapping, optional
+        What the tract was read from, kept in the plan.
+    seconds : mapping, optional
+        Times of earlier stages, kept.
+    progress : Progress
+
+    Raises
+    ------
+    BozziniError
+        If an input is not legal; a scope that does not fit is a result, not an error.
+    """
+    times = dict(seconds or {})
+    with _clock(times, "distance"):
+        field = build_field(tract, voxel=voxel, inflate=inflate, progress=progress)
+    with _clock(times, "centreline"):
+        points, regions = _sort_ends(tract, start, end)
+        line = find_centreline(field, points, regions=regions, progress=progress)
+        if reverse:
+            line = line.reverse()
+    with _clock(times, "plan"):
+        plan = plan_insertion(
+            field, line, scope=scope, method=method, head_step=head_step, progress=progress
+        )
+    given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
+    for name, chosen in (("start", start), ("end", end)):
+        if chosen is not None:
+            given[name] = int(chosen) if isinstance(chosen, int) else np.asarray(chosen).tolist()
+    meta = {
+        **plan.meta,
+        "input": given,
+        "findings": [f"{item.severity}: {item.message}" for item in tract.findings],
+    }
+    return InsertionStudy(
+        tract=tract, field=field, line=line, plan=replace(plan, meta=meta), seconds=times
+    )
+
+
+def _sort_ends(
+    tract: LabelTract | SurfaceTract, start: End, end: End
+) -> tuple[
+    tuple[ArrayLike | None, ArrayLike | None],
+    tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
+]:
+    """Split the ends into points and label regions (world points of the voxels)."""
+    points: list[ArrayLike | None] = [None, None]
+    regions: list[NDArray[np.float64] | None] = [None, None]
+    for k, (name, chosen) in enumerate((("start", start), ("end", end))):
+        if isinstance(chosen, int):
+            regions[k] = _find_label(tract, name, chosen)
+        else:
+            points[k] = chosen
+    return (points[0], points[1]), (regions[0], regions[1])
+
+
+def _find_label(tract: LabelTract | SurfaceTract, name: str, label: int) -> NDArray[np.float64]:
+    if not isinstance(tract, LabelTract):
+        raise InputError(f"{name} is label {label}, but a surface has no labels: give a point")
+    voxels = np.argwhere(tract.labels == label)
+    if len(voxels) == 0:
+        there: Sequence[int] = tract.label_values
+        raise InputError(
+            f"{name} is label {label}, which is not in the lumen: it must be one of "
+            f"{', '.join(str(v) for v in there)}"
+        )
+    return np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3])
+
+
+@contextmanager
+def _clock(times: dict[str, float], stage: str) -> Iterator[None]:
+    begin = time.perf_counter()
+    yield
+    times[stage] = time.perf_counter() - begin

@@ -1,0 +1,197 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bozzini.anatomy import tract_from_labels
+from bozzini.errors import GeometryError, InputError
+
+
+def codes(tract):
+    return {finding.code: finding for finding in tract.findings}
+
+
+def tube(shape=(12, 13, 40), label=1):
+    array = np.zeros(shape, dtype=np.uint8)
+    array[4:8, 5:9, 3:35] = label
+    return array
+
+
+def rotation(angles):
+    a, b, c = angles
+    one = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    two = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
+    three = np.array([[np.cos(c), 0, np.sin(c)], [0, 1, 0], [-np.sin(c), 0, np.cos(c)]])
+    return one @ two @ three
+
+
+def world_of(labels, affine, value):
+    index = np.argwhere(labels == value)
+    return index @ affine[:3, :3].T + affine[:3, 3]
+
+
+@settings(max_examples=30)
+@given(
+    angles=st.tuples(*[st.floats(-3.1, 3.1)] * 3),
+    size=st.tuples(*[st.floats(0.4, 3.0)] * 3),
+    shift=st.tuples(*[st.floats(-500, 500)] * 3),
+    flip=st.booleans(),
+    seed=st.integers(0, 10_000),
+)
+def test_cropping_does_not_move_a_voxel_in_the_world(angles, size, shift, flip, seed):
+    random = np.random.default_rng(seed)
+    array = np.zeros(random.integers(5, 12, 3), dtype=np.int16)
+    start = [random.integers(0, length) for length in array.shape]
+    array[tuple(slice(at, at + random.integers(1, 5)) for at in start)] = 7
+    array[tuple(start)] = 9
+    affine = np.eye(4)
+    affine[:3, :3] = rotation(angles) * size * (-1 if flip else 1)
+    affine[:3, 3] = shift
+    tract = tract_from_labels(array, affine)
+    for value in np.unique(array[array > 0]):
+        np.testing.assert_allclose(
+            world_of(tract.labels, tract.affine, value),
+            world_of(array, affine, value),
+            atol=1e-9,
+        )
+    np.testing.assert_allclose(tract.spacing, size)
+
+
+def test_the_crop_leaves_two_voxels_on_every_side():
+    labels = tract_from_labels(tube(), np.eye(4)).labels
+    assert labels.shape == (8, 8, 36)
+    assert labels[2:-2, 2:-2, 2:-2].all()
+
+
+def test_only_the_labels_asked_for_are_lumen():
+    array = tube()
+    array[4:8, 5:9, 20:35] = 2
+    array[0, 0, 0] = 5
+    tract = tract_from_labels(array, np.eye(4), labels=[2])
+    assert tract.label_values == (2,)
+    assert tract.mask.sum() == 4 * 4 * 15
+    assert "1, 5" in codes(tract)["labels-left-out"].message
+    assert tract_from_labels(array, np.eye(4), labels=[1, 2]).label_values == (1, 2)
+
+
+def test_a_label_that_is_not_there_lists_those_that_are():
+    array = tube()
+    array[4:8, 5:9, 20:35] = 6
+    with pytest.raises(InputError, match=r"no voxel of label 4: it has 1, 6"):
+        tract_from_labels(array, np.eye(4), labels=[1, 4], source="scan")
+
+
+@pytest.mark.parametrize("labels", [[], [0], [-1], [70000], [1.5], [True]])
+def test_impossible_labels_are_refused(labels):
+    with pytest.raises(InputError):
+        tract_from_labels(tube(), np.eye(4), labels=labels)
+
+
+def test_a_lumen_that_meets_only_at_an_edge_or_corner_is_two_components():
+    array = np.zeros((20, 20, 30), dtype=np.uint8)
+    array[2:10, 2:10, 2:20] = 1
+    array[10:14, 10:14, 2:20] = 2  # meets the first along an edge
+    array[14, 14, 20] = 3  # meets the second in a corner
+    tract = tract_from_labels(array, np.diag([2.0, 1.0, 1.0, 1.0]))
+    assert tract.label_values == (1,)
+    dropped = codes(tract)["components-dropped"]
+    assert dropped.severity == "warning"
+    assert "3 components" in dropped.message
+    assert f"{4 * 4 * 18 + 1} voxels" in dropped.message
+    assert f"{(4 * 4 * 18 + 1) * 2 / 1000:.3g} mL" in dropped.message
+    assert "2, 3" in codes(tract)["label-dropped"].message
+
+
+def test_handles_and_cavities_are_counted():
+    ring = np.zeros((20, 20, 9), dtype=np.uint8)
+    ring[2:18, 2:18, 2:7] = 1
+    ring[6:8, 6:8, :] = 0
+    ring[12:14, 12:14, :] = 0
+    ring[15, 15, 4] = 0
+    found = codes(tract_from_labels(ring, np.eye(4)))
+    assert found["handles"].message.startswith("2 handles")
+    assert found["cavities"].message.startswith("1 closed cavity")
+    assert not {"handles", "cavities"} & set(codes(tract_from_labels(tube(), np.eye(4))))
+
+
+def test_a_cavity_open_only_through_a_corner_is_no_cavity():
+    # The background joins through corners where the lumen joins through faces only.
+    block = np.zeros((9, 9, 9), dtype=np.uint8)
+    block[2:7, 2:7, 2:7] = 1
+    block[3, 3, 3] = 0
+    assert "cavities" in codes(tract_from_labels(block, np.eye(4)))
+    block[2, 2, 2] = 0
+    assert "cavities" not in codes(tract_from_labels(block, np.eye(4)))
+
+
+def test_a_lumen_at_the_border_is_said_to_be_cut():
+    array = tube()
+    array[4:8, 5:9, :3] = 1
+    found = codes(tract_from_labels(array, np.eye(4)))["lumen-cut"]
+    assert found.severity == "note"
+    assert "low k" in found.message
+    assert "high k" not in found.message
+
+
+@pytest.mark.parametrize(
+    ("size", "code"),
+    [
+        ((1, 1, 3), "voxels-anisotropic"),
+        ((4, 4, 4), "voxels-coarse"),
+        ((0.01, 0.01, 0.01), "scale"),
+        ((1000, 1000, 1000), "scale"),
+    ],
+)
+def test_odd_voxels_are_warned_of(size, code):
+    assert codes(tract_from_labels(tube(), np.diag([*size, 1.0])))[code].severity == "warning"
+    assert tract_from_labels(tube(), np.eye(4)).findings == ()
+
+
+@pytest.mark.parametrize(
+    ("array", "said"),
+    [
+        (np.ones((4, 4, 4, 2)), "4 dimensions, shape (4, 4, 4, 2)"),
+        (np.ones((4, 4)), "2 dimensions"),
+        (np.full((4, 4, 4), 1.5), "value 1.5"),
+        (np.full((4, 4, 4), np.nan), "not finite"),
+        (np.full((4, 4, 4), -1000), "from -1000"),
+        (np.full((4, 4, 4), "a"), "whole numbers"),
+        (np.ones((0, 4, 4)), "no voxels"),
+    ],
+)
+def test_an_array_that_is_no_label_volume_is_refused(array, said):
+    with pytest.raises(InputError) as caught:
+        tract_from_labels(array, np.eye(4))
+    assert said in str(caught.value)
+
+
+def test_an_empty_volume_is_refused():
+    with pytest.raises(GeometryError, match="every voxel is 0"):
+        tract_from_labels(np.zeros((4, 4, 4)), np.eye(4))
+
+
+def test_trailing_axes_of_one_and_whole_floats_are_taken():
+    plain = tract_from_labels(tube(), np.eye(4))
+    other = tract_from_labels(tube()[..., None, None].astype(float), np.eye(4))
+    assert np.array_equal(plain.labels, other.labels)
+
+
+SHEAR = np.eye(4)
+SHEAR[0, 1] = 0.01
+
+
+@pytest.mark.parametrize(
+    ("affine", "said"),
+    [
+        (SHEAR, "sheared"),
+        (np.diag([1.0, 0.0, 1.0, 1.0]), "singular"),
+        (np.array([[1, 1, 0, 0], [0, 1e-9, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]), "singular"),
+        (np.diag([1.0, 1.0, np.inf, 1.0]), "not finite"),
+        (np.diag([1.0, 1.0, 1.0, 2.0]), "last row"),
+    ],
+)
+def test_an_affine_that_is_no_frame_is_refused(affine, said):
+    with pytest.raises(InputError, match=said):
+        tract_from_labels(tube(), affine)

@@ -1,0 +1,211 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bozzini.anatomy import tract_from_surface
+from bozzini.anatomy._kernels import count_crossing
+from bozzini.anatomy._mesh import count_fans
+from bozzini.errors import GeometryError, InputError
+
+
+def codes(tract):
+    return {finding.code: finding for finding in tract.findings}
+
+
+def ball(radius=20.0, centre=(0, 0, 0), subdivisions=3):
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
+    return np.asarray(mesh.vertices) + np.asarray(centre, dtype=float), np.asarray(mesh.faces)
+
+
+def join(*parts):
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
+    return (
+        np.concatenate([vertices for vertices, _ in parts]),
+        np.concatenate([faces + at for (_, faces), at in zip(parts, starts, strict=False)]),
+    )
+
+
+def test_a_clean_surface_passes_without_a_word():
+    vertices, faces = ball()
+    tract = tract_from_surface(vertices, faces)
+    assert tract.findings == ()
+    assert tract.volume == pytest.approx(trimesh.Trimesh(vertices, faces).volume)
+    assert len(tract.faces) == len(faces)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10_000), share=st.floats(0.0, 1.0))
+def test_loose_triangles_in_any_order_and_turn_become_the_same_surface(seed, share):
+    random = np.random.default_rng(seed)
+    vertices, faces = ball(subdivisions=2)
+    loose = vertices[faces][random.permutation(len(faces))]
+    turned = random.random(len(loose)) < share
+    loose[turned] = loose[turned, ::-1]
+    tract = tract_from_surface(loose.reshape(-1, 3), np.arange(3 * len(loose)).reshape(-1, 3))
+    mesh = trimesh.Trimesh(tract.vertices, tract.faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert tract.volume == pytest.approx(trimesh.Trimesh(vertices, faces).volume)
+    assert len(tract.vertices) == len(vertices)
+
+
+def test_a_surface_inside_out_is_turned():
+    vertices, faces = ball()
+    tract = tract_from_surface(vertices, faces[:, ::-1])
+    assert tract.volume > 0
+    assert set(codes(tract)) == {"surface-turned"}
+
+
+def test_the_largest_component_is_kept():
+    vertices, faces = join(ball(5.0, (60, 0, 0)), ball(20.0), ball(4.0, (-60, 0, 0)))
+    tract = tract_from_surface(vertices, faces)
+    assert np.abs(tract.vertices).max() < 21.0
+    dropped = codes(tract)["components-dropped"]
+    assert "3 components" in dropped.message
+    assert dropped.severity == "warning"
+
+
+def test_a_small_hole_is_filled_and_a_large_one_is_located():
+    vertices, faces = ball()
+    whole = tract_from_surface(vertices, faces)
+    filled = tract_from_surface(vertices, faces[1:])
+    assert "holes-filled" in codes(filled)
+    assert filled.volume == pytest.approx(whole.volume, rel=1e-3)
+    middle = vertices[faces].mean(axis=1)
+    with pytest.raises(GeometryError) as caught:
+        tract_from_surface(vertices + [100.0, 0, 0], faces[middle[:, 2] < 15.0])
+    said = str(caught.value)
+    assert "boundary edges in 1 hole, near (100.0, " in said
+    height = float(said.split("near (")[1].split(")")[0].split(",")[2])
+    assert 13.0 < height < 18.0
+
+
+def test_corners_apart_by_rounding_are_welded():
+    vertices, faces = ball()
+    random = np.random.default_rng(1)
+    loose = vertices[faces].reshape(-1, 3) + random.uniform(-5e-5, 5e-5, (3 * len(faces), 3))
+    tract = tract_from_surface(loose, np.arange(len(loose)).reshape(-1, 3))
+    assert "corners-welded" in codes(tract)
+    assert len(tract.vertices) == len(vertices)
+
+
+@pytest.mark.parametrize("rings", [1, 2])
+def test_handles_are_counted(rings):
+    torus = trimesh.creation.torus(major_radius=20.0, minor_radius=5.0)
+    vertices, faces = np.asarray(torus.vertices), np.asarray(torus.faces)
+    if rings == 2:
+        other = trimesh.creation.torus(major_radius=20.0, minor_radius=5.0)
+        moved = np.asarray(other.vertices) + [100.0, 0.0, 0.0]
+        # A bridge: two triangles taken off, three quads between their corners put on.
+        one = int(vertices[faces].mean(axis=1)[:, 0].argmax())
+        two = int(moved[other.faces].mean(axis=1)[:, 0].argmin())
+        a, b = faces[one], np.asarray(other.faces)[two] + len(vertices)
+        b = b[::-1]
+        start = np.linalg.norm(vertices[a[0]] - moved[b - len(vertices)], axis=1).argmin()
+        b = np.roll(b, -int(start))
+        faces = np.concatenate(
+            (
+                np.delete(faces, one, axis=0),
+                np.delete(np.asarray(other.faces) + len(vertices), two, axis=0),
+                [(a[i], a[(i + 1) % 3], b[i]) for i in range(3)],
+                [(a[(i + 1) % 3], b[(i + 1) % 3], b[i]) for i in range(3)],
+            )
+        )
+        vertices = np.concatenate((vertices, moved))
+    found = codes(tract_from_surface(vertices, faces))
+    assert found["handles"].message.startswith(f"{rings} handle")
+    assert "self-touching" not in found
+
+
+def test_two_balls_that_touch_in_one_corner_touch_themselves():
+    one = ball()
+    far = int(one[0][:, 0].argmax())
+    other = (2 * one[0][far] - one[0], one[1][:, ::-1])
+    vertices, faces = join(one, other)
+    tract = tract_from_surface(vertices, faces)
+    assert "1 corner(s)" in codes(tract)["self-touching"].message
+    assert "handles" not in codes(tract)
+    assert count_fans(tract.faces) == len(tract.vertices) + 1
+
+
+def crossing_reference(vertices, faces):
+    """Say the same by solving for the point where each edge meets each triangle."""
+    crossed = np.zeros(len(faces), dtype=bool)
+    for i, one in enumerate(faces):
+        for j, other in enumerate(faces):
+            if i == j or set(one) & set(other):
+                continue
+            for k in range(3):
+                p, q = vertices[one[k]], vertices[one[(k + 1) % 3]]
+                a, b, c = vertices[other]
+                matrix = np.stack((b - a, c - a, p - q), axis=1)
+                if abs(np.linalg.det(matrix)) < 1e-12:
+                    continue
+                u, v, t = np.linalg.solve(matrix, p - a)
+                if u > 0 and v > 0 and u + v < 1 and 0 < t < 1:
+                    crossed[i] = crossed[j] = True
+    return crossed
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10_000), cell=st.floats(0.05, 5.0))
+def test_crossing_triangles_are_those_of_the_plain_method(seed, cell):
+    random = np.random.default_rng(seed)
+    centres = random.uniform(0, 3, (14, 1, 3))
+    vertices = (centres + random.uniform(-0.7, 0.7, (14, 3, 3))).reshape(-1, 3)
+    faces = np.arange(42).reshape(-1, 3)
+    faces[1, 0] = faces[0, 0]  # two that share a corner
+    expected = crossing_reference(vertices, faces)
+    assert np.array_equal(count_crossing(vertices, faces, cell), expected)
+
+
+def test_a_surface_that_crosses_itself_is_warned_of():
+    vertices, faces = ball()
+    vertices[vertices[:, 2] > 15.0, 2] -= 60.0  # the cap pushed through the other side
+    assert "self-crossing" in codes(tract_from_surface(vertices, faces))
+
+
+def test_a_tiny_or_huge_tract_hints_at_the_unit():
+    vertices, faces = ball(0.02)
+    assert "--unit m" in codes(tract_from_surface(vertices, faces))["scale"].message
+    assert "scale" in codes(tract_from_surface(*ball(20_000.0)))
+
+
+def test_flat_and_hollow_surfaces_enclose_nothing():
+    square = np.array([[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]], dtype=float)
+    with pytest.raises(GeometryError, match="encloses no volume: it is flat"):
+        tract_from_surface(square, [(0, 1, 2), (0, 2, 3), (0, 2, 1), (0, 3, 2)])
+    with pytest.raises(GeometryError, match="encloses no volume"):
+        tract_from_surface(square, [(0, 0, 2), (1, 1, 1)])
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "said"),
+    [
+        (
+            [[0, 0, np.nan], [1, 0, 0], [0, np.inf, 0]],
+            [[0, 1, 2]],
+            "2 vertices that are not finite",
+        ),
+        (np.zeros((3, 2)), [[0, 1, 2]], "(n, 3)"),
+        (np.full((3, 3), 1e38), [[0, 1, 2]], "1e+38 mm"),
+        (np.zeros((3, 3)), [[0, 1, 3]], "0 to 3"),
+        (np.zeros((3, 3)), [[0.0, 1.0, 2.0]], "integers"),
+        (np.zeros((3, 3)), np.zeros((0, 3), int), "no faces"),
+    ],
+)
+def test_arrays_that_are_no_surface_are_refused(vertices, faces, said):
+    with pytest.raises(InputError) as caught:
+        tract_from_surface(vertices, faces)
+    assert said in str(caught.value)
+
+
+def test_a_far_corner_does_not_weld_the_rest_away():
+    vertices, faces = ball()
+    vertices[0] = 5e8
+    with pytest.raises(GeometryError, match="is open"):
+        tract_from_surface(vertices, faces[1:-40])

@@ -1,0 +1,102 @@
+"""The map of the house: who may import whom, and what a library never does."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import bozzini
+
+SOURCE = Path(bozzini.__file__).resolve().parent
+
+BASE = ("errors", "units", "checks", "files", "progress")
+
+MAY_IMPORT = {
+    "anatomy": set(),
+    "duct": {"anatomy"},
+    "motion": {"anatomy", "duct"},
+    "continuum": {"anatomy", "duct", "motion"},
+    "muscle": set(),
+    "effector": {"muscle"},
+    "rig": {"continuum", "duct", "effector", "motion", "muscle"},
+    "vision": {"effector", "muscle"},
+}
+MAY_IMPORT["view"] = set(MAY_IMPORT)
+MAY_IMPORT["study"] = set(MAY_IMPORT)
+MAY_IMPORT["cli"] = set(MAY_IMPORT)
+
+MODULES = sorted(path.relative_to(SOURCE) for path in SOURCE.rglob("*.py"))
+
+
+def _imported(path: Path) -> Iterator[tuple[str, ...]]:
+    """Give every module of Bozzini that a file imports, as its parts after ``bozzini``."""
+    here = ("bozzini", *path.parent.parts)
+    for node in ast.walk(ast.parse((SOURCE / path).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [tuple(alias.name.split(".")) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = here[: len(here) - node.level + 1] if node.level else ()
+            base = (*base, *(node.module.split(".") if node.module else ()))
+            names = [(*base, alias.name) for alias in node.names]
+        else:
+            continue
+        yield from (name[1:] for name in names if name[0] == "bozzini" and len(name) > 1)
+
+
+def _room(path: Path) -> str:
+    return path.parts[0].removesuffix(".py")
+
+
+def test_the_map_has_no_way_back() -> None:
+    seen: set[str] = set()
+    waiting = dict(MAY_IMPORT)
+    while waiting:
+        ready = {room for room, others in waiting.items() if others <= seen}
+        assert ready, f"these import each other in a circle: {sorted(waiting)}"
+        seen |= ready
+        waiting = {room: others for room, others in waiting.items() if room not in ready}
+
+
+def test_every_room_is_on_the_map() -> None:
+    rooms = {path.parts[0] for path in MODULES if len(path.parts) > 1}
+    assert rooms <= set(MAY_IMPORT)
+    loose = {path.stem for path in MODULES if len(path.parts) == 1}
+    assert loose == {*BASE, "__init__", "__main__"}
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in MODULES if path.stem not in ("__init__", "__main__") or path.parent.parts],
+    ids=str,
+)
+def test_imports_point_to_the_left(path: Path) -> None:
+    room = _room(path)
+    if room in BASE:
+        legal = {"errors"}
+    else:
+        legal = {room, *BASE, *MAY_IMPORT[room], "__version__"}
+    for name in _imported(path):
+        assert name[0] in legal, f"{path} imports bozzini.{'.'.join(name)}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_private_modules_stay_in_their_room(path: Path) -> None:
+    for name in _imported(path):
+        if name[0] != _room(path) and name[0] != "__version__":
+            modules = [part for part in name if part.startswith("_")]
+            # A compiled kernel can only call compiled kernels, those of another room included.
+            private = [part for part in modules if not part.endswith("_kernels")]
+            assert not (modules if "_kernels" not in path.stem else private), (
+                f"{path} imports bozzini.{'.'.join(name)}"
+            )
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_library_neither_asserts_nor_prints(path: Path) -> None:
+    for node in ast.walk(ast.parse((SOURCE / path).read_text(encoding="utf-8"))):
+        assert not isinstance(node, ast.Assert), f"{path}:{node.lineno} asserts"
+        is_print = isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print"
+        assert not is_print, f"{path} prints"

@@ -1,0 +1,108 @@
+"""What the README and the documentation say is true: examples run, commands and links exist."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import click
+import pytest
+
+import bozzini
+from bozzini.cli.main import COMMANDS, root
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")], key=lambda path: path.as_posix()
+)
+BLOCK = re.compile(r"^(?P<note><!-- not run: .+ -->\n+)?```python\n(?P<code>.*?)^```", re.M | re.S)
+LINK = re.compile(r"\]\((?!https?://|mailto:|#)([^)#\s]+)")
+
+
+def _name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def _examples(page: Path) -> list[str]:
+    """Return the Python blocks of a page, except those marked ``<!-- not run: why -->``."""
+    text = page.read_text(encoding="utf-8")
+    return [match["code"] for match in BLOCK.finditer(text) if not match["note"]]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if _examples(page)], ids=_name)
+def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {"__name__": "example"}
+    for number, code in enumerate(_examples(page), start=1):
+        exec(compile(code, f"{_name(page)}, example {number}", "exec"), names)
+
+
+def test_readme_has_an_example_of_about_fifteen_lines() -> None:
+    (code,) = _examples(ROOT / "README.md")
+    assert 10 <= sum(1 for line in code.splitlines() if line.strip()) <= 16
+
+
+def _command_lines(page: Path) -> list[str]:
+    """Return the command lines of a page: indented ones, fenced ones, and those in the text."""
+    text = page.read_text(encoding="utf-8")
+    indented = re.findall(r"^(?: {4}|\$ )?(bozzini [a-z].*)$", text, re.M)
+    return indented + re.findall(r"`(bozzini [a-z][^`]*)`", text)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if _command_lines(page)], ids=_name)
+def test_commands_and_their_options_exist(page: Path) -> None:
+    for line in _command_lines(page):
+        words = shlex.split(line, comments=True)[1:]
+        command: click.Command = root
+        for word in words:
+            if not isinstance(command, click.Group) or word.startswith("-"):
+                break
+            found = command.get_command(click.Context(command), word)
+            assert found is not None, f"{_name(page)}: {line}"
+            command = found
+        known = {"--help"}.union(*(option.opts for option in command.params))
+        flags = {word.split("=")[0] for word in words if re.match(r"--?[a-z]", word)}
+        assert flags <= known, f"{_name(page)}: {line}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
+        assert (page.parent / target).exists(), f"{_name(page)} links to {target}"
+
+
+def test_pages_of_the_documentation_are_in_its_menu() -> None:
+    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").rglob("*.md"):
+        assert page.relative_to(ROOT / "docs").as_posix() in menu
+
+
+def test_table_of_commands_is_complete() -> None:
+    text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `bozzini ([a-z]+)", text, re.M)) == set(COMMANDS)
+
+
+def test_one_version_everywhere() -> None:
+    version = bozzini.__version__
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"## [{version}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_declared_dependencies_are_those_imported() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = {re.split(r"[<>=\[ ]", item)[0] for item in project["dependencies"]}
+    modules = {"fast-simplification": "fast_simplification", "libigl": "igl"} | {
+        "scikit-image": "skimage"
+    }
+    for name in declared:
+        importlib.import_module(modules.get(name, name.replace("-", "_")))
+    source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
+    used = {
+        name
+        for name in declared - {"networkx"}  # trimesh uses it in our stead
+        if re.search(rf"^\s*(import|from) {modules.get(name, name)}\b", source, re.M)
+    }
+    assert used == declared - {"networkx"}

@@ -1,0 +1,125 @@
+"""Units at the edge: hand-computed conversions, round trips, and one clear line for nonsense."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bozzini.errors import UnitError
+from bozzini.units import INTERNAL_UNITS, parse_quantity, parse_vector
+
+# Factors by definition (inch = 25.4 mm, g = 9.80665 m/s^2), not taken from pint.
+PSI = 0.45359237 * 9.80665 / 25.4**2
+KNOWN = [
+    ("5mm", "length", 5.0),
+    ("0.5 cm", "length", 5.0),
+    ("0.2in", "length", 5.08),
+    ("5 µm", "length", 0.005),
+    ("1e-2 m", "length", 10.0),
+    ("50 gf", "force", 0.050 * 9.80665),
+    ("100psi", "pressure", 100 * PSI),
+    ("689 kPa", "pressure", 0.689),
+    ("1 bar", "pressure", 0.1),
+    ("36deg", "angle", math.pi / 5),
+    ("1 turn", "angle", 2 * math.pi),
+    ("50ms", "time", 0.05),
+    ("1 kN/m", "stiffness", 1.0),
+    ("1 N / mm", "stiffness", 1.0),
+    ("50%", "dimensionless", 0.5),
+]
+
+
+@pytest.mark.parametrize(("text", "kind", "value"), KNOWN)
+def test_known_conversions(text: str, kind: str, value: float) -> None:
+    assert parse_quantity(text, kind) == pytest.approx(value, rel=1e-12)
+
+
+numbers = st.floats(-1e12, 1e12).filter(lambda x: x == 0 or abs(x) > 1e-12)
+
+
+@given(value=numbers, kind=st.sampled_from(sorted(INTERNAL_UNITS)))
+def test_internal_unit_is_the_identity(value: float, kind: str) -> None:
+    assert parse_quantity(value, kind) == value
+    assert parse_quantity(repr(value), kind) == value
+    assert parse_quantity(f"{value!r} {INTERNAL_UNITS[kind]}", kind) == pytest.approx(value)
+
+
+@given(value=numbers)
+def test_conversion_is_linear_and_ignores_blanks(value: float) -> None:
+    assert parse_quantity(f"{value!r}cm", "length") == pytest.approx(10 * value)
+    assert parse_quantity(f"  {value!r}   cm ", "length") == parse_quantity(
+        f"{value!r}cm", "length"
+    )
+
+
+@pytest.mark.parametrize("number", [np.float32(2.5), np.int64(3), np.float64(-1.0), 4])
+def test_numbers_of_any_kind_pass(number: float) -> None:
+    assert parse_quantity(number, "length") == float(number)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        " ",
+        "mm",
+        "five mm",
+        "5 kg",
+        "5 psi",
+        "5 foobar",
+        "5mm mm",
+        "nan",
+        "nan mm",
+        "inf",
+        "1e999mm",
+        "5,0mm",  # a decimal comma must not become 50 mm
+        "1,000mm",
+        "1+2 mm",
+        "2*3 mm",
+        "(1,2) mm",
+        "5 mm 3",
+        "5.5.5mm",
+        "5 degC",
+        "__import__('os')",
+        "5mm; rm",
+    ],
+)
+def test_nonsense_is_one_line_that_names_it(text: str) -> None:
+    with pytest.raises(UnitError) as caught:
+        parse_quantity(text, "length")
+    message = str(caught.value)
+    assert f"'{text}'" in message
+    assert "5mm" in message  # an example of what is legal
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, None, [1.0, 2.0], object()])
+def test_wrong_values_are_unit_errors(value: object) -> None:
+    with pytest.raises(UnitError):
+        parse_quantity(value, "length")  # type: ignore[arg-type]
+
+
+@given(text=st.text(max_size=12))
+def test_any_text_is_a_finite_number_or_a_unit_error(text: str) -> None:
+    try:
+        assert math.isfinite(parse_quantity(text, "length"))
+    except UnitError:
+        pass
+
+
+@given(values=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=5))
+def test_vector_is_its_parts(values: list[float]) -> None:
+    text = ",".join(f"{value!r}" for value in values)
+    assert parse_vector(text, "length", size=len(values)) == tuple(values)
+    with pytest.raises(UnitError, match="separated by commas"):
+        parse_vector(text, "length", size=len(values) + 1)
+
+
+def test_vector_mixes_units() -> None:
+    assert parse_vector("12mm, -0.5cm,0", "length") == pytest.approx((12.0, -5.0, 0.0))
+    with pytest.raises(UnitError, match="'x'"):
+        parse_vector("1,x,3", "length")
