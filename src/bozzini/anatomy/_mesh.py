@@ -156,11 +156,12 @@ def agree(faces: Faces, number: int) -> tuple[Faces, int]:
     return result, int(np.count_nonzero(turn))
 
 
-def count_fans(faces: Faces) -> int:
-    """Count the fans of triangles around vertices: more than vertices where sheets touch.
+def count_fans(faces: Faces) -> tuple[int, int]:
+    """Count the fans of triangles around vertices, and the sheets of triangles.
 
-    Corners of two triangles at one vertex are joined where the triangles share an edge that has
-    no other triangle.
+    Corners of two triangles at one vertex are joined into a fan, and the triangles into a sheet,
+    where the triangles share an edge that has no other triangle. There are more fans than
+    vertices where a surface touches itself.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -181,6 +182,9 @@ def count_fans(faces: Faces) -> int:
     first = first[np.diff(np.r_[first, len(key)]) == 2]
     rows = np.concatenate((low[first], high[first]))
     columns = np.concatenate((low[first + 1], high[first + 1]))
-    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(3 * m, 3 * m))
-    count, _ = connected_components(graph, directed=False)
-    return int(count)
+    counts = []
+    for size, one, other in ((3 * m, rows, columns), (m, rows // 3, columns // 3)):
+        ones = np.ones(len(one), dtype=np.int8)
+        graph = coo_matrix((ones, (one, other)), shape=(size, size))
+        counts.append(int(connected_components(graph, directed=False)[0]))
+    return counts[0], counts[1]

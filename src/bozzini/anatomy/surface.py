@@ -204,15 +204,17 @@ def _check_topology(triangles: Faces) -> list[Finding]:
     found = []
     edges = _mesh.count_edges(triangles)
     touching = int(np.count_nonzero(edges.counts > 2))
-    fans, corners = _mesh.count_fans(triangles), len(np.unique(triangles))
+    fans, sheets = _mesh.count_fans(triangles)
+    corners = len(np.unique(triangles))
     if touching or fans > corners:
         message = (
             f"the surface touches itself: {touching} edge(s) of more than two triangles, "
             f"{fans - corners} corner(s) that join separate sheets"
         )
         found.append(Finding("self-touching", "warning", message))
-    # An edge of 2k triangles is k edges of a surface taken apart where it touches itself.
-    handles = 1 - (fans - int((edges.counts // 2).sum()) + len(triangles)) // 2
+    # Taken apart where it touches itself, an edge of 2k triangles is k edges, a corner its fans.
+    euler = fans - int((edges.counts // 2).sum()) + len(triangles)
+    handles = sheets - euler // 2
     if handles > 0:
         word = "handle" if handles == 1 else "handles"
         message = f"{handles} {word} (the lumen closes on itself): ways around may be false"

@@ -13,7 +13,7 @@ from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
 from .field import SampledField
 
-__all__ = ["Centreline", "find_centreline", "measure_arc_length", "resample_polyline"]
+__all__ = ["Centreline", "find_centreline", "find_roomy_path", "measure_arc_length", "resample_polyline"]
 
 COST_POWER = 2.5
 """The path costs ``length / room**COST_POWER``: large enough to keep to the middle of wide places."""
@@ -126,6 +126,45 @@ def find_centreline(
     radius = -field.signed_distance(world)
     progress("centreline", 1.0)
     return Centreline(points=world, arc_length=measure_arc_length(world), radius=radius)
+
+
+def find_roomy_path(
+    field: SampledField, start: ArrayLike, goal: ArrayLike, *, room: float
+) -> NDArray[np.float64] | None:
+    """Find a way (n, 3) along nodes that all have at least `room`, in the middle where it can.
+
+    Parameters
+    ----------
+    start, goal : (3,) float
+        World frame [mm]; they become the ends.
+    room : float
+        Clearance in the inflated lumen [mm]. The way stays in the lumen before inflation.
+
+    Returns
+    -------
+    (n, 3) float or None
+        World frame [mm]; None if the grid has no such way.
+    """
+    graph = _Graph(field)
+    free = graph.inside & (graph.room + field.inflation >= room)
+    graph.cost = np.where(free, graph.cost, -1.0)
+    nodes = []
+    for point in (start, goal):
+        node = np.rint(field.to_grid(point) / field.spacing).astype(int)
+        low = np.maximum(node - 2, 0)
+        block = np.argwhere(free[tuple(slice(a, b + 3) for a, b in zip(low, node, strict=True))])
+        if len(block) == 0:
+            return None
+        gaps = np.linalg.norm(block + low - node, axis=1)
+        nodes.append(block[int(np.argmin(gaps))] + low)
+    mcp, costs = graph._search(nodes[0])
+    target = tuple(int(v) for v in nodes[1])
+    if not np.isfinite(costs[target]):
+        return None
+    middle = field.to_world(np.array(mcp.traceback(target)) * field.spacing)
+    return np.concatenate(
+        [np.asarray(start, dtype=np.float64)[None], middle[1:-1], np.asarray(goal)[None]]
+    )
 
 
 class _Graph:
@@ -269,15 +308,17 @@ def _choose_ends(
 def _find_first_crest(points: NDArray[np.float64], depth: NDArray[np.float64]) -> int:
     """Index where a path that starts in a closed tip comes out of it.
 
-    That is the first point with at least 0.8 of the room that the path has soon after it: within
-    two radii, at least 8 mm.
+    That is the first point with at least 0.8 of the room that the path has soon after it (within
+    two radii, at least 8 mm), and from there the roomiest within the next 10 mm: an end that was
+    only found, not given, need not be a narrow one.
     """
     arc = measure_arc_length(points)
     for here in range(len(points)):
         reach = arc[here] + max(2.0 * depth[here], 8.0)
         ahead = int(np.searchsorted(arc, reach, "right"))
         if depth[here] >= 0.8 * depth[here:ahead].max():
-            return here
+            ahead = int(np.searchsorted(arc, arc[here] + 10.0, "right"))
+            return here + int(np.argmax(depth[here:ahead] > 0.98 * depth[here:ahead].max()))
     return 0
 
 

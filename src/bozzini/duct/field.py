@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number, check_points
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ._clearance import GridData
 
 __all__ = ["SampledField"]
 
@@ -110,6 +114,28 @@ class SampledField:
     def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return the (..., 3) gradient of the interpolant in the world frame."""
         return self._evaluate(points, with_gradient=True)[1]
+
+    def pack(self) -> GridData:
+        """Return the field for compiled kernels."""
+        from ._clearance import GridData
+
+        slack = float(np.abs(self.values).max()) * 2.0**-23
+        return GridData(self.values, self.spacing, float(self.inflation), slack)
+
+    def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return (...) rigorous lower bounds of the distance to the wall at points (..., 3) [mm].
+
+        From the squared node distances inside the lumen, and from the slope bound of a distance
+        elsewhere; 0 or negative where the point may lie outside. With inflation the bound is for
+        the moved wall.
+        """
+        from ._clearance import evaluate_bound
+
+        array = check_points("points", points)
+        flat = np.ascontiguousarray(self.to_grid(array).reshape(-1, 3))
+        result = np.empty(len(flat))
+        evaluate_bound(self.pack(), flat, result)
+        return result.reshape(array.shape[:-1])
 
     def inflate(self, distance: float) -> SampledField:
         """Return the same lumen with its wall moved outwards by `distance` mm more."""

@@ -166,8 +166,11 @@ def measure_body(values, step, inflation, intro, chains, radius, pitch, clearanc
                     py = y - intro[1]
                     pz = z - intro[2]
                     t_out = px * intro[3] + py * intro[4] + pz * intro[5]
-                    off = px * px + py * py + pz * pz - t_out * t_out
-                    if t_out >= 0.0 and off <= intro[6] * intro[6]:
+                    px -= t_out * intro[3]
+                    py -= t_out * intro[4]
+                    pz -= t_out * intro[5]
+                    off = math.sqrt(px * px + py * py + pz * pz)
+                    if t_out >= 0.0 and off <= intro[6]:
                         continue
                     waiting = False
                 s = field_value(values, step[0], step[1], step[2], inflation, x, y, z)

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_number
-from ..duct.centreline import Centreline
+from ..duct.centreline import Centreline, measure_arc_length
 from ..duct.field import SampledField
 from ..errors import InputError
 from ..progress import Progress, no_progress
+from .certify import Certificate, certify_motion
 from .introducer import Introducer
 from .measures import measure_plan
 from .plan import Plan
 from .scope import Scope
-from .thesis import Motion, move_by_thesis
+from .thesis import move_by_thesis
+from .tube import TubeOptions, plan_in_tube
 
 __all__ = ["METHODS", "plan_insertion"]
 
-METHODS = ("thesis",)
-"""The planners."""
+METHODS = ("tube", "follow", "thesis")
+"""The planners: the default, the same with all joints on the path, and the thesis's scheme."""
 
 
 def plan_insertion(
@@ -30,8 +33,11 @@ def plan_insertion(
     line: Centreline,
     *,
     scope: Scope,
-    method: str = "thesis",
+    method: str = "tube",
     head_step: float = 0.25,
+    slip: float = 0.0,
+    angle_limit: float | None = None,
+    route: Sequence[float] = (1.0,),
     progress: Progress = no_progress,
 ) -> Plan:
     """Plan how a scope moves along a centreline into a lumen.
@@ -41,66 +47,129 @@ def plan_insertion(
     duct : SampledField
         The lumen.
     line : Centreline
-        The path of the head, from the entry to the goal.
+        The way from the entry to the goal.
     scope : Scope
         The scope; without a length it is made long enough for the whole line.
-    method : {"thesis"}
-        ``"thesis"``: section 5.3.3, each next joint moves least with the link length kept and the
-        **joints** kept one scope radius inside the wall. The links between them are not: read
-        `Plan.clearance`.
+    method : {"tube", "follow", "thesis"}
+        ``"tube"``: the whole body stays inside, proved, and joints move little. ``"follow"``: the
+        same, with every joint on the head's path. ``"thesis"``: section 5.3, each next joint
+        moves least with the link length kept and the **joints** kept one scope radius inside the
+        wall; the links between them are not.
     head_step : float
-        How far the head moves per step [mm]; it is halved where a joint would jump.
+        How far the head moves per step [mm].
+    slip : float
+        Thesis Appendix C, corrected: 0 tractrix ... 1 the tail moves like the head. Not for
+        ``"thesis"``.
+    angle_limit : float, optional
+        Largest angle between neighbouring links [rad]; the motion stops before it.
+    route : sequence of float
+        Fractions of the way that the head goes to in turn: ``(1,)`` in, ``(1, 0)`` in and out,
+        ``(1, 0, 1)`` in, out, in. Not for ``"thesis"``.
 
     Returns
     -------
     Plan
-        Also when the scope does not fit: then ``status`` is ``"stopped"`` and ``reason`` says why.
+        Also when the scope does not fit: then ``status`` is ``"stopped"``, the motion goes as far
+        as it certifiably can, and ``reason`` says why it ends there. Every plan carries its
+        certificate in ``meta``; only ``meta["certified"]`` is a proof.
 
     Raises
     ------
     InputError
         If the method is unknown, the link is longer than the tract, or a number is out of range.
     """
+    _check(method, scope, line, head_step, slip, angle_limit, route)
+    links = scope.count_links(line.length)
+    bore = max(float(duct.clearance_bound(line.points[0])), scope.radius)
+    introducer = Introducer.at_start(line, bore=bore, along=scope.link_length)
+    if method == "thesis":
+        motion = move_by_thesis(
+            duct,
+            line,
+            scope=scope,
+            introducer=introducer,
+            links=links,
+            head_step=head_step,
+            progress=progress,
+        )
+        progress("certify", 0.0)
+        certificate = certify_motion(
+            motion.joints, duct, radius=scope.radius, introducer=introducer
+        )
+        path, refusal = line.points, None
+        outcome = (motion.status, motion.reason_code, motion.reason)
+    else:
+        motion = plan_in_tube(
+            duct,
+            line,
+            scope=scope,
+            introducer=introducer,
+            links=links,
+            options=TubeOptions(
+                head_step=head_step,
+                freedom=0.0 if method == "follow" else 1.0,
+                slip=slip,
+                angle_limit=angle_limit,
+                route=tuple(route),
+            ),
+            progress=progress,
+        )
+        certificate, path, refusal = motion.certificate, motion.path, motion.refusal
+        outcome = ("complete", "", "")
+        if refusal is not None:
+            outcome = ("stopped", refusal.code, refusal.reason)
+    clearance, worst = measure_body(duct, motion.joints, scope=scope, introducer=introducer)
+    progress("certify", 1.0)
+    measures = measure_plan(
+        motion.joints, motion.head_arc_length, clearance, line=line, worst=worst
+    )
+    meta = _describe(duct, scope, introducer, head_step, measures, certificate)
+    if refusal is not None:
+        meta["refusal"] = refusal.describe()
+    return Plan(
+        joints=motion.joints,
+        head_arc_length=motion.head_arc_length,
+        clearance=clearance,
+        path=path,
+        path_arc_length=measure_arc_length(path),
+        path_radius=-duct.signed_distance(path),
+        method=method,
+        status=outcome[0],
+        reason_code=outcome[1],
+        reason=outcome[2],
+        meta=meta,
+    )
+
+
+def _check(
+    method: str,
+    scope: Scope,
+    line: Centreline,
+    head_step: float,
+    slip: float,
+    angle_limit: float | None,
+    route: Sequence[float],
+) -> None:
     if method not in METHODS:
         raise InputError(f"method is {method!r}: it must be one of {', '.join(METHODS)}")
     check_number("head step", head_step, low=1e-3, high=scope.link_length, unit="mm")
+    check_number("slip", slip, low=0.0, high=1.0)
+    if angle_limit is not None:
+        check_number("angle limit", angle_limit, low=0.0, high=np.pi, low_open=True, unit="rad")
+    if len(route) == 0:
+        raise InputError("route is empty: it must hold at least one fraction in [0, 1]")
+    for share in route:
+        check_number("route", share, low=0.0, high=1.0)
+    if method == "thesis" and (slip != 0.0 or angle_limit is not None or tuple(route) != (1.0,)):
+        raise InputError(
+            "method 'thesis' knows no slip, angle limit or route: leave them out, or use one of "
+            f"{', '.join(m for m in METHODS if m != 'thesis')}"
+        )
     if scope.link_length > line.length:
         raise InputError(
             f"link length is {scope.link_length:g} mm: it must be at most the tract's "
             f"centreline, {line.length:.1f} mm"
         )
-    links = scope.count_links(line.length)
-    introducer = Introducer.at_start(
-        line, bore=max(float(line.radius[0]), scope.radius), along=scope.link_length
-    )
-    motion = move_by_thesis(
-        duct,
-        line,
-        scope=scope,
-        introducer=introducer,
-        links=links,
-        head_step=head_step,
-        progress=progress,
-    )
-    progress("check", 0.0)
-    clearance, worst = measure_body(duct, motion.joints, scope=scope, introducer=introducer)
-    progress("check", 1.0)
-    measures = measure_plan(
-        motion.joints, motion.head_arc_length, clearance, line=line, worst=worst
-    )
-    return Plan(
-        joints=motion.joints,
-        head_arc_length=motion.head_arc_length,
-        clearance=clearance,
-        path=line.points,
-        path_arc_length=line.arc_length,
-        path_radius=line.radius,
-        method=method,
-        status=motion.status,
-        reason_code=motion.reason_code,
-        reason=motion.reason,
-        meta=_describe(duct, scope, introducer, head_step, measures),
-    )
 
 
 def body_pitch(duct: SampledField) -> float:
@@ -156,6 +225,7 @@ def _describe(
     introducer: Introducer,
     head_step: float,
     measures: dict[str, float],
+    certificate: Certificate,
 ) -> dict[str, Any]:
     from importlib.metadata import version
 
@@ -166,7 +236,17 @@ def _describe(
         "introducer": introducer.describe(),
         "head_step_mm": head_step,
         "wall": duct.wall,
-        "certified": False,
+        "certified": certificate.certified,
+        "certificate": {
+            "clearance_mm": _finite(certificate.clearance),
+            "found_mm": _finite(certificate.found),
+            "step": certificate.step,
+            "link": certificate.link,
+            "place_mm": [float(v) for v in certificate.place],
+            "resolved": certificate.resolved,
+            "evaluations": certificate.evaluations,
+            "wall": certificate.wall,
+        },
         "field": {
             "spacing_mm": [float(h) for h in duct.spacing],
             "nodes": list(duct.values.shape),
@@ -183,3 +263,7 @@ def _describe(
             **{name: version(name) for name in ("numpy", "scipy", "numba")},
         },
     }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..duct.centreline import Centreline
 from ..duct.field import SampledField
+from ..errors import InputError
 
 __all__ = ["Introducer"]
 
@@ -42,14 +44,33 @@ class Introducer:
         chord = line.points[0] - line.points[:stop].mean(axis=0)
         return cls(entry=line.points[0], outward=chord / np.linalg.norm(chord), bore=bore)
 
+    @classmethod
+    def from_description(cls, description: Mapping[str, Any]) -> Introducer:
+        """Read an introducer from the JSON-able values that `describe` gives.
+
+        Raises
+        ------
+        InputError
+            If a value is missing or has the wrong form.
+        """
+        try:
+            return cls(
+                entry=np.asarray(description["entry_mm"], dtype=np.float64),
+                outward=np.asarray(description["outward"], dtype=np.float64),
+                bore=float(description["bore_mm"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"not an introducer: {description!r} ({error})") from None
+
     def place_chain(self, joints: int, length: float) -> NDArray[np.float64]:
         """Return the straight chain (joints, 3) whose head stands at the entry."""
         return self.entry + np.arange(joints)[:, None] * length * self.outward
 
     def pack(self, field: SampledField) -> NDArray[np.float64]:
         """Return entry, direction and bore in the field's own frame, for the kernels: (7,)."""
-        outward = self.outward @ field.rotation
-        return np.concatenate([field.to_grid(self.entry), outward, [self.bore]])
+        entry = field.to_grid(self.entry)
+        outward = field.to_grid(self.entry + self.outward) - entry
+        return np.concatenate([entry, outward, [self.bore]])
 
     def describe(self) -> dict[str, Any]:
         """Return the introducer as JSON-able values."""

@@ -10,7 +10,6 @@ jump remains the motion stops there and says so, instead of jumping (the lock of
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,7 @@ from ..duct.centreline import Centreline
 from ..duct.field import SampledField
 from ..progress import Progress, no_progress
 from .introducer import Introducer
+from .refusal import floor_mm
 from .scope import Scope
 
 __all__ = ["Motion", "move_by_thesis"]
@@ -109,11 +109,6 @@ def move_by_thesis(
         reason_code=reason_code,
         reason=reason,
     )
-
-
-def floor_mm(value: float) -> str:
-    """Write a length rounded down, so that what is offered never reads like what is needed."""
-    return f"{math.floor(100.0 * value) / 100.0:.2f}"
 
 
 def _explain(

@@ -1,0 +1,213 @@
+"""When the goal is out of reach: say why, find what would fit, and go as far as it goes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..duct.centreline import find_roomy_path
+from ..duct.field import SampledField
+from .passage import find_passage
+from .refusal import Refusal, floor_mm
+from .shape import continue_length, measure_folds, shape_path
+
+if TYPE_CHECKING:
+    from .tube import Job, TubeMotion
+
+__all__ = ["explain_stop", "find_prefix"]
+
+def explain_stop(job: Job) -> Refusal:
+    """Say why the goal was not reached, after every attempt at the whole way has failed."""
+    from .tube import MARGINS
+
+    radius, duct, line = job.scope.radius, job.duct, job.line
+    goal = float(job.bound[-1])
+    passage = None
+    if isinstance(duct, SampledField):
+        passage = find_passage(duct, line.points[0], line.points[-1])
+        at = _locate(job, passage.place)
+        near_goal = line.length - at <= max(job.scope.diameter, 3.0)
+        if passage.bound < radius and not (near_goal and goal < radius):
+            return _no_passage(job, at, passage.bound)
+    slack = MARGINS[-1]
+    if goal < radius + slack:
+        return Refusal(
+            code="GOAL_CLEARANCE",
+            at=line.length,
+            needs=radius + slack,
+            offers=goal,
+            what=f"does not fit at the goal, {line.length:.1f} mm: needs {radius + slack:.2f} mm "
+            f"from the wall, the lumen offers {floor_mm(goal)} mm there",
+            diameter_max=2.0 * (goal - slack),
+            inflate=radius + slack - goal,
+        )
+    if job.find_base(radius + slack) is None:
+        at = float(line.arc_length[int(np.argmin(job.bound))])
+        if passage is not None:
+            at = _locate(job, passage.place)
+            return _no_path(job, at, passage.level, passage.bound)
+        return _no_path(job, at, float(job.bound.min()), float(job.bound.min()))
+    if job.fold is not None:
+        folds = measure_folds(job.fold, job.scope.link_length)
+        at = _locate(job, duct.to_world(job.fold.points[int(np.argmin(folds))]))
+        refusal = Refusal(
+            code="FOLD",
+            at=at,
+            needs=radius,
+            offers=job.fold.room,
+            what=f"links of {job.scope.link_length:g} mm would fold back in the bend at "
+            f"{at:.1f} mm",
+        )
+    elif job.failed is not None:
+        nearest = int(np.argmin(np.abs(job.failed.arc_length - job.failed.tightest)))
+        at = _locate(job, duct.to_world(job.failed.points[nearest]))
+        local = float(np.interp(at, line.arc_length, job.bound))
+        refusal = Refusal(
+            code="LINK_TOO_LONG",
+            at=at,
+            needs=radius,
+            offers=job.failed.room,
+            what=f"links of {job.scope.link_length:g} mm do not fit at {at:.1f} mm (inscribed "
+            f"radius {floor_mm(local)} mm): they need {radius:.2f} mm from the wall, the best "
+            f"path found leaves {floor_mm(job.failed.room)} mm",
+        )
+    else:
+        return _unresolved(job)
+    return _advise(job, refusal)
+
+
+def find_prefix(job: Job, refusal: Refusal) -> TubeMotion:
+    """Go as far as it certifiably goes, by bisection over the centreline's arc length."""
+    from .tube import MARGINS
+
+    room = job.scope.radius + MARGINS[-1]
+    low, high = 0.0, min(job.line.length, _find_reach(job, room))
+    best = None
+    arc = high
+    while high - low >= 2.0:
+        base = _cut_base(job, arc, room)
+        motion = None if base is None else job.try_path(base, MARGINS[-1])
+        if motion is None:
+            high = arc
+        else:
+            best, low = motion, arc
+        arc = 0.5 * (low + high)
+    if best is None:
+        return job.stand_still(refusal)
+    return replace(best, refusal=best.refusal or refusal)
+
+
+def _find_reach(job: Job, room: float) -> float:
+    """Arc length of the last point of the centreline that may be reached with `room`."""
+    fits = job.bound >= room
+    if not isinstance(job.duct, SampledField):
+        short = np.flatnonzero(~fits)
+        return float(job.line.arc_length[max(int(short[0]) - 1, 0)]) if len(short) else job.line.length
+    from scipy import ndimage
+
+    duct = job.duct
+    free = (duct.inflation - duct.values >= room) & (duct.values < 0.0)
+    blocks, _ = ndimage.label(free, structure=np.ones((3, 3, 3)))
+    nodes = np.rint(duct.to_grid(job.line.points) / duct.spacing).astype(int)
+    nodes = np.clip(nodes, 0, np.array(duct.values.shape) - 1)
+    marks = blocks[tuple(nodes.T)]
+    if marks[0] == 0:
+        return 0.0
+    reached = np.flatnonzero((marks == marks[0]) & fits)
+    return float(job.line.arc_length[int(reached[-1])]) if len(reached) else 0.0
+
+
+def _cut_base(job: Job, arc: float, room: float) -> NDArray[np.float64] | None:
+    base = job.cut_line(arc)
+    bound = job.bound[: len(base)]
+    if len(base) < 3 or bound[-1] < room or bound[0] < room:
+        return None
+    if bound.min() >= room or not isinstance(job.duct, SampledField):
+        return base if bound.min() >= room else None
+    return find_roomy_path(job.duct, base[0], base[-1], room=room)
+
+
+def _locate(job: Job, place: NDArray[np.float64]) -> float:
+    gaps = np.linalg.norm(job.line.points - place, axis=1)
+    return float(job.line.arc_length[int(np.argmin(gaps))])
+
+
+def _no_passage(job: Job, at: float, bound: float) -> Refusal:
+    radius = job.scope.radius
+    return Refusal(
+        code="NO_PASSAGE",
+        at=at,
+        needs=radius,
+        offers=bound,
+        what=f"does not fit at {at:.1f} mm: needs {radius:.2f} mm from the wall, no way through "
+        f"has more than {floor_mm(bound)} mm (proved)",
+        diameter_max=2.0 * bound,
+        inflate=radius - bound,
+    )
+
+
+def _no_path(job: Job, at: float, level: float, bound: float) -> Refusal:
+    from .tube import MARGINS
+
+    radius = job.scope.radius + MARGINS[-1]
+    local = float(np.interp(at, job.line.arc_length, job.bound))
+    return Refusal(
+        code="LINK_TOO_LONG",
+        at=at,
+        needs=radius,
+        offers=level,
+        what=f"no way with {radius:.2f} mm from the wall was found at {at:.1f} mm for links of any "
+        f"length: the widest found has {floor_mm(max(level, local))} mm, none has more than "
+        f"{floor_mm(bound)} mm",
+        diameter_max=2.0 * (level - MARGINS[-1]),
+        inflate=radius - level,
+    )
+
+
+def _unresolved(job: Job) -> Refusal:
+    certificate = job.unresolved
+    proved = float("nan") if certificate is None else certificate.clearance
+    at = 0.0 if certificate is None else _locate(job, certificate.place)
+    return Refusal(
+        code="CERTIFICATE_UNRESOLVED",
+        at=at,
+        needs=job.scope.radius,
+        offers=job.scope.radius + min(proved, 0.0),
+        what=f"a motion was found, but near {at:.1f} mm its clearance could not be proved "
+        f"(bound {proved:.2f} mm): use a smaller --voxel",
+    )
+
+
+def _advise(job: Job, refusal: Refusal) -> Refusal:
+    """Fill in the longest link and the largest diameter for which the whole way was shaped."""
+    from .tube import MARGINS
+
+    margin = MARGINS[-1]
+    base = job.find_base(job.scope.radius + margin)
+    if base is None:
+        return refusal
+    path = np.ascontiguousarray(job.duct.to_grid(base))
+    low, high = 0.0, job.scope.radius
+    while high - low > 0.1:
+        middle = 0.5 * (low + high)
+        shaped = shape_path(
+            job.data,
+            job.intro,
+            path,
+            length=job.scope.link_length,
+            room=middle + margin,
+            lead=job.lead,
+        )
+        if shaped.clear:
+            low = middle
+        else:
+            high = middle
+    link = job.largest_link
+    return refusal.advise(
+        link_max=link if link > 0.0 else None,
+        diameter_max=2.0 * low if low > 0.0 else None,
+        inflate=job.scope.radius - low if low > 0.0 else None,
+    )
