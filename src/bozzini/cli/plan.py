@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["command", "describe_result"]
 
+ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
+"""What ``--route`` means: fractions of the way that the head goes to in turn."""
+
 
 class EndType(click.ParamType):  # type: ignore[type-arg]
     """An end of the centreline: ``x,y,z`` with units, or the number of a label."""
@@ -90,10 +93,36 @@ class EndType(click.ParamType):  # type: ignore[type-arg]
 )
 @click.option(
     "--method",
-    default="thesis",
+    default="tube",
     show_default=True,
-    help="The planner: thesis.",
+    help="The planner: tube (whole body, proved), follow (the leader), thesis (joints only).",
 )
+@click.option(
+    "--slip",
+    type=QuantityType("dimensionless"),
+    default="0",
+    show_default=True,
+    help="0: tails are pulled; 1: they move like the head (thesis App. C).",
+)
+@click.option(
+    "--angle-limit", type=QuantityType("angle"), help="Largest angle between links, e.g. 45deg."
+)
+@click.option(
+    "--route",
+    type=click.Choice(["in", "in-out", "in-out-in"]),
+    default="in",
+    show_default=True,
+    help="Advance only, or also retract, or go in again.",
+)
+@click.option(
+    "--soft-wall",
+    type=QuantityType("length"),
+    default="0mm",
+    show_default=True,
+    help="The body may displace the wall by up to this; the report says where.",
+)
+@click.option("--largest", is_flag=True, help="Also find the largest diameter and longest link.")
+@click.option("--compare", is_flag=True, help="Also plan by the other methods, side by side.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -118,6 +147,12 @@ def command(
     length: float | None,
     head_step: float,
     method: str,
+    slip: float,
+    angle_limit: float | None,
+    route: str,
+    soft_wall: float,
+    largest: bool,
+    compare: bool,
     out: Path,
     force: bool,
     as_json: bool,
@@ -152,6 +187,12 @@ def command(
             inflate=inflate,
             method=method,
             head_step=head_step,
+            slip=slip,
+            angle_limit=angle_limit,
+            route=ROUTES[route],
+            soft_wall=soft_wall,
+            largest=largest,
+            compare=compare,
             inputs=_describe_input(source, labels, unit, voxel),
             seconds=seconds,
             progress=progress,
@@ -181,10 +222,24 @@ def describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) -
     verdict = judge_plan(study.plan, summary, error=summary["clearance_error_mm"])
     lines = [f"{item.severity}: {item.message}" for item in study.tract.findings]
     lines += [f"{verdict.label}. {verdict.sentence}"]
-    if not summary["certified"]:
+    if not summary["certified"] and summary["clearance_min_mm"] is not None:
         lines.append(
             f"Clearance is estimated to within {summary['clearance_error_mm']:.2f} mm of the "
-            f"{summary['wall']}; it is not certified."
+            f"{summary['wall']}; it is not proved."
+        )
+    if study.largest is not None:
+        found = study.largest
+        lines.append(
+            f"Largest found: diameter {found.diameter:.2f} mm with links of "
+            f"{found.link_tested:g} mm; links of {found.link:.2f} mm at diameter "
+            f"{found.diameter_tested:g} mm."
+        )
+    for item in summary.get("comparison", ()):
+        proved = item["clearance_certified_mm"]
+        lines.append(
+            f"  {item['method']:<7}{item['status']:<9} at {item['inserted_mm']:6.1f} mm, clearance "
+            f"{'-' if proved is None else f'{proved:.2f} mm'} proved, joints move up to "
+            f"{item['joint_step_ratio_max']:.2f} x head"
         )
     lines.append(f"Report: {out / 'report.html'}")
     lines.append(f"Animated scene: {out / 'scene.glb'} (Blender, any glTF viewer)")

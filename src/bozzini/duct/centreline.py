@@ -102,9 +102,9 @@ def find_centreline(
     start_nodes = graph.locate("start", ends[0], regions[0])
     end_nodes = graph.locate("end", ends[1], regions[1])
     start, goal = _choose_ends(graph, start_nodes, end_nodes)
-    progress("centreline", 0.4)
+    progress("centreline", 0.6)
     nodes = graph.find_path(start, goal)
-    progress("centreline", 0.7)
+    progress("centreline", 0.8)
     points = nodes * field.spacing
     fixed = (ends[0] is not None, ends[1] is not None)
     for position, end in ((0, ends[0]), (-1, ends[1])):
@@ -157,7 +157,7 @@ def find_roomy_path(
             return None
         gaps = np.linalg.norm(block + low - node, axis=1)
         nodes.append(block[int(np.argmin(gaps))] + low)
-    mcp, costs = graph._search(nodes[0])
+    mcp, costs = graph.search(nodes[0])
     target = tuple(int(v) for v in nodes[1])
     if not np.isfinite(costs[target]):
         return None
@@ -175,6 +175,7 @@ class _Graph:
         self.field = field.inflate(-field.inflation)
         self.room = -self.field.values
         self.inside = self.room > 0.0
+        self._last: tuple[tuple[int, ...], Any, NDArray[np.float64]] | None = None
         floor = 0.25 * float(self.field.spacing.min())
         self.cost = np.where(
             self.inside, (np.maximum(self.room, floor) / 10.0) ** -COST_POWER, -1.0
@@ -215,13 +216,27 @@ class _Graph:
         gaps = np.linalg.norm((candidates - node) * self.field.spacing, axis=1)
         return np.asarray(candidates[int(np.argmin(gaps))])
 
-    def _search(self, source: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
-        """Minimum-cost paths from a node to all others: the search, and the costs."""
+    def search(self, source: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
+        """Minimum-cost paths from a node to all others: the search, and the costs.
+
+        The last one is kept: settling the ends and the path itself often ask for the same.
+        """
         from skimage.graph import MCP_Geometric
 
-        mcp = MCP_Geometric(self.cost, sampling=tuple(self.field.spacing), fully_connected=True)
-        costs = np.asarray(mcp.find_costs([tuple(int(v) for v in source)])[0])
-        return mcp, costs
+        key = tuple(int(v) for v in source)
+        if self._last is None or self._last[0] != key:
+            step = tuple(self.field.spacing)
+            mcp = MCP_Geometric(self.cost, sampling=step, fully_connected=True)
+            self._last = (key, mcp, np.asarray(mcp.find_costs([key])[0]))
+        return self._last[1], self._last[2]
+
+    def measure_taut(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Length of the shortest way from a node to every node [mm]; infinite outside."""
+        from skimage.graph import MCP_Geometric
+
+        cost = np.where(self.inside, 1.0, -1.0)
+        mcp = MCP_Geometric(cost, sampling=tuple(self.field.spacing), fully_connected=True)
+        return np.asarray(mcp.find_costs([tuple(int(v) for v in source)])[0])
 
     def farthest(
         self, source: NDArray[np.int64], among: NDArray[np.int64] | None
@@ -232,11 +247,7 @@ class _Graph:
         may call a pouch the far end. So the tips, the places of locally longest taut way, are
         compared by the length of their middle way.
         """
-        from skimage.graph import MCP_Geometric
-
-        step = tuple(self.field.spacing)
-        mcp = MCP_Geometric(np.where(self.inside, 1.0, -1.0), sampling=step, fully_connected=True)
-        taut = np.asarray(mcp.find_costs([tuple(int(v) for v in source)])[0])
+        taut = self.measure_taut(source)
         reachable = np.isfinite(taut)
         if among is not None:
             allowed = np.zeros_like(reachable)
@@ -245,7 +256,7 @@ class _Graph:
         if not reachable.any():
             raise GeometryError("start and end are not connected inside the lumen at this grid")
         tips = self._find_tips(np.where(reachable, taut, -1.0))
-        search, _ = self._search(source)
+        search, _ = self.search(source)
         lengths = []
         for tip in tips:
             path = np.array(search.traceback(tuple(int(v) for v in tip))) * self.field.spacing
@@ -272,7 +283,9 @@ class _Graph:
 
     def find_path(self, start: NDArray[np.int64], goal: NDArray[np.int64]) -> NDArray[np.int64]:
         """Minimum-cost path (n, 3) of nodes that keeps to the middle."""
-        mcp, costs = self._search(start)
+        if self._last is not None and self._last[0] == tuple(int(v) for v in goal):
+            return self.find_path(goal, start)[::-1]
+        mcp, costs = self.search(start)
         target = tuple(int(v) for v in goal)
         if not np.isfinite(costs[target]):
             raise GeometryError(
@@ -300,7 +313,12 @@ def _choose_ends(
     if goal is not None and len(goal) == 1:
         return graph.farthest(goal[0], start), goal[0]
     deepest = np.array(np.unravel_index(int(np.argmax(graph.room)), graph.room.shape))
-    first = graph.farthest(deepest, start)
+    taut = graph.measure_taut(deepest)
+    if start is None:
+        taut[~np.isfinite(taut)] = -1.0
+        first = np.array(np.unravel_index(int(np.argmax(taut)), taut.shape))
+    else:
+        first = graph.farthest(deepest, start)
     second = graph.farthest(first, goal)
     return graph.farthest(second, start), second
 

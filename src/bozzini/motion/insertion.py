@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import platform
 from collections.abc import Sequence
 from typing import Any
@@ -20,7 +21,7 @@ from .measures import measure_plan
 from .plan import Plan
 from .scope import Scope
 from .thesis import move_by_thesis
-from .tube import TubeOptions, plan_in_tube
+from .tube import TubeMotion, TubeOptions, plan_in_tube
 
 __all__ = ["METHODS", "plan_insertion"]
 
@@ -83,7 +84,7 @@ def plan_insertion(
     bore = max(float(duct.clearance_bound(line.points[0])), scope.radius)
     introducer = Introducer.at_start(line, bore=bore, along=scope.link_length)
     if method == "thesis":
-        motion = move_by_thesis(
+        thesis = move_by_thesis(
             duct,
             line,
             scope=scope,
@@ -94,12 +95,17 @@ def plan_insertion(
         )
         progress("certify", 0.0)
         certificate = certify_motion(
-            motion.joints, duct, radius=scope.radius, introducer=introducer
+            thesis.joints, duct, radius=scope.radius, introducer=introducer
         )
-        path, refusal = line.points, None
-        outcome = (motion.status, motion.reason_code, motion.reason)
+        planned = TubeMotion(
+            joints=thesis.joints,
+            head_arc_length=thesis.head_arc_length,
+            path=line.points,
+            certificate=certificate,
+        )
+        outcome = (thesis.status, thesis.reason_code, thesis.reason)
     else:
-        motion = plan_in_tube(
+        planned = plan_in_tube(
             duct,
             line,
             scope=scope,
@@ -114,16 +120,53 @@ def plan_insertion(
             ),
             progress=progress,
         )
-        certificate, path, refusal = motion.certificate, motion.path, motion.refusal
+        outcome = None
+    options = {"slip": slip, "angle_limit_rad": angle_limit, "route": [float(v) for v in route]}
+    plan = finish_plan(
+        duct,
+        planned,
+        line=line,
+        scope=scope,
+        introducer=introducer,
+        method=method,
+        head_step=head_step,
+        options=options,
+        outcome=outcome,
+    )
+    progress("certify", 1.0)
+    return plan
+
+
+def finish_plan(
+    duct: SampledField,
+    motion: TubeMotion,
+    *,
+    line: Centreline,
+    scope: Scope,
+    introducer: Introducer,
+    method: str,
+    head_step: float,
+    options: dict[str, Any],
+    outcome: tuple[str, str, str] | None = None,
+) -> Plan:
+    """Measure a motion and put it, with all it was made from, into a plan.
+
+    Parameters
+    ----------
+    outcome : (str, str, str), optional
+        Status, reason code and reason; by default what the motion's refusal says.
+    """
+    refusal, path = motion.refusal, motion.path
+    if outcome is None:
         outcome = ("complete", "", "")
         if refusal is not None:
             outcome = ("stopped", refusal.code, refusal.reason)
     clearance, worst = measure_body(duct, motion.joints, scope=scope, introducer=introducer)
-    progress("certify", 1.0)
     measures = measure_plan(
         motion.joints, motion.head_arc_length, clearance, line=line, worst=worst
     )
-    meta = _describe(duct, scope, introducer, head_step, measures, certificate)
+    meta = _describe(duct, scope, introducer, head_step, measures, motion.certificate)
+    meta["options"] = options
     if refusal is not None:
         meta["refusal"] = refusal.describe()
     return Plan(
@@ -227,10 +270,6 @@ def _describe(
     measures: dict[str, float],
     certificate: Certificate,
 ) -> dict[str, Any]:
-    from importlib.metadata import version
-
-    from .. import __version__ as bozzini_version
-
     return {
         "scope": {"diameter_mm": scope.diameter, "link_length_mm": scope.link_length},
         "introducer": introducer.describe(),
@@ -257,12 +296,21 @@ def _describe(
             "clearance_error_mm": duct.error + 0.5 * body_pitch(duct),
         },
         "measures": measures,
-        "versions": {
-            "bozzini": bozzini_version,
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "scipy", "numba")},
-        },
+        "versions": dict(_list_versions()),
     }
+
+
+@functools.cache
+def _list_versions() -> tuple[tuple[str, str], ...]:
+    from importlib.metadata import version
+
+    from .. import __version__ as bozzini_version
+
+    return (
+        ("bozzini", bozzini_version),
+        ("python", platform.python_version()),
+        *((name, version(name)) for name in ("numpy", "scipy", "numba")),
+    )
 
 
 def _finite(value: float) -> float | None:

@@ -31,7 +31,7 @@ def explain_stop(job: Job) -> Refusal:
         at = _locate(job, passage.place)
         near_goal = line.length - at <= max(job.scope.diameter, 3.0)
         if passage.bound < radius and not (near_goal and goal < radius):
-            return _no_passage(job, at, passage.bound)
+            return _no_passage(job, at, passage.level, passage.bound)
     slack = MARGINS[-1]
     if goal < radius + slack:
         return Refusal(
@@ -135,7 +135,9 @@ def _locate(job: Job, place: NDArray[np.float64]) -> float:
     return float(job.line.arc_length[int(np.argmin(gaps))])
 
 
-def _no_passage(job: Job, at: float, bound: float) -> Refusal:
+def _no_passage(job: Job, at: float, level: float, bound: float) -> Refusal:
+    from .tube import MARGINS
+
     radius = job.scope.radius
     return Refusal(
         code="NO_PASSAGE",
@@ -144,8 +146,8 @@ def _no_passage(job: Job, at: float, bound: float) -> Refusal:
         offers=bound,
         what=f"does not fit at {at:.1f} mm: needs {radius:.2f} mm from the wall, no way through "
         f"has more than {floor_mm(bound)} mm (proved)",
-        diameter_max=2.0 * bound,
-        inflate=radius - bound,
+        diameter_max=2.0 * (level - MARGINS[-1]),
+        inflate=radius + MARGINS[-1] - level,
     )
 
 

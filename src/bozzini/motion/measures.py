@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..duct.centreline import Centreline
 
-__all__ = ["measure_angles", "measure_plan"]
+if TYPE_CHECKING:
+    from .plan import Plan
+
+__all__ = ["measure_angles", "measure_displacement", "measure_plan"]
 
 
 def measure_angles(joints: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -58,3 +63,45 @@ def measure_plan(
         "clearance_where_mm": float(line.arc_length[near]),
         "clearance_insertion_mm": float(head_arc_length[step]),
     }
+
+
+def measure_displacement(plan: Plan) -> dict[str, float]:
+    """Compare how far the joints travel with two motions on the same head path.
+
+    Returns
+    -------
+    dict
+        ``tractrix``: total joint displacement over that of a free chain pulled along the path
+        (thesis eq. 5.13), which no wall holds back; ``follow``: over that of a chain whose joints
+        all stay on the path. 1 where nothing moves.
+
+    Raises
+    ------
+    InputError
+        If the plan's `meta` lacks the introducer or the scope.
+    """
+    from ._measure_kernels import total_travel, tractrix_travel
+    from ._tube_kernels import move_in_tube
+    from .introducer import Introducer
+
+    introducer = Introducer.from_description(plan.meta["introducer"])
+    length = float(plan.meta["scope"]["link_length_mm"])
+    heads = plan.head_arc_length
+    own = float(total_travel(np.ascontiguousarray(plan.joints)))
+    if own == 0.0:
+        return {"tractrix": 1.0, "follow": 1.0}
+    dim = plan.path.shape[1]
+    path = np.pad(plan.path, ((0, 0), (0, 3 - dim)))
+    outward = np.pad(introducer.outward, (0, 3 - dim))
+    back = np.arange(plan.links + 1) * length
+    chain = path[0] + back[:, None] * outward
+    lead = np.arange(back[-1] + 2.0 * length, 0.0, -1.0)
+    points = np.concatenate([path[0] + lead[:, None] * outward, path])
+    arc = np.concatenate([-lead, plan.path_arc_length])
+    joints = np.empty((len(heads), plan.links + 1, 3))
+    move_in_tube(
+        points, arc, np.zeros(len(arc)), heads, length, 0.0, 0.0, 0.0, chain.copy(), -back, joints
+    )
+    follow = float(total_travel(joints))
+    free = float(tractrix_travel(joints[:, 0].copy(), chain, length))
+    return {"tractrix": own / free, "follow": own / follow}

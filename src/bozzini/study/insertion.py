@@ -15,10 +15,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..anatomy.tract import LabelTract, SurfaceTract
+from ..checks import check_number
 from ..duct import Centreline, SampledField, build_field, find_centreline
 from ..errors import InputError
 from ..files import new_directory, write_text
-from ..motion import Plan, Scope, plan_insertion
+from ..motion import (
+    METHODS,
+    Largest,
+    Passage,
+    Plan,
+    Scope,
+    find_largest,
+    find_passage,
+    plan_insertion,
+    plan_with_soft_wall,
+)
 from ..progress import Progress, no_progress
 
 __all__ = ["InsertionStudy", "run_insertion"]
@@ -42,6 +53,12 @@ class InsertionStudy:
         The motion.
     seconds : dict
         Wall-clock time by stage [s].
+    passage : Passage, optional
+        The widest way through.
+    largest : Largest, optional
+        The largest scope that fits, if it was asked for.
+    comparison : tuple of Plan
+        Plans of every method, if they were asked for.
     """
 
     tract: LabelTract | SurfaceTract
@@ -49,50 +66,36 @@ class InsertionStudy:
     line: Centreline
     plan: Plan
     seconds: dict[str, float]
+    passage: Passage | None = None
+    largest: Largest | None = None
+    comparison: tuple[Plan, ...] = ()
 
     @property
     def fits(self) -> bool:
-        """Whether the scope reaches the end and its body stays inside the wall."""
-        return self.plan.status == "complete" and self.plan.clearance_min >= 0.0
+        """Whether the scope reaches the end, and it is proved that it keeps off the wall."""
+        return self.plan.status == "complete" and bool(self.plan.meta["certified"])
 
     def summarise(self) -> dict[str, Any]:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
-        plan, measures, field = self.plan, self.plan.meta["measures"], self.field
-        stopped = plan.status == "stopped"
-        inside = np.isfinite(plan.clearance).any()
-        return {
-            "method": plan.method,
-            "status": plan.status,
-            "reason": plan.reason,
-            "reason_code": plan.reason_code,
-            "fits": self.fits,
-            "certified": bool(plan.meta["certified"]),
-            "stopped_at_mm": plan.inserted if stopped else None,
-            "centreline_length_mm": self.line.length,
-            "inserted_mm": plan.inserted,
-            "steps": plan.steps,
-            "links": plan.links,
-            "clearance_min_mm": measures["clearance_min_mm"] if inside else None,
-            "clearance_where_mm": measures["clearance_where_mm"] if inside else None,
-            "clearance_insertion_mm": measures["clearance_insertion_mm"] if inside else None,
-            "clearance_error_mm": plan.meta["field"]["clearance_error_mm"],
-            "joint_step_max_mm": measures["joint_step_max_mm"],
-            "head_step_mm": plan.meta["head_step_mm"],
-            "joint_angle_max_rad": measures["joint_angle_max_rad"],
-            "radius_min_mm": float(self.line.radius.min()),
-            "radius_min_where_mm": float(self.line.arc_length[int(np.argmin(self.line.radius))]),
-            "wall": field.wall,
-            "wall_error_mm": field.wall_error,
-            "voxel_mm": [float(h) for h in field.spacing],
-            "inflation_mm": field.inflation,
-            "scope": plan.meta["scope"],
-            "input": plan.meta["input"],
-            "findings": [
-                {"code": item.code, "severity": item.severity, "message": item.message}
-                for item in self.tract.findings
-            ],
-            "seconds": {key: round(value, 4) for key, value in self.seconds.items()},
-        }
+        from .summary import summarise_plan
+
+        summary = summarise_plan(self.plan, self.field, self.line)
+        summary["fits"] = self.fits
+        if self.passage is not None:
+            summary["passage_mm"] = self.passage.bound
+            summary["passage_found_mm"] = max(self.passage.level, 0.0)
+        if self.largest is not None:
+            summary["largest"] = self.largest.describe()
+        if self.comparison:
+            summary["comparison"] = [
+                summarise_plan(plan, self.field, self.line) for plan in self.comparison
+            ]
+        summary["findings"] = [
+            {"code": item.code, "severity": item.severity, "message": item.message}
+            for item in self.tract.findings
+        ]
+        summary["seconds"] = {key: round(value, 4) for key, value in self.seconds.items()}
+        return summary
 
     def write(
         self,
@@ -120,6 +123,8 @@ class InsertionStudy:
         with new_directory(directory, force=force) as folder:
             progress("report", 0.0)
             self.plan.save(folder / "plan.npz")
+            for other in self.comparison:
+                other.save(folder / f"plan-{other.method}.npz")
             progress("report", 0.2)
             with _clock(self.seconds, "scene"):
                 write_scene(
@@ -139,6 +144,7 @@ class InsertionStudy:
                     field=self.field,
                     summary=self.summarise(),
                     findings=self.tract.findings,
+                    comparison=self.comparison,
                 )
             progress("report", 1.0)
             self.seconds["total"] = sum(v for k, v in self.seconds.items() if k != "total")
@@ -168,8 +174,14 @@ def run_insertion(
     reverse: bool = False,
     voxel: float | None = None,
     inflate: float = 0.0,
-    method: str = "thesis",
+    method: str = "tube",
     head_step: float = 0.25,
+    slip: float = 0.0,
+    angle_limit: float | None = None,
+    route: Sequence[float] = (1.0,),
+    soft_wall: float = 0.0,
+    largest: bool = False,
+    compare: bool = False,
     inputs: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
     progress: Progress = no_progress,
@@ -188,8 +200,14 @@ def run_insertion(
         Insert from the other end.
     voxel, inflate : float
         See `bozzini.duct.build_field`.
-    method, head_step
+    method, head_step, slip, angle_limit, route
         See `bozzini.motion.plan_insertion`.
+    soft_wall : float
+        See `bozzini.motion.plan_with_soft_wall` [mm].
+    largest : bool
+        Also find the largest diameter and the longest link that fit.
+    compare : bool
+        Also plan by every other method, for comparison.
     inputs : mapping, optional
         What the tract was read from, kept in the plan.
     seconds : mapping, optional
@@ -209,10 +227,38 @@ def run_insertion(
         line = find_centreline(field, points, regions=regions, progress=progress)
         if reverse:
             line = line.reverse()
+    check_number("soft wall", soft_wall, low=0.0, high=100.0, unit="mm")
+    options: dict[str, Any] = {
+        "head_step": head_step,
+        "slip": slip,
+        "angle_limit": angle_limit,
+        "route": tuple(route),
+    }
     with _clock(times, "plan"):
-        plan = plan_insertion(
-            field, line, scope=scope, method=method, head_step=head_step, progress=progress
+        plan = plan_with_soft_wall(
+            field,
+            line,
+            scope=scope,
+            soft_wall=soft_wall,
+            method=method,
+            progress=progress,
+            **options,
         )
+    with _clock(times, "passage"):
+        passage = find_passage(field, line.points[0], line.points[-1])
+    found = None
+    if largest:
+        with _clock(times, "largest"):
+            found = find_largest(field, line, scope=scope, progress=progress)
+    comparison: list[Plan] = []
+    if compare:
+        with _clock(times, "compare"):
+            for other in METHODS:
+                plain = {"head_step": head_step} if other == "thesis" else options
+                comparison.append(
+                    plan_insertion(field, line, scope=scope, method=other, **plain)
+                )
+                progress("compare", len(comparison) / len(METHODS))
     given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
     for name, chosen in (("start", start), ("end", end)):
         if chosen is not None:
@@ -221,9 +267,21 @@ def run_insertion(
         **plan.meta,
         "input": given,
         "findings": [f"{item.severity}: {item.message}" for item in tract.findings],
+        "centreline": {
+            "points_mm": np.round(line.points, 3).tolist(),
+            "arc_length_mm": np.round(line.arc_length, 3).tolist(),
+            "radius_mm": np.round(line.radius, 3).tolist(),
+        },
     }
     return InsertionStudy(
-        tract=tract, field=field, line=line, plan=replace(plan, meta=meta), seconds=times
+        tract=tract,
+        field=field,
+        line=line,
+        plan=replace(plan, meta=meta),
+        seconds=times,
+        passage=passage,
+        largest=found,
+        comparison=tuple(comparison),
     )
 
 
