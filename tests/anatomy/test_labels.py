@@ -126,6 +126,15 @@ def test_a_cavity_open_only_through_a_corner_is_no_cavity():
     assert "cavities" not in codes(tract_from_labels(block, np.eye(4)))
 
 
+def test_a_ring_closed_only_along_an_edge_has_no_handle():
+    ring = np.zeros((14, 14, 14), dtype=np.uint8)
+    ring[2:12, 2:12, 2:12] = 1
+    ring[3:11, 3:11, :] = 0
+    assert "1 handle " in codes(tract_from_labels(ring, np.eye(4)))["handles"].message
+    ring[2, 2, :] = 0  # its neighbours now meet along an edge
+    assert "handles" not in codes(tract_from_labels(ring, np.eye(4)))
+
+
 def test_a_lumen_at_the_border_is_said_to_be_cut():
     array = tube()
     array[4:8, 5:9, :3] = 1

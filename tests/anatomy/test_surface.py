@@ -129,7 +129,31 @@ def test_two_balls_that_touch_in_one_corner_touch_themselves():
     tract = tract_from_surface(vertices, faces)
     assert "1 corner(s)" in codes(tract)["self-touching"].message
     assert "handles" not in codes(tract)
-    assert count_fans(tract.faces) == len(tract.vertices) + 1
+    assert count_fans(tract.faces) == (len(tract.vertices) + 1, 2)
+
+
+def test_handles_are_those_of_the_sheets_that_touch():
+    torus = trimesh.creation.torus(major_radius=20.0, minor_radius=5.0)
+    vertices, faces = np.asarray(torus.vertices), np.asarray(torus.faces)
+    order = vertices[faces].mean(axis=1)[:, 0].argsort()
+    # Two tetrahedra that stand with one edge each on an edge of the ring, left and right.
+    for face, side in ((order[-1], 40.0), (order[0], -40.0)):
+        a, b, c, d = *faces[face][:2], len(vertices), len(vertices) + 1
+        vertices = np.concatenate((vertices, [(side, 0.0, 4.0), (side, 0.0, -4.0)]))
+        faces = np.concatenate((faces, [(a, b, c), (a, d, b), (a, c, d), (b, d, c)]))
+    tract = tract_from_surface(vertices, faces)
+    assert "2 edge(s)" in codes(tract)["self-touching"].message
+    assert codes(tract)["handles"].message.startswith("1 handle ")
+
+
+def test_only_the_fewer_triangles_are_turned():
+    vertices, faces = ball()
+    for number in (1, 5):
+        some = faces.copy()
+        some[:number] = some[:number, ::-1]
+        for turned in (some, some[:, ::-1]):
+            said = codes(tract_from_surface(vertices, turned))["faces-turned"].message
+            assert said.startswith(f"{number} triangle(s)")
 
 
 def crossing_reference(vertices, faces):

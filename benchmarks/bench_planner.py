@@ -1,0 +1,165 @@
+"""The certified planner: whole plans, its joint step against SLSQP, and how the cost grows."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.bench_motion import solve_printed
+from benchmarks.ring import LINK, draw_links, make_ring
+from bozzini.duct import Centreline, SampledField, build_field, find_centreline
+from bozzini.duct.centreline import measure_arc_length, resample_polyline
+from bozzini.motion import Introducer, Scope, certify_plan, plan_insertion
+from bozzini.motion.shape import ShapedPath, shape_path
+from bozzini.motion.tube import TubeOptions, move_in_tube, spread_heads
+from tests.shapes import tube_lumen
+
+
+@pytest.fixture(scope="module")
+def long_tube() -> tuple[SampledField, Centreline]:
+    """A metre and a quarter of winding tube, 9 mm wide all round."""
+    x = np.linspace(0.0, 1700.0, 9000)
+    curve = np.stack(
+        [x, 25.0 * np.sin(2.0 * np.pi * x / 160.0), 12.0 * np.sin(1.0 + 2.0 * np.pi * x / 230.0)],
+        axis=1,
+    )
+    curve = resample_polyline(curve[measure_arc_length(curve) <= 1250.0], 4.0)
+    return tube_lumen(curve, 9.0, 2.0)
+
+
+@pytest.fixture(scope="module")
+def human(upper_gi_dir: Any) -> tuple[SampledField, Centreline]:
+    from bozzini.anatomy import read_tract
+
+    field = build_field(read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels=[1, 2, 3]))
+    return field, find_centreline(field)
+
+
+@pytest.mark.parametrize(("diameter", "link"), [(5.5, 8.0), (5.5, 20.0), (6.0, 12.0)])
+def bench_human_plan_with_certificate(
+    benchmark: Any, human: tuple[SampledField, Centreline], diameter: float, link: float
+) -> None:
+    field, line = human
+    scope = Scope(diameter=diameter, link_length=link)
+    plan = benchmark.pedantic(
+        plan_insertion, args=human, kwargs={"scope": scope}, rounds=9, warmup_rounds=1
+    )
+    took = benchmark.stats.stats.median
+    assert plan.status == "complete"
+    assert plan.meta["certified"]
+    benchmark.extra_info.update(
+        what=f"human tract, diameter {diameter:g}, links {link:g} mm: plan with certificate",
+        measured=f"{took * 1e3:.0f} ms ({plan.steps} steps x {plan.links} links)",
+        required="100 ms at most",
+    )
+    assert took <= 0.1
+
+
+def bench_long_plan(benchmark: Any, long_tube: tuple[SampledField, Centreline]) -> None:
+    field, line = long_tube
+    scope = Scope(diameter=8.0, link_length=12.5)
+    plan = benchmark.pedantic(
+        plan_insertion, args=(field, line), kwargs={"scope": scope}, rounds=5, warmup_rounds=1
+    )
+    took = benchmark.stats.stats.median
+    assert plan.status == "complete"
+    assert plan.meta["certified"]
+    assert plan.steps >= 4900
+    assert plan.joints.shape[1] >= 100
+    benchmark.extra_info.update(
+        what=f"{plan.steps} steps x {plan.joints.shape[1]} joints: plan with certificate",
+        measured=f"{took * 1e3:.0f} ms",
+        required="500 ms at most",
+    )
+    assert took <= 0.5
+
+
+def prepare(
+    tube: tuple[SampledField, Centreline], link: float
+) -> tuple[Any, np.ndarray, ShapedPath]:
+    field, line = tube
+    introducer = Introducer.at_start(line, bore=8.0, along=link)
+    intro = introducer.pack(field)
+    path = np.ascontiguousarray(field.to_grid(line.points))
+    shaped = shape_path(field.pack(), intro, path, length=link, room=4.25, lead=2000.0)
+    assert shaped.clear
+    return field.pack(), intro, shaped
+
+
+def bench_joint_step(benchmark: Any, long_tube: tuple[SampledField, Centreline]) -> None:
+    """The tube tractrix alone: its joint step against SLSQP on the printed one."""
+    data, intro, shaped = prepare(long_tube, 12.5)
+    heads = spread_heads(shaped.length, TubeOptions())
+    links = 100
+
+    def move(freedom: float) -> np.ndarray:
+        return move_in_tube(
+            data, intro, shaped, heads, length=12.5, links=links, room=4.25, freedom=freedom
+        )
+
+    move(1.0)
+    # The table is made once per path and would hide the step: follow the leader needs none.
+    benchmark.pedantic(move, args=(0.0,), rounds=9, warmup_rounds=1)
+    ours = benchmark.stats.stats.median / (len(heads) * links)
+    ring = make_ring()
+    ends, olds = draw_links(ring, 60)
+    solve_printed(ring, ends[0], olds[0])
+    took = []
+    for head, old in zip(ends, olds, strict=True):
+        begin = time.perf_counter()
+        solve_printed(ring, head, old)
+        took.append(time.perf_counter() - begin)
+    ratio = float(np.median(took)) / ours
+    benchmark.extra_info.update(
+        what=f"one joint of one step of the tube tractrix; SLSQP on the printed problem, L {LINK:g}",
+        measured=f"{ours * 1e6:.3f} us; {ratio:,.0f} times",
+        required="0.15 us at most; at least 10,000 times",
+        ratio=ratio,
+    )
+    assert ours <= 0.15e-6
+    assert ratio >= 10_000.0
+
+
+def fit_slope(tube: tuple[SampledField, Centreline]) -> float:
+    data, intro, shaped = prepare(tube, 12.5)
+    product, cost = [], []
+    for step, links in ((5.0, 20), (2.0, 30), (1.0, 50), (0.5, 80), (0.25, 100), (0.25, 140)):
+        heads = spread_heads(shaped.length, TubeOptions(head_step=step))
+        best = np.inf
+        for _ in range(5):
+            begin = time.perf_counter()
+            move_in_tube(
+                data, intro, shaped, heads, length=12.5, links=links, room=4.25, freedom=0.0
+            )
+            best = min(best, time.perf_counter() - begin)
+        product.append(len(heads) * links)
+        cost.append(best)
+    assert max(product) >= 100 * min(product)
+    return float(np.polyfit(np.log(product), np.log(cost), 1)[0])
+
+
+def bench_cost_is_linear_in_joints_times_steps(
+    benchmark: Any, long_tube: tuple[SampledField, Centreline]
+) -> None:
+    slope = benchmark.pedantic(fit_slope, args=(long_tube,), rounds=1)
+    benchmark.extra_info.update(
+        what="tube tractrix: exponent of the cost in joints x steps, over two decades",
+        measured=f"{slope:.2f}",
+        required="0.85 to 1.15",
+    )
+    assert 0.85 <= slope <= 1.15
+
+
+def bench_certificate(benchmark: Any, human: tuple[SampledField, Centreline]) -> None:
+    field, line = human
+    plan = plan_insertion(field, line, scope=Scope(diameter=6.0, link_length=12.0))
+    certificate = benchmark.pedantic(certify_plan, args=(plan, field), rounds=9, warmup_rounds=1)
+    took = benchmark.stats.stats.median
+    assert certificate.certified
+    benchmark.extra_info.update(
+        what="the certificate of that plan alone",
+        measured=f"{took * 1e3:.0f} ms, {certificate.evaluations:,} field evaluations",
+    )

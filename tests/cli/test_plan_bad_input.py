@@ -1,0 +1,230 @@
+"""``bozzini plan``: every input that it must refuse, in one clear line, leaving nothing."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.cli.plan_cases import SCOPE, Outcome, Run, Tracts, list_all, write_volume
+
+NOTES = b"These are my notes.\n" * 20
+
+
+@dataclass(frozen=True)
+class Bad:
+    """A command line that must be refused: how it is made, and words that the line must hold."""
+
+    name: str
+    make: Callable[[Tracts, Path], list[str | Path]]
+    words: tuple[str, ...]
+
+
+def put(content: bytes, name: str) -> Callable[[Tracts, Path], list[str | Path]]:
+    def make(_: Tracts, folder: Path) -> list[str | Path]:
+        (folder / name).write_bytes(content)
+        return [folder / name]
+
+    return make
+
+
+def with_options(*options: str) -> Callable[[Tracts, Path], list[str | Path]]:
+    return lambda tracts, _: [tracts.volume, *options]
+
+
+def of_surface(*options: str) -> Callable[[Tracts, Path], list[str | Path]]:
+    return lambda tracts, _: [tracts.surface, *options]
+
+
+def with_mesh(change: Callable[[trimesh.Trimesh], trimesh.Trimesh]) -> Callable[..., Any]:
+    def make(tracts: Tracts, folder: Path) -> list[str | Path]:
+        change(tracts.mesh.copy()).export(folder / "changed.stl")
+        return [folder / "changed.stl"]
+
+    return make
+
+
+def with_volume(
+    change: Callable[[np.ndarray], np.ndarray], spacing: float = 1.5
+) -> Callable[..., Any]:
+    def make(tracts: Tracts, folder: Path) -> list[str | Path]:
+        return [write_volume(folder / "changed.nii.gz", change(tracts.labels), spacing)]
+
+    return make
+
+
+def truncated(tracts: Tracts, folder: Path) -> list[str | Path]:
+    content = tracts.volume.read_bytes()
+    (folder / "cut.nii.gz").write_bytes(content[: len(content) // 2])
+    return [folder / "cut.nii.gz"]
+
+
+def truncated_inside(tracts: Tracts, folder: Path) -> list[str | Path]:
+    """Whole as gzip, but with half of the voxels."""
+    content = gzip.decompress(tracts.volume.read_bytes())
+    (folder / "cut.nii.gz").write_bytes(gzip.compress(content[: len(content) // 2]))
+    return [folder / "cut.nii.gz"]
+
+
+def nan_vertices(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    vertices = mesh.vertices.copy()
+    vertices[7, 1] = np.nan
+    return trimesh.Trimesh(vertices, mesh.faces, process=False)
+
+
+def flatten(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices * [1.0, 1.0, 0.0], mesh.faces, process=False)
+
+
+def open_end(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    keep = mesh.triangles_center[:, 2] > mesh.bounds[0, 2] + 10.0
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[keep], process=False)
+
+
+BAD = [
+    Bad("missing file", lambda _, folder: [folder / "none.stl"], ("none.stl", "no such file")),
+    Bad("empty file", put(b"", "empty.nii.gz"), ("empty.nii.gz", "0 bytes")),
+    Bad("empty surface", put(b"", "empty.stl"), ("empty.stl", "0 bytes")),
+    Bad(
+        "text named stl",
+        put(NOTES, "notes.stl"),
+        ("notes.stl", "no triangles"),
+    ),
+    Bad("text named nii", put(NOTES, "notes.nii"), ("notes.nii", "NIfTI")),
+    Bad("truncated gzip", truncated, ("cut.nii.gz",)),
+    Bad("truncated voxels", truncated_inside, ("cut.nii.gz", "truncated")),
+    Bad(
+        "four dimensions",
+        with_volume(lambda array: np.stack([array, array], axis=-1)),
+        ("4 dimensions", "has 3"),
+    ),
+    Bad("no lumen", with_volume(np.zeros_like), ("empty", "0")),
+    Bad(
+        "an image",
+        with_volume(lambda array: array.astype(np.int16) - 1000),
+        ("-1000", "[0, 65535]"),
+    ),
+    Bad("label not there", with_options("--labels", "7"), ("7", "1, 2")),
+    Bad("labels no numbers", with_options("--labels", "one"), ("--labels", "'one'", "[1, 65535]")),
+    Bad("label of background", with_options("--labels", "0"), ("--labels", "'0'", "[1, 65535]")),
+    Bad("labels of a surface", of_surface("--labels", "1"), ("surface", "no labels")),
+    Bad("not finite", with_mesh(nan_vertices), ("not finite", "NaN")),
+    Bad("no volume", with_mesh(flatten), ("no volume", "flat")),
+    Bad("open", with_mesh(open_end), ("open", "boundary edges", "mm")),
+    Bad("a directory", lambda _, folder: [folder], ("known are", ".nii.gz")),
+    Bad("unknown kind", put(b"x", "scan.xyz"), ("scan.xyz", ".nii.gz", ".stl")),
+    Bad(
+        "start outside",
+        with_options("--start", "500mm,0,0"),
+        ("start", "500", "outside the lumen", "inside it"),
+    ),
+    Bad("end outside", with_options("--end", "-500mm,0,0"), ("end", "-500", "outside the lumen")),
+    Bad("start of two parts", with_options("--start", "1,2"), ("--start", "'1,2'", "give 3")),
+    Bad("start of words", with_options("--start", "mouth"), ("--start", "'mouth'")),
+    Bad("start not finite", with_options("--start", "nan,0,0"), ("--start", "nan")),
+    Bad("start label not there", with_options("--start", "9"), ("start", "9", "1, 2")),
+    Bad("label end of a surface", of_surface("--end", "2"), ("end", "2", "surface", "point")),
+    Bad("negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "(0, inf)")),
+    Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "(0, inf)")),
+    Bad("endless diameter", with_options("--diameter", "inf"), ("--diameter", "inf")),
+    Bad("unknown unit", with_options("--diameter", "5 elbows"), ("elbows", "5mm")),
+    Bad("wrong kind of unit", with_options("--link", "5kg"), ("5kg", "unit", "5mm")),
+    Bad("decimal comma", with_options("--link", "5,5mm"), ("--link", "5,5mm")),
+    Bad("unknown unit of file", of_surface("--unit", "elbow"), ("elbow",)),
+    Bad("weight as unit of file", of_surface("--unit", "kg"), ("kg", "length")),
+    Bad("unit of a volume", with_options("--unit", "m"), ("'m'", "NIfTI")),
+    Bad("no link", with_options("--link", "0"), ("link", "is 0", "(0, inf)")),
+    Bad("link too long", with_options("--link", "5m"), ("link", "5000", "at most", "mm")),
+    Bad("scope too short", with_options("--length", "1mm"), ("length", "is 1", "[10")),
+    Bad("negative inflation", with_options("--inflate", "-1mm"), ("inflation", "-1", "[0")),
+    Bad("huge inflation", with_options("--inflate", "3m"), ("inflation", "3000", "100]")),
+    Bad("no voxel", with_options("--voxel", "0"), ("voxel", "is 0", "(0, inf)")),
+    Bad("negative voxel", with_options("--voxel", "-1mm"), ("voxel", "is -1", "(0, inf)")),
+    Bad("tiny voxel", with_options("--voxel", "1um"), ("voxel", "0.001", "at least")),
+    Bad("huge voxel", with_options("--voxel", "1m"), ("1000", "smaller --voxel")),
+    Bad("huge voxel of a surface", of_surface("--voxel", "1m"), ("1000", "smaller --voxel")),
+    Bad("no head step", with_options("--head-step", "0"), ("head step", "is 0", "[0.001, 10]")),
+    Bad("long head step", with_options("--head-step", "1m"), ("head step", "1000", "10]")),
+    Bad("unknown method", with_options("--method", "magic"), ("'magic'", "thesis")),
+    Bad("unknown option", with_options("--magic"), ("--magic", "--help")),
+    Bad("no input", lambda *_: [], ("INPUT", "--help")),
+    Bad("one voxel", with_volume(lambda array: one_voxel(array)), ("0.0 mm long",)),
+]
+
+
+def one_voxel(array: np.ndarray) -> np.ndarray:
+    changed = np.zeros_like(array)
+    changed[10, 10, 10] = 1
+    return changed
+
+
+def check_refusal(outcome: Outcome, words: tuple[str, ...], *, as_json: bool) -> None:
+    assert outcome.code == 2, outcome
+    assert outcome.err.startswith("bozzini: error: "), outcome.err
+    assert outcome.err.count("\n") == 1 and outcome.err.endswith("\n"), outcome.err
+    assert "Traceback" not in outcome.err
+    for word in words:
+        assert word in outcome.err, outcome.err
+    if as_json:
+        assert f"bozzini: error: {outcome.result['error']['message']}\n" == outcome.err
+        assert set(outcome.result) == {"error"}
+    else:
+        assert outcome.out == ""
+
+
+@pytest.mark.parametrize("as_json", [False, True], ids=["", "json"])
+@pytest.mark.parametrize("bad", BAD, ids=[bad.name for bad in BAD])
+def test_bad_input_is_one_clear_line_and_leaves_nothing(
+    tracts: Tracts, run: Run, tmp_path: Path, bad: Bad, as_json: bool
+) -> None:
+    source, place = tmp_path / "source", tmp_path / "results"
+    source.mkdir()
+    place.mkdir()
+    arguments = bad.make(tracts, source)
+    before = list_all(tmp_path)
+    outcome = run(*arguments, *["--json"] * as_json, "--out", place / "plan")
+    check_refusal(outcome, bad.words, as_json=as_json)
+    assert list_all(tmp_path) == before
+
+
+@pytest.mark.parametrize("as_json", [False, True], ids=["", "json"])
+def test_a_directory_that_exists_is_not_touched(
+    tracts: Tracts, run: Run, tmp_path: Path, as_json: bool
+) -> None:
+    (tmp_path / "plan").mkdir()
+    (tmp_path / "plan" / "mine.txt").write_text("mine")
+    outcome = run(tracts.volume, *SCOPE, *["--json"] * as_json, "--out", tmp_path / "plan")
+    check_refusal(outcome, (str(tmp_path / "plan"), "exists already", "--force"), as_json=as_json)
+    assert list_all(tmp_path) == {"plan", "plan/mine.txt"}
+
+
+@pytest.mark.parametrize("place", ["file", "file/plan", "file/a/b", "x" * 300])
+@pytest.mark.parametrize("force", [False, True])
+def test_an_output_that_cannot_be_written_is_said_before_any_work(
+    tracts: Tracts, run: Run, tmp_path: Path, place: str, force: bool
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    # The input is missing too: the output is looked at first, before minutes of work.
+    outcome = run(tmp_path / "none.stl", *["--force"] * force, "--out", f"{tmp_path}/{place}")
+    check_refusal(outcome, (), as_json=False)
+    assert "none.stl" not in outcome.err
+    assert list_all(tmp_path) == {"file"}
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_an_output_that_becomes_unwritable_meanwhile_leaves_nothing(
+    tracts: Tracts, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", fail)
+    outcome = run(tracts.volume, *SCOPE, "--json", "--out", tmp_path / "plan")
+    check_refusal(outcome, ("plan.npz", "No space left"), as_json=True)
+    assert list_all(tmp_path) == set()

@@ -1,0 +1,202 @@
+"""The main job in one call: two forms of a tract agree, the frame does not matter, all is kept."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bozzini import view
+from bozzini.anatomy import Finding
+from bozzini.anatomy.labels import tract_from_labels
+from bozzini.anatomy.surface import tract_from_surface
+from bozzini.anatomy.tract import LabelTract, SurfaceTract
+from bozzini.errors import GeometryError, InputError, OutputError
+from bozzini.motion import Scope
+from bozzini.study import InsertionStudy, run_insertion
+from tests.shapes import bend_curve, curve_distance
+
+VOXEL = 1.5
+RADIUS = 8.0
+CURVE = bend_curve(25.0, 1.4, 22.0)
+SCOPE = Scope(diameter=5.0, link_length=8.0)
+START, END = CURVE[4], CURVE[-5]
+
+
+def sample_tube() -> tuple[np.ndarray, np.ndarray]:
+    """Distance to a bent tube at voxel centres, and where the first of them is."""
+    low, high = CURVE.min(axis=0) - 12.0, CURVE.max(axis=0) + 12.0
+    axes = [np.arange(a, b, VOXEL) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return curve_distance(CURVE, RADIUS)(points), low
+
+
+def make_labels(turn: np.ndarray | None = None, **options: object) -> LabelTract:
+    distance, low = sample_tube()
+    labels = np.where(distance < 0.0, np.where(np.arange(distance.shape[2]) < 15, 1, 2), 0)
+    affine = np.diag([VOXEL, VOXEL, VOXEL, 1.0])
+    affine[:3, 3] = low
+    if turn is not None:
+        affine = turn @ affine
+    return tract_from_labels(labels.astype(np.uint16), affine, source="tube", **options)
+
+
+@pytest.fixture(scope="module")
+def labels() -> LabelTract:
+    return make_labels()
+
+
+@pytest.fixture(scope="module")
+def surface() -> SurfaceTract:
+    from skimage.measure import marching_cubes
+
+    distance, low = sample_tube()
+    vertices, faces, _, _ = marching_cubes(distance, level=0.0, spacing=(VOXEL,) * 3)
+    return tract_from_surface(vertices + low, faces, source="tube")
+
+
+def run(tract: LabelTract | SurfaceTract, **options: object) -> InsertionStudy:
+    given = {"scope": SCOPE, "start": START, "end": END, "head_step": 1.0, **options}
+    return run_insertion(tract, **given)
+
+
+@pytest.fixture(scope="module")
+def study(labels: LabelTract) -> InsertionStudy:
+    return run(labels, seconds={"read": 0.5}, inputs={"file": "tube.nii"})
+
+
+def test_labels_and_surface_of_one_tube_agree_within_their_errors(
+    study: InsertionStudy, surface: SurfaceTract
+) -> None:
+    other = run(surface, voxel=VOXEL)
+    assert (study.plan.status, other.plan.status) == ("complete", "complete")
+    assert other.line.length == pytest.approx(study.line.length, rel=0.02)
+    # Each radius is off by its interpolation and its wall at most.
+    allowed = sum(s.field.error + s.field.wall_error for s in (study, other))
+    for part in (study, other):
+        assert part.line.radius == pytest.approx(RADIUS, abs=part.field.error + VOXEL)
+    assert np.median(study.line.radius) == pytest.approx(np.median(other.line.radius), abs=allowed)
+    # The same motion in the other field has the same clearance, within both errors.
+    from bozzini.motion import Introducer
+    from bozzini.motion.insertion import measure_body
+
+    introducer = Introducer.from_description(study.plan.meta["introducer"])
+    crossed, _ = measure_body(other.field, study.plan.joints, scope=SCOPE, introducer=introducer)
+    both = np.isfinite(crossed) & np.isfinite(study.plan.clearance)
+    assert both.any()
+    stated = sum(s.plan.meta["field"]["clearance_error_mm"] for s in (study, other))
+    gap = np.abs(crossed[both] - study.plan.clearance[both]).max()
+    assert gap <= stated + study.field.wall_error
+
+
+def test_a_turned_and_moved_scan_gives_the_turned_and_moved_plan(study: InsertionStudy) -> None:
+    random = np.random.default_rng(4)
+    rotation, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    turn = np.eye(4)
+    turn[:3, :3], turn[:3, 3] = rotation, [100.0, -40.0, 7.0]
+    ends = [point @ rotation.T + turn[:3, 3] for point in (START, END)]
+    turned = run(make_labels(turn), start=ends[0], end=ends[1])
+    expected = study.plan.joints @ rotation.T + turn[:3, 3]
+    assert turned.plan.joints.shape == expected.shape
+    assert turned.plan.joints == pytest.approx(expected, abs=1e-3)
+    finite = np.isfinite(study.plan.clearance)
+    assert np.array_equal(np.isfinite(turned.plan.clearance), finite)
+    assert turned.plan.clearance[finite] == pytest.approx(study.plan.clearance[finite], abs=1e-3)
+
+
+def test_inflation_adds_its_room_along_the_same_centreline(
+    study: InsertionStudy, labels: LabelTract
+) -> None:
+    wide = run(labels, inflate=2.0)
+    assert wide.line.points == pytest.approx(study.line.points, abs=1e-6)
+    assert wide.line.radius == pytest.approx(study.line.radius + 2.0, abs=1e-5)
+    assert wide.summarise()["inflation_mm"] == 2.0
+    assert wide.plan.clearance_min > study.plan.clearance_min
+
+
+def test_reverse_is_the_same_as_swapped_ends(labels: LabelTract) -> None:
+    back = run(labels, reverse=True)
+    swapped = run(labels, start=END, end=START)
+    assert back.line.points[0] == pytest.approx(END, abs=1e-6)
+    assert back.line.length == pytest.approx(swapped.line.length, rel=0.01)
+
+
+def test_an_end_in_a_label_lies_in_it(labels: LabelTract) -> None:
+    found = run(labels, start=2, end=1)
+    inverse = np.linalg.inv(labels.affine)
+    for point, label in ((found.line.points[0], 2), (found.line.points[-1], 1)):
+        index = np.rint(inverse[:3, :3] @ point + inverse[:3, 3]).astype(int)
+        assert labels.labels[tuple(index)] == label
+    assert found.plan.meta["input"]["start"] == 2
+
+
+def test_wrong_ends_are_said(labels: LabelTract, surface: SurfaceTract) -> None:
+    with pytest.raises(InputError, match="start is label 9.*must be one of 1, 2"):
+        run(labels, start=9)
+    with pytest.raises(InputError, match="end is label 1.*a surface has no labels"):
+        run(surface, end=1)
+    with pytest.raises(GeometryError, match="end .* lies outside the lumen by"):
+        run(labels, end=[0.0, 500.0, 0.0])
+
+
+def test_findings_are_carried_to_plan_and_summary() -> None:
+    finding = Finding("odd", "warning", "something odd")
+    found = run(make_labels(findings=[finding]))
+    shown = {"code": "odd", "severity": "warning", "message": "something odd"}
+    assert shown in found.summarise()["findings"]
+    assert "warning: something odd" in found.plan.meta["findings"]
+
+
+def test_summary_is_json_and_says_what_the_plan_says(study: InsertionStudy) -> None:
+    summary = study.summarise()
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    assert summary["clearance_min_mm"] == pytest.approx(study.plan.clearance_min)
+    assert summary["radius_min_mm"] == study.line.radius.min()
+    at = np.interp(summary["radius_min_where_mm"], study.line.arc_length, study.line.radius)
+    assert at == pytest.approx(summary["radius_min_mm"])
+    assert summary["input"]["file"] == "tube.nii"
+    assert summary["fits"] == study.fits == summary["certified"]
+    assert study.plan.clearance_min >= summary["clearance_certified_mm"] - 1e-6
+
+
+def test_seconds_by_stage(study: InsertionStudy, tmp_path: Path) -> None:
+    assert study.seconds["read"] == 0.5
+    assert {"distance", "centreline", "plan"} <= set(study.seconds)
+    summary = study.write(tmp_path / "plan")
+    stages = {key: value for key, value in summary["seconds"].items() if key != "total"}
+    assert {"scene", "report"} <= set(stages)
+    assert all(value >= 0.0 for value in stages.values())
+    assert summary["seconds"]["total"] == pytest.approx(sum(stages.values()), abs=1e-3)
+
+
+@pytest.mark.parametrize("stage", ["write_scene", "draw_overview", "write_report"])
+@pytest.mark.parametrize("error", [OutputError("cannot write it"), ZeroDivisionError("a fault")])
+def test_a_stage_that_fails_leaves_nothing_behind(
+    study: InsertionStudy,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    stage: str,
+    error: Exception,
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(view, stage, fail)
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "summary.json").write_text("mine")
+    for place, force in ((tmp_path / "plan", False), (tmp_path / "kept", True)):
+        with pytest.raises(type(error), match=str(error)):
+            study.write(place, force=force)
+    left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    assert left == {"kept", "kept/summary.json"}
+    assert (tmp_path / "kept" / "summary.json").read_text() == "mine"
+
+
+def test_a_study_that_does_not_enter_is_a_result_too(labels: LabelTract, tmp_path: Path) -> None:
+    thick = run(labels, scope=Scope(diameter=30.0, link_length=8.0))
+    summary = thick.write(tmp_path / "plan")
+    assert (summary["status"], summary["fits"], summary["stopped_at_mm"]) == ("stopped", False, 0.0)
+    assert summary["clearance_min_mm"] is None
+    json.dumps(summary, allow_nan=False)
