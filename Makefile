@@ -22,7 +22,7 @@ ifneq ($(SOUND),yes)
 $(shell rm -f $(CORE) $(DEV) $(DOCS))
 endif
 
-.PHONY: help demo test bench docs check format picture clean
+.PHONY: help demo test bench docs check format picture figures clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-8s %s\n", $$1, $$2}' Makefile
@@ -55,6 +55,12 @@ picture: $(CORE) ## Make the README's picture anew from the project's own demo
 	@$(DEMO)
 	@mkdir -p docs/images && cp bozzini-demo/picture.png docs/images/demo.png
 	@echo "picture: docs/images/demo.png"
+
+figures: $(CORE) ## Make the figures of the guide anew from the examples
+	@mkdir -p docs/images
+	@$(RUN) examples/breathing.py --out docs/images/breathing.png
+	@$(RUN) examples/bicycle_chain.py --out docs/images/bicycle_chain.png
+	@echo "figures: docs/images/"
 
 clean: ## Remove what was built (not .venv)
 	@rm -rf bozzini-demo bozzini-plan site dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

@@ -95,8 +95,9 @@ def test_an_end_outside_or_in_another_lumen_is_refused(bend):
     with pytest.raises(InputError, match="end has 1 point"):
         find_centreline(field, (None, [np.nan, 0.0, 0.0]))
     two = [np.array([[x, 0.0, 0.0], [x, 0.0, 20.0]]) for x in (0.0, 20.0)]
+    first, second = (curve_distance(curve, 5.0) for curve in two)
     apart = sample_field(
-        lambda p: np.minimum(*(curve_distance(c, 5.0)(p) for c in two)), (-8, -8, -8), (28, 8, 28), 1
+        lambda points: np.minimum(first(points), second(points)), (-8, -8, -8), (28, 8, 28), 1
     )
     with pytest.raises(GeometryError, match="not connected"):
         find_centreline(apart, ([0.0, 0.0, 5.0], [20.0, 0.0, 5.0]))

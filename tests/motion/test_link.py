@@ -46,7 +46,8 @@ def draw_link(field, random, length):
         if field.signed_distance(head) < -1.5:
             break
     old = head + random.normal(size=3)
-    return head, head + (old - head) / np.linalg.norm(old - head) * length * random.uniform(0.9, 1.1)
+    unit = (old - head) / np.linalg.norm(old - head)
+    return head, head + unit * length * random.uniform(0.9, 1.1)
 
 
 def test_free_link_is_the_tractrix_step(tube):

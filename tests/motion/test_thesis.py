@@ -14,6 +14,7 @@ from tests.shapes import bend_curve, tube_lumen
 def insert(curve, radius, *, diameter, link, **options):
     field, line = tube_lumen(curve, radius)
     scope = Scope(diameter=diameter, link_length=link)
+    options = {"method": "thesis", **options}
     return field, line, plan_insertion(field, line, scope=scope, **options)
 
 
@@ -53,7 +54,7 @@ def test_unconstrained_joints_attenuate():
     curve = np.stack([1.5 * np.sin(z / 12.0), 0 * z, z], axis=1)
     field, line = tube_lumen(np.stack([0 * z, 0 * z, z], axis=1), 15.0)
     line = type(line)(points=curve, arc_length=line.arc_length, radius=line.radius)
-    plan = plan_insertion(field, line, scope=Scope(diameter=1.0, link_length=7.0))
+    plan = plan_insertion(field, line, scope=Scope(diameter=1.0, link_length=7.0), method="thesis")
     travel = np.linalg.norm(np.diff(plan.joints, axis=0), axis=2).sum(axis=0)
     assert np.all(np.diff(travel) <= 1e-9)
 
@@ -93,7 +94,7 @@ def test_a_narrow_place_stops_the_head_with_what_it_offers():
 
     del radii
     pinched = sample_field(distance, (-9, -9, -9), (9, 9, 108), 1.0)
-    plan = plan_insertion(pinched, line, scope=Scope(diameter=8.0, link_length=6.0))
+    plan = plan_insertion(pinched, line, scope=Scope(diameter=8.0, link_length=6.0), method="thesis")
     assert plan.status == "stopped"
     assert plan.reason_code == "HEAD_CLEARANCE"
     assert "needs 4.00 mm" in plan.reason
@@ -119,7 +120,7 @@ def test_motion_is_carried_by_a_rigid_motion_of_the_tract():
     turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
     field, line = tube_lumen(bend_curve(20.0, 1.5, 30.0), 6.0)
     scope = Scope(diameter=4.0, link_length=8.0)
-    plain = plan_insertion(field, line, scope=scope)
+    plain = plan_insertion(field, line, scope=scope, method="thesis")
     moved_field = type(field)(
         values=field.values,
         spacing=field.spacing,
@@ -129,14 +130,15 @@ def test_motion_is_carried_by_a_rigid_motion_of_the_tract():
     moved_line = type(line)(
         points=line.points @ turn.T + 5.0, arc_length=line.arc_length, radius=line.radius
     )
-    moved = plan_insertion(moved_field, moved_line, scope=scope)
+    moved = plan_insertion(moved_field, moved_line, scope=scope, method="thesis")
     assert moved.joints == pytest.approx(plain.joints @ turn.T + 5.0, abs=1e-6)
     assert moved.clearance_min == pytest.approx(plain.clearance_min, abs=1e-6)
 
 
 def test_a_shorter_scope_has_fewer_links_and_passes_wholly():
     field, line = tube_lumen(bend_curve(20.0, 1.5, 40.0), 6.0)
-    plan = plan_insertion(field, line, scope=Scope(diameter=4.0, link_length=8.0, length=30.0))
+    scope = Scope(diameter=4.0, link_length=8.0, length=30.0)
+    plan = plan_insertion(field, line, scope=scope, method="thesis")
     assert plan.links == 4
     assert plan.status == "complete"
     assert field.signed_distance(plan.joints[-1]).max() < 0.0
@@ -145,7 +147,7 @@ def test_a_shorter_scope_has_fewer_links_and_passes_wholly():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "magic"}, "method is 'magic': it must be one of thesis"),
+        ({"method": "magic"}, "method is 'magic': it must be one of tube, follow, thesis"),
         ({"head_step": 0.0}, "head step is 0 mm"),
         ({"head_step": 9.0}, "head step is 9 mm"),
         ({"link": 500.0}, "link length is 500 mm: it must be at most the tract's centreline"),

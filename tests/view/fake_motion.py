@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -77,6 +79,37 @@ def make_plan(
             "scope": {"diameter_mm": 2.0 * radius, "link_length_mm": link_length},
             **(meta or {}),
         },
+    )
+
+
+def make_line(reach: float = 80.0) -> dict[str, object]:
+    """Return the whole centreline as a plan's `meta` holds it; it narrows to 1 mm at 70 mm."""
+    arc = np.linspace(0.0, reach, int(reach) + 1)
+    direction = (END - START) / np.linalg.norm(END - START)
+    return {
+        "points_mm": (START + arc[:, None] * direction).tolist(),
+        "arc_length_mm": arc.tolist(),
+        "radius_mm": np.where(np.abs(arc - 70.0) < 3.0, 1.0, 6.0).tolist(),
+    }
+
+
+def make_stopped(reach: float = 50.0, **changes: object) -> Plan:
+    """Return a certified plan that ends on the way, its path cut there, refused at 70 mm."""
+    meta = {
+        "certified": True,
+        "certificate": {"clearance_mm": 3.456},
+        "centreline": make_line(),
+        "refusal": {"code": "NO_PASSAGE", "at_mm": 70.0, "needs_mm": 2.0, "offers_mm": 1.0},
+        **changes,
+    }
+    plan = make_plan(reach=reach, status="stopped", meta=meta)
+    keep = plan.path_arc_length <= reach
+    return replace(
+        plan,
+        method="tube",
+        path=plan.path[keep],
+        path_arc_length=plan.path_arc_length[keep],
+        path_radius=plan.path_radius[keep],
     )
 
 

@@ -14,7 +14,7 @@ from bozzini.view.figures import draw_clearance, draw_depths, draw_overview, wri
 from bozzini.view.palette import ClearanceScale, choose_clearance_scale, list_clearance_colors
 from bozzini.view.sampling import place_tightest, sample_motion
 from bozzini.view.scope_drawing import choose_bar_length, find_violations
-from tests.view.fake_motion import make_field, make_plan
+from tests.view.fake_motion import make_field, make_line, make_plan, make_stopped
 
 PLANS = {
     "clear": {},
@@ -26,6 +26,7 @@ PLANS = {
     "two joints": {"links": 1},
     "one step, two joints": {"links": 1, "steps": 1},
     "in and out": {"first": 80.0, "reach": 10.0},
+    "with centreline": {"meta": {"centreline": make_line()}},
 }
 
 
@@ -49,6 +50,15 @@ def test_overview_is_written_and_wide(tmp_path):
         assert image.size == (1600, 900)
 
 
+def test_overview_tells_back_and_forth_by_steps():
+    there_and_back = draw_overview(make_plan(first=80.0, reach=10.0), make_field())
+    labels = [axes.get_xlabel() for axes in there_and_back.axes]
+    assert "step" in labels and "insertion [mm]" not in labels
+    assert "insertion [mm]" in [
+        axes.get_xlabel() for axes in draw_overview(make_plan(), make_field()).axes
+    ]
+
+
 def test_global_plotting_state_is_left_alone():
     code = "import sys, bozzini.view.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -64,6 +74,31 @@ def test_the_tightest_value_and_the_depths_are_written():
     assert any("−1.25" in text for text in _texts(draw_clearance(plan)))
     texts = _texts(draw_overview(plan, field, depths=2))
     assert {"40 mm inserted", "80 mm inserted", "10 mm"} <= set(texts)
+
+
+def test_a_stopped_plan_shows_the_whole_way_and_the_refusal(tmp_path):
+    plan, field = make_stopped(), make_field()
+    assert plan.path_arc_length[-1] == 50.0
+    figure = draw_clearance(plan, summary={"passage_mm": 1.0})
+    texts = _texts(figure)
+    refused = "refused at 70 mm: needs 2.00, offers 1.00 mm"
+    assert any(refused in text for text in texts) and "goal, 80 mm" in texts
+    assert any(text.startswith("passage, at most 1.00") for text in texts)
+    maps = [axes for axes in figure.axes if axes.images]
+    assert maps[0].get_ylim()[0] == 0.0 and maps[0].get_ylim()[1] >= 80.0
+    for draw in (draw_depths, draw_overview):
+        assert any(refused in text for text in _texts(draw(plan, field)))
+        assert not any("not reached" in text for text in _texts(draw(make_plan(), field)))
+
+
+def test_text_stands_clear_of_text():
+    for plan in (make_stopped(), make_plan(), make_stopped(refusal={"at_mm": 44.0})):
+        for figure in (draw_clearance(plan), draw_depths(plan, make_field())):
+            figure.draw_without_rendering()
+            texts = [text for axes in figure.axes for text in axes.texts] + figure.texts
+            boxes = [text.get_window_extent() for text in texts if text.get_text()]
+            for k, box in enumerate(boxes):
+                assert not any(box.overlaps(other) for other in boxes[k + 1 :])
 
 
 def test_map_shows_each_place_at_its_clearance():

@@ -14,8 +14,7 @@ import pytest
 from bozzini.anatomy.findings import Finding
 from bozzini.errors import InputError, OutputError
 from bozzini.view.report import write_report
-from bozzini.view.verdict import judge_plan
-from tests.view.fake_motion import make_field, make_plan, make_summary
+from tests.view.fake_motion import make_field, make_plan, make_stopped, make_summary
 
 VOID = {"meta", "link", "img", "input", "br", "hr"}
 
@@ -57,13 +56,14 @@ class Page(HTMLParser):
         return json.loads(self.scripts[0])
 
 
-def read_report(tmp_path, plan, *, summary=None, findings=(), field=None):
+def read_report(tmp_path, plan, *, summary=None, findings=(), field=None, comparison=()):
     path = write_report(
         tmp_path / "report.html",
         plan=plan,
         field=make_field() if field is None else field,
         summary=make_summary(plan) if summary is None else summary,
         findings=findings,
+        comparison=comparison,
     )
     return Page(path.read_text(encoding="utf-8"))
 
@@ -125,41 +125,72 @@ def test_slider_holds_the_plan(page):
     assert motion["views"][0]["height"] - joints[-1, 0, 1] == pytest.approx(16.0, abs=3.0)
 
 
-@pytest.mark.parametrize(
-    ("changes", "label", "tone", "words"),
-    [
-        ({}, "Fits", "green", "4.0 mm scope reaches the far end (80 mm) and keeps 4.00 mm"),
-        ({"dent": 4.4}, "Through the wall", "red", "passes through the wall at 40 mm by 0.40 mm"),
-        ({"dent": 3.9}, "Too close to call", "amber", "within 0.10 mm of the wall at 40 mm"),
-        (
-            {"reach": 61.0, "status": "stopped"},
-            "Stopped",
-            "red",
-            "stops at 61 mm of 80 mm: link 3 is locked. Up to there it keeps 4.00 mm",
-        ),
-        (
-            {"reach": 61.0, "status": "stopped", "dent": 5.0},
-            "Stopped",
-            "red",
-            "Before that its body passes through the wall at 40 mm by 1.00 mm",
-        ),
-    ],
-)
-def test_verdict(changes, label, tone, words):
-    plan = make_plan(**changes)
-    verdict = judge_plan(plan, make_summary(plan), error=0.5)
-    assert (verdict.label, verdict.tone) == (label, tone)
-    assert words in verdict.sentence
-    # Without a summary the plan itself gives the same verdict.
-    assert judge_plan(plan, {}, error=0.5).tone == tone
+def count(page, tag):
+    return sum(name == tag for name, _ in page.tags)
 
 
-def test_a_certified_clearance_needs_no_error_margin(tmp_path):
-    plan = make_plan(dent=3.9, meta={"certified": True})
-    summary = {**make_summary(plan), "certified": True}
-    assert judge_plan(plan, summary, error=0.5).tone == "green"
+def test_a_certified_plan_says_what_is_proved_and_for_which_wall(tmp_path):
+    plan = make_plan(dent=3.9, meta={"certified": True, "certificate": {"clearance_mm": 0.0789}})
+    summary = {**make_summary(plan), "certified": True, "passage_mm": 5.001}
     text = read_report(tmp_path, plan, summary=summary).text
-    assert "certified for the whole body" in text and "estimate" not in text.split("Numbers")[0]
+    before, _, after = text.partition("Numbers")
+    assert "estimate" not in before and "Certified for the whole body" in before
+    assert "0.07 mm proved clearance" in before  # a lower bound is rounded down
+    assert "Proved clearance, at least 0.07 mm" in after
+    assert "stays at least 0.07 mm from it" in after and "a drawn capsule" in after
+    assert "Not proved" in after and "between them" in after
+    assert "radius above 5.01 mm" in after  # an upper bound is rounded up
+    estimated = read_report(tmp_path, make_plan(dent=3.9)).text
+    assert "It is not a proof" in estimated and "Not proved" not in estimated
+
+
+def test_a_refusal_is_shown_where_it_is_and_in_numbers(tmp_path):
+    plan = make_stopped()
+    summary = {**make_summary(plan), "certified": True}
+    summary["refusal"] = {**plan.meta["refusal"], "diameter_max_mm": 1.999, "inflate_mm": 1.01}
+    page = read_report(tmp_path, plan, summary=summary)
+    for words in (
+        "Refused at this place of the tract 70.0 mm", "diameter of at most 1.99 mm",
+        "inflated by about 1.1 mm", "Orange dots are the way not reached",
+    ):  # fmt: skip
+        assert words in page.text
+    assert count(page, "svg") == count(page, "polyline") == 2 and count(page, "path") == 4
+    view = page.motion["views"][0]
+    shapes = [attributes for tag, attributes in page.tags if tag == "polyline"]
+    points = np.array([pair.split(",") for pair in shapes[0]["points"].split()], dtype=float)
+    joints = np.frombuffer(base64.b64decode(view["joints"]), "<i2").reshape(41, 11, 2)
+    # The dots begin at the head's last place and go on for the missing 30 mm.
+    np.testing.assert_allclose(points[0], 0.1 * joints[-1, 0], atol=0.11)
+    assert np.linalg.norm(points[-1] - points[0]) == pytest.approx(30.0, abs=0.1)
+    assert count(read_report(tmp_path, make_plan()), "svg") == 0
+
+
+def test_methods_stand_side_by_side_when_there_are_any(tmp_path, page):
+    assert "side by side" not in page.text
+    plan = make_plan()
+    other = dataclasses.replace(make_plan(dent=5.25), method="<b>new</b>")
+    two = read_report(tmp_path, plan, comparison=[plan, other])
+    assert "Methods side by side" in two.text and "<b>new</b>" in two.text
+    assert count(two, "img") == count(page, "img") + 1
+    assert "−1.25 mm , through the wall" in two.text and "4.00 mm, estimated" in two.text
+    same = read_report(tmp_path, plan, comparison=[dataclasses.replace(plan), other])
+    assert same.text.count("thesis, section 5.3") == 1  # the plan itself is not put there twice
+    records = [{"method": "tube", "status": "stopped", "inserted_mm": 12.0, "reason_code": "FOLD"}]
+    table = read_report(tmp_path, plan, summary={**make_summary(plan), "comparison": records})
+    assert "stops at 12 mm FOLD" in table.text and count(table, "img") == count(page, "img")
+
+
+def test_contact_is_shown_for_a_soft_wall_only(tmp_path, page):
+    soft = {"allowed_mm": 4.0, "used_mm": 2.0, "contact_max_mm": 1.25, "contact_where_mm": 40.0}
+    plan = make_plan(dent=5.25, meta={"certified": True, "soft_wall": soft})
+    plan = dataclasses.replace(plan, method="tube")
+    summary = {**make_summary(plan), "certified": True}
+    pushed = read_report(tmp_path, plan, summary=summary)
+    assert "Contact" in pushed.text and count(pushed, "img") == count(page, "img") + 1
+    assert "1.25 mm deepest contact" in pushed.text and "through the wall" not in pushed.text
+    rigid = {**soft, "used_mm": 0.0, "contact_max_mm": 0.0}
+    text = read_report(tmp_path, plan, summary={**summary, "soft_wall": rigid}).text
+    assert "Contact" not in text
 
 
 def test_text_from_outside_is_escaped(tmp_path):

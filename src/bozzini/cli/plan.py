@@ -54,7 +54,7 @@ class EndType(click.ParamType):  # type: ignore[type-arg]
 
 @click.command(name="plan")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option("--labels", type=LabelsType(), help="Labels that are lumen, e.g. 1,2,3 (default: all).")
+@click.option("--labels", type=LabelsType(), help="Labels that are lumen: 1,2,3 (default: all).")
 @click.option("--unit", default="mm", show_default=True, help="Unit of a surface file.")
 @click.option("--voxel", type=QuantityType("length"), help="Grid of the distance field.")
 @click.option(

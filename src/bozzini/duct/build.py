@@ -279,9 +279,7 @@ def _mesh_distance(
         progress("distance", min(1.0, (start + len(part)) / len(index)))
     signed = np.where(inside.reshape(-1), -distance, distance).reshape(shape)
     if not exact.all():
-        way, nearest = ndimage.distance_transform_edt(
-            ~exact, sampling=voxel, return_indices=True
-        )
+        way, nearest = ndimage.distance_transform_edt(~exact, sampling=voxel, return_indices=True)
         signed = np.where(exact, signed, signed[tuple(nearest)] + way)
     return np.ascontiguousarray(signed, dtype=np.float32), reach
 

@@ -8,15 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
+from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
 from .field import SampledField
+from .protocol import Duct, count_dimensions
 
-__all__ = ["Centreline", "find_centreline", "find_roomy_path", "measure_arc_length", "resample_polyline"]
+__all__ = [
+    "Centreline",
+    "find_centreline",
+    "find_roomy_path",
+    "measure_arc_length",
+    "resample_polyline",
+]
 
 COST_POWER = 2.5
-"""The path costs ``length / room**COST_POWER``: large enough to keep to the middle of wide places."""
+"""The path costs ``length / room**COST_POWER``: enough to keep to the middle of wide places."""
 
 SPACING = 1.0
 """Distance between the points of a centreline [mm]."""
@@ -28,7 +35,7 @@ class Centreline:
 
     Parameters
     ----------
-    points : (n, 3) float
+    points : (n, dim) float
         World frame [mm], from the start to the end.
     arc_length : (n,) float
         Along the polyline, from 0 [mm].
@@ -39,6 +46,52 @@ class Centreline:
     points: NDArray[np.float64]
     arc_length: NDArray[np.float64]
     radius: NDArray[np.float64]
+
+    @classmethod
+    def from_points(cls, points: ArrayLike, duct: Duct, *, spacing: float = SPACING) -> Centreline:
+        """Take a given way through a duct as its centreline.
+
+        Parameters
+        ----------
+        points : (n, dim) float
+            World frame [mm], from the start to the end. They stay; on longer segments points are
+            put in between.
+        duct : Duct
+            The lumen, 3-D or planar.
+        spacing : float
+            Neighbouring points are at most this far apart [mm].
+
+        Raises
+        ------
+        InputError
+            If there are fewer than two different points, or they do not have the duct's
+            dimension.
+        GeometryError
+            If the way leaves the duct, with the place.
+        """
+        dim = count_dimensions(duct)
+        given = check_points("points", points, dim=dim)
+        check_number("spacing", spacing, low=0.0, low_open=True, unit="mm")
+        if given.ndim != 2 or len(given) < 2:
+            raise InputError(f"points has shape {given.shape}: it must be (n, {dim}), n at least 2")
+        steps = np.linalg.norm(np.diff(given, axis=0), axis=1)
+        if steps.min() <= 0.0:
+            index = int(np.argmin(steps))
+            raise InputError(f"points {index} and {index + 1} are the same: the way stands still")
+        counts = np.ceil(steps / spacing - 1e-9).astype(int)
+        parts = [
+            given[k] + np.arange(count)[:, None] / count * (given[k + 1] - given[k])
+            for k, count in enumerate(counts)
+        ]
+        dense = np.concatenate([*parts, given[-1:]])
+        radius = -duct.signed_distance(dense)
+        if radius.min() <= 0.0:
+            index = int(np.argmin(radius))
+            place = ", ".join(f"{value:g}" for value in dense[index])
+            raise GeometryError(
+                f"the way leaves the duct at ({place}) mm, by {-radius[index]:.2f} mm"
+            )
+        return cls(points=dense, arc_length=measure_arc_length(dense), radius=radius)
 
     @property
     def length(self) -> float:
@@ -283,7 +336,8 @@ class _Graph:
 
     def find_path(self, start: NDArray[np.int64], goal: NDArray[np.int64]) -> NDArray[np.int64]:
         """Minimum-cost path (n, 3) of nodes that keeps to the middle."""
-        if self._last is not None and self._last[0] == tuple(int(v) for v in goal):
+        ends = tuple(tuple(int(v) for v in node) for node in (start, goal))
+        if self._last is not None and self._last[0] == ends[1] != ends[0]:
             return self.find_path(goal, start)[::-1]
         mcp, costs = self.search(start)
         target = tuple(int(v) for v in goal)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..checks import check_number, check_points
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ._clearance import GridData
+    from ._clearance_kernels import GridData
 
 __all__ = ["SampledField"]
 
@@ -58,14 +59,17 @@ class SampledField:
     wall: str = "sampled wall"
     wall_error: float = 0.0
     reach: float = math.inf
+    _rounding: float = dataclass_field(init=False, repr=False, default=0.0)
 
     def __post_init__(self) -> None:
         if self.values.ndim != 3 or min(self.values.shape) < 2:
             raise InputError(
                 f"field values have shape {self.values.shape}: it must be (nx, ny, nz), each >= 2"
             )
-        if not np.all(np.isfinite(self.values)):
+        low, high = float(self.values.min()), float(self.values.max())
+        if not (math.isfinite(low) and math.isfinite(high)):
             raise InputError("field values are not all finite")
+        object.__setattr__(self, "_rounding", max(-low, high) * 2.0**-23)
         check_number("inflation", self.inflation, low=0.0, unit="mm")
         if self.spacing.shape != (3,) or not np.all(self.spacing > 0.0):
             raise InputError(f"field spacing is {self.spacing}: three positive lengths in mm")
@@ -80,8 +84,7 @@ class SampledField:
     @property
     def error(self) -> float:
         """Largest error of the interpolant against the stated wall [mm]."""
-        rounding = float(np.abs(self.values).max()) * 2.0**-23
-        return 0.5 * float(np.linalg.norm(self.spacing)) + rounding
+        return 0.5 * float(np.linalg.norm(self.spacing)) + self._rounding
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -93,13 +96,12 @@ class SampledField:
 
     def to_grid(self, points_world: ArrayLike) -> NDArray[np.float64]:
         """Turn world points (..., 3) into the field's own frame [mm from node 0]."""
-        return np.asarray((np.asarray(points_world, dtype=np.float64) - self.origin) @ self.rotation)
+        points = np.asarray(points_world, dtype=np.float64)
+        return np.asarray((points - self.origin) @ self.rotation)
 
     def to_world(self, points_grid: ArrayLike) -> NDArray[np.float64]:
         """Turn points (..., 3) of the field's own frame [mm from node 0] into world points."""
-        return np.asarray(
-            np.asarray(points_grid, dtype=np.float64) @ self.rotation.T + self.origin
-        )
+        return np.asarray(np.asarray(points_grid, dtype=np.float64) @ self.rotation.T + self.origin)
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return the (...) trilinear signed distance at world points (..., 3) [mm].
@@ -117,10 +119,9 @@ class SampledField:
 
     def pack(self) -> GridData:
         """Return the field for compiled kernels."""
-        from ._clearance import GridData
+        from ._clearance_kernels import GridData
 
-        slack = float(np.abs(self.values).max()) * 2.0**-23
-        return GridData(self.values, self.spacing, float(self.inflation), slack)
+        return GridData(self.values, self.spacing, float(self.inflation), self._rounding)
 
     def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return (...) rigorous lower bounds of the distance to the wall at points (..., 3) [mm].
@@ -129,7 +130,7 @@ class SampledField:
         elsewhere; 0 or negative where the point may lie outside. With inflation the bound is for
         the moved wall.
         """
-        from ._clearance import evaluate_bound
+        from ._clearance_kernels import evaluate_bound
 
         array = check_points("points", points)
         flat = np.ascontiguousarray(self.to_grid(array).reshape(-1, 3))

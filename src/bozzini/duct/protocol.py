@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Duct"]
+__all__ = ["Duct", "count_dimensions"]
 
 
 @runtime_checkable
 class Duct(Protocol):
     """Anything with a signed distance: negative inside, millimetres, 1-Lipschitz.
 
-    ``signed_distance`` must never promise more room than there is by more than ``error``.
+    ``signed_distance`` must never promise more room than there is by more than ``error``, and
+    ``clearance_bound`` never by anything. A duct is 3-D or planar; ``bounds`` says which.
     """
 
     @property
     def kind(self) -> str:
-        """``"exact"``, ``"bound"`` or ``"sampled"``."""
+        """``"exact"``, ``"bound"`` (never more room than there is) or ``"sampled"``."""
         ...
 
     @property
@@ -28,14 +29,50 @@ class Duct(Protocol):
         ...
 
     @property
+    def wall(self) -> str:
+        """What the wall is, in words."""
+        ...
+
+    @property
+    def wall_error(self) -> float:
+        """How far the true wall may be from the stated one [mm]."""
+        ...
+
+    @property
+    def inflation(self) -> float:
+        """By how much the wall was moved outwards [mm]."""
+        ...
+
+    @property
     def bounds(self) -> NDArray[np.float64]:
         """(2, dim) corners of a box that holds the duct [mm]."""
         ...
 
-    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+    def signed_distance(self, points: ArrayLike, /) -> NDArray[np.float64]:
         """Return (...) signed distances at points (..., dim) [mm]."""
         ...
 
-    def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
+    def gradient(self, points: ArrayLike, /) -> NDArray[np.float64]:
         """Return the (..., dim) gradient of the signed distance."""
         ...
+
+    def clearance_bound(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Return (...) rigorous lower bounds of the distance to the wall [mm]."""
+        ...
+
+    def pack(self) -> Any:
+        """Return the duct as a named tuple for compiled kernels (`duct._clearance_kernels`)."""
+        ...
+
+    def to_grid(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Turn world points (..., dim) into the kernels' frame (..., 3) [mm], isometrically."""
+        ...
+
+    def to_world(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Turn points (..., 3) of the kernels' frame into world points (..., dim) [mm]."""
+        ...
+
+
+def count_dimensions(duct: Duct) -> int:
+    """Return 3, or 2 for a planar duct."""
+    return int(duct.bounds.shape[1])

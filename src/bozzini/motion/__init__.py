@@ -9,8 +9,10 @@ from .largest import Largest, find_largest
 from .passage import Passage, find_passage
 from .plan import Plan
 from .refusal import REASON_CODES, Refusal
+from .replan import replan
 from .scope import Scope
 from .soft import plan_with_soft_wall
+from .tractrix import move_free_chain
 
 __all__ = [
     "METHODS",
@@ -26,6 +28,8 @@ __all__ = [
     "certify_plan",
     "find_largest",
     "find_passage",
+    "move_free_chain",
     "plan_insertion",
     "plan_with_soft_wall",
+    "replan",
 ]

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ..duct._clearance import clearance_bound
+from ..duct._clearance_kernels import clearance_bound
 
 __all__ = ["bound_motion"]
 
@@ -32,33 +32,105 @@ def _split_along(intro, dx, dy, dz):
 
 
 @njit(cache=True)
-def _mark_introduced(joints, intro, radius, waiting):
-    """Fill `waiting` (steps,): joints from this index on stand wholly in the introducer."""
+def _in_bore(intro, radius, x, y, z):
+    """Whether the body around a point lies in the bore, behind the entry plane."""
+    a, off = _split_along(intro, x - intro[0], y - intro[1], z - intro[2])
+    return a >= 0.0 and off <= intro[6] - radius + 1e-9
+
+
+@njit(cache=True)
+def _through_mouth(intro, p, q):
+    """Whether the way from p to q comes within the bore's radius of the entry."""
+    dd = 0.0
+    pd = 0.0
+    for k in range(3):
+        d = q[k] - p[k]
+        dd += d * d
+        pd += d * (intro[k] - p[k])
+    w = min(max(pd / dd, 0.0), 1.0) if dd > 0.0 else 0.0
+    gap = 0.0
+    for k in range(3):
+        gap += (p[k] + w * (q[k] - p[k]) - intro[k]) ** 2
+    return gap <= intro[6] * intro[6]
+
+
+@njit(cache=True)
+def mark_introduced(joints, intro, radius, waiting):
+    """Fill `waiting` (steps,): joints from this index on stand in the introducer.
+
+    A joint does if the body around it is in the bore, all joints behind it are too, and it was
+    there from the start or came in through the mouth: a tract that passes through the bore's
+    straight continuation farther out is no introducer.
+
+    Returns
+    -------
+    needed : float
+        Radius of bore that these joints need: of the one farthest from the axis, plus the body's
+        radius; 0 if there is none.
+    """
     count = joints.shape[1]
+    needed = 0.0
     for t in range(joints.shape[0]):
         k = count
         if intro[6] > 0.0:
             while k > 0:
-                dx = joints[t, k - 1, 0] - intro[0]
-                dy = joints[t, k - 1, 1] - intro[1]
-                dz = joints[t, k - 1, 2] - intro[2]
-                a, off = _split_along(intro, dx, dy, dz)
-                if a < 0.0 or off > intro[6] - radius + 1e-9:
+                x, y, z = joints[t, k - 1, 0], joints[t, k - 1, 1], joints[t, k - 1, 2]
+                if not _in_bore(intro, radius, x, y, z):
                     break
+                if (
+                    t > 0
+                    and k - 1 < waiting[t - 1]
+                    and not _through_mouth(intro, joints[t - 1, k - 1], joints[t, k - 1])
+                ):
+                    break
+                _, off = _split_along(intro, x - intro[0], y - intro[1], z - intro[2])
+                needed = max(needed, off + radius)
                 k -= 1
         waiting[t] = k
+    return needed
 
 
 @njit(cache=True)
-def _in_introducer(intro, radius, x, y, z, reach):
-    """Whether all points within `reach` of a point lie in the introducer, body included."""
-    dx = x - intro[0]
-    dy = y - intro[1]
-    dz = z - intro[2]
-    a, off = _split_along(intro, dx, dy, dz)
-    # All points of a link between two joints in the bore are in the bore: only how far ahead of
-    # the entry plane the cell may come has to be settled by its size.
-    return a >= reach and off <= intro[6] - radius + 1e-9
+def _stands_in_introducer(waiting, j, first, last):
+    """Whether joint j stands in the introducer at every step from `first` to `last`."""
+    for t in range(first, last + 1):
+        if j < waiting[t]:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _comes_from_introducer(waiting, j, first, last):
+    """Whether joint j stands in the introducer at one end of every step, or at both."""
+    if first == last:
+        return j >= waiting[first]
+    for t in range(first, last):
+        if j < waiting[t] and j < waiting[t + 1]:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _cell_in_bore(intro, radius, joints, j, t0, t1, u0, u1):
+    """Whether a whole cell lies in the bore: it is convex, and the cell between its corners."""
+    steps = joints.shape[0]
+    t = t0
+    while True:
+        n = min(int(t), steps - 1)
+        m = min(n + 1, steps - 1)
+        f = t - n
+        for side in range(2):
+            u = u0 if side == 0 else u1
+            x = np.empty(3)
+            for q in range(3):
+                a = joints[n, j, q] + f * (joints[m, j, q] - joints[n, j, q])
+                b = joints[n, j - 1, q] + f * (joints[m, j - 1, q] - joints[n, j - 1, q])
+                x[q] = a + u * (b - a)
+            if not _in_bore(intro, radius, x[0], x[1], x[2]):
+                return False
+        if t >= t1:
+            return True
+        t = min(math.floor(t) + 1.0, t1)
 
 
 @njit(cache=True)
@@ -90,10 +162,23 @@ def bound_motion(duct, intro, joints, radius, tolerance, budget, worst):
     """
     steps, count, _ = joints.shape
     waiting = np.empty(steps, np.int64)
-    _mark_introduced(joints, intro, radius, waiting)
+    intro = intro.copy()
     found = np.inf
+    bound = np.inf
     worst[:] = 0.0
     used = 0
+    needed = mark_introduced(joints, intro, radius, waiting)
+    if needed > 0.0:
+        # A bore wider than the lumen at the entry counts only as far as the scope needs it; if
+        # it does need it, the introducer's round end is in the wall.
+        g = clearance_bound(duct, intro[0], intro[1], intro[2])
+        intro[6] = min(intro[6], max(g, needed))
+        used += 1
+        if g < intro[6]:
+            found = g - intro[6] + radius
+            bound = found
+            worst[1] = 1.0
+            worst[3], worst[4], worst[5] = intro[0], intro[1], intro[2]
     # A first look at joints, to have something to compare with.
     for t in range(0, steps, max(1, steps // 200)):
         for j in range(min(waiting[t], count)):
@@ -103,7 +188,6 @@ def bound_motion(duct, intro, joints, radius, tolerance, budget, worst):
                 found = g
                 worst[0], worst[1], worst[2] = t, max(j, 1), 0.0 if j > 0 else 1.0
                 worst[3], worst[4], worst[5] = joints[t, j, 0], joints[t, j, 1], joints[t, j, 2]
-    bound = np.inf
     size = 256
     stack = np.empty((size, 5))
     code = RESOLVED
@@ -176,27 +260,20 @@ def bound_motion(duct, intro, joints, radius, tolerance, budget, worst):
                 drift = max((1.0 - u0) * ma + u0 * mb, (1.0 - u1) * ma + u1 * mb)
                 along = 0.5 * (u1 - u0) * link
                 reach = drift + along
-                behind = True
-                for t in range(int(math.floor(t0)), min(int(math.ceil(t1)), steps - 1) + 1):
-                    if j < waiting[t]:
-                        behind = False
-                        break
-                if behind:
-                    both = True
-                    for t in range(int(math.floor(t0)), min(int(math.ceil(t1)), steps - 1) + 1):
-                        if j - 1 < waiting[t]:
-                            both = False
-                            break
-                    if both:
-                        continue
-                    if _in_introducer(intro, radius, x, y, z, reach):
-                        continue
+                first = int(math.floor(t0))
+                final = min(int(math.ceil(t1)), steps - 1)
+                if _stands_in_introducer(waiting, j - 1, first, final):
+                    continue
+                introduced = _comes_from_introducer(waiting, j, first, final)
+                if introduced and _cell_in_bore(intro, radius, joints, j, t0, t1, u0, u1):
+                    continue
                 g = clearance_bound(duct, x, y, z)
                 used += 1
-                if behind and _in_introducer(intro, radius, x, y, z, 0.0):
-                    # behind the entry plane the bore is the wall, not the lumen's cap
-                    pass
-                elif g < found:
+                # Behind the entry plane the bore is the wall, not the lumen's cap.
+                if g < found and not (
+                    _comes_from_introducer(waiting, j, it, min(int(math.ceil(tc)), steps - 1))
+                    and _in_bore(intro, radius, x, y, z)
+                ):
                     found = g
                     worst[0], worst[1], worst[2] = tc, j, uc
                     worst[3], worst[4], worst[5] = x, y, z

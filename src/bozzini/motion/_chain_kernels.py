@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ..duct._kernels import field_value
+from ..duct._clearance_kernels import clearance_estimate
 from ._link_kernels import duct_value, place_tail
 
 __all__ = ["advance_chain", "measure_body"]
@@ -34,7 +34,20 @@ def _point_on_path(path, arc, s, where, point):
 
 @njit(cache=True)
 def advance_chain(
-    values, step, inflation, intro, path, arc, length, room, head_step, jump, chain, state, out, trail
+    values,
+    step,
+    inflation,
+    intro,
+    path,
+    arc,
+    length,
+    room,
+    head_step,
+    jump,
+    chain,
+    state,
+    out,
+    trail,
 ):
     """Advance the head along the path and let every next joint follow (thesis 5.3, corrected).
 
@@ -127,7 +140,7 @@ def advance_chain(
 
 
 @njit(cache=True)
-def measure_body(values, step, inflation, intro, chains, radius, pitch, clearance, worst):
+def measure_body(duct, intro, chains, radius, pitch, clearance, worst):
     """Estimate the clearance of every link of every step by samples along the links.
 
     The tail end of the chain that still is in the introducer is left out: from the tail towards
@@ -135,6 +148,8 @@ def measure_body(values, step, inflation, intro, chains, radius, pitch, clearanc
 
     Parameters
     ----------
+    duct : named tuple
+        The packed duct.
     chains : (steps, joints, 3) float
     radius : float
         Of the body [mm].
@@ -156,7 +171,12 @@ def measure_body(values, step, inflation, intro, chains, radius, pitch, clearanc
             size = math.sqrt(dx * dx + dy * dy + dz * dz)
             parts = max(1, int(math.ceil(size / pitch - 1e-6)))
             least = np.inf
+            skip = 0
             for m in range(parts + 1):
+                if skip > 0:
+                    # The interpolant falls by at most sqrt(3) per mm: nothing less can be here.
+                    skip -= 1
+                    continue
                 u = m / parts
                 x = ax + u * dx
                 y = ay + u * dy
@@ -173,8 +193,8 @@ def measure_body(values, step, inflation, intro, chains, radius, pitch, clearanc
                     if t_out >= 0.0 and off <= intro[6]:
                         continue
                     waiting = False
-                s = field_value(values, step[0], step[1], step[2], inflation, x, y, z)
-                room = -s - radius
+                room = clearance_estimate(duct, x, y, z) - radius
+                skip = int(max(room - least, 0.0) * parts / (1.7321 * max(size, 1e-9)))
                 if room < least:
                     least = room
                     if room < worst[3]:

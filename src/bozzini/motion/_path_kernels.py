@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ..duct._clearance import clearance_bound, clearance_slope
+from ..duct._clearance_kernels import clearance_bound, clearance_slope
 
 __all__ = ["check_chords", "free_bound", "relax_path", "tabulate_tube"]
 
@@ -65,11 +65,12 @@ def tail_on_path(path, i, length):
 
 
 @njit(cache=True)
-def trace_chord(duct, intro, ax, ay, az, bx, by, bz, room, pitch):
+def trace_chord(duct, intro, ax, ay, az, bx, by, bz, room, pitch, stop):
     """Return (least, u): the smallest bound seen from a to b, and where.
 
-    Wide places are passed in steps of the bound minus `room`, so `least` is exact only where it
-    is near or below `room`; no step is smaller than `pitch`.
+    Wide places are passed in steps of 0.7 times the bound minus `room`, so `least` is exact only
+    where it is near or below `room`; no step is smaller than `pitch`. The trace ends early where
+    the bound is `stop` or less.
     """
     dx = bx - ax
     dy = by - ay
@@ -84,9 +85,9 @@ def trace_chord(duct, intro, ax, ay, az, bx, by, bz, room, pitch):
         if g < least:
             least = g
             where = u
-        if t >= size:
+        if t >= size or g <= stop:
             return least, where
-        t = min(t + max(g - room, pitch), size)
+        t = min(t + max(0.7 * (g - room), pitch), size)
 
 
 @njit(cache=True)
@@ -107,7 +108,7 @@ def check_chords(duct, intro, path, first, length, room, clearance):
         by = path[k, 1] + w * (path[k + 1, 1] - path[k, 1])
         bz = path[k, 2] + w * (path[k + 1, 2] - path[k, 2])
         g, _ = trace_chord(
-            duct, intro, path[i, 0], path[i, 1], path[i, 2], bx, by, bz, room, TRACE_STEP
+            duct, intro, path[i, 0], path[i, 1], path[i, 2], bx, by, bz, room, TRACE_STEP, -np.inf
         )
         clearance[i] = g
         worst = min(worst, g)
@@ -149,20 +150,34 @@ def relax_path(duct, intro, path, first, length, room, sweeps, tension, reach):
     n = path.shape[0]
     pitch = max(TRACE_STEP, length / 40.0)
     worst = -np.inf
+    # A chord seen with room to spare is left alone until the path may have moved that much.
+    drift = 0.0
+    wake = np.zeros(n)
+    seen = np.full(n, np.inf)
     for sweep in range(sweeps):
         alpha = tension * max(0.0, 1.0 - sweep / (0.7 * sweeps))
         if alpha > 0.0:
             for _ in range(2):
+                largest = 0.0
                 ox, oy, oz = path[first, 0], path[first, 1], path[first, 2]
                 for i in range(first + 1, n - 1):
                     cx, cy, cz = path[i, 0], path[i, 1], path[i, 2]
-                    path[i, 0] += alpha * (0.5 * (ox + path[i + 1, 0]) - cx)
-                    path[i, 1] += alpha * (0.5 * (oy + path[i + 1, 1]) - cy)
-                    path[i, 2] += alpha * (0.5 * (oz + path[i + 1, 2]) - cz)
+                    dx = alpha * (0.5 * (ox + path[i + 1, 0]) - cx)
+                    dy = alpha * (0.5 * (oy + path[i + 1, 1]) - cy)
+                    dz = alpha * (0.5 * (oz + path[i + 1, 2]) - cz)
+                    path[i, 0] += dx
+                    path[i, 1] += dy
+                    path[i, 2] += dz
+                    largest = max(largest, dx * dx + dy * dy + dz * dz)
                     ox, oy, oz = cx, cy, cz
+                drift += math.sqrt(largest)
         worst = np.inf
+        pushed = 0.0
         for order in range(n - first):
             i = first + order if sweep % 2 == 0 else n - 1 - order
+            if drift + pushed < wake[i]:
+                worst = min(worst, seen[i])
+                continue
             k, w = tail_on_path(path, i, length)
             if k < 0:
                 continue
@@ -170,9 +185,14 @@ def relax_path(duct, intro, path, first, length, room, sweeps, tension, reach):
             by = path[k, 1] + w * (path[k + 1, 1] - path[k, 1])
             bz = path[k, 2] + w * (path[k + 1, 2] - path[k, 2])
             ax, ay, az = path[i, 0], path[i, 1], path[i, 2]
-            g, u = trace_chord(duct, intro, ax, ay, az, bx, by, bz, room, pitch)
+            g, u = trace_chord(duct, intro, ax, ay, az, bx, by, bz, room, pitch, -np.inf)
             worst = min(worst, g)
-            if g < room:
+            if g >= room:
+                # Between samples there is at least 0.3 of this to spare; a chord's tail moves up
+                # to a few times as far as the path.
+                wake[i] = drift + pushed + 0.1 * (g - room)
+                seen[i] = g
+            else:
                 x = ax + u * (bx - ax)
                 y = ay + u * (by - ay)
                 z = az + u * (bz - az)
@@ -187,10 +207,12 @@ def relax_path(duct, intro, path, first, length, room, sweeps, tension, reach):
                 push = (room - g) / norm
                 limit = 1.0 / math.sqrt(slope)
                 push = min(push, limit)
+                pushed = max(pushed, 2.0 * push * math.sqrt(slope))
                 px, py, pz = push * gx, push * gy, push * gz
                 _push(path, first, i, here, reach, px, py, pz)
                 _push(path, first, k, there0, reach, px, py, pz)
                 _push(path, first, k + 1, there1, reach, px, py, pz)
+        drift += pushed
         if worst >= room and alpha == 0.0:
             break
     return worst
@@ -205,11 +227,20 @@ def tabulate_tube(duct, intro, path, first, length, room, cap, slope, tube):
     max(clearance - room, ||p(s) - p(s')| - L|), capped, and made Lipschitz with `slope`.
     """
     n = path.shape[0]
+    pitch = max(TRACE_STEP, length / 40.0)
     for i in range(n):
         if i < first:
             tube[i] = max(0.0, min(cap, intro[6] - room))
             continue
         m = cap
+        if i > 0:
+            # The slope would cut it down to this afterwards anyway.
+            ds = math.sqrt(
+                (path[i, 0] - path[i - 1, 0]) ** 2
+                + (path[i, 1] - path[i - 1, 1]) ** 2
+                + (path[i, 2] - path[i - 1, 2]) ** 2
+            )
+            m = min(m, tube[i - 1] + slope * ds)
         ax, ay, az = path[i, 0], path[i, 1], path[i, 2]
         near = (length - m) ** 2
         k = i - 1
@@ -229,18 +260,21 @@ def tabulate_tube(duct, intro, path, first, length, room, cap, slope, tube):
             if gap > m:
                 break
             g, _ = trace_chord(
-                duct, intro, ax, ay, az, path[k, 0], path[k, 1], path[k, 2], room + m, TRACE_STEP
+                duct,
+                intro,
+                ax,
+                ay,
+                az,
+                path[k, 0],
+                path[k, 1],
+                path[k, 2],
+                room + m,
+                pitch,
+                room + abs(gap),
             )
             m = min(m, max(g - room, abs(gap)))
             k -= 1
         tube[i] = max(m, 0.0)
-    for i in range(1, n):
-        ds = math.sqrt(
-            (path[i, 0] - path[i - 1, 0]) ** 2
-            + (path[i, 1] - path[i - 1, 1]) ** 2
-            + (path[i, 2] - path[i - 1, 2]) ** 2
-        )
-        tube[i] = min(tube[i], tube[i - 1] + slope * ds)
     for i in range(n - 2, -1, -1):
         ds = math.sqrt(
             (path[i, 0] - path[i + 1, 0]) ** 2
@@ -252,7 +286,7 @@ def tabulate_tube(duct, intro, path, first, length, room, cap, slope, tube):
 
 @njit(cache=True)
 def measure_tail_cosines(path, first, length, cosines):
-    """Fill `cosines` (n,): between the chord of each vertex and the path's direction at its tail."""
+    """Fill `cosines` (n,): between each vertex's chord and the path's direction at its tail."""
     for i in range(first, path.shape[0]):
         k, w = tail_on_path(path, i, length)
         if k < 0:

@@ -3,7 +3,7 @@
 It knows nothing of how a motion was planned: it takes joints, a duct and a radius, or a saved
 plan. Proof: the distance to a wall changes no faster than a point moves, so one value bounds a
 whole cell of body points and times around it; cells that do not decide are split (branch and
-bound). In a sampled field the value itself is a rigorous bound (see `duct._clearance`).
+bound). In a sampled field the value itself is a rigorous bound (see `duct._clearance_kernels`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number
-from ..duct.field import SampledField
+from ..duct.protocol import Duct, count_dimensions
 from ..errors import InputError
 from .introducer import Introducer
 from .plan import Plan
@@ -23,6 +23,11 @@ from .plan import Plan
 __all__ = ["Certificate", "certify_motion", "certify_plan"]
 
 TOLERANCE = 0.1
+"""How far the bound may stay below the smallest value found [mm]."""
+
+FINEST = 0.02
+"""How far the tolerance is lowered at most, to settle whether a motion is certified [mm]."""
+
 BUDGET = 100_000_000
 
 
@@ -68,12 +73,13 @@ class Certificate:
 
 def certify_motion(
     joints: ArrayLike,
-    duct: SampledField,
+    duct: Duct,
     *,
     radius: float,
     introducer: Introducer | None = None,
     tolerance: float = TOLERANCE,
     budget: int = BUDGET,
+    settle: bool = True,
 ) -> Certificate:
     """Prove a lower bound on the clearance of a moving chain.
 
@@ -86,11 +92,16 @@ def certify_motion(
     radius : float
         Of the body [mm].
     introducer : Introducer, optional
-        A straight tube outside; links in it, from the tail on, are not held against the duct.
+        A straight tube outside; links in it, from the tail on, are not held against the duct if
+        they stand there from the first step on or came in through its mouth. Where the scope
+        needs it wider than the lumen at its end, the difference counts as negative clearance.
     tolerance : float
         How far the bound may stay below the smallest value found [mm].
     budget : int
         Evaluations at most.
+    settle : bool
+        Where the bound is negative and the value found is not, look again with a smaller
+        tolerance, down to 0.02 mm.
 
     Raises
     ------
@@ -102,19 +113,28 @@ def certify_motion(
     array = np.asarray(joints, dtype=np.float64)
     if array.ndim != 3 or array.shape[1] < 2 or not np.all(np.isfinite(array)):
         raise InputError(f"joints of shape {array.shape} must be finite and (steps, joints, dim)")
+    if array.shape[2] != count_dimensions(duct):
+        raise InputError(
+            f"joints have shape {array.shape}: the duct needs (steps, joints, "
+            f"{count_dimensions(duct)})"
+        )
     check_number("radius", radius, low=0.0, unit="mm")
     check_number("tolerance", tolerance, low=1e-4, high=10.0, unit="mm")
     packed = np.zeros(7) if introducer is None else introducer.pack(duct)
+    chains = np.ascontiguousarray(duct.to_grid(array))
     worst = np.zeros(6)
-    code, bound, found, used = bound_motion(
-        duct.pack(),
-        packed,
-        np.ascontiguousarray(duct.to_grid(array)),
-        float(radius),
-        float(tolerance),
-        int(budget),
-        worst,
+    code, bound, found, total = bound_motion(
+        duct.pack(), packed, chains, float(radius), float(tolerance), int(budget), worst
     )
+    while settle and code == RESOLVED and bound < radius and found - radius >= FINEST:
+        tolerance = 0.8 * min(found - radius, tolerance)
+        closer = worst.copy()
+        code, finer, least, used = bound_motion(
+            duct.pack(), packed, chains, float(radius), tolerance, int(budget) - total, closer
+        )
+        total += used
+        if finer > bound:
+            bound, found, worst = finer, least, closer
     return Certificate(
         clearance=float(bound) - radius,
         found=float(found) - radius,
@@ -122,12 +142,12 @@ def certify_motion(
         link=int(worst[1]),
         place=duct.to_world(worst[3:6]),
         resolved=code == RESOLVED,
-        evaluations=int(used),
+        evaluations=int(total),
         wall=duct.wall,
     )
 
 
-def certify_plan(plan: Plan, duct: SampledField, **options: Any) -> Certificate:
+def certify_plan(plan: Plan, duct: Duct, **options: Any) -> Certificate:
     """Prove a lower bound on the clearance of any saved plan.
 
     Parameters

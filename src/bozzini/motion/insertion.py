@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import platform
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from ..checks import check_number
 from ..duct.centreline import Centreline, measure_arc_length
 from ..duct.field import SampledField
+from ..duct.protocol import Duct, count_dimensions
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
@@ -30,7 +32,7 @@ METHODS = ("tube", "follow", "thesis")
 
 
 def plan_insertion(
-    duct: SampledField,
+    duct: Duct,
     line: Centreline,
     *,
     scope: Scope,
@@ -45,8 +47,8 @@ def plan_insertion(
 
     Parameters
     ----------
-    duct : SampledField
-        The lumen.
+    duct : Duct
+        The lumen: a sampled field, or an analytic one; in 2-D or 3-D.
     line : Centreline
         The way from the entry to the goal.
     scope : Scope
@@ -80,10 +82,21 @@ def plan_insertion(
         If the method is unknown, the link is longer than the tract, or a number is out of range.
     """
     _check(method, scope, line, head_step, slip, angle_limit, route)
+    dim = count_dimensions(duct)
+    if line.points.shape[1] != dim:
+        raise InputError(
+            f"the centreline's points have shape {line.points.shape}: this duct needs (n, {dim})"
+        )
     links = scope.count_links(line.length)
     bore = max(float(duct.clearance_bound(line.points[0])), scope.radius)
     introducer = Introducer.at_start(line, bore=bore, along=scope.link_length)
     if method == "thesis":
+        if not isinstance(duct, SampledField):
+            raise InputError(
+                f"method 'thesis' works on a sampled field only, this duct is a "
+                f"{type(duct).__name__}: use one of "
+                f"{', '.join(m for m in METHODS if m != 'thesis')}, or sample it first"
+            )
         thesis = move_by_thesis(
             duct,
             line,
@@ -138,7 +151,7 @@ def plan_insertion(
 
 
 def finish_plan(
-    duct: SampledField,
+    duct: Duct,
     motion: TubeMotion,
     *,
     line: Centreline,
@@ -162,8 +175,13 @@ def finish_plan(
         if refusal is not None:
             outcome = ("stopped", refusal.code, refusal.reason)
     clearance, worst = measure_body(duct, motion.joints, scope=scope, introducer=introducer)
+    # Planar motions are measured in the kernels' frame too, which is 3-D and isometric.
     measures = measure_plan(
-        motion.joints, motion.head_arc_length, clearance, line=line, worst=worst
+        motion.joints,
+        motion.head_arc_length,
+        clearance,
+        line=replace(line, points=duct.to_grid(line.points)),
+        worst=np.append(duct.to_grid(worst[:-1]), worst[-1]),
     )
     meta = _describe(duct, scope, introducer, head_step, measures, motion.certificate)
     meta["options"] = options
@@ -215,23 +233,29 @@ def _check(
         )
 
 
-def body_pitch(duct: SampledField) -> float:
+BODY_PITCH = 0.25
+"""`body_pitch` of an analytic duct [mm]."""
+
+
+def body_pitch(duct: Duct) -> float:
     """Distance between the samples along a link in the body check [mm]."""
-    return 0.25 * float(np.min(duct.spacing))
+    if isinstance(duct, SampledField):
+        return 0.5 * float(np.min(duct.spacing))
+    return BODY_PITCH
 
 
 def measure_body(
-    duct: SampledField,
+    duct: Duct,
     joints: NDArray[np.float64],
     *,
     scope: Scope,
     introducer: Introducer,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Estimate the clearance of the whole body at every step, from the sampled field.
+    """Estimate the clearance of the whole body at every step, by samples along the links.
 
     Parameters
     ----------
-    joints : (steps, joints, 3) float
+    joints : (steps, joints, dim) float
         World frame [mm].
 
     Returns
@@ -239,7 +263,7 @@ def measure_body(
     clearance : (steps, joints - 1) float
         Scope surface to wall, the least over samples of each link [mm]; infinite for links wholly
         in the introducer.
-    worst : (4,) float
+    worst : (dim + 1,) float
         The place of the smallest clearance in the world frame, and its value [mm].
     """
     from ._chain_kernels import measure_body as measure
@@ -248,9 +272,7 @@ def measure_body(
     clearance = np.empty((joints.shape[0], joints.shape[1] - 1))
     worst = np.zeros(4)
     measure(
-        duct.values,
-        duct.spacing,
-        duct.inflation,
+        duct.pack(),
         introducer.pack(duct),
         chains,
         scope.radius,
@@ -258,12 +280,11 @@ def measure_body(
         clearance,
         worst,
     )
-    worst[:3] = duct.to_world(worst[:3])
-    return clearance, worst
+    return clearance, np.append(duct.to_world(worst[:3]), worst[3])
 
 
 def _describe(
-    duct: SampledField,
+    duct: Duct,
     scope: Scope,
     introducer: Introducer,
     head_step: float,
@@ -287,16 +308,25 @@ def _describe(
             "wall": certificate.wall,
         },
         "field": {
-            "spacing_mm": [float(h) for h in duct.spacing],
-            "nodes": list(duct.values.shape),
+            "kind": duct.kind,
+            **_describe_grid(duct),
             "inflation_mm": duct.inflation,
             "interpolation_error_mm": duct.error,
             "wall_error_mm": duct.wall_error,
             "sampling_error_mm": 0.5 * body_pitch(duct),
             "clearance_error_mm": duct.error + 0.5 * body_pitch(duct),
         },
-        "measures": measures,
+        "measures": {name: _finite(value) for name, value in measures.items()},
         "versions": dict(_list_versions()),
+    }
+
+
+def _describe_grid(duct: Duct) -> dict[str, Any]:
+    if not isinstance(duct, SampledField):
+        return {}
+    return {
+        "spacing_mm": [float(h) for h in duct.spacing],
+        "nodes": list(duct.values.shape),
     }
 
 

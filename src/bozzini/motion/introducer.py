@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..duct.centreline import Centreline
-from ..duct.field import SampledField
+from ..duct.protocol import Duct
 from ..errors import InputError
 
 __all__ = ["Introducer"]
@@ -25,9 +25,9 @@ class Introducer:
 
     Parameters
     ----------
-    entry : (3,) float
+    entry : (dim,) float
         Where it ends, world frame [mm].
-    outward : (3,) float
+    outward : (dim,) float
         Unit vector out of the tract.
     bore : float
         Inner radius [mm].
@@ -63,13 +63,13 @@ class Introducer:
             raise InputError(f"not an introducer: {description!r} ({error})") from None
 
     def place_chain(self, joints: int, length: float) -> NDArray[np.float64]:
-        """Return the straight chain (joints, 3) whose head stands at the entry."""
+        """Return the straight chain (joints, dim) whose head stands at the entry."""
         return self.entry + np.arange(joints)[:, None] * length * self.outward
 
-    def pack(self, field: SampledField) -> NDArray[np.float64]:
-        """Return entry, direction and bore in the field's own frame, for the kernels: (7,)."""
-        entry = field.to_grid(self.entry)
-        outward = field.to_grid(self.entry + self.outward) - entry
+    def pack(self, duct: Duct) -> NDArray[np.float64]:
+        """Return entry, direction and bore in the duct's own frame, for the kernels: (7,)."""
+        entry = duct.to_grid(self.entry)
+        outward = duct.to_grid(self.entry + self.outward) - entry
         return np.concatenate([entry, outward, [self.bore]])
 
     def describe(self) -> dict[str, Any]:

@@ -108,7 +108,7 @@ def find_largest(
 def _bisect(
     passes: Callable[[float], bool], start: float, high: float, resolution: float
 ) -> float:
-    """Largest value in (0, high] that passes, starting from a guess; grows by steps, then halves."""
+    """Return the largest value in (0, high] that passes: grow from a guess, then halve."""
     low = 0.0
     trial = min(start, high)
     factor = 1.5

@@ -12,12 +12,16 @@ from ..duct.centreline import find_roomy_path
 from ..duct.field import SampledField
 from .passage import find_passage
 from .refusal import Refusal, floor_mm
-from .shape import continue_length, measure_folds, shape_path
+from .shape import SPACING, cut_path, measure_folds, shape_path
 
 if TYPE_CHECKING:
     from .tube import Job, TubeMotion
 
 __all__ = ["explain_stop", "find_prefix"]
+
+PREFIX_TRIES = 5
+"""How many ways to go further are tried."""
+
 
 def explain_stop(job: Job) -> Refusal:
     """Say why the goal was not reached, after every attempt at the whole way has failed."""
@@ -26,12 +30,13 @@ def explain_stop(job: Job) -> Refusal:
     radius, duct, line = job.scope.radius, job.duct, job.line
     goal = float(job.bound[-1])
     passage = None
-    if isinstance(duct, SampledField):
-        passage = find_passage(duct, line.points[0], line.points[-1])
+    if isinstance(duct, SampledField) or goal > 0.0:
+        passage = job.passage or find_passage(duct, line.points[0], line.points[-1])
         at = _locate(job, passage.place)
         near_goal = line.length - at <= max(job.scope.diameter, 3.0)
         if passage.bound < radius and not (near_goal and goal < radius):
-            return _no_passage(job, at, passage.level, passage.bound)
+            level = max(passage.level, float(job.bound.min()))
+            return _no_passage(job, at, level, passage.bound)
     slack = MARGINS[-1]
     if goal < radius + slack:
         return Refusal(
@@ -44,7 +49,10 @@ def explain_stop(job: Job) -> Refusal:
             diameter_max=2.0 * (goal - slack),
             inflate=radius + slack - goal,
         )
-    if job.find_base(radius + slack) is None:
+    if float(job.bound[0]) < radius + slack:
+        return Refusal.at_entry(job.scope, float(job.bound[0]), slack=slack)
+    base = job.find_base(radius + slack)
+    if base is None or (base is job.widest and job.largest_link == 0.0):
         at = float(line.arc_length[int(np.argmin(job.bound))])
         if passage is not None:
             at = _locate(job, passage.place)
@@ -80,16 +88,26 @@ def explain_stop(job: Job) -> Refusal:
 
 
 def find_prefix(job: Job, refusal: Refusal) -> TubeMotion:
-    """Go as far as it certifiably goes, by bisection over the centreline's arc length."""
+    """Go as far as it certifiably goes.
+
+    First along the best shape of the whole way, up to where it fails; then by bisection over the
+    centreline's arc length beyond that.
+    """
     from .tube import MARGINS
 
     room = job.scope.radius + MARGINS[-1]
     low, high = 0.0, min(job.line.length, _find_reach(job, room))
     best = None
-    arc = high
-    while high - low >= 2.0:
+    if job.failed is not None and job.failed.clear_until > SPACING:
+        shaped = cut_path(job.failed, job.failed.clear_until)
+        best = job.follow(shaped, MARGINS[-1])
+        if best is not None:
+            low = _locate(job, best.path[-1])
+    arc, tries = high, 0
+    while high - low >= 2.0 and tries < PREFIX_TRIES:
+        tries += 1
         base = _cut_base(job, arc, room)
-        motion = None if base is None else job.try_path(base, MARGINS[-1])
+        motion = None if base is None else job.try_path(base, MARGINS[-1], thorough=False)
         if motion is None:
             high = arc
         else:
@@ -104,8 +122,8 @@ def _find_reach(job: Job, room: float) -> float:
     """Arc length of the last point of the centreline that may be reached with `room`."""
     fits = job.bound >= room
     if not isinstance(job.duct, SampledField):
-        short = np.flatnonzero(~fits)
-        return float(job.line.arc_length[max(int(short[0]) - 1, 0)]) if len(short) else job.line.length
+        reached = np.flatnonzero(fits)
+        return float(job.line.arc_length[int(reached[-1])]) if len(reached) else 0.0
     from scipy import ndimage
 
     duct = job.duct
@@ -126,7 +144,7 @@ def _cut_base(job: Job, arc: float, room: float) -> NDArray[np.float64] | None:
     if len(base) < 3 or bound[-1] < room or bound[0] < room:
         return None
     if bound.min() >= room or not isinstance(job.duct, SampledField):
-        return base if bound.min() >= room else None
+        return base
     return find_roomy_path(job.duct, base[0], base[-1], room=room)
 
 
@@ -171,6 +189,7 @@ def _no_path(job: Job, at: float, level: float, bound: float) -> Refusal:
 
 def _unresolved(job: Job) -> Refusal:
     certificate = job.unresolved
+    remedy = ": use a smaller --voxel" if isinstance(job.duct, SampledField) else ""
     proved = float("nan") if certificate is None else certificate.clearance
     at = 0.0 if certificate is None else _locate(job, certificate.place)
     return Refusal(
@@ -179,7 +198,7 @@ def _unresolved(job: Job) -> Refusal:
         needs=job.scope.radius,
         offers=job.scope.radius + min(proved, 0.0),
         what=f"a motion was found, but near {at:.1f} mm its clearance could not be proved "
-        f"(bound {proved:.2f} mm): use a smaller --voxel",
+        f"(bound {proved:.2f} mm){remedy}",
     )
 
 
@@ -202,6 +221,7 @@ def _advise(job: Job, refusal: Refusal) -> Refusal:
             length=job.scope.link_length,
             room=middle + margin,
             lead=job.lead,
+            thorough=False,
         )
         if shaped.clear:
             low = middle

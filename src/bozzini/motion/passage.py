@@ -4,6 +4,10 @@ If a scope of radius r came through at all, its centre would have r of room ever
 way crosses from cell to cell, through a face, the nearest corner of that face is at most half a
 face's diagonal away and so has at least r minus that; corners of faces of one cell are
 neighbours. So if the widest way on the grid has less, nothing passes, whatever its links.
+
+An analytic duct is put on a grid for this. Its distance inside may be less than the true room, so
+there the room of a node is bounded from above, by the distance to points that are known to lie on
+the wall: outside, the distance is exact, and its foot point is one.
 """
 
 from __future__ import annotations
@@ -14,6 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..duct.field import SampledField
+from ..duct.protocol import Duct
+from ..errors import InputError
 
 __all__ = ["Passage", "find_passage"]
 
@@ -25,10 +31,10 @@ class Passage:
     Parameters
     ----------
     level : float
-        Smallest room of the nodes along the widest way on the grid [mm].
+        Smallest room of the nodes along the widest way on the grid [mm]; -inf if there is none.
     bound : float
         No way at all has more room than this everywhere [mm]; proved.
-    place : (3,) float
+    place : (dim,) float
         Where the widest way is tightest, world frame [mm].
     """
 
@@ -37,28 +43,89 @@ class Passage:
     place: NDArray[np.float64]
 
 
-def find_passage(duct: SampledField, start: ArrayLike, goal: ArrayLike) -> Passage:
-    """Find the widest way from `start` to `goal` (world frame, mm) through a sampled field.
+NODES_MAX = 300_000
+"""An analytic duct is put on a grid of this many nodes at most."""
 
-    Room is what the field answers: with inflation, the inflation minus the signed distance to
-    the wall before it.
+PITCH = 0.1
+"""Nor are they nearer than this fraction of the room at the roomier end."""
+
+
+def find_passage(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
+    """Find the widest way from `start` to `goal` (world frame, mm) through a duct.
+
+    In a sampled field room is what the field answers: with inflation, the inflation minus the
+    signed distance to the wall before it.
+    """
+    if isinstance(duct, SampledField):
+        return _find_in_field(duct, start, goal)
+    return _find_in_shape(duct, start, goal)
+
+
+def _find_in_shape(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
+    from scipy.spatial import KDTree
+
+    low, high = duct.bounds
+    dim = len(low)
+    rooms = [float(duct.clearance_bound(point)) for point in (start, goal)]
+    if min(rooms) <= 0.0:
+        raise InputError("start or goal of the passage lies outside the duct")
+    floor = float(np.prod(high - low) / NODES_MAX) ** (1.0 / dim)
+    pitch = max(PITCH * max(rooms), floor)
+    axes = [np.arange(low[k] - pitch, high[k] + 2.0 * pitch, pitch) for k in range(dim)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    shape = (*nodes.shape[:-1], *(1,) * (3 - dim))
+    nodes = nodes.reshape(-1, dim)
+    distance = duct.signed_distance(nodes)
+    # Nodes just outside, moved to the wall.
+    rim = nodes[(distance > 0.0) & (distance < 2.0 * pitch)]
+    feet = rim - duct.signed_distance(rim)[:, None] * duct.gradient(rim)
+    inside = distance < 0.0
+    above = np.full(len(nodes), -np.inf)
+    above[inside] = KDTree(feet).query(nodes[inside])[0]
+    ends = []
+    for point in (start, goal):
+        index = np.rint((np.asarray(point, dtype=np.float64) - low) / pitch).astype(int) + 1
+        ends.append(int(np.ravel_multi_index((*index, *(0,) * (3 - dim)), shape)))
+    level = _find_widest(-distance, shape, ends)[0]
+    _, limit, node = _find_widest(above, shape, ends)
+    return Passage(
+        level=level,
+        bound=max(limit, 0.0) + 0.5 * pitch * float(np.sqrt(dim - 1)),
+        place=nodes[max(node, 0)],
+    )
+
+
+def _find_widest(
+    room: NDArray[np.float64], shape: tuple[int, ...], ends: list[int]
+) -> tuple[float, float, int]:
+    """Return the widest way's least room, the same without its two ends, and the node of that.
+
+    The nodes of the ends do not count for the proof: they are corners of cells where the way
+    begins or ends, not of faces that it crosses.
     """
     from ._passage_kernels import widest_level
 
+    raised = room.copy()
+    raised[ends] = max(float(room.max()), 1e-9)
+    order = np.flatnonzero(raised > 0.0)
+    order = order[np.argsort(-raised[order], kind="stable")]
+    limit, node = widest_level(raised, order, shape, ends[0], ends[1])
+    return min(float(limit), float(room[ends].min())), float(limit), int(node)
+
+
+def _find_in_field(duct: SampledField, start: ArrayLike, goal: ArrayLike) -> Passage:
     room = (duct.inflation - duct.values.astype(np.float64)).ravel()
     shape = duct.values.shape
     ends = []
     for point in (start, goal):
-        node = np.rint(duct.to_grid(point) / duct.spacing).astype(int)
-        node = np.clip(node, 0, np.array(shape) - 1)
-        ends.append(int(np.ravel_multi_index(tuple(node), shape)))
-    inside = np.flatnonzero(room > 0.0)
-    order = inside[np.argsort(-room[inside], kind="stable")]
-    level, node = widest_level(room, order, shape, ends[0], ends[1])
+        near = np.rint(duct.to_grid(point) / duct.spacing).astype(int)
+        near = np.clip(near, 0, np.array(shape) - 1)
+        ends.append(int(np.ravel_multi_index(tuple(near), shape)))
+    level, limit, node = _find_widest(room, shape, ends)
     half = 0.5 * float(np.linalg.norm(np.sort(duct.spacing)[1:]))
-    index = np.array(np.unravel_index(max(int(node), 0), shape))
+    index = np.array(np.unravel_index(max(node, 0), shape))
     return Passage(
-        level=float(level),
-        bound=max(float(level), 0.0) + half,
+        level=level,
+        bound=max(limit, 0.0) + half + duct.pack().slack,
         place=duct.to_world(index * duct.spacing),
     )

@@ -86,17 +86,17 @@ class Refusal:
         }
 
     @classmethod
-    def at_entry(cls, scope: Scope, room: float) -> Refusal:
-        """The lumen at the entry is too narrow."""
+    def at_entry(cls, scope: Scope, room: float, *, slack: float = 0.0) -> Refusal:
+        """The lumen at the entry is too narrow; `slack`: room asked for beyond the radius."""
         return cls(
             code="ENTRY_CLEARANCE",
             at=0.0,
-            needs=scope.radius,
+            needs=scope.radius + slack,
             offers=room,
-            what=f"does not fit at the entry: needs {scope.radius:.2f} mm from the wall, the "
-            f"lumen offers {floor_mm(room)} mm there",
-            diameter_max=2.0 * room,
-            inflate=scope.radius - room,
+            what=f"does not fit at the entry: needs {scope.radius + slack:.2f} mm from the wall, "
+            f"the lumen offers {floor_mm(room)} mm there",
+            diameter_max=2.0 * (room - slack),
+            inflate=scope.radius + slack - room,
         )
 
     @classmethod

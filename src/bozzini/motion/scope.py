@@ -45,6 +45,6 @@ class Scope:
         return 0.5 * self.diameter
 
     def count_links(self, path_length: float) -> int:
-        """Return how many links the scope has; for a path of `path_length` mm if its length is open."""
+        """Return the number of links; for a path of `path_length` mm if the length is open."""
         length = path_length if self.length is None else self.length
         return max(1, math.ceil(length / self.link_length - 1e-9))

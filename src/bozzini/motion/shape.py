@@ -6,7 +6,7 @@ one parameter. Its clearance decides for all times, all joints, advancing or ret
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..duct.centreline import measure_arc_length, resample_polyline
 
-__all__ = ["ShapedPath", "measure_folds", "shape_path"]
+__all__ = ["ShapedPath", "continue_length", "cut_path", "measure_folds", "shape_path"]
 
 TARGET = 0.15
 """How much more room than needed the band aims at [mm]."""
@@ -33,6 +33,19 @@ SCHEDULES = (
 
 HOPELESS = 1.5
 """A shape that lacks more than this after the first schedule is given up [mm]."""
+
+POLISHES = (((150, 0.0),), ((60, 0.2), (60, 0.1), (150, 0.0)))
+"""Rounds for a shape that lacks little: between walls that leave no `TARGET`, aiming at it makes
+the band swing from one to the other."""
+
+POLISH_TARGET = 0.03
+"""How much more room than needed these aim at [mm]."""
+
+POLISH_LACK = 0.3
+"""They are for a shape that lacks at most this much [mm]."""
+
+SHORTEST = 2.0
+"""Links shorter than this are not tried [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,6 +66,8 @@ class ShapedPath:
         Arc length of the head where that is [mm].
     clear : bool
         Whether that is at least what was asked for.
+    clear_until : float
+        Arc length up to which all chords have what was asked for [mm].
     """
 
     points: NDArray[np.float64]
@@ -61,6 +76,7 @@ class ShapedPath:
     room: float
     tightest: float
     clear: bool
+    clear_until: float
 
     @property
     def length(self) -> float:
@@ -76,6 +92,7 @@ def shape_path(
     length: float,
     room: float,
     lead: float,
+    thorough: bool = True,
 ) -> ShapedPath:
     """Shape a path from the entry to the goal for a link length.
 
@@ -93,12 +110,41 @@ def shape_path(
         Clearance that every chord must have [mm].
     lead : float
         How far the introducer's straight line is continued outwards [mm].
+    thorough : bool
+        Whether to try more than the first schedule.
+
+    Returns
+    -------
+    ShapedPath
+        The best found; `clear` says whether it will do.
     """
-    first = _run(data, intro, path, SCHEDULES[0], length, room, lead)
-    if first.clear or first.room < room - HOPELESS:
-        return first
+    best = _run(data, intro, path, SCHEDULES[0], length, room, lead)
+    if best.clear or best.room < room - HOPELESS or not thorough:
+        return best
+    best = _polish(data, intro, best, length, room, lead)
+    if best.clear:
+        return best
     second = _run(data, intro, path, SCHEDULES[1], length, room, lead)
-    return second if second.room > first.room else first
+    second = _polish(data, intro, second, length, room, lead)
+    return second if second.room > best.room else best
+
+
+def _polish(
+    data: Any,
+    intro: NDArray[np.float64],
+    shaped: ShapedPath,
+    length: float,
+    room: float,
+    lead: float,
+) -> ShapedPath:
+    best = shaped
+    for schedule in POLISHES:
+        if best.clear or best.room < room - POLISH_LACK:
+            break
+        points = best.points[best.first :]
+        again = _run(data, intro, points, schedule, length, room, lead, target=POLISH_TARGET)
+        best = again if again.room > best.room else best
+    return best
 
 
 def continue_length(
@@ -110,7 +156,7 @@ def continue_length(
     room: float,
     lead: float,
 ) -> tuple[ShapedPath | None, float]:
-    """Grow the link from 2 mm to `length`, shaping from the last success each time.
+    """Grow the link from `SHORTEST` to `length`, shaping from the last success each time.
 
     Returns
     -------
@@ -120,13 +166,17 @@ def continue_length(
         The largest link length that was shaped [mm]; 0 if none.
     """
     largest, current = 0.0, path
-    trial, increment = min(2.0, length), 4.0
-    while increment > 0.2:
-        shaped = shape_path(data, intro, current, length=trial, room=room, lead=lead)
+    trial, increment = min(SHORTEST, length), 4.0
+    while increment >= 0.5:
+        shaped = shape_path(
+            data, intro, current, length=trial, room=room, lead=lead, thorough=trial >= length
+        )
         if shaped.clear:
             largest, current = trial, shaped.points[shaped.first :]
             if trial >= length:
                 return shaped, largest
+        elif largest == 0.0:
+            break
         else:
             increment *= 0.5
         trial = min(largest + increment, length)
@@ -141,18 +191,18 @@ def _run(
     length: float,
     room: float,
     lead: float,
+    *,
+    target: float = TARGET,
 ) -> ShapedPath:
     from ._path_kernels import relax_path
 
     inner = resample_polyline(path, SPACING)
     outer = _lead_in(intro, inner[0], lead)
     first = len(outer)
-    worst = -np.inf
     for sweeps, tension in schedule:
         points = np.concatenate([outer, inner])
-        worst = relax_path(data, intro, points, first, length, room + TARGET, sweeps, tension, REACH)
+        relax_path(data, intro, points, first, length, room + target, sweeps, tension, REACH)
         inner = resample_polyline(points[first:], SPACING)
-    del worst
     return _finish(data, intro, outer, inner, length, room)
 
 
@@ -173,6 +223,7 @@ def _finish(
     worst = float(check_chords(data, intro, points, first, length, room + TARGET, clearance))
     arc = measure_arc_length(points)
     arc -= arc[first]
+    short = np.flatnonzero(clearance < room)
     return ShapedPath(
         points=points,
         arc_length=arc,
@@ -180,6 +231,7 @@ def _finish(
         room=worst,
         tightest=float(arc[int(np.argmin(clearance))]),
         clear=worst >= room,
+        clear_until=max(0.0, float(arc[short[0] - 1] if len(short) else arc[-1])),
     )
 
 
@@ -202,3 +254,15 @@ def measure_folds(path: ShapedPath, length: float) -> NDArray[np.float64]:
     cosines = np.ones(len(path.points))
     measure_tail_cosines(path.points, path.first, length, cosines)
     return cosines
+
+
+def cut_path(path: ShapedPath, arc: float) -> ShapedPath:
+    """Return the part of a shaped path up to an arc length, all of whose chords are clear."""
+    keep = max(int(np.searchsorted(path.arc_length, arc, "right")), path.first + 2)
+    return replace(
+        path,
+        points=path.points[:keep],
+        arc_length=path.arc_length[:keep],
+        clear=arc <= path.clear_until,
+        clear_until=min(arc, path.clear_until),
+    )

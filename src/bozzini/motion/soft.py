@@ -41,7 +41,7 @@ def plan_with_soft_wall(
     -------
     Plan
         ``meta["soft_wall"]`` says what was allowed and used, the deepest contact, where it is,
-        and the share of the tract's length that is ever touched.
+        and the share of steps with contact.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def plan_with_soft_wall(
             "used_mm": used,
             "contact_max_mm": deepest,
             "contact_where_mm": where if deepest > 0.0 else None,
-            "contact_share": float((clearance.min(axis=1) < 0.0).mean()),
+            "contact_step_share": float((clearance.min(axis=1) < 0.0).mean()),
         },
     }
     if used > 0.0:

@@ -10,7 +10,7 @@ certificate is made afterwards, on the motion itself, and decides.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 
 from ..duct.centreline import Centreline, find_roomy_path
 from ..duct.field import SampledField
+from ..duct.protocol import Duct
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .introducer import Introducer
 from .measures import measure_angles
+from .passage import Passage, find_passage
 from .refusal import Refusal
 from .scope import Scope
 from .shape import ShapedPath, continue_length, measure_folds, shape_path
@@ -30,6 +32,9 @@ __all__ = ["TubeMotion", "TubeOptions", "move_in_tube", "plan_in_tube"]
 
 MARGINS = (0.25, 0.12, 0.05)
 """Room beyond the radius that the path is shaped for, tried in turn [mm]."""
+
+MARGIN_HOPE = 0.1
+"""A margin is skipped if the last shape lacks more than this even for it [mm]."""
 
 FOLD_COSINE = 0.25
 """Below this the chain would amplify the head's motion more than fourfold: a fold."""
@@ -94,7 +99,7 @@ class TubeMotion:
 
 
 def plan_in_tube(
-    duct: SampledField,
+    duct: Duct,
     line: Centreline,
     *,
     scope: Scope,
@@ -127,7 +132,7 @@ class Job:
 
     def __init__(
         self,
-        duct: SampledField,
+        duct: Duct,
         line: Centreline,
         scope: Scope,
         introducer: Introducer,
@@ -144,12 +149,18 @@ class Job:
         self.fold: ShapedPath | None = None
         self.largest_link = 0.0
         self.unresolved: Certificate | None = None
+        self.passage: Passage | None = None
+        self.widest: NDArray[np.float64] | None = None
 
     def try_whole_way(self) -> TubeMotion | None:
         """Plan to the goal with the largest margin that works, or return None."""
         for margin in MARGINS:
             base = self.find_base(self.scope.radius + margin)
-            motion = None if base is None else self.try_path(base, margin)
+            thorough = margin == MARGINS[-1]
+            if not thorough and self.failed is not None:
+                if self.failed.room < self.scope.radius + margin - MARGIN_HOPE:
+                    continue
+            motion = None if base is None else self.try_path(base, margin, thorough=thorough)
             if motion is not None:
                 return motion
         base = self.find_base(self.scope.radius + MARGINS[-1])
@@ -173,9 +184,28 @@ class Job:
             return self.line.points
         if not isinstance(self.duct, SampledField):
             return self.line.points
-        return find_roomy_path(self.duct, self.line.points[0], self.line.points[-1], room=room)
+        base = find_roomy_path(self.duct, self.line.points[0], self.line.points[-1], room=room)
+        return self.find_widest(room) if base is None else base
 
-    def try_path(self, base: NDArray[np.float64], margin: float) -> TubeMotion | None:
+    def find_widest(self, room: float) -> NDArray[np.float64] | None:
+        """Return the widest way along nodes, if one with `room` may lie between the nodes."""
+        duct = self.duct
+        if not isinstance(duct, SampledField):
+            return None
+        if self.passage is None:
+            self.passage = find_passage(duct, self.line.points[0], self.line.points[-1])
+            if self.passage.level > 0.0:
+                self.widest = find_roomy_path(
+                    duct,
+                    self.line.points[0],
+                    self.line.points[-1],
+                    room=self.passage.level - 1e-6,
+                )
+        return self.widest if self.passage.bound >= room else None
+
+    def try_path(
+        self, base: NDArray[np.float64], margin: float, *, thorough: bool = True
+    ) -> TubeMotion | None:
         """Shape `base`, move along it, certify; None (with the reason kept) where that fails."""
         shaped = shape_path(
             self.data,
@@ -184,6 +214,7 @@ class Job:
             length=self.scope.link_length,
             room=self.scope.radius + margin,
             lead=self.lead,
+            thorough=thorough,
         )
         if not shaped.clear:
             self.failed = shaped
@@ -199,9 +230,21 @@ class Job:
         if not motion.certificate.certified:
             motion = self.move(shaped, margin, freedom=0.0)
         if not motion.certificate.certified:
+            motion = replace(motion, certificate=self.certify(motion.joints, settle=True))
+        if not motion.certificate.certified:
             self.unresolved = motion.certificate
             return None
         return motion
+
+    def certify(self, joints: NDArray[np.float64], *, settle: bool) -> Certificate:
+        """Certify a motion of this scope."""
+        return certify_motion(
+            joints,
+            self.duct,
+            radius=self.scope.radius,
+            introducer=self.introducer,
+            settle=settle,
+        )
 
     def move(
         self, shaped: ShapedPath, margin: float, *, freedom: float | None = None
@@ -228,9 +271,7 @@ class Job:
                 refusal = Refusal.at_angle(limit, float(heads[over[0]]))
                 keep = max(1, int(over[0]))
                 world, heads = world[:keep], heads[:keep]
-        certificate = certify_motion(
-            world, self.duct, radius=self.scope.radius, introducer=self.introducer
-        )
+        certificate = self.certify(world, settle=False)
         return TubeMotion(
             joints=world,
             head_arc_length=heads,
@@ -243,9 +284,7 @@ class Job:
     def stand_still(self, refusal: Refusal) -> TubeMotion:
         """Return the motion that does not begin."""
         joints = self.introducer.place_chain(self.links + 1, self.scope.link_length)[None]
-        certificate = certify_motion(
-            joints, self.duct, radius=self.scope.radius, introducer=self.introducer
-        )
+        certificate = self.certify(joints, settle=False)
         return TubeMotion(
             joints=joints,
             head_arc_length=np.zeros(1),

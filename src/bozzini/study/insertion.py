@@ -149,7 +149,8 @@ class InsertionStudy:
             progress("report", 1.0)
             self.seconds["total"] = sum(v for k, v in self.seconds.items() if k != "total")
             summary = self.summarise()
-            write_text(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+            text = json.dumps(summary, indent=2, allow_nan=False)
+            write_text(folder / "summary.json", text + "\n")
         return summary
 
     def _draw_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -255,9 +256,7 @@ def run_insertion(
         with _clock(times, "compare"):
             for other in METHODS:
                 plain = {"head_step": head_step} if other == "thesis" else options
-                comparison.append(
-                    plan_insertion(field, line, scope=scope, method=other, **plain)
-                )
+                comparison.append(plan_insertion(field, line, scope=scope, method=other, **plain))
                 progress("compare", len(comparison) / len(METHODS))
     given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
     for name, chosen in (("start", start), ("end", end)):

@@ -33,7 +33,8 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
         "reason": plan.reason,
         "reason_code": plan.reason_code,
         "certified": bool(plan.meta["certified"]),
-        "clearance_certified_mm": certificate["clearance_mm"],
+        # A bound below zero proves nothing, and is loose outside the lumen: no number to quote.
+        "clearance_certified_mm": certificate["clearance_mm"] if plan.meta["certified"] else None,
         "stopped_at_mm": plan.inserted if plan.status == "stopped" else None,
         "centreline_length_mm": line.length,
         "inserted_mm": plan.inserted,

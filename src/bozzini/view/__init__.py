@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from .clearance_plot import draw_clearance
+from .comparison_plot import draw_comparison
+from .contact_plot import draw_contact
 from .figures import draw_depths, draw_overview, write_figure
 from .fluoroscopy import Projection, render_fluoroscopy
 from .report import write_report
@@ -12,6 +14,8 @@ __all__ = [
     "Projection",
     "SceneInfo",
     "draw_clearance",
+    "draw_comparison",
+    "draw_contact",
     "draw_depths",
     "draw_overview",
     "render_fluoroscopy",

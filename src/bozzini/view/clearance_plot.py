@@ -2,34 +2,45 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from .palette import INK, RED, ClearanceScale, choose_clearance_scale
-from .sampling import MotionSample, find_radius, sample_motion
+from .palette import AMBER, INK, ClearanceScale, choose_clearance_scale
+from .radius_plot import draw_radius
+from .sampling import MotionSample, sample_motion
 from .scope_drawing import draw_color_bar
+from .way import RefusalMark, Way, find_refusal, find_way
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..motion.plan import Plan
 
-__all__ = ["draw_clearance", "fill_clearance", "map_clearance"]
+__all__ = ["choose_abscissa", "draw_clearance", "fill_clearance", "map_clearance"]
 
 _ROWS = 320
-_BLUE = "#1f5fa8"
 _GRID = "#e3e8ed"
+_GOAL = "#4b5a68"
+_PAPER = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 2.5}
 
 
-def draw_clearance(plan: Plan) -> Figure:
+def draw_clearance(plan: Plan, *, summary: Mapping[str, Any] | None = None) -> Figure:
     """Return a figure of clearance over insertion and along the tract, with the lumen's radius.
 
     Top: smallest clearance of the whole body over insertion. Middle: clearance of the part of
     the scope that stands at each place of the tract. Right: inscribed radius of the lumen there
-    and the scope's radius. The tightest moment is marked.
+    and the scope's radius, to the goal if the plan holds the centreline. The tightest moment is
+    marked, and the place where the planner refused to go on.
+
+    Parameters
+    ----------
+    plan : Plan
+    summary : mapping, optional
+        `refusal` and `passage_mm` of it are drawn; a refusal in the plan is enough.
 
     Raises
     ------
@@ -37,64 +48,30 @@ def draw_clearance(plan: Plan) -> Figure:
         If the plan's arrays do not fit each other.
     """
     sample = sample_motion(plan, count=600, worst_between=True)
+    way, mark = find_way(plan), find_refusal(plan, summary)
     scale = choose_clearance_scale(sample.visible)
     figure = Figure(figsize=(11.6, 7.4), facecolor="white")
     grid = figure.add_gridspec(
-        2, 3, width_ratios=(1.0, 0.26, 0.022), height_ratios=(0.32, 1.0), wspace=0.07, hspace=0.06
+        2, 3, width_ratios=(1.0, 0.28, 0.022), height_ratios=(0.32, 1.0), wspace=0.07, hspace=0.06
     )
     figure.subplots_adjust(left=0.075, right=0.925, top=0.985, bottom=0.085)
     top = figure.add_subplot(grid[0, 0])
     middle = figure.add_subplot(grid[1, 0], sharex=top)
     right = figure.add_subplot(grid[1, 1], sharey=middle)
-    bar = figure.add_subplot(grid[1, 2])
-    over, label = _choose_abscissa(sample)
+    over, label = choose_abscissa(sample)
 
     fill_clearance(top, sample, scale=scale, ink=INK)
     top.set_ylabel("smallest\nclearance [mm]")
     top.tick_params(labelbottom=False)
-
-    length = float(plan.path_arc_length[-1])
-    image = map_clearance(sample, over=over, length=length)
-    color_map, norm = scale.build_color_map()
-    middle.imshow(
-        np.ma.masked_invalid(image),
-        origin="lower",
-        extent=(*_widen(over), 0.0, length),
-        cmap=color_map,
-        norm=norm,
-        aspect="auto",
-        interpolation="nearest",
-    )
+    _draw_map(middle, sample, scale=scale, over=over, length=way.length)
     middle.set_xlabel(label)
-    middle.set_ylabel("place along the tract [mm]")
-    middle.set_ylim(0.0, length)
-    row, link = sample.find_tightest()
-    if sample.in_tract[row, link]:
-        spot = (over[row], 0.5 * (sample.places[row, link] + sample.places[row, link + 1]))
-        for edge, wide in (("white", 4.0), (INK, 1.8)):
-            middle.plot(
-                *spot,
-                "o",
-                markersize=15,
-                markerfacecolor="none",
-                markeredgecolor=edge,
-                mew=wide,
-                clip_on=False,
-            )
-        high = spot[1] > 0.8 * length
-        side = -1 if over[row] > 0.5 * (over[0] + over[-1]) else 1
-        middle.annotate(
-            f"tightest: {_show(sample.visible[row, link])} mm",
-            spot,
-            xytext=(14 * side, -20 if high else 14),
-            textcoords="offset points",
-            color=INK,
-            fontweight="bold",
-            ha="left" if side > 0 else "right",
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 2.5},
-        )
-    _draw_radius(right, plan)
-    draw_color_bar(figure, bar, scale, color=INK, vertical=True)
+    _mark_tightest(middle, sample, over=over, length=way.length)
+    _mark_ends(middle, way, mark, over=over, tightest=sample.find_tightest(), sample=sample)
+    draw_radius(
+        right, plan, way, mark=mark, summary=summary or {}, legend=figure.add_subplot(grid[0, 1:])
+    )
+    right.axhline(way.length, color=_GOAL, linewidth=1.2)
+    draw_color_bar(figure, figure.add_subplot(grid[1, 2]), scale, color=INK, vertical=True)
     for axes in (top, right):
         axes.grid(color=_GRID, linewidth=0.8)
         axes.set_axisbelow(True)
@@ -103,11 +80,101 @@ def draw_clearance(plan: Plan) -> Figure:
     return figure
 
 
+def _draw_map(
+    axes: Axes,
+    sample: MotionSample,
+    *,
+    scale: ClearanceScale,
+    over: NDArray[np.float64],
+    length: float,
+) -> None:
+    image = map_clearance(sample, over=over, length=length)
+    color_map, norm = scale.build_color_map()
+    axes.imshow(
+        np.ma.masked_invalid(image),
+        origin="lower",
+        extent=(*_widen(over), 0.0, length),
+        cmap=color_map,
+        norm=norm,
+        aspect="auto",
+        interpolation="nearest",
+    )
+    axes.set_ylabel("place along the tract [mm]")
+    axes.set_ylim(0.0, 1.035 * length)
+
+
+def _mark_tightest(
+    axes: Axes, sample: MotionSample, *, over: NDArray[np.float64], length: float
+) -> None:
+    row, link = sample.find_tightest()
+    if not sample.in_tract[row, link]:
+        axes.text(
+            0.5, 0.5, "nothing of the scope enters the tract", color=INK, ha="center",
+            transform=axes.transAxes,
+        )  # fmt: skip
+        return
+    spot = (over[row], 0.5 * (sample.places[row, link] + sample.places[row, link + 1]))
+    for edge, wide in (("white", 4.0), (INK, 1.8)):
+        axes.plot(
+            *spot, "o", markersize=15, markerfacecolor="none", markeredgecolor=edge, mew=wide,
+            clip_on=False,
+        )  # fmt: skip
+    side = -1 if over[row] > 0.5 * (over[0] + over[-1]) else 1
+    axes.annotate(
+        f"tightest: {_show(sample.visible[row, link])} mm",
+        spot,
+        xytext=(14 * side, -20 if spot[1] > 0.8 * length else 14),
+        textcoords="offset points",
+        color=INK,
+        fontweight="bold",
+        ha="left" if side > 0 else "right",
+        bbox=_PAPER,
+    )
+
+
+def _mark_ends(
+    axes: Axes,
+    way: Way,
+    mark: RefusalMark | None,
+    *,
+    over: NDArray[np.float64],
+    tightest: tuple[int, int],
+    sample: MotionSample,
+) -> None:
+    """Draw the goal, how far the head got, and the place that was refused."""
+    left, right = _widen(over)
+    axes.axhline(way.length, color=_GOAL, linewidth=1.2)
+    axes.text(
+        0.008, way.length, f"goal, {way.length:.0f} mm", color=_GOAL, fontsize=9, va="bottom",
+        transform=axes.get_yaxis_transform(),
+    )  # fmt: skip
+    if mark is None:
+        return
+    axes.axhline(mark.at, color=AMBER, linewidth=1.6, linestyle=(0, (6, 2)))
+    # Below the line, unless the tightest moment is written there; on the side away from it.
+    row, link = tightest
+    near = abs(float(sample.places[row, link]) - mark.at) < 0.15 * way.length
+    leftwards = near and over[row] > 0.5 * (left + right)
+    below = mark.at > 0.12 * way.length
+    axes.annotate(
+        f"✕ {mark.text}",
+        (0.01 if leftwards else 0.99, mark.at),
+        xycoords=axes.get_yaxis_transform(),
+        xytext=(0, -5 if below else 5),
+        textcoords="offset points",
+        color=AMBER,
+        fontweight="bold",
+        ha="left" if leftwards else "right",
+        va="top" if below else "bottom",
+        bbox=_PAPER,
+    )
+
+
 def fill_clearance(axes: Axes, sample: MotionSample, *, scale: ClearanceScale, ink: str) -> None:
     """Draw the smallest clearance over insertion, coloured by its value, with the wall at 0."""
     from matplotlib.collections import LineCollection
 
-    over, _ = _choose_abscissa(sample)
+    over, _ = choose_abscissa(sample)
     height = sample.smallest
     known = np.isfinite(height)
     over, height = over[known], height[known]
@@ -137,13 +204,13 @@ def fill_clearance(axes: Axes, sample: MotionSample, *, scale: ClearanceScale, i
     axes.annotate(
         f"{_show(height[low])} mm",
         (over[low], height[low]),
-        xytext=(11 if left_half else -11, 0),
+        xytext=(8 if left_half else -8, -3),  # below the lowest point there is no line
         textcoords="offset points",
         color=ink,
         fontsize=12,
         fontweight="bold",
         ha="left" if left_half else "right",
-        va="center",
+        va="top",
     )
     span = max(float(np.percentile(height, 90)), 0.0) - min(float(height.min()), 0.0)
     span = max(span, 0.5)
@@ -188,7 +255,7 @@ def map_clearance(
     return image[:, nearest]
 
 
-def _choose_abscissa(sample: MotionSample) -> tuple[NDArray[np.float64], str]:
+def choose_abscissa(sample: MotionSample) -> tuple[NDArray[np.float64], str]:
     """Return insertion, or the step number where the scope goes back and forth."""
     if np.all(np.diff(sample.insertion) >= 0.0):
         return sample.insertion, "insertion [mm]"
@@ -202,21 +269,3 @@ def _widen(over: NDArray[np.float64]) -> tuple[float, float]:
 
 def _show(value: float) -> str:
     return f"{value:.2f}".replace("-", "\N{MINUS SIGN}")
-
-
-def _draw_radius(axes: Axes, plan: Plan) -> None:
-    """Draw the inscribed radius along the tract beside the map, and the scope's own."""
-    place, radius = plan.path_arc_length, plan.path_radius
-    axes.fill_betweenx(place, 0.0, radius, color="#d7e3ee", lw=0)
-    axes.plot(radius, place, color=_BLUE, linewidth=1.4)
-    scope = find_radius(plan)
-    if scope > 0.0:
-        axes.axvline(scope, color=RED, linewidth=1.6, linestyle=(0, (5, 2)))
-        axes.fill_betweenx(place, 0.0, scope, where=radius < scope, color=RED, alpha=0.45, lw=0)
-        axes.text(
-            scope, 1.005, f" scope {scope:g} mm", color=RED, transform=axes.get_xaxis_transform(),
-            va="bottom", ha="left", fontsize=9,
-        )  # fmt: skip
-    axes.set_xlim(0.0, 1.05 * max(float(radius.max()), scope, 1e-9))
-    axes.set_xlabel("inscribed radius [mm]")
-    axes.tick_params(labelleft=False)

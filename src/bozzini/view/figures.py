@@ -15,11 +15,13 @@ from matplotlib.figure import Figure
 
 from ..checks import check_integer
 from ..files import write_atomically
-from .clearance_plot import draw_clearance, fill_clearance
+from .claim import read_claim
+from .clearance_plot import choose_abscissa, draw_clearance, fill_clearance
 from .fluoroscopy import render_fluoroscopy
 from .palette import NIGHT, ClearanceScale, choose_clearance_scale
 from .sampling import MotionSample, find_radius, sample_motion
-from .scope_drawing import draw_color_bar, draw_panel, draw_scope
+from .scope_drawing import REST, draw_color_bar, draw_panel, draw_rest, draw_scope
+from .way import RefusalMark, Way, find_refusal, find_way
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,6 +74,7 @@ def draw_depths(
     check_integer("number of depths", depths, low=1, high=12)
     sample = sample_motion(plan, count=300)
     rows = _pick_depths(sample, depths)
+    rest = _find_rest(plan, sample)
     pictures = [render_fluoroscopy(field, axis=view) for view in views]
     scale = choose_clearance_scale(sample.visible)
     inches, head, foot, gap = 16.0, 0.42, 0.72, 0.06
@@ -102,10 +105,18 @@ def draw_depths(
             top -= size[1]
             axes = _add_axes(figure, left + 0.5 * (column - size[0]), top, size[0], size[1])
             draw_panel(axes, picture, legend=i == 0)
+            if rest is not None:
+                draw_rest(axes, picture, rest[0], reached=rest[1], mark=rest[2])
             draw_scope(axes, picture, sample, row, scale=scale, radius=find_radius(plan))
             top -= gap
-    bar = _add_axes(figure, 0.5 * inches - 2.5, 0.5, 5.0, 0.12)
-    draw_color_bar(figure, bar, scale, color="white")
+    shift = 0.0 if rest is None else 0.21 * inches
+    wide = min(5.0, 0.45 * inches)
+    bar = _add_axes(figure, 0.5 * inches - 0.5 * wide - shift, 0.5, wide, 0.12)
+    soft = read_claim(plan, {}).soft is not None
+    below = "pushing the wall" if soft else "through the wall"
+    draw_color_bar(figure, bar, scale, color="white", below=below)
+    if rest is not None:
+        _write_rest(figure, (0.98, 0.42 / tall), rest[2])
     return figure
 
 
@@ -137,6 +148,7 @@ def draw_overview(
     scale = choose_clearance_scale(sample.visible)
     figure = Figure(figsize=(16.0, 9.0), facecolor=NIGHT)
     rows = _pick_depths(sample, depths)
+    rest = _find_rest(plan, sample)
     gap, strip = 0.12, 2.45
     room_wide, room_tall = (16.0 - gap) / len(rows) - gap, 9.0 - strip - 0.5
     per_mm = min(room_wide / picture.width, room_tall / picture.height)
@@ -149,6 +161,8 @@ def draw_overview(
             left = 0.5 * (16.0 - whole) + i * (wide + gap)
         axes = _add_axes(figure, left, strip + 0.5 * (room_tall - tall), wide, tall)
         draw_panel(axes, picture, legend=i == 0)
+        if rest is not None:
+            draw_rest(axes, picture, rest[0], reached=rest[1], mark=rest[2])
         draw_scope(axes, picture, sample, row, scale=scale, radius=find_radius(plan))
         figure.text(
             (left + 0.5 * wide) / 16.0,
@@ -164,6 +178,8 @@ def draw_overview(
     _draw_strip(strip_axes, sample, scale, rows)
     bar = _add_axes(figure, 14.35, 0.62, 0.16, strip - 0.82)
     draw_color_bar(figure, bar, scale, color="white", vertical=True)
+    if rest is not None:
+        _write_rest(figure, (0.94, strip / 9.0 + 0.005), rest[2])
     if path is not None:
         write_figure(figure, path)
     return figure
@@ -177,6 +193,21 @@ def _pick_depths(sample: MotionSample, count: int) -> list[int]:
     return list(dict.fromkeys(rows))
 
 
+def _find_rest(plan: Plan, sample: MotionSample) -> tuple[Way, float, RefusalMark | None] | None:
+    """Return the way, how far along it a stopped motion got, and where it was refused."""
+    if plan.status != "stopped":
+        return None
+    way = find_way(plan)
+    return way, max(0.0, float(sample.places[:, 0].max())), find_refusal(plan)
+
+
+def _write_rest(figure: Figure, spot: tuple[float, float], mark: RefusalMark | None) -> None:
+    words = "dotted: the way not reached"
+    if mark is not None:
+        words += f"    ✕ {mark.text}"
+    figure.text(*spot, words, color=REST, fontsize=12, ha="right", va="bottom")
+
+
 def _add_axes(figure: Figure, left: float, bottom: float, wide: float, tall: float) -> Axes:
     """Add axes at a place given in inches."""
     width, height = figure.get_size_inches()
@@ -186,14 +217,15 @@ def _add_axes(figure: Figure, left: float, bottom: float, wide: float, tall: flo
 def _draw_strip(axes: Any, sample: MotionSample, scale: ClearanceScale, rows: list[int]) -> None:
     """Draw smallest clearance over insertion on a dark ground."""
     fill_clearance(axes, sample, scale=scale, ink="white")
+    over, label = choose_abscissa(sample)
     axes.set_facecolor(NIGHT)
     for row in rows:
-        axes.axvline(sample.insertion[row], color=_FAINT, linewidth=0.9, linestyle=(0, (2, 3)))
+        axes.axvline(over[row], color=_FAINT, linewidth=0.9, linestyle=(0, (2, 3)))
     axes.tick_params(colors="#d5dee6", labelsize=12)
     for spine in axes.spines.values():
         spine.set_color("#3a4957")
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_xlabel("insertion [mm]", color="white", fontsize=13)
+    axes.set_xlabel(label, color="white", fontsize=13)
     axes.set_ylabel("smallest\nclearance [mm]", color="white", fontsize=13)
     axes.grid(axis="y", color="#22303d", linewidth=0.8)
     axes.set_axisbelow(True)

@@ -6,8 +6,6 @@ Every text that comes from outside (file names, reasons, findings) is escaped.
 
 from __future__ import annotations
 
-import base64
-import io
 import json
 import os
 import re
@@ -23,17 +21,18 @@ import numpy as np
 from ..errors import InputError
 from ..files import write_text
 from ..motion.plan import Plan
+from .claim import Claim, read_claim
 from .fluoroscopy import Projection, render_fluoroscopy
+from .limitations import list_limitations
 from .palette import AMBER, GREEN, RED, choose_clearance_scale, list_clearance_colors
-from .report_text import list_limitations, list_rows, render_cards, render_findings, render_table
+from .report_parts import encode_figure, render_comparison, render_contact, render_panel
+from .report_text import list_rows, render_cards, render_findings, render_table
 from .sampling import check_plan, find_radius, place_tightest, sample_motion
-from .scope_drawing import choose_bar_length
 from .verdict import judge_plan
-from .viewer_data import encode_picture, pack_viewer
+from .viewer_data import pack_viewer
+from .way import find_way
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ..anatomy.findings import Finding
     from ..duct.field import SampledField
 
@@ -42,6 +41,7 @@ __all__ = ["write_report"]
 _TONES = {"green": GREEN, "amber": AMBER, "red": RED}
 _VIEWER_JOINTS = 60_000
 _VIEWER_STEPS = 300
+_NOTE_REST = "Orange dots are the way not reached, an orange cross the place that was refused."
 
 
 def write_report(
@@ -51,6 +51,7 @@ def write_report(
     field: SampledField,
     summary: Mapping[str, Any],
     findings: Sequence[Finding] = (),
+    comparison: Sequence[Plan] = (),
 ) -> Path:
     """Write the report of a plan as one HTML file and return its path.
 
@@ -59,14 +60,16 @@ def write_report(
     path : path-like
         The file to write.
     plan : Plan
-        The motion. Of its `meta`, the keys scope, certified, input, versions, command and
-        attribution are shown where they are present.
+        The motion. Of its `meta`, the keys scope, certified, certificate, centreline, refusal,
+        soft_wall, input, versions, command and attribution are used where they are present.
     field : SampledField
-        The lumen that the plan was made in.
+        The lumen that the plan was made in; for a soft wall, the lumen at rest.
     summary : mapping
         The object that ``bozzini plan --json`` prints; its numbers are the ones quoted.
     findings : sequence of Finding
         What was noticed about the input.
+    comparison : sequence of Plan
+        Plans by other methods for the same scope and tract, to be put side by side.
 
     Raises
     ------
@@ -80,6 +83,10 @@ def write_report(
     check_plan(plan)
     _check_summary(plan, summary)
     _check_field(plan, field)
+    for other in comparison:
+        check_plan(other)
+        _check_field(other, field)
+    claim, way = read_claim(plan, summary), find_way(plan)
     error = float(getattr(field, "error", 0.0))
     verdict = judge_plan(plan, summary, error=error)
     count = int(np.clip(_VIEWER_JOINTS // plan.joints.shape[1], 2, _VIEWER_STEPS))
@@ -103,9 +110,14 @@ def write_report(
             "tone_color": _TONES[verdict.tone],
             "label": escape(verdict.label),
             "sentence": escape(verdict.sentence),
-            "basis": escape(_describe_basis(plan, field, summary)),
+            "basis": escape(_describe_basis(claim, plan, field)),
             "cards": render_cards(plan, summary),
-            "panels": "".join(_render_panel(picture) for picture in pictures),
+            "panels": "".join(render_panel(picture, plan, way, summary) for picture in pictures),
+            "below": "pushing the wall" if claim.soft is not None else "through the wall",
+            "below_long": "pushes the wall outwards"
+            if claim.soft is not None
+            else "is through the wall",
+            "rest_note": _NOTE_REST if plan.status == "stopped" else "",
             "panels_shape": f"{sum(p.width for p in pictures) / pictures[0].height:.4f}",
             "gradient": ",".join(
                 f"{color} {100.0 * k / len(colors):.2f}% {100.0 * (k + 1) / len(colors):.2f}%"
@@ -113,12 +125,14 @@ def write_report(
             ),
             "scale_low": f"{scale.low:g} mm".replace("-", "&minus;"),
             "scale_high": f"{scale.high:g} mm",
-            "depths_image": _encode_figure(draw_depths(plan, field, depths=depths), dpi=100.0),
+            "depths_image": encode_figure(draw_depths(plan, field, depths=depths), dpi=100.0),
             "depths_alt": f"Two views of the scope in the tract at {depths} insertion depths",
             "depths_text": f"{depths} depths up to {plan.inserted:.0f} mm",
             "frame_note": escape(_describe_frame(pictures)),
-            "clearance_image": _encode_figure(draw_clearance(plan), dpi=130.0),
+            "clearance_image": encode_figure(draw_clearance(plan, summary=summary), dpi=130.0),
             "clearance_alt": escape(verdict.sentence),
+            "contact": render_contact(plan, field, claim),
+            "comparison": render_comparison(plan, summary, comparison),
             "rows": render_table(list_rows(plan, field, summary)),
             "findings": render_findings(findings),
             "limitations": "".join(
@@ -163,13 +177,12 @@ def _find_title(plan: Plan) -> str:
     return f"Insertion plan: {Path(str(name)).name}" if name else "Insertion plan"
 
 
-def _describe_basis(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> str:
-    certified = bool(summary.get("certified", plan.meta.get("certified", False)))
-    parts = [
-        "The clearance is certified for the whole body at all times."
-        if certified
-        else "The clearance is an estimate at the recorded steps, not certified."
-    ]
+def _describe_basis(claim: Claim, plan: Plan, field: SampledField) -> str:
+    wall = str(plan.meta.get("wall") or field.wall)
+    if claim.certified:
+        parts = [f"Certified for the whole body at all times. The wall is: {wall}."]
+    else:
+        parts = ["The clearance is an estimate at the recorded steps, not certified."]
     if field.inflation > 0.0:
         parts.append(f"The wall was moved outwards by {field.inflation:g} mm first.")
     return " ".join(parts)
@@ -184,25 +197,6 @@ def _describe_frame(pictures: Sequence[Projection]) -> str:
     if tilt > 2.0:
         text += f" The views follow the grid, up to {tilt:.0f}° off the body's axes."
     return text
-
-
-def _render_panel(picture: Projection) -> str:
-    left, right, bottom, top = picture.labels
-    bar = choose_bar_length(picture.width)
-    return (
-        f'<div class="panel" style="flex:{picture.width:.3f} 1 0">'
-        f'<img src="{encode_picture(picture)}" alt="{picture.axis} view of the lumen">'
-        f'<span class="name">{picture.axis}</span><span class="l">{left}</span>'
-        f'<span class="r">{right}</span><span class="t">{top}</span><span class="b">{bottom}</span>'
-        f'<span class="bar" style="width:{100.0 * bar / picture.width:.2f}%">{bar:g} mm</span>'
-        "<canvas></canvas></div>"
-    )
-
-
-def _encode_figure(figure: Figure, *, dpi: float) -> str:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi, facecolor=figure.get_facecolor())
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
 def _render_provenance(plan: Plan, summary: Mapping[str, Any]) -> str:

@@ -8,14 +8,17 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from ..motion.plan import Plan
+from ..motion.refusal import floor_mm
+from .claim import SoftWall, read_claim
+from .records import ceil_mm, read_number
 from .sampling import find_link_length, find_radius
+from .way import find_way
 
 if TYPE_CHECKING:
     from ..anatomy.findings import Finding
     from ..duct.field import SampledField
 
 __all__ = [
-    "list_limitations",
     "list_rows",
     "render_cards",
     "render_findings",
@@ -34,40 +37,65 @@ def _show(value: Any, digits: int, unit: str = "") -> str:
 
 
 def _read_step_ratio(summary: Mapping[str, Any]) -> float | None:
-    joint, head = summary.get("joint_step_max_mm"), summary.get("head_step_mm")
-    if isinstance(joint, (int, float)) and isinstance(head, (int, float)) and head > 0:
-        return float(joint) / float(head)
-    return None
+    ratio = read_number(summary, "joint_step_ratio_max")
+    joint, head = read_number(summary, "joint_step_max_mm"), read_number(summary, "head_step_mm")
+    if ratio is None and joint is not None and head is not None and head > 0.0:
+        return joint / head
+    return ratio
+
+
+def _read_part(summary: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    part = summary.get(key)
+    return part if isinstance(part, Mapping) else {}
 
 
 def _show_angle(summary: Mapping[str, Any]) -> str:
-    angle = summary.get("joint_angle_max_rad")
-    if not isinstance(angle, (int, float)):
-        return "–"
-    return f"{_show(math.degrees(angle), 1)}°"
+    angle = read_number(summary, "joint_angle_max_rad")
+    return "–" if angle is None else f"{_show(math.degrees(angle), 1)}°"
+
+
+def _show_lower(value: float | None, unit: str = "mm") -> str:
+    """Return a proved lower bound, rounded down."""
+    return "–" if value is None else f"{floor_mm(value).replace('-', _MINUS)} {unit}"
+
+
+def _show_upper(values: Mapping[str, Any], key: str, digits: int) -> str:
+    """Return an upper bound, rounded up."""
+    value = read_number(values, key)
+    return "–" if value is None else f"{ceil_mm(value, digits)} mm"
 
 
 def render_cards(plan: Plan, summary: Mapping[str, Any]) -> str:
-    """Return the four numbers that matter most."""
-    clearance = summary.get("clearance_min_mm")
-    whole = summary.get("centreline_length_mm", float(plan.path_arc_length[-1]))
-    bad = isinstance(clearance, (int, float)) and clearance < 0.0
+    """Return the few numbers that matter most."""
+    claim = read_claim(plan, summary)
+    whole = summary.get("centreline_length_mm", find_way(plan).length)
     stopped = plan.status == "stopped"
-    ratio = _read_step_ratio(summary)
-    cards = (
-        (_show(clearance, 2, "mm"), "smallest clearance, wall to scope surface", bad),
+    if claim.soft is not None:
+        first = (_show(claim.soft.contact, 2, "mm"), "deepest contact: wall pushed outwards", False)
+    elif claim.certified and claim.proved is not None:
+        first = (_show_lower(claim.proved), "proved clearance, whole body, all times", False)
+    else:
+        bad = claim.estimate is not None and claim.estimate < 0.0
+        first = (
+            _show(claim.estimate, 2, "mm"),
+            "smallest clearance, wall to scope surface, estimated",
+            bad,
+        )
+    cards = [
+        first,
         (
             _show(plan.inserted, 1, "mm"),
-            f"inserted, of {_show(whole, 1, 'mm')}",
+            f"inserted, of {_show(whole, 1, 'mm')} along the centreline"
+            if stopped
+            else f"inserted, to the far end; the centreline has {_show(whole, 1, 'mm')}",
             stopped,
         ),
         (_show_angle(summary), "largest angle at a joint", False),
-        (
-            "–" if ratio is None else f"{ratio:.2f}×",
-            "largest joint step per step of the head",
-            False,
-        ),
-    )
+        (_show_times(_read_step_ratio(summary)), "largest joint step per step of the head", False),
+    ]
+    moved = read_number(_read_part(summary, "displacement_ratio"), "tractrix")
+    if moved is not None:
+        cards.append((_show_times(moved), "joint movement, of a freely pulled chain's", False))
     return "".join(
         f'<div class="card{" bad" if red else ""}"><b>{escape(value)}</b>'
         f"<span>{escape(name)}</span></div>"
@@ -75,32 +103,40 @@ def render_cards(plan: Plan, summary: Mapping[str, Any]) -> str:
     )
 
 
+def _show_times(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}×"
+
+
 def list_rows(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return the table of numbers as (name, value) texts."""
     radius = find_radius(plan)
-    certified = bool(summary.get("certified", plan.meta.get("certified", False)))
-    reason = plan.reason or "–"
-    if plan.reason_code:
-        reason = f"{reason} ({plan.reason_code})"
-    ratio = _read_step_ratio(summary)
+    claim = read_claim(plan, summary)
     rows = [
         ("Method", plan.method),
         ("Status", plan.status),
-        ("Reason", reason),
-        ("Clearance certified", "yes" if certified else "no: estimated"),
+        ("Reason", plan.reason + (f" ({plan.reason_code})" if plan.reason_code else "") or "–"),
+        ("Clearance certified", "yes" if claim.certified else "no: estimated"),
         ("Centreline", _show(summary.get("centreline_length_mm"), 1, "mm")),
-        ("Inserted", _show(plan.inserted, 1, "mm")),
+        ("Inserted, along the head's path", _show(plan.inserted, 1, "mm")),
         ("Stopped at", _show(summary.get("stopped_at_mm"), 1, "mm")),
         ("Scope diameter", _show(2.0 * radius if radius > 0.0 else None, 2, "mm")),
         ("Link length", _show(find_link_length(plan), 2, "mm")),
         ("Links", str(plan.links)),
         ("Recorded steps", str(plan.steps)),
-        ("Smallest clearance", _show(summary.get("clearance_min_mm"), 3, "mm")),
-        ("… at this place of the tract", _show(summary.get("clearance_where_mm"), 1, "mm")),
+        ("Proved clearance, at least", _show_lower(claim.proved)),
+        ("Smallest clearance, estimated", _show(claim.estimate, 3, "mm")),
+        ("… at this place of the tract", _show(claim.place, 1, "mm")),
+        *_list_fit(summary),
+        *_list_contact(claim.soft),
         ("Largest angle at a joint", _show_angle(summary)),
         ("Largest joint step", _show(summary.get("joint_step_max_mm"), 3, "mm")),
         ("Head step", _show(summary.get("head_step_mm"), 3, "mm")),
-        ("Joint step per head step", "–" if ratio is None else f"{ratio:.2f}"),
+        ("Largest joint step per head step", _show(_read_step_ratio(summary), 2)),
+    ]
+    moved = _read_part(summary, "displacement_ratio")
+    for key, name in (("tractrix", "a freely pulled chain"), ("follow", "follow-the-leader")):
+        rows.append((f"Joint movement, of that of {name}", _show(moved.get(key), 3)))
+    rows += [
         ("Wall", str(plan.meta.get("wall") or field.wall)),
         ("Wall moved outwards (inflation)", _show(float(field.inflation), 2, "mm")),
         (
@@ -118,6 +154,49 @@ def list_rows(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> li
         text = ", ".join(f"{name} {_show(value, 2)}" for name, value in seconds.items())
         rows.append(("Seconds by stage", text))
     return [row for row in rows if row[1] != "–"]
+
+
+def _list_fit(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what stands in the way, and what would fit."""
+    refusal, largest = _read_part(summary, "refusal"), _read_part(summary, "largest")
+    return [
+        ("Refused at this place of the tract", _show(refusal.get("at_mm"), 1, "mm")),
+        ("… needs, from the axis to the wall", _show(refusal.get("needs_mm"), 2, "mm")),
+        ("… offers", _show_lower(read_number(refusal, "offers_mm"))),
+        ("Would fit: diameter of at most", _show_lower(read_number(refusal, "diameter_max_mm"))),
+        ("Would fit: links of at most", _show_lower(read_number(refusal, "link_max_mm"))),
+        ("Would fit: wall inflated by about", _show_upper(refusal, "inflate_mm", 1)),
+        ("Proved: none passes of a radius above", _show_upper(summary, "passage_mm", 2)),
+        (
+            "Largest diameter found to fit"
+            + _describe_tested(largest, "diameter_tested_link_mm", "link_tested_mm", "links"),
+            _show_lower(read_number(largest, "diameter_mm")),
+        ),
+        (
+            "Longest link found to fit"
+            + _describe_tested(
+                largest, "link_tested_diameter_mm", "diameter_tested_mm", "diameter"
+            ),
+            _show_lower(read_number(largest, "link_mm")),
+        ),
+    ]
+
+
+def _describe_tested(largest: Mapping[str, Any], key: str, other: str, name: str) -> str:
+    value = read_number(largest, key)
+    value = read_number(largest, other) if value is None else value
+    return "" if value is None else f", at {value:g} mm {name}"
+
+
+def _list_contact(soft: SoftWall | None) -> list[tuple[str, str]]:
+    if soft is None:
+        return []
+    return [
+        ("Wall may give way by", _show(soft.allowed, 2, "mm")),
+        ("Wall taken as displaced by", _show(soft.used, 2, "mm")),
+        ("Deepest contact, estimated", _show(soft.contact, 2, "mm")),
+        ("… contact at this place of the tract", _show(soft.place, 1, "mm")),
+    ]
 
 
 def render_table(rows: Sequence[tuple[str, str]]) -> str:
@@ -143,44 +222,3 @@ def render_findings(findings: Sequence[Finding]) -> str:
         )
         + "</ul>"
     )
-
-
-def list_limitations(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> list[str]:
-    """Return what the reader must know before believing the numbers."""
-    certified = bool(summary.get("certified", plan.meta.get("certified", False)))
-    wall = str(plan.meta.get("wall") or field.wall)
-    texts = [
-        "Clearance is the distance from the scope's round surface to the wall, the smallest over "
-        "the whole body in the tract; below zero the body is through the wall by that much. "
-        "What is still in the introducer does not count.",
-        f"The wall is: {wall}."
-        + (
-            f" It was moved outwards by {field.inflation:g} mm, as insufflation would; limbs of "
-            "the tract closer than twice that may merge."
-            if field.inflation > 0.0
-            else ""
-        ),
-    ]
-    if certified:
-        texts.append("The clearance is certified: a lower bound for all points and all times.")
-    else:
-        texts.append(
-            "The clearance is estimated: from sampled points of the body at the recorded steps. "
-            "It is not a proof, and what happens between steps is not covered."
-        )
-    error = float(getattr(field, "error", 0.0))
-    if error > 0.0:
-        texts.append(
-            f"The distance is sampled on a grid: between its nodes it may be wrong by up to "
-            f"{error:.2f} mm. A clearance smaller than that decides nothing."
-        )
-    if plan.method == "thesis":
-        texts.append(
-            "The method 'thesis' keeps the joints inside the wall, not the links between them: "
-            "links can cut through the wall at bends."
-        )
-    texts += [
-        "The wall is rigid and at rest: no friction, gravity, breathing or tissue that gives way.",
-        "Research software, not a medical device.",
-    ]
-    return texts

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..checks import check_integer
 from ..errors import InputError
 from ..motion.plan import Plan
+from .way import find_way
 
 if TYPE_CHECKING:
     from ..duct.field import SampledField
@@ -40,7 +41,8 @@ class MotionSample:
     clearance : (k, j - 1) float
         Clearance of each link [mm]: at the step, or the smallest since the step before.
     places : (k, j) float
-        Arc length of the tract at which each joint stands [mm]; negative in the introducer.
+        Arc length of the tract at which each joint stands [mm], along the centreline if the plan
+        holds it; negative in the introducer.
     in_tract : (k, j - 1) bool
         Links whose front joint has entered the tract and whose clearance is known.
     """
@@ -134,7 +136,7 @@ def sample_motion(plan: Plan, *, count: int = 300, worst_between: bool = False) 
     tightest = int(np.argmin(visible.min(axis=1)))
     steps = np.union1d(steps, [tightest])
     joints = plan.joints[steps]
-    places = _locate_joints(plan, joints, plan.head_arc_length[steps])
+    places = find_way(plan).place(_locate_joints(plan, joints, plan.head_arc_length[steps]))
     clearance = plan.clearance[steps]
     if worst_between:
         starts = np.concatenate([[0], steps[:-1] + 1])

@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 from .fluoroscopy import Projection
 from .palette import ClearanceScale, color_lumen
 from .sampling import MotionSample
+from .way import RefusalMark, Way
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_color_bar", "draw_panel", "draw_scope", "find_violations"]
+__all__ = ["REST", "draw_color_bar", "draw_panel", "draw_rest", "draw_scope", "find_violations"]
+
+REST = "#ff9d3c"
+"""Colour of what was not reached, and of the place that was refused, on dark ground."""
 
 _OUTLINE = "#05080c"
 _INTRODUCER = "#7b8a99"
@@ -179,8 +183,44 @@ def draw_scope(
             )
 
 
+def draw_rest(
+    axes: Axes, picture: Projection, way: Way, *, reached: float, mark: RefusalMark | None
+) -> None:
+    """Draw the way that was not reached as dots, and a cross where the planner refused.
+
+    Parameters
+    ----------
+    axes : Axes
+    picture : Projection
+    way : Way
+    reached : float
+        Arc length of the way where the motion ends [mm].
+    mark : RefusalMark or None
+    """
+    rest = way.cut_rest(reached)
+    if len(rest):
+        place = picture.project(rest)
+        axes.plot(*place.T, color=_OUTLINE, linewidth=3.0, alpha=0.5)
+        axes.plot(
+            *place.T, color=REST, linewidth=2.2, linestyle=(0, (0.1, 2.2)), dash_capstyle="round"
+        )
+    if mark is not None:
+        spot = picture.project(way.locate(mark.at))
+        for color, wide, size in ((_OUTLINE, 6.0, 15.0), (REST, 3.0, 13.0)):
+            axes.plot(
+                *spot, marker="x", markersize=size, markeredgecolor=color, markeredgewidth=wide,
+                linestyle="none", zorder=4,
+            )  # fmt: skip
+
+
 def draw_color_bar(
-    figure: Figure, axes: Axes, scale: ClearanceScale, *, color: str, vertical: bool = False
+    figure: Figure,
+    axes: Axes,
+    scale: ClearanceScale,
+    *,
+    color: str,
+    vertical: bool = False,
+    below: str = "through the wall",
 ) -> None:
     """Draw the clearance scale into the given axes."""
     from matplotlib.cm import ScalarMappable
@@ -194,7 +234,7 @@ def draw_color_bar(
     )
     bar.outline.set_visible(False)
     axes.tick_params(colors=color, labelsize=10, length=3)
-    label = "clearance [mm], below 0 through the wall"
+    label = f"clearance [mm], below 0 {below}"
     bar.set_label(label if not vertical else "clearance [mm]", color=color, fontsize=11)
 
 

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..motion.plan import Plan
-from .sampling import find_radius, sample_motion
+from ..motion.refusal import floor_mm
+from .claim import Claim, SoftWall, read_claim
+from .records import read_number
+from .sampling import find_radius
+from .way import find_way
 
 __all__ = ["Verdict", "judge_plan"]
 
@@ -20,7 +24,7 @@ class Verdict:
     ----------
     tone : {"green", "amber", "red"}
         Green: reaches the end, clear of the wall. Amber: reaches the end, but the wall is nearer
-        than the error of the distance. Red: through the wall, or stopped on the way.
+        than the error of an estimate, or has to give way. Red: through the wall, or stopped.
     label : str
         The same in a word or two.
     sentence : str
@@ -39,61 +43,106 @@ def judge_plan(plan: Plan, summary: Mapping[str, Any], *, error: float = 0.0) ->
     ----------
     plan : Plan
     summary : mapping
-        The summary of the run; `clearance_min_mm` and `clearance_where_mm` of it are quoted,
-        and taken from the plan where it lacks them.
+        The summary of the run; its clearances and their places are quoted, and taken from the
+        plan where it lacks them.
     error : float
         Largest error of the distance to the wall [mm]. A clearance below it that is not
         certified is too close to call.
     """
+    claim = read_claim(plan, summary)
     radius = find_radius(plan)
     scope = f"The {2.0 * radius:.1f} mm scope" if radius > 0.0 else "The scope"
-    whole = _read_number(summary, "centreline_length_mm", float(plan.path_arc_length[-1]))
-    clearance = _read_number(summary, "clearance_min_mm", None)
-    place = _read_number(summary, "clearance_where_mm", None)
-    if clearance is None:
-        sample = sample_motion(plan, count=400, worst_between=True)
-        row, link = sample.find_tightest()
-        if sample.in_tract[row, link]:
-            clearance = float(sample.clearance[row, link])
-            place = max(0.0, float(sample.places[row, link : link + 2].mean()))
-    where = "" if place is None else f" at {place:.0f} mm"
-    certified = bool(summary.get("certified", plan.meta.get("certified", False)))
-
     if plan.status == "stopped":
-        reason = plan.reason.strip().rstrip(".") or plan.reason_code or "no reason was recorded"
-        sentence = f"{scope} stops at {plan.inserted:.0f} mm of {whole:.0f} mm: {reason}."
-        if clearance is not None and clearance < 0.0:
-            sentence += (
-                f" Before that its body passes through the wall{where} by {-clearance:.2f} mm."
-            )
-        elif clearance is not None:
-            sentence += f" Up to there it keeps {clearance:.2f} mm from the wall (nearest{where})."
-        return Verdict(tone="red", label="Stopped", sentence=sentence)
-
-    reaches = f"{scope} reaches the far end ({whole:.0f} mm)"
-    if clearance is None:
+        return _judge_stopped(plan, summary, claim, scope)
+    reaches = f"{scope} reaches the far end ({_read_length(plan, summary):.0f} mm)"
+    if claim.soft is not None:
+        return _judge_contact(reaches, claim, claim.soft)
+    if claim.certified:
+        return Verdict(
+            tone="green",
+            label="Fits, proved",
+            sentence=f"{reaches}; proved to {_promise(claim)} at all times.",
+        )
+    where = _at(claim.place)
+    if claim.estimate is None:
         return Verdict(tone="amber", label="Clearance unknown", sentence=f"{reaches}.")
-    if clearance < 0.0:
+    if claim.estimate < 0.0:
         return Verdict(
             tone="red",
             label="Through the wall",
             sentence=f"{reaches}, but its body passes through the wall{where} "
-            f"by {-clearance:.2f} mm.",
+            f"by {-claim.estimate:.2f} mm.",
         )
-    if clearance < error and not certified:
+    if claim.estimate < error:
         return Verdict(
             tone="amber",
             label="Too close to call",
-            sentence=f"{reaches}, but comes within {clearance:.2f} mm of the wall{where}: less "
-            f"than the {error:.2f} mm by which the distance may be wrong.",
+            sentence=f"{reaches}, but comes within {claim.estimate:.2f} mm of the wall{where}: "
+            f"less than the {error:.2f} mm by which the distance may be wrong.",
         )
     return Verdict(
         tone="green",
         label="Fits",
-        sentence=f"{reaches} and keeps {clearance:.2f} mm from the wall (nearest{where}).",
+        sentence=f"{reaches} and keeps {claim.estimate:.2f} mm from the wall (nearest{where}).",
     )
 
 
-def _read_number(summary: Mapping[str, Any], key: str, otherwise: Any) -> Any:
-    value = summary.get(key)
-    return float(value) if isinstance(value, (int, float)) else otherwise
+def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str) -> Verdict:
+    reason = plan.reason.strip().rstrip(".") or plan.reason_code or "no reason was recorded"
+    place = float(find_way(plan).place(plan.head_arc_length).max())
+    whole = _read_length(plan, summary)
+    if place <= 0.0:
+        sentence = f"{scope} does not enter: {reason}."
+        return Verdict(tone="red", label="Stopped", sentence=sentence)
+    sentence = f"{scope} stops at {place:.0f} mm of {whole:.0f} mm: {reason}."
+    estimate, where = claim.estimate, _at(claim.place)
+    if claim.soft is not None:
+        sentence += f" Up to there {_describe_contact(claim, claim.soft)}."
+    elif claim.certified:
+        sentence += f" Up to there it is proved to {_promise(claim)} at all times."
+    elif estimate is not None and estimate < 0.0:
+        sentence += f" Before that its body passes through the wall{where} by {-estimate:.2f} mm."
+    elif estimate is not None:
+        sentence += f" Up to there it keeps {estimate:.2f} mm from the wall (nearest{where})."
+    return Verdict(tone="red", label="Stopped", sentence=sentence)
+
+
+def _judge_contact(reaches: str, claim: Claim, soft: SoftWall) -> Verdict:
+    if not claim.certified and soft.contact > soft.used:
+        return Verdict(
+            tone="red",
+            label="Through the wall",
+            sentence=f"{reaches}, but its body stands up to {soft.contact:.2f} mm beyond the wall"
+            f"{_at(soft.place)}, which gives way by at most {soft.used:g} mm.",
+        )
+    return Verdict(
+        tone="amber",
+        label="Fits with contact",
+        sentence=f"{reaches} if the wall gives way: {_describe_contact(claim, soft)}.",
+    )
+
+
+def _describe_contact(claim: Claim, soft: SoftWall) -> str:
+    if soft.contact > 0.0:
+        text = f"it pushes the wall outwards by up to {soft.contact:.2f} mm{_at(soft.place)}"
+    else:
+        text = "no contact was found at the recorded steps"
+    proof = "it is proved" if claim.certified else "it is not proved"
+    return f"{text}; {proof} that the wall never has to give way by more than {soft.used:g} mm"
+
+
+def _promise(claim: Claim) -> str:
+    """Say what is proved, as what follows "proved to"; rounded down, as a lower bound must be."""
+    wall = f"the wall inflated by {claim.inflation:g} mm" if claim.inflation > 0.0 else "the wall"
+    if claim.proved is None or claim.proved < 0.01:
+        return f"stay inside {wall}"
+    return f"stay at least {floor_mm(claim.proved)} mm from {wall}"
+
+
+def _at(place: float | None) -> str:
+    return "" if place is None else f" at {place:.0f} mm"
+
+
+def _read_length(plan: Plan, summary: Mapping[str, Any]) -> float:
+    stated = read_number(summary, "centreline_length_mm")
+    return find_way(plan).length if stated is None else stated

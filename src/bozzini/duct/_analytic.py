@@ -1,0 +1,112 @@
+"""What the analytic ducts share: they answer through the same kernels that planners use."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_points
+from ..errors import InputError
+
+__all__ = ["AnalyticDuct", "freeze_array"]
+
+ROUNDING = 64.0 * 2.0**-52
+"""Rounding error of a distance, as a fraction of the largest coordinate."""
+
+
+class AnalyticDuct(ABC):
+    """A duct given by formulas, without a sampling error."""
+
+    dim: ClassVar[int]
+
+    @property
+    def error(self) -> float:
+        """The distance never promises too much room."""
+        return 0.0
+
+    @property
+    @abstractmethod
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, dim) corners of the box around the duct [mm]."""
+
+    @abstractmethod
+    def pack(self) -> Any:
+        """Return the duct for compiled kernels."""
+
+    def to_grid(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Turn points (..., dim) into the kernels' frame (..., 3): planar ones get z = 0."""
+        array = np.asarray(points, dtype=np.float64)
+        if self.dim == 3:
+            return array
+        return np.concatenate([array, np.zeros((*array.shape[:-1], 1))], axis=-1)
+
+    def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Turn points (..., 3) of the kernels' frame into points (..., dim)."""
+        return np.asarray(points, dtype=np.float64)[..., : self.dim]
+
+    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return the (...) signed distance at points (..., dim) [mm], negative inside.
+
+        Raises
+        ------
+        InputError
+            If the points are not finite or not (..., dim).
+        """
+        from ._clearance_kernels import evaluate_estimate
+
+        return -self._evaluate(evaluate_estimate, points)
+
+    def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return (...) rigorous lower bounds of the distance to the wall [mm].
+
+        The negative signed distance, less the rounding error.
+        """
+        from ._clearance_kernels import evaluate_bound
+
+        return self._evaluate(evaluate_bound, points)
+
+    def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return the (..., dim) gradient of the signed distance.
+
+        Where it has several (the middle of a ball, equally near walls) one of them, or their mean.
+        """
+        from ._clearance_kernels import evaluate_slope
+
+        array, flat = self._flatten(points)
+        slope = np.empty((len(flat), 3))
+        evaluate_slope(self.pack(), flat, slope)
+        return self.to_world(-slope).reshape(array.shape)
+
+    def _flatten(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        array = check_points("points", points, dim=self.dim)
+        return array, np.array(self.to_grid(array).reshape(-1, 3), order="C")
+
+    def _evaluate(self, kernel: Any, points: ArrayLike) -> NDArray[np.float64]:
+        array, flat = self._flatten(points)
+        result = np.empty(len(flat))
+        kernel(self.pack(), flat, result)
+        return result.reshape(array.shape[:-1])
+
+
+def freeze_array(
+    name: str, values: ArrayLike, shape: tuple[int, ...], *, least: int = 1
+) -> NDArray[np.float64]:
+    """Return a read-only copy of finite numbers of shape (n, *shape), n at least `least`."""
+    wanted = ", ".join(str(n) for n in ("n", *shape)) + ("," if not shape else "")
+    try:
+        array = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be an array of numbers of shape ({wanted})") from None
+    if array.ndim != 1 + len(shape) or array.shape[1:] != shape or len(array) < least:
+        raise InputError(
+            f"{name} has shape {array.shape}: it must be ({wanted}) with n at least {least}"
+        )
+    finite = np.isfinite(array).reshape(len(array), -1).all(axis=1)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        raise InputError(f"{name}[{index}] is {array[index].tolist()}: it must be finite")
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,89 @@
+"""A human oesophagus, stomach and duodenum: what fits, what does not, and the proof of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bozzini.anatomy import read_tract
+from bozzini.duct import build_field, find_centreline
+from bozzini.motion import Introducer, Scope, plan_insertion
+from tests.exact import MeshWall, VoxelWall, outside_introducer, sample_body
+
+FILES = {"labels": "upper_gi_labels_1mm.nii.gz", "surface": "upper_gi_mc1mm.stl"}
+
+
+class Human:
+    def __init__(self, path):
+        self.tract = read_tract(path)
+        self.field = build_field(self.tract)
+        self.line = find_centreline(self.field)
+        if self.tract.kind == "labels":
+            self.wall = VoxelWall(self.tract.mask, self.tract.affine)
+        else:
+            self.wall = MeshWall(self.tract.vertices, self.tract.faces)
+
+    def plan(self, diameter, link, *, inflate=0.0, **options):
+        field = self.field.inflate(inflate)
+        scope = Scope(diameter=diameter, link_length=link)
+        return plan_insertion(field, self.line, scope=scope, **options)
+
+
+@pytest.fixture(scope="module")
+def labels(upper_gi_dir):
+    return Human(upper_gi_dir / FILES["labels"])
+
+
+@pytest.fixture(scope="module")
+def surface(upper_gi_dir):
+    return Human(upper_gi_dir / FILES["surface"])
+
+
+@pytest.fixture(params=list(FILES))
+def human(request):
+    return request.getfixturevalue(request.param)
+
+
+@pytest.mark.parametrize(
+    ("diameter", "link"), [(5.5, 8.0), (5.5, 12.0), (5.5, 20.0), (6.0, 8.0), (6.0, 12.0)]
+)
+def test_the_scope_passes_certified(human, diameter, link):
+    plan = human.plan(diameter, link)
+    assert plan.status == "complete", plan.reason
+    assert plan.meta["certified"]
+    proved = plan.meta["certificate"]["clearance_mm"]
+    points, *_ = sample_body(plan.joints, 12_000, np.random.default_rng(0))
+    introducer = Introducer.from_description(plan.meta["introducer"])
+    points = points[outside_introducer(points, introducer, 0.5 * diameter)]
+    assert human.wall.clearance(points).min() - 0.5 * diameter >= proved - 1e-9
+
+
+@pytest.mark.parametrize("link", [8.0, 20.0])
+def test_nine_millimetres_are_refused_and_pass_when_inflated(human, link):
+    plan = human.plan(9.0, link)
+    assert plan.status == "stopped"
+    assert plan.reason_code in ("NO_PASSAGE", "GOAL_CLEARANCE")
+    assert plan.inserted == 0.0 or plan.meta["certified"]
+    inflated = human.plan(9.0, link, inflate=4.0)
+    assert inflated.status == "complete", inflated.reason
+    assert inflated.meta["certified"]
+
+
+def test_joint_moves_stay_near_the_head_step(labels):
+    ratios = []
+    for step in (0.4, 0.025):
+        plan = labels.plan(5.5, 12.0, head_step=step)
+        moves = np.linalg.norm(np.diff(plan.joints, axis=0), axis=2).max()
+        ratios.append(moves / np.diff(plan.head_arc_length).max())
+    assert ratios[0] <= 2.0
+    assert ratios[1] == pytest.approx(ratios[0], rel=0.1)
+
+
+def test_in_out_in_is_certified_and_spares_motion(surface):
+    there_and_back = surface.plan(6.0, 12.0, route=(1.0, 0.0, 1.0))
+    assert there_and_back.status == "complete" and there_and_back.meta["certified"]
+    travel = [
+        np.linalg.norm(np.diff(surface.plan(6.0, 12.0, method=name).joints, axis=0), axis=2).sum()
+        for name in ("tube", "follow")
+    ]
+    assert travel[0] <= travel[1]

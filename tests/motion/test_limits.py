@@ -1,0 +1,152 @@
+"""When the goal is out of reach: the right reason, the right place, advice that holds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bozzini.duct import field_from_mask, find_centreline
+from bozzini.duct.centreline import measure_arc_length
+from bozzini.motion import Scope, plan_insertion
+from tests.exact import VoxelWall, sample_body, voxelise
+from tests.shapes import bend_curve
+
+
+class Lumen:
+    def __init__(self, curve, radius, ends=None):
+        mask, affine = voxelise(curve, radius)
+        self.field = field_from_mask(mask, affine)
+        self.wall = VoxelWall(mask, affine)
+        self.line = find_centreline(self.field, ends or (curve[12], curve[-12]))
+
+    def plan(self, diameter, link, *, inflate=0.0, **options):
+        field = self.field.inflate(inflate)
+        line = self.line
+        if inflate:
+            line = type(line)(
+                points=line.points, arc_length=line.arc_length, radius=line.radius + inflate
+            )
+        scope = Scope(diameter=diameter, link_length=link)
+        return plan_insertion(field, line, scope=scope, **options)
+
+
+def straight(radius_at):
+    curve = np.arange(0.0, 110.0)[:, None] * np.array([0.1, 0.0, 1.0])
+    return Lumen(curve, radius_at(measure_arc_length(curve)))
+
+
+@pytest.fixture(scope="module")
+def pinched():
+    return straight(lambda s: 6.0 - 3.5 * np.exp(-(((s - 70.0) / 6.0) ** 2)))
+
+
+@pytest.fixture(scope="module")
+def narrow_end():
+    return straight(lambda s: np.where(s < 90.0, 6.0, 3.0))
+
+
+@pytest.fixture(scope="module")
+def narrow_start():
+    return straight(lambda s: np.where(s > 25.0, 6.0, 3.0))
+
+
+@pytest.fixture(scope="module")
+def hairpin():
+    return Lumen(bend_curve(9.0, np.pi, 45.0), 5.0)
+
+
+def check_prefix(lumen, plan):
+    """The motion made is certified, and exact samples of it do not belie that."""
+    assert plan.meta["certified"]
+    points, *_ = sample_body(plan.joints, 8000, np.random.default_rng(0))
+    entry = np.array(plan.meta["introducer"]["entry_mm"])
+    outward = np.array(plan.meta["introducer"]["outward"])
+    points = points[(points - entry) @ outward < 0.0]
+    radius = 0.5 * plan.meta["scope"]["diameter_mm"]
+    assert lumen.wall.clearance(points).min() - radius >= plan.meta["certificate"]["clearance_mm"]
+
+
+def test_a_pinch_is_no_passage_and_the_motion_ends_before_it(pinched):
+    plan = pinched.plan(8.0, 9.0)
+    refusal = plan.meta["refusal"]
+    assert (plan.status, plan.reason_code) == ("stopped", "NO_PASSAGE")
+    place = np.interp(refusal["at_mm"], pinched.line.arc_length, pinched.line.points[:, 2])
+    assert place == pytest.approx(70.0, abs=3.0)
+    assert refusal["offers_mm"] < refusal["needs_mm"] == 4.0
+    assert 30.0 < plan.inserted < refusal["at_mm"]
+    check_prefix(pinched, plan)
+    # What it says would fit: not more than was proved to be too much.
+    assert refusal["diameter_max_mm"] < 2.0 * refusal["offers_mm"] + 1e-9
+    assert pinched.plan(refusal["diameter_max_mm"] - 0.6, 5.0).status == "complete"
+
+
+def test_it_passes_when_the_wall_gives_way(pinched):
+    refusal = pinched.plan(8.0, 9.0).meta["refusal"]
+    assert pinched.plan(8.0, 9.0, inflate=refusal["inflate_mm"] + 0.5).status == "complete"
+    assert pinched.plan(8.0, 9.0, inflate=0.3).status == "stopped"
+
+
+def test_a_narrow_goal_is_named_as_such(narrow_end):
+    plan = narrow_end.plan(7.0, 9.0)
+    refusal = plan.meta["refusal"]
+    assert plan.reason_code == "GOAL_CLEARANCE"
+    assert refusal["at_mm"] == pytest.approx(narrow_end.line.length)
+    assert plan.inserted > 0.6 * narrow_end.line.length
+    check_prefix(narrow_end, plan)
+    assert narrow_end.plan(refusal["diameter_max_mm"] - 0.01, 9.0).status == "complete"
+
+
+def test_a_narrow_entry_is_named_as_such_and_nothing_moves(narrow_start):
+    plan = narrow_start.plan(7.0, 9.0)
+    assert plan.reason_code == "ENTRY_CLEARANCE"
+    assert plan.inserted == 0.0 and plan.steps == 1
+    assert not plan.meta["certified"]
+    fits = plan.meta["refusal"]["diameter_max_mm"]
+    assert fits < 7.0
+    # Just below what fits there is not enough room to plan for either, and it says so.
+    nearly = narrow_start.plan(fits - 0.02, 9.0)
+    assert nearly.reason_code == "ENTRY_CLEARANCE"
+    assert nearly.meta["refusal"]["needs_mm"] > 0.5 * (fits - 0.02)
+    assert narrow_start.plan(fits - 0.11, 9.0).status == "complete"
+
+
+def test_too_long_a_link_is_named_and_a_shorter_one_fits(hairpin):
+    plan = hairpin.plan(5.0, 22.0)
+    refusal = plan.meta["refusal"]
+    assert plan.reason_code in ("LINK_TOO_LONG", "FOLD")
+    bend = hairpin.line.points[:, 2] > 40.0
+    where = np.interp(refusal["at_mm"], hairpin.line.arc_length, np.arange(len(bend)))
+    assert np.flatnonzero(bend)[0] - 10 <= where <= np.flatnonzero(bend)[-1] + 22
+    assert 0.0 < plan.inserted < hairpin.line.length
+    check_prefix(hairpin, plan)
+    assert refusal["link_max_mm"] is None or 2.0 <= refusal["link_max_mm"] < 22.0
+    assert hairpin.plan(5.0, 6.0).status == "complete"
+    assert refusal["diameter_max_mm"] is None or refusal["diameter_max_mm"] < 5.0
+
+
+def test_a_shorter_link_gets_as_far_or_farther(hairpin):
+    reached = [hairpin.plan(5.0, link).inserted for link in (6.0, 16.0, 24.0)]
+    assert reached[0] >= reached[1] - 1.0 >= reached[2] - 2.0
+
+
+def test_an_angle_limit_stops_the_motion_below_it(hairpin):
+    free = hairpin.plan(4.0, 8.0)
+    widest = free.meta["measures"]["joint_angle_max_rad"]
+    plan = hairpin.plan(4.0, 8.0, angle_limit=0.7 * widest)
+    assert plan.reason_code == "ANGLE"
+    assert 0.0 < plan.inserted < free.inserted
+    assert plan.meta["measures"]["joint_angle_max_rad"] <= 0.7 * widest
+    check_prefix(hairpin, plan)
+
+
+def test_refused_plans_still_say_why_in_one_line(pinched, narrow_end, narrow_start, hairpin):
+    for lumen, diameter, link in (
+        (pinched, 8.0, 9.0),
+        (narrow_end, 7.0, 9.0),
+        (narrow_start, 7.0, 9.0),
+        (hairpin, 5.0, 22.0),
+    ):
+        plan = lumen.plan(diameter, link)
+        assert plan.reason and "\n" not in plan.reason
+        assert "nan" not in plan.reason and "inf" not in plan.reason.split()
+        assert plan.meta["refusal"]["code"] == plan.reason_code

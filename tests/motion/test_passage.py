@@ -1,0 +1,87 @@
+"""The widest way: its bound is never below what some way has, and it names the pinch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bozzini.duct import field_from_mask
+from bozzini.motion.passage import find_passage
+from tests.exact import VoxelWall, voxelise
+
+AXIS = np.arange(0.0, 60.5, 0.5)[:, None] * np.array([0.0, 0.0, 1.0])
+
+
+def tube(radius, voxel=1.0, shift=(0.0, 0.0, 0.0), tilt=0.0):
+    turn = np.array(
+        [[np.cos(tilt), 0.0, np.sin(tilt)], [0.0, 1.0, 0.0], [-np.sin(tilt), 0.0, np.cos(tilt)]]
+    )
+    curve = AXIS @ turn.T + np.asarray(shift)
+    mask, affine = voxelise(curve, radius, voxel=voxel)
+    return field_from_mask(mask, affine), VoxelWall(mask, affine), curve
+
+
+@settings(max_examples=20)
+@given(
+    radius=st.floats(1.6, 5.0),
+    shift=st.tuples(*[st.floats(-0.5, 0.5)] * 3),
+    tilt=st.floats(-1.2, 1.2),
+    voxel=st.sampled_from([0.7, 1.0]),
+)
+def test_no_way_has_more_than_the_bound(radius, shift, tilt, voxel):
+    field, wall, curve = tube(radius, voxel, shift, tilt)
+    way = curve[12:-12]
+    room = wall.clearance(way).min()
+    passage = find_passage(field, way[0], way[-1])
+    assert passage.bound >= room - 1e-6
+    assert passage.level <= passage.bound
+    # ... and the bound is near: the lumen has nowhere more than radius + half a diagonal.
+    assert passage.bound <= radius + 2.0 * voxel
+
+
+def test_the_pinch_is_found_and_bounded():
+    z = AXIS[:, 2]
+    for at in (20.0, 37.0):
+        radius = 5.0 - 3.2 * np.exp(-(((z - at) / 4.0) ** 2))
+        field, _, curve = tube(radius)
+        passage = find_passage(field, curve[12], curve[-12])
+        assert passage.place[2] == pytest.approx(at, abs=2.5)
+        assert passage.bound < 1.8 + 1.2
+        assert find_passage(field, curve[12], curve[24]).level > passage.level
+
+
+def test_the_wider_of_two_ways_counts():
+    around = np.array([[0, 0, 0], [14, 0, 0], [14, 0, 40], [0, 0, 40]], dtype=float)
+    narrow, affine = voxelise(AXIS[:81], 2.5)
+    wide, other = voxelise(around, 4.5)
+    levels = []
+    for masks in (((narrow, affine),), ((narrow, affine), (wide, other))):
+        low = np.min([m[1][:3, 3] for m in masks], axis=0)
+        high = np.max([m[1][:3, 3] + m[0].shape for m in masks], axis=0)
+        joined = np.zeros(np.ceil(high - low).astype(int) + 1, dtype=bool)
+        for mask, matrix in masks:
+            place = np.argwhere(mask) + np.rint(matrix[:3, 3] - low).astype(int)
+            joined[tuple(place.T)] = True
+        matrix = np.eye(4)
+        matrix[:3, 3] = low
+        field = field_from_mask(joined, matrix)
+        levels.append(find_passage(field, AXIS[2], AXIS[78]).level)
+    assert levels[0] < 2.6
+    assert levels[1] > levels[0] + 0.7
+
+
+def test_inflation_adds_its_distance():
+    field, _, curve = tube(3.0)
+    plain = find_passage(field, curve[10], curve[-10])
+    raised = find_passage(field.inflate(2.0), curve[10], curve[-10])
+    assert raised.level == pytest.approx(plain.level + 2.0, abs=1e-6)
+    assert raised.bound == pytest.approx(plain.bound + 2.0, abs=1e-6)
+
+
+def test_both_ways_round_are_the_same():
+    field, _, curve = tube(3.3, shift=(0.3, -0.2, 0.1), tilt=0.4)
+    there = find_passage(field, curve[10], curve[-10])
+    back = find_passage(field, curve[-10], curve[10])
+    assert there.level == back.level and there.bound == back.bound

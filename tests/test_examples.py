@@ -1,0 +1,73 @@
+"""The examples run, and come to the results that the guide claims."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bozzini.anatomy import make_phantom, write_tract
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+PNG = b"\x89PNG"
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_example_is_tested():
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == {"bicycle_chain", "breathing"}
+
+
+def test_breathing_plans_every_frame_again(tmp_path, capsys):
+    example = load("breathing")
+    out = tmp_path / "breathing.png"
+    rows = example.main(["--frames", "2", "--voxel", "3", "--diameter", "7", "--out", str(out)])
+    assert [row["plan"].status for row in rows] == ["complete"] * 2
+    assert all(row["certified_mm"] >= 0.0 for row in rows)
+    # breathed in the first plan goes through the wall; breathed out it fits as before
+    assert rows[0]["first_plan_mm"] < 0.0 < rows[1]["first_plan_mm"]
+    assert len(capsys.readouterr().out.splitlines()) == 3
+    assert out.read_bytes()[:4] == PNG
+    assert out.stat().st_size < 150_000
+
+
+def test_breathing_moves_labels_as_it_moves_surfaces(tmp_path):
+    example = load("breathing")
+    labels = make_phantom().to_labels(voxel=2.0)
+    write_tract(tmp_path / "tract.nii.gz", labels)
+    moved = example.move_tract(labels, 0.5)
+    inside = np.argwhere(moved.mask) @ moved.affine[:3, :3].T + moved.affine[:3, 3]
+    at_rest = make_phantom().signed_distance(example.breathe(inside, 0.5, 0.0))
+    assert at_rest.max() < 2.0  # within a voxel of the lumen at rest
+    assert moved.volume == pytest.approx(labels.volume, rel=0.01)  # a shear keeps it
+
+
+def test_a_breath_is_undone_by_its_way_back():
+    example = load("breathing")
+    points = np.random.default_rng(0).normal(size=(50, 3)) * 100.0
+    there = example.breathe(example.breathe(points, 0.0, 0.3), 0.3, 0.5)
+    assert there == pytest.approx(example.breathe(points, 0.0, 0.5), abs=1e-12)
+    assert example.breathe(there, 0.5, 1.0) == pytest.approx(points, abs=1e-12)
+
+
+def test_bicycle_chain_lies_the_flatter_the_more_it_slips(tmp_path, capsys):
+    example = load("bicycle_chain")
+    out = tmp_path / "chain.png"
+    poses = example.main(["--out", str(out)])
+    ends = np.array([joints[-1, -1] for joints in poses.values()])
+    assert list(poses) == sorted(poses)
+    assert np.all(np.diff(ends[:, 1]) < 0.0)  # the other end is dragged along the more
+    assert np.all(np.diff(ends[:, 0]) > 0.0)  # and pulled in the less
+    for joints in poses.values():
+        links = np.linalg.norm(np.diff(joints, axis=1), axis=2)
+        assert links == pytest.approx(np.full(links.shape, example.PITCH))
+    assert len(capsys.readouterr().out.splitlines()) == 6
+    assert out.read_bytes()[:4] == PNG
+    assert out.stat().st_size < 150_000
