@@ -127,6 +127,22 @@ def test_a_tract_that_crosses_the_line_of_the_bore_is_no_introducer(lumen, intro
     lost = np.array([[0.0, 0.0, 60.0], [0.0, 0.0, 50.0]])
     assert certify(lumen, introducer, here, there).certified
     assert certify(lumen, introducer, here, there, lost).clearance < -RADIUS
+    # Tail first, so that it is within the bore all the time.
+    crossing = np.array([[-10.0, 0.0, 40.0], [0.0, 0.0, 40.0]])
+    raised = np.array([[0.0, 0.0, 40.0], [0.0, 0.0, 50.0]])
+    assert certify(lumen, introducer, here, there, crossing).certified
+    assert certify(lumen, introducer, here, there, crossing, raised).clearance < -RADIUS
     # The tail alone in the bore does not make it the introducer's either.
     tail = np.array([[10.0, 0.0, 47.0], [0.0, 0.0, 47.0]])
     assert certify(lumen, introducer, here, tail).clearance < 0.0
+
+
+def test_a_scope_that_leaves_the_bore_sideways_is_held_against_the_lumen(lumen, introducer):
+    # The tract crosses the introducer's line at z = 40. A chain that stands on that line farther
+    # out and leaves into the tract there has never been through the mouth.
+    waiting = np.stack([np.zeros(4), np.zeros(4), 40.0 + LINK * np.arange(4)], axis=1)
+    ahead = np.stack([-LINK * np.arange(1, 3), np.zeros(2), np.full(2, 40.0)], axis=1)
+    sideways = np.concatenate([ahead[::-1], waiting])
+    for motion in (sideways[None], np.stack([sideways, sideways - [2.0, 0.0, 0.0]])):
+        certificate = certify_motion(motion, lumen, radius=RADIUS, introducer=introducer)
+        assert not certificate.certified

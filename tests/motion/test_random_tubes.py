@@ -1,4 +1,4 @@
-"""Random tubes: what is planted is found and proved, what is pinched shut is refused at the pinch."""
+"""Random tubes: a planted passage is found and proved, a pinched tube refused at the pinch."""
 
 from __future__ import annotations
 

@@ -24,8 +24,10 @@ from tests.shapes import bend_curve
 def bend():
     mask, affine = voxelise(bend_curve(11.0, 2.6, 30.0), 5.5)
     field = field_from_mask(mask, affine)
-    return field, VoxelWall(mask, affine), Centreline.from_points(
-        bend_curve(11.0, 2.6, 30.0)[7:-7], field
+    return (
+        field,
+        VoxelWall(mask, affine),
+        Centreline.from_points(bend_curve(11.0, 2.6, 30.0)[7:-7], field),
     )
 
 
@@ -40,7 +42,7 @@ def shape(case, length, room, shaper=shape_path, lead=60.0, **options):
 
 
 def walk_chords(path, length, first):
-    """Chords from points of a polyline to the first point behind at distance `length`, by search."""
+    """Chords from points of a polyline to the first point behind at `length`, by search."""
     arc = measure_arc_length(path)
     fine = np.arange(0.0, arc[-1], 0.05)
     dense = np.stack([np.interp(fine, arc, column) for column in path.T], axis=1)

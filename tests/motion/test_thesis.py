@@ -8,7 +8,7 @@ import pytest
 from bozzini.errors import InputError
 from bozzini.motion import Scope, plan_insertion
 from bozzini.motion.measures import measure_angles
-from tests.shapes import bend_curve, tube_lumen
+from tests.shapes import bend_curve, curve_distance, sample_field, tube_lumen
 
 
 def insert(curve, radius, *, diameter, link, **options):
@@ -82,9 +82,7 @@ def test_a_lock_is_reported_and_not_jumped_over():
 
 def test_a_narrow_place_stops_the_head_with_what_it_offers():
     curve = np.stack([np.zeros(100), np.zeros(100), np.arange(100.0)], axis=1)
-    radii = np.where((np.arange(99) > 60) & (np.arange(99) < 66), 2.0, 6.0)
     field, line = tube_lumen(curve, 6.0)
-    from tests.shapes import curve_distance, sample_field
 
     def distance(points):
         whole = curve_distance(curve, 6.0)(points)
@@ -92,9 +90,9 @@ def test_a_narrow_place_stops_the_head_with_what_it_offers():
         narrow = np.linalg.norm(points[..., :2], axis=-1) - 2.0
         return np.where((z > 60) & (z < 66), np.maximum(whole, narrow), whole)
 
-    del radii
     pinched = sample_field(distance, (-9, -9, -9), (9, 9, 108), 1.0)
-    plan = plan_insertion(pinched, line, scope=Scope(diameter=8.0, link_length=6.0), method="thesis")
+    scope = Scope(diameter=8.0, link_length=6.0)
+    plan = plan_insertion(pinched, line, scope=scope, method="thesis")
     assert plan.status == "stopped"
     assert plan.reason_code == "HEAD_CLEARANCE"
     assert "needs 4.00 mm" in plan.reason
@@ -135,13 +133,14 @@ def test_motion_is_carried_by_a_rigid_motion_of_the_tract():
     assert moved.clearance_min == pytest.approx(plain.clearance_min, abs=1e-6)
 
 
-def test_a_shorter_scope_has_fewer_links_and_passes_wholly():
+def test_a_shorter_scope_is_inserted_as_far_as_it_is_long():
     field, line = tube_lumen(bend_curve(20.0, 1.5, 40.0), 6.0)
     scope = Scope(diameter=4.0, link_length=8.0, length=30.0)
     plan = plan_insertion(field, line, scope=scope, method="thesis")
     assert plan.links == 4
-    assert plan.status == "complete"
-    assert field.signed_distance(plan.joints[-1]).max() < 0.0
+    assert (plan.status, plan.reason_code) == ("stopped", "SCOPE_TOO_SHORT")
+    assert plan.inserted == pytest.approx(30.0, abs=1.0)
+    assert "30 mm long" in plan.reason
 
 
 @pytest.mark.parametrize(

@@ -168,3 +168,16 @@ def test_a_narrow_tube_holds_the_joint_near_the_path():
         joints = glide(X_AXIS, heads, chain, tube=tube)
         expected = X_AXIS[0] + (heads[:, None] - 10.0) * np.array([1.0, 0.0, 0.0])
         assert np.linalg.norm(joints[:, 1] - expected, axis=1).max() <= tube + 1e-9
+
+
+def test_an_angle_that_following_keeps_is_no_reason_to_stop(bend):
+    follow = plan(bend, method="follow")
+    limit = follow.meta["measures"]["joint_angle_max_rad"] + 0.005
+    free = plan(bend)
+    assert free.meta["measures"]["joint_angle_max_rad"] > limit
+    held = plan(bend, angle_limit=limit)
+    assert held.status == "complete"
+    assert held.meta["measures"]["joint_angle_max_rad"] <= limit
+    tight = plan(bend, angle_limit=0.5 * limit)
+    assert (tight.status, tight.reason_code) == ("stopped", "ANGLE")
+    assert tight.meta["certified"]

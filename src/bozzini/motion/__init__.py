@@ -12,6 +12,7 @@ from .refusal import REASON_CODES, Refusal
 from .replan import replan
 from .scope import Scope
 from .soft import plan_with_soft_wall
+from .tube import TubeOptions
 from .tractrix import move_free_chain
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "Plan",
     "Refusal",
     "Scope",
+    "TubeOptions",
     "certify_motion",
     "certify_plan",
     "find_largest",

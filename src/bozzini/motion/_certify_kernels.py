@@ -58,9 +58,10 @@ def _through_mouth(intro, p, q):
 def mark_introduced(joints, intro, radius, waiting):
     """Fill `waiting` (steps,): joints from this index on stand in the introducer.
 
-    A joint does if the body around it is in the bore, all joints behind it are too, and it was
-    there from the start or came in through the mouth: a tract that passes through the bore's
-    straight continuation farther out is no introducer.
+    A joint does if the body around it is in the bore, all joints behind it are too, it was there
+    from the start or came in through the mouth, and the first link in front leaves through the
+    mouth: a tract that passes through the bore's straight continuation farther out is no
+    introducer.
 
     Returns
     -------
@@ -86,6 +87,9 @@ def mark_introduced(joints, intro, radius, waiting):
                 _, off = _split_along(intro, x - intro[0], y - intro[1], z - intro[2])
                 needed = max(needed, off + radius)
                 k -= 1
+            # The link that leaves the bore must do so at the mouth, not sideways farther out.
+            if 0 < k < count and not _through_mouth(intro, joints[t, k], joints[t, k - 1]):
+                k = count
         waiting[t] = k
     return needed
 

@@ -87,9 +87,7 @@ def advance_chain(
             return BUFFER_FULL, rows
         target = min(s + size, end)
         where = _point_on_path(path, arc, target, where, trial[0])
-        depth = duct_value(
-            values, step, inflation, intro, trial[0, 0], trial[0, 1], trial[0, 2]
-        )
+        depth = duct_value(values, step, inflation, intro, trial[0, 0], trial[0, 1], trial[0, 2])
         if depth + room > 0.0:
             if size > floor:
                 size *= 0.5

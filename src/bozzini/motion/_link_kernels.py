@@ -154,9 +154,7 @@ def _local_step(values, step, inflation, intro, head, w, e, f, length, room, sta
             ub = 0.0
         for n in range(3):
             tail[n] = head[n] + length * (ca * w[n] + sinc * (a * e[n] + b * f[n]))
-        c, gx, gy, gz = duct_and_gradient(
-            values, step, inflation, intro, tail[0], tail[1], tail[2]
-        )
+        c, gx, gy, gz = duct_and_gradient(values, step, inflation, intro, tail[0], tail[1], tail[2])
         c += room
         # derivative along the radial direction and across it
         radial = 0.0

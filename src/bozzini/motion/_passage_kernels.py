@@ -52,10 +52,6 @@ def widest_level(room, order, shape, start, goal):
                         q = _find(parent, n)
                         if p != q:
                             parent[p] = q
-        if (
-            parent[start] >= 0
-            and parent[goal] >= 0
-            and _find(parent, start) == _find(parent, goal)
-        ):
+        if parent[start] >= 0 and parent[goal] >= 0 and _find(parent, start) == _find(parent, goal):
             return room[n], n
     return -np.inf, -1

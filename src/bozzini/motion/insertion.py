@@ -21,6 +21,7 @@ from .certify import Certificate, certify_motion
 from .introducer import Introducer
 from .measures import measure_plan
 from .plan import Plan
+from .refusal import Refusal
 from .scope import Scope
 from .thesis import move_by_thesis
 from .tube import TubeMotion, TubeOptions, plan_in_tube
@@ -87,6 +88,18 @@ def plan_insertion(
         raise InputError(
             f"the centreline's points have shape {line.points.shape}: this duct needs (n, {dim})"
         )
+    if scope.length is not None and scope.length < line.length - 1e-6:
+        return _plan_short_scope(
+            duct,
+            line,
+            scope=scope,
+            method=method,
+            head_step=head_step,
+            slip=slip,
+            angle_limit=angle_limit,
+            route=route,
+            progress=progress,
+        )
     links = scope.count_links(line.length)
     bore = max(float(duct.clearance_bound(line.points[0])), scope.radius)
     introducer = Introducer.at_start(line, bore=bore, along=scope.link_length)
@@ -148,6 +161,29 @@ def plan_insertion(
     )
     progress("certify", 1.0)
     return plan
+
+
+def _plan_short_scope(duct: Duct, line: Centreline, *, scope: Scope, **options: Any) -> Plan:
+    """Plan for a scope shorter than the way: it gets in as far as it is long."""
+    length = float(scope.length or 0.0)
+    plan = plan_insertion(duct, line.cut(length), scope=scope, **options)
+    if plan.status != "complete":
+        return plan
+    refusal = Refusal(
+        code="SCOPE_TOO_SHORT",
+        at=length,
+        needs=line.length,
+        offers=length,
+        what=f"the scope is {length:g} mm long and wholly inserted: the goal is {line.length:.1f} mm "
+        "from the entry",
+    )
+    return replace(
+        plan,
+        status="stopped",
+        reason_code=refusal.code,
+        reason=refusal.reason,
+        meta={**plan.meta, "refusal": refusal.describe()},
+    )
 
 
 def finish_plan(
@@ -217,10 +253,10 @@ def _check(
     check_number("slip", slip, low=0.0, high=1.0)
     if angle_limit is not None:
         check_number("angle limit", angle_limit, low=0.0, high=np.pi, low_open=True, unit="rad")
-    if len(route) == 0:
-        raise InputError("route is empty: it must hold at least one fraction in [0, 1]")
     for share in route:
         check_number("route", share, low=0.0, high=1.0)
+    if max(route, default=0.0) <= 0.0:
+        raise InputError(f"route is {tuple(route)}: one of its fractions must lie in (0, 1]")
     if method == "thesis" and (slip != 0.0 or angle_limit is not None or tuple(route) != (1.0,)):
         raise InputError(
             "method 'thesis' knows no slip, angle limit or route: leave them out, or use one of "

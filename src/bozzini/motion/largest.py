@@ -105,9 +105,7 @@ def find_largest(
     )
 
 
-def _bisect(
-    passes: Callable[[float], bool], start: float, high: float, resolution: float
-) -> float:
+def _bisect(passes: Callable[[float], bool], start: float, high: float, resolution: float) -> float:
     """Return the largest value in (0, high] that passes: grow from a guess, then halve."""
     low = 0.0
     trial = min(start, high)

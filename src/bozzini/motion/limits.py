@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..duct.centreline import find_roomy_path
 from ..duct.field import SampledField
-from .passage import find_passage
+from .passage import Passage, find_passage
 from .refusal import Refusal, floor_mm
 from .shape import SPACING, cut_path, measure_folds, shape_path
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["explain_stop", "find_prefix"]
 
-PREFIX_TRIES = 5
+PREFIX_TRIES = 8
 """How many ways to go further are tried."""
 
 
@@ -29,16 +29,24 @@ def explain_stop(job: Job) -> Refusal:
 
     radius, duct, line = job.scope.radius, job.duct, job.line
     goal = float(job.bound[-1])
+    entry, slack = float(job.bound[0]), MARGINS[-1]
     passage = None
-    if isinstance(duct, SampledField) or goal > 0.0:
+    if entry > 0.0 and (isinstance(duct, SampledField) or goal > 0.0):
         passage = job.passage or find_passage(duct, line.points[0], line.points[-1])
         at = _locate(job, passage.place)
+    if entry < radius + slack:
+        fits = _find_radius(job, _find_fitting(job, passage, entry))
+        slack = slack if entry >= radius else 0.0
+        return Refusal.at_entry(job.scope, entry, slack=slack).advise(
+            diameter_max=2.0 * fits, inflate=radius - fits
+        )
+    if passage is not None:
         near_goal = line.length - at <= max(job.scope.diameter, 3.0)
         if passage.bound < radius and not (near_goal and goal < radius):
             level = max(passage.level, float(job.bound.min()))
             return _no_passage(job, at, level, passage.bound)
-    slack = MARGINS[-1]
     if goal < radius + slack:
+        fits = _find_radius(job, _find_fitting(job, passage, goal))
         return Refusal(
             code="GOAL_CLEARANCE",
             at=line.length,
@@ -46,17 +54,15 @@ def explain_stop(job: Job) -> Refusal:
             offers=goal,
             what=f"does not fit at the goal, {line.length:.1f} mm: needs {radius + slack:.2f} mm "
             f"from the wall, the lumen offers {floor_mm(goal)} mm there",
-            diameter_max=2.0 * (goal - slack),
-            inflate=radius + slack - goal,
+            diameter_max=2.0 * fits,
+            inflate=radius - fits,
         )
-    if float(job.bound[0]) < radius + slack:
-        return Refusal.at_entry(job.scope, float(job.bound[0]), slack=slack)
     base = job.find_base(radius + slack)
     if base is None or (base is job.widest and job.largest_link == 0.0):
         at = float(line.arc_length[int(np.argmin(job.bound))])
         if passage is not None:
             at = _locate(job, passage.place)
-            return _no_path(job, at, passage.level, passage.bound)
+            return _mention_grid(job, _no_path(job, at, passage.level, passage.bound))
         return _no_path(job, at, float(job.bound.min()), float(job.bound.min()))
     if job.fold is not None:
         folds = measure_folds(job.fold, job.scope.link_length)
@@ -76,15 +82,36 @@ def explain_stop(job: Job) -> Refusal:
         refusal = Refusal(
             code="LINK_TOO_LONG",
             at=at,
-            needs=radius,
+            needs=radius + slack,
             offers=job.failed.room,
-            what=f"links of {job.scope.link_length:g} mm do not fit at {at:.1f} mm (inscribed "
-            f"radius {floor_mm(local)} mm): they need {radius:.2f} mm from the wall, the best "
-            f"path found leaves {floor_mm(job.failed.room)} mm",
+            what=f"links of {job.scope.link_length:g} mm do not fit at {at:.1f} mm (room on the "
+            f"centreline there: at least {floor_mm(max(local, 0.0))} mm): they need {radius + slack:.2f} mm from the wall, "
+            f"the best path found leaves {floor_mm(job.failed.room)} mm",
         )
     else:
         return _unresolved(job)
-    return _advise(job, refusal)
+    return _advise(job, _mention_grid(job, refusal))
+
+
+def _mention_grid(job: Job, refusal: Refusal) -> Refusal:
+    """Say so where the grid, not the lumen, may be what is too narrow."""
+    if not isinstance(job.duct, SampledField) or job.duct.error < 0.25 * job.scope.radius:
+        return refusal
+    return replace(
+        refusal,
+        what=f"{refusal.what}; not proved: the grid may hide up to {job.duct.error:.2f} mm of room, "
+        "a smaller --voxel tells",
+    )
+
+
+def _find_fitting(job: Job, passage: Passage | None, room: float) -> float:
+    """Radius for which an end with `room`, and a way to it, offer enough [mm]."""
+    from .tube import MARGINS
+
+    way = float(job.bound.min())
+    if passage is not None:
+        way = max(way, passage.level)
+    return min(room, way) - MARGINS[-1]
 
 
 def find_prefix(job: Job, refusal: Refusal) -> TubeMotion:
@@ -97,7 +124,7 @@ def find_prefix(job: Job, refusal: Refusal) -> TubeMotion:
 
     room = job.scope.radius + MARGINS[-1]
     low, high = 0.0, min(job.line.length, _find_reach(job, room))
-    best = None
+    best, blocked = None, ""
     if job.failed is not None and job.failed.clear_until > SPACING:
         shaped = cut_path(job.failed, job.failed.clear_until)
         best = job.follow(shaped, MARGINS[-1])
@@ -109,13 +136,26 @@ def find_prefix(job: Job, refusal: Refusal) -> TubeMotion:
         base = _cut_base(job, arc, room)
         motion = None if base is None else job.try_path(base, MARGINS[-1], thorough=False)
         if motion is None:
-            high = arc
+            high, blocked = arc, _say_blocked(job)
         else:
             best, low = motion, arc
         arc = 0.5 * (low + high)
     if best is None:
-        return job.stand_still(refusal)
-    return replace(best, refusal=best.refusal or refusal)
+        return job.stand_still(refusal.stop_at(0.0, blocked))
+    if best.refusal is not None:
+        return best
+    return replace(best, refusal=refusal.stop_at(low, blocked))
+
+
+def _say_blocked(job: Job) -> str:
+    """Say what was in the way of the last attempt, if that is known."""
+    failed = job.failed
+    if failed is None or failed.clear:
+        return ""
+    nearest = int(np.argmin(np.abs(failed.arc_length - failed.tightest)))
+    at = _locate(job, job.duct.to_world(failed.points[nearest]))
+    room = floor_mm(failed.room)
+    return f", where the next narrow place is near {at:.1f} mm ({room} mm from the wall at best)"
 
 
 def _find_reach(job: Job, room: float) -> float:
@@ -204,32 +244,37 @@ def _unresolved(job: Job) -> Refusal:
 
 def _advise(job: Job, refusal: Refusal) -> Refusal:
     """Fill in the longest link and the largest diameter for which the whole way was shaped."""
+    link = job.largest_link
+    radius = _find_radius(job, job.scope.radius)
+    return refusal.advise(
+        link_max=link if link > 0.0 else None,
+        diameter_max=2.0 * radius if radius > 0.0 else None,
+        inflate=job.scope.radius - radius if radius > 0.0 else None,
+    )
+
+
+def _find_radius(job: Job, high: float) -> float:
+    """Find the largest radius below `high` for which the whole way is shaped for the link [mm]."""
     from .tube import MARGINS
 
     margin = MARGINS[-1]
-    base = job.find_base(job.scope.radius + margin)
-    if base is None:
-        return refusal
-    path = np.ascontiguousarray(job.duct.to_grid(base))
-    low, high = 0.0, job.scope.radius
+    low = 0.0
     while high - low > 0.1:
         middle = 0.5 * (low + high)
-        shaped = shape_path(
-            job.data,
-            job.intro,
-            path,
-            length=job.scope.link_length,
-            room=middle + margin,
-            lead=job.lead,
-            thorough=False,
-        )
-        if shaped.clear:
+        base = job.find_base(middle + margin)
+        if (
+            base is not None
+            and shape_path(
+                job.data,
+                job.intro,
+                np.ascontiguousarray(job.duct.to_grid(base)),
+                length=job.scope.link_length,
+                room=middle + margin,
+                lead=job.lead,
+                thorough=False,
+            ).clear
+        ):
             low = middle
         else:
             high = middle
-    link = job.largest_link
-    return refusal.advise(
-        link_max=link if link > 0.0 else None,
-        diameter_max=2.0 * low if low > 0.0 else None,
-        inflate=job.scope.radius - low if low > 0.0 else None,
-    )
+    return low

@@ -5,6 +5,10 @@ way crosses from cell to cell, through a face, the nearest corner of that face i
 face's diagonal away and so has at least r minus that; corners of faces of one cell are
 neighbours. So if the widest way on the grid has less, nothing passes, whatever its links.
 
+With inflation the field answers a lower bound of the room inside the moved wall, which proves
+nothing here. A node at least the inflation away from the lumen is in the moved wall, so the
+distance to the nearest such node bounds the room of a node from above.
+
 An analytic duct is put on a grid for this. Its distance inside may be less than the true room, so
 there the room of a node is bounded from above, by the distance to points that are known to lie on
 the wall: outside, the distance is exact, and its foot point is one.
@@ -106,7 +110,7 @@ def _find_widest(
     from ._passage_kernels import widest_level
 
     raised = room.copy()
-    raised[ends] = max(float(room.max()), 1e-9)
+    raised[ends] = max(float(raised.max()), 1e-9)
     order = np.flatnonzero(raised > 0.0)
     order = order[np.argsort(-raised[order], kind="stable")]
     limit, node = widest_level(raised, order, shape, ends[0], ends[1])
@@ -122,6 +126,8 @@ def _find_in_field(duct: SampledField, start: ArrayLike, goal: ArrayLike) -> Pas
         near = np.clip(near, 0, np.array(shape) - 1)
         ends.append(int(np.ravel_multi_index(tuple(near), shape)))
     level, limit, node = _find_widest(room, shape, ends)
+    if duct.inflation > 0.0:
+        limit = _find_widest(_bound_inflated_room(duct), shape, ends)[1]
     half = 0.5 * float(np.linalg.norm(np.sort(duct.spacing)[1:]))
     index = np.array(np.unravel_index(max(node, 0), shape))
     return Passage(
@@ -129,3 +135,16 @@ def _find_in_field(duct: SampledField, start: ArrayLike, goal: ArrayLike) -> Pas
         bound=max(limit, 0.0) + half + duct.pack().slack,
         place=duct.to_world(index * duct.spacing),
     )
+
+
+def _bound_inflated_room(duct: SampledField) -> NDArray[np.float64]:
+    """Upper bound of every node's distance to the moved wall [mm], flat; infinite if unknown."""
+    from scipy import ndimage
+
+    # Beyond its reach the field's own values are only upper bounds of the distance outside.
+    known = min(duct.inflation, duct.reach)
+    wall = duct.values >= duct.inflation if duct.inflation <= known else np.zeros(1, dtype=bool)
+    if not wall.any():
+        return np.full(duct.values.size, np.inf)
+    distance = ndimage.distance_transform_edt(~wall, sampling=tuple(duct.spacing))
+    return np.asarray(distance, dtype=np.float64).ravel()

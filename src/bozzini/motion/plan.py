@@ -99,8 +99,8 @@ class Plan:
 
     @property
     def inserted(self) -> float:
-        """How far the head got along the path [mm]."""
-        return float(self.head_arc_length[-1])
+        """How far the head got along the path at most [mm]."""
+        return float(self.head_arc_length.max())
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the plan as a compressed ``.npz`` and return its path.

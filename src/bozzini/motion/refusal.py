@@ -16,6 +16,7 @@ REASON_CODES = {
     "NO_PASSAGE": "proved: no way to the goal is wide enough, whatever the links",
     "LINK_TOO_LONG": "no path was found on which links of this length stay inside",
     "FOLD": "links of this length would fold back in a bend",
+    "SCOPE_TOO_SHORT": "the scope is wholly inserted before the goal",
     "ANGLE": "neighbouring links would turn by more than the limit",
     "CERTIFICATE_UNRESOLVED": "a motion was found, but its clearance could not be proved",
     "HEAD_CLEARANCE": "the head's path lacks the room (method thesis)",
@@ -69,6 +70,14 @@ class Refusal:
             advice.append(f"the wall inflated by about {math.ceil(10 * self.inflate) / 10:.1f} mm")
         return self.what + (f"; would fit: {' or '.join(advice)}" if advice else "")
 
+    def stop_at(self, arc: float, blocked: str) -> Refusal:
+        """Return the refusal with where on the centreline the motion itself ends."""
+        if abs(arc - self.at) < 5.0:
+            return self
+        return replace(
+            self, what=f"{self.what}; this motion ends at {arc:.1f} mm of the centreline{blocked}"
+        )
+
     def advise(self, **changes: float | None) -> Refusal:
         """Return the refusal with advice filled in."""
         return replace(self, **changes)  # type: ignore[arg-type]
@@ -107,6 +116,6 @@ class Refusal:
             at=head,
             needs=limit,
             offers=limit,
-            what=f"neighbouring links would turn by more than {math.degrees(limit):.1f} deg with "
-            f"the head at {head:.1f} mm",
+            what=f"neighbouring links would turn by more than {math.degrees(limit):.1f} deg beyond "
+            f"a head at {head:.1f} mm of its path; shorter links turn less",
         )

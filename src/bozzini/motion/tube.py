@@ -115,8 +115,7 @@ def plan_in_tube(
     progress("plan", 0.0)
     room = float(duct.clearance_bound(line.points[0]))
     if room < scope.radius:
-        refusal = Refusal.at_entry(scope, room)
-        return job.stand_still(refusal)
+        return job.stand_still(explain_stop(job))
     motion = job.try_whole_way()
     progress("plan", 0.5)
     if motion is None:
@@ -151,6 +150,7 @@ class Job:
         self.unresolved: Certificate | None = None
         self.passage: Passage | None = None
         self.widest: NDArray[np.float64] | None = None
+        self.bases: list[tuple[float, NDArray[np.float64]]] = []
 
     def try_whole_way(self) -> TubeMotion | None:
         """Plan to the goal with the largest margin that works, or return None."""
@@ -182,25 +182,23 @@ class Job:
             return None
         if self.bound.min() >= room:
             return self.line.points
-        if not isinstance(self.duct, SampledField):
-            return self.line.points
-        base = find_roomy_path(self.duct, self.line.points[0], self.line.points[-1], room=room)
-        return self.find_widest(room) if base is None else base
-
-    def find_widest(self, room: float) -> NDArray[np.float64] | None:
-        """Return the widest way along nodes, if one with `room` may lie between the nodes."""
         duct = self.duct
         if not isinstance(duct, SampledField):
-            return None
+            return self.line.points
+        for level, known in self.bases:
+            if level >= room:
+                return known
+        ends = self.line.points[0], self.line.points[-1]
         if self.passage is None:
-            self.passage = find_passage(duct, self.line.points[0], self.line.points[-1])
-            if self.passage.level > 0.0:
-                self.widest = find_roomy_path(
-                    duct,
-                    self.line.points[0],
-                    self.line.points[-1],
-                    room=self.passage.level - 1e-6,
-                )
+            self.passage = find_passage(duct, *ends)
+        if self.passage.level >= room:
+            base = find_roomy_path(duct, *ends, room=room)
+            if base is not None:
+                self.bases.append((room, base))
+                return base
+        # The widest way along nodes: there may be room between them.
+        if self.widest is None and self.passage.level > 0.0 and self.passage.bound >= room:
+            self.widest = find_roomy_path(duct, *ends, room=self.passage.level - 1e-6)
         return self.widest if self.passage.bound >= room else None
 
     def try_path(
@@ -227,8 +225,15 @@ class Job:
             self.fold = shaped
             return None
         motion = self.move(shaped, margin)
-        if not motion.certificate.certified:
-            motion = self.move(shaped, margin, freedom=0.0)
+        if not motion.certificate.certified or motion.refusal is not None:
+            # Joints on the path turn less and stay clearer, though they move more.
+            other = self.move(shaped, margin, freedom=0.0)
+            if other.certificate.certified and (
+                other.refusal is None
+                or not motion.certificate.certified
+                or len(other.joints) > len(motion.joints)
+            ):
+                motion = other
         if not motion.certificate.certified:
             motion = replace(motion, certificate=self.certify(motion.joints, settle=True))
         if not motion.certificate.certified:
@@ -358,5 +363,3 @@ def move_in_tube(
         joints,
     )
     return joints
-
-
