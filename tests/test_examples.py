@@ -22,7 +22,11 @@ def load(name):
 
 
 def test_every_example_is_tested():
-    assert {path.stem for path in EXAMPLES.glob("*.py")} == {"bicycle_chain", "breathing"}
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == {
+        "bicycle_chain",
+        "breathing",
+        "muscle_calibration",
+    }
 
 
 def test_breathing_plans_every_frame_again(tmp_path, capsys):
@@ -71,3 +75,23 @@ def test_bicycle_chain_lies_the_flatter_the_more_it_slips(tmp_path, capsys):
     assert len(capsys.readouterr().out.splitlines()) == 6
     assert out.read_bytes()[:4] == PNG
     assert out.stat().st_size < 150_000
+
+
+def test_muscle_calibration_finds_its_truth_and_refuses_the_rest(tmp_path, capsys):
+    example = load("muscle_calibration")
+    out = tmp_path / "muscle.png"
+    found = example.main(["--out", str(out)])
+    for name, (low, high) in found["both"].intervals.items():
+        assert low <= getattr(example.TRUTH, name) <= high
+    assert found["both"].trusted
+    assert found["both"].sigma == pytest.approx(example.NOISE, rel=0.3)
+    low, high = found["lost"].intervals["dead_length"]
+    assert high - low > 10.0  # nothing is known of it
+    assert not found["lost"].trusted
+    assert found["comparison"].scores[0].name == "energy, 3 fitted"
+    said = capsys.readouterr().out
+    assert "refused: friction_length and dead_length" in said
+    assert out.read_bytes()[:4] == PNG
+    assert out.stat().st_size < 150_000
+    again = example.main([str(tmp_path / "muscle.csv"), "--out", str(tmp_path / "again.png")])
+    assert again["both"].estimates == found["both"].estimates

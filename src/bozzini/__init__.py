@@ -10,7 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import anatomy, duct, errors, motion, study, units, view
+    from . import anatomy, duct, errors, motion, muscle, study, units, view
     from .errors import BozziniError
     from .motion.plan import Plan
     from .motion.scope import Scope
@@ -26,12 +26,13 @@ __all__ = [
     "duct",
     "errors",
     "motion",
+    "muscle",
     "study",
     "units",
     "view",
 ]
 
-_ROOMS = frozenset({"anatomy", "duct", "errors", "motion", "study", "units", "view"})
+_ROOMS = frozenset({"anatomy", "duct", "errors", "motion", "muscle", "study", "units", "view"})
 _NAMES = {
     "BozziniError": ".errors",
     "Plan": ".motion.plan",

@@ -26,6 +26,7 @@ COMMANDS = {
     "plan": "Plan a scope's motion through your own scan or surface.",
     "phantom": "Write a phantom upper gastro-intestinal tract to a file.",
     "data": "List and fetch public anatomy.",
+    "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",
 }
 """Each command and its line in the help; its code is ``bozzini.cli.<name>.command``."""
 

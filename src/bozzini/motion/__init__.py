@@ -12,8 +12,8 @@ from .refusal import REASON_CODES, Refusal
 from .replan import replan
 from .scope import Scope
 from .soft import plan_with_soft_wall
-from .tube import TubeOptions
 from .tractrix import move_free_chain
+from .tube import TubeOptions
 
 __all__ = [
     "METHODS",

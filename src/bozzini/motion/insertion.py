@@ -174,8 +174,8 @@ def _plan_short_scope(duct: Duct, line: Centreline, *, scope: Scope, **options: 
         at=length,
         needs=line.length,
         offers=length,
-        what=f"the scope is {length:g} mm long and wholly inserted: the goal is {line.length:.1f} mm "
-        "from the entry",
+        what=f"the scope is {length:g} mm long and wholly inserted: the goal is "
+        f"{line.length:.1f} mm from the entry",
     )
     return replace(
         plan,

@@ -85,8 +85,9 @@ def explain_stop(job: Job) -> Refusal:
             needs=radius + slack,
             offers=job.failed.room,
             what=f"links of {job.scope.link_length:g} mm do not fit at {at:.1f} mm (room on the "
-            f"centreline there: at least {floor_mm(max(local, 0.0))} mm): they need {radius + slack:.2f} mm from the wall, "
-            f"the best path found leaves {floor_mm(job.failed.room)} mm",
+            f"centreline there: at least {floor_mm(max(local, 0.0))} mm): they need "
+            f"{radius + slack:.2f} mm from the wall, the best path found leaves "
+            f"{floor_mm(job.failed.room)} mm",
         )
     else:
         return _unresolved(job)
@@ -99,8 +100,8 @@ def _mention_grid(job: Job, refusal: Refusal) -> Refusal:
         return refusal
     return replace(
         refusal,
-        what=f"{refusal.what}; not proved: the grid may hide up to {job.duct.error:.2f} mm of room, "
-        "a smaller --voxel tells",
+        what=f"{refusal.what}; not proved: the grid may hide up to {job.duct.error:.2f} mm of "
+        "room, a smaller --voxel tells",
     )
 
 

@@ -45,8 +45,8 @@ _FINE = 201
 def draw_phases(model: MuscleModel, *, pressure: float, load: float = 0.0) -> Figure:
     """Return a figure of the phases of deformation, the dead band on the left enlarged.
 
-    Up to the dead band the tube grows in the gap alone, and the muscle pulls not at all; closed
-    and free of load it may get longer than at rest.
+    Up to the dead band the tube grows in the gap alone. Where the model says so, it gets longer
+    meanwhile, and has to contract to its length at rest first.
 
     Parameters
     ----------
@@ -65,12 +65,20 @@ def draw_phases(model: MuscleModel, *, pressure: float, load: float = 0.0) -> Fi
     check_number("pressure", pressure, low=band, low_open=True, unit="MPa")
     figure, (left, right) = _make_panels(2, ratios=(1.0, 1.5))
     for axes, top in ((left, min(2.5 * band, pressure)), (right, pressure)):
-        over = np.linspace(0.0, top, _FINE) if top > 0.0 else np.zeros(1)
-        axes.axvspan(0.0, 1e3 * band, color="#d7e3ee", lw=0)
+        over = np.linspace(0.0, top, _FINE)
+        line = _contract(model, over, load)
+        axes.axvspan(0.0, 1e3 * band, color="#d7e3ee", lw=0, label="gap: the tube grows alone")
+        longer = (over >= band) & (line < 0.0)
+        if longer.any():
+            axes.axvspan(
+                1e3 * band, 1e3 * over[longer].max(), color="#fbe7c6", lw=0,
+                label="contact, longer than at rest",
+            )  # fmt: skip
         axes.axhline(0.0, color=INK, linewidth=0.8)
-        axes.plot(1e3 * over, _contract(model, over, load), color=_COLORS[0], linewidth=1.8)
-        axes.set(xlabel=_PRESSURE, xlim=(0.0, 1e3 * top or 1.0))
+        axes.plot(1e3 * over, line, color=_COLORS[0], linewidth=1.8)
+        axes.set(xlabel=_PRESSURE, xlim=(0.0, 1e3 * top))
     left.set_ylabel(_CONTRACTION)
+    right.legend(frameon=False, fontsize=9, loc="center right")
     left.set_title(f"dead band: {1e3 * band:.1f} kPa", fontsize=10, loc="left")
     right.set_title(f"{model.name}, {load:g} N", fontsize=10, loc="left")
     return figure

@@ -1,0 +1,365 @@
+"""Calibration finds known parameters again, says how well, and refuses what data cannot tell."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import t as student
+
+from bozzini.errors import InputError
+from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle, preset
+from bozzini.muscle import _fit as fitting
+from bozzini.muscle.calibrate import calibrate
+from bozzini.muscle.dataset import Measurements
+from bozzini.muscle.identify import (
+    CONDITION_LIMIT,
+    CORRELATION_LIMIT,
+    judge_parameters,
+    judge_repeats,
+)
+
+TRUTH = Muscle(length=45.0, outer_radius=0.55, modulus=0.5, dead_length=10.0)
+START = TRUTH.replace(modulus=0.35, dead_length=0.0)
+PRESSURES = np.linspace(0.0, 0.827, 20)
+NOISE = 0.1
+
+
+def measure(*branches, muscle=TRUTH, noise=0.0, seed=0, model=EnergyMuscle, pressures=PRESSURES):
+    """Simulate branches, each a (load, direction), one after the other."""
+    parts = []
+    for load, direction in branches or [(0.0, "")]:
+        contraction = model(muscle).contraction(pressures, load, direction=direction)
+        parts.append((pressures, contraction, np.full(len(pressures), load), direction))
+    error = np.random.default_rng(seed).normal(size=len(parts) * len(pressures))
+    return Measurements(
+        pressure=np.concatenate([part[0] for part in parts]),
+        contraction=np.concatenate([part[1] for part in parts]) + noise * error,
+        load=np.concatenate([part[2] for part in parts]),
+        direction=np.repeat([part[3] for part in parts], len(pressures)),
+    )
+
+
+def block(count=8):
+    """Simulate forces of the blocked muscle."""
+    pressure = np.linspace(0.1, 0.827, count)
+    force = EnergyMuscle(TRUTH).blocked_force(pressure)
+    return Measurements(pressure=pressure, contraction=np.zeros(count), load=force)
+
+
+def join(*tables):
+    return Measurements(
+        **{
+            name: np.concatenate([getattr(table, name) for table in tables])
+            for name in ("pressure", "contraction", "load", "direction")
+        }
+    )
+
+
+MEAN = ((0.0, ""),)
+UP = ((0.0, "inflating"),)
+BOTH = ((0.0, "inflating"), (0.0, "deflating"))
+RUBBING = TRUTH.replace(friction_length=0.02)
+
+# The table of what can be identified: free parameters, data, and what one standard deviation of
+# 0.1 mm comes to; condition; worst correlation. (friction in mm, angle in degrees)
+SETS = {
+    "default": (("modulus", "dead_length"), MEAN, (0.006, 0.17), 3, -0.74),
+    "gap": (("modulus", "gap", "dead_length"), MEAN, (0.014, 0.0055, 0.22), 7, -0.91),
+    "angle": (
+        ("modulus", "gap", "dead_length", "braid_angle"), MEAN,
+        (0.028, 0.007, 4.7, 3.9), 97, -0.999,
+    ),
+    "Mooney": (("modulus", "dead_length", "mooney_ratio"), MEAN, (0.016, 0.18, 0.09), 9, 0.92),
+    "angle, loaded": (
+        ("modulus", "gap", "dead_length", "braid_angle"), (*MEAN, (0.5, "")),
+        (0.007, 0.0018, 0.20, 0.08), 4, -0.66,
+    ),
+    "friction, one way": (
+        ("modulus", "dead_length", "friction_length"), UP, (0.056, 22.0, 0.32), 426, -1.0,
+    ),
+    "friction, both ways": (
+        ("modulus", "dead_length", "friction_length"), BOTH, (0.004, 0.12, 0.0013), 3, None,
+    ),
+    "all": (
+        ("modulus", "gap", "dead_length", "braid_angle", "friction_length"),
+        (*BOTH, (0.5, "inflating")), (0.006, 0.0017, 0.16, 0.08, 0.0013), 5, None,
+    ),
+}  # fmt: skip
+LOST = {"angle", "friction, one way"}
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_table_of_what_can_be_identified(name):
+    free, branches, spread, condition, worst = SETS[name]
+    muscle = RUBBING if "friction_length" in free else TRUTH
+    if name == "Mooney":  # off its bound
+        muscle = muscle.replace(mooney_ratio=0.05)
+    # hardly any noise: the fit ends at the truth, and the statistics are those there
+    data = measure(*branches, muscle=muscle, noise=1e-4)
+    found = calibrate(EnergyMuscle, muscle, data, free=free, force=True)
+    assert found.converged
+    units = {"braid_angle": math.degrees(1.0)}
+    errors = [
+        found.standard_errors[key] * units.get(key, 1.0) * NOISE / found.sigma for key in free
+    ]
+    assert errors == pytest.approx(spread, rel=0.12)
+    assert found.condition == pytest.approx(condition, rel=0.2)
+    off = found.correlations[np.triu_indices(len(free), 1)]
+    if worst is not None:
+        assert off[np.argmax(np.abs(off))] == pytest.approx(worst, abs=0.02)
+    assert bool(found.warnings) == (name in LOST)
+    assert found.trusted == (name not in LOST)
+    if name in LOST:
+        assert found.condition > CONDITION_LIMIT
+        assert np.abs(off).max() > CORRELATION_LIMIT
+        assert any("cannot be told apart" in line for line in found.warnings)
+        with pytest.raises(InputError, match="do the same to one curve"):
+            calibrate(EnergyMuscle, muscle, data, free=free)
+
+
+def test_blocked_forces_tell_the_angle():
+    free = ("modulus", "dead_length", "braid_angle")
+    data = join(measure(), block())
+    start = START.replace(braid_angle=math.radians(34.0))
+    found = calibrate(EnergyMuscle, start, data, free=free)
+    assert found.trusted
+    assert found.condition < 5.0
+    assert found.estimates["braid_angle"] == pytest.approx(TRUTH.braid_angle, abs=1e-6)
+    with pytest.raises(InputError, match="second load"):
+        calibrate(EnergyMuscle, start, measure(), free=free)
+
+
+def test_intervals_hold_the_truth_in_90_to_99_percent_of_200_draws():
+    clean = measure()
+    draws = 200
+    random = np.random.default_rng(7)
+    held = dict.fromkeys(("modulus", "dead_length"), 0)
+    for _ in range(draws):
+        error = NOISE * random.normal(size=len(clean))
+        data = Measurements(pressure=clean.pressure, contraction=clean.contraction + error)
+        found = calibrate(EnergyMuscle, START, data)
+        assert found.trusted
+        for name, (low, high) in found.intervals.items():
+            held[name] += low <= getattr(TRUTH, name) <= high
+    assert all(0.90 * draws <= count <= 0.99 * draws for count in held.values()), held
+
+
+@settings(max_examples=15)
+@given(
+    modulus=st.floats(0.1, 2.0),
+    dead_length=st.floats(0.5, 25.0),
+    gap=st.floats(0.01, 0.1),
+    angle=st.floats(25.0, 45.0),
+)
+def test_without_noise_the_truth_is_found(modulus, dead_length, gap, angle):
+    truth = TRUTH.replace(
+        modulus=modulus, dead_length=dead_length, gap=gap, braid_angle=math.radians(angle)
+    )
+    free = ("modulus", "gap", "dead_length", "braid_angle")
+    data = measure((0.0, ""), (0.3, ""), muscle=truth, pressures=np.linspace(0.0, 2.0, 40))
+    found = calibrate(EnergyMuscle, TRUTH, data, free=free)
+    assert found.converged
+    assert found.sigma < 1e-5
+    for name in free:
+        assert found.estimates[name] == pytest.approx(getattr(truth, name), rel=1e-4)
+
+
+def test_the_preset_fitted_to_chapter_4_is_found_again():
+    # the thesis's contractions without load, for the tube of 1.5 mm
+    data = Measurements(pressure=[0.6894, 0.5516, 0.4136], contraction=[7.6, 7.1, 6.2])
+    found = calibrate(EnergyMuscle, preset("effector-45"), data)
+    fitted = preset("fitted-45")
+    assert found.estimates["modulus"] == pytest.approx(fitted.modulus, abs=0.005)
+    assert found.estimates["dead_length"] == pytest.approx(fitted.dead_length, abs=0.05)
+    assert np.abs(found.residuals).max() < 0.05  # the tables are rounded to 0.1
+
+
+@pytest.mark.parametrize("ends", ["none", "trellis"])
+def test_the_model_may_have_options(ends):
+    make = functools.partial(EnergyMuscle, ends=ends)
+    data = measure(model=make)
+    found = calibrate(make, START, data)
+    assert found.estimates["dead_length"] == pytest.approx(10.0, abs=1e-4)
+    assert found.estimates["modulus"] == pytest.approx(0.5, abs=1e-5)
+    assert found.model == "energy"
+
+
+def test_the_thesis_model_is_fitted_by_what_it_has():
+    data = measure(model=ThesisMuscle, muscle=TRUTH.replace(end_length=4.0))
+    found = calibrate(ThesisMuscle, START, data, free=("modulus", "end_length"))
+    assert found.estimates["modulus"] == pytest.approx(0.5, rel=1e-3)
+    assert found.estimates["end_length"] == pytest.approx(4.0, rel=1e-2)
+    with pytest.raises(InputError, match="dead_length has no effect"):
+        calibrate(ThesisMuscle, START, data)
+
+
+@pytest.mark.parametrize("branches", [MEAN, BOTH, ((0.5, ""), (1.0, ""))])
+@pytest.mark.parametrize(
+    "name", ["modulus", "dead_length", "gap", "braid_angle", "mooney_ratio", "outer_radius"]
+)
+def test_derivatives_by_two_routes(name, branches):
+    muscle = RUBBING.replace(mooney_ratio=0.2)
+    data = measure(*branches, muscle=muscle)
+    value = {name: float(getattr(muscle, name))}
+
+    def build(values):
+        return EnergyMuscle(muscle.replace(**values))
+
+    bounds, scales = np.array([[0.0, 50.0]]), np.array([0.1 * value[name]])
+    one = fitting.differentiate(
+        build, value, bounds=bounds, scales=scales, data=data, predicted=data.contraction
+    )[:, 0]
+    step = 1e-5 * value[name]
+    ends = [
+        fitting.predict_contraction(build({name: value[name] + sign * step}), data)
+        for sign in (1.0, -1.0)
+    ]
+    other = (ends[0] - ends[1]) / (2.0 * step)
+    assert one == pytest.approx(other, rel=1e-4, abs=1e-5 * np.abs(other).max())
+
+
+def test_statistics_by_the_textbook():
+    data = measure(noise=NOISE)
+    found = calibrate(EnergyMuscle, START, data)
+    model = EnergyMuscle(found.muscle)
+    rest = data.contraction - model.contraction(data.pressure)
+    assert found.residuals == pytest.approx(rest, abs=1e-9)
+    assert found.sigma == pytest.approx(math.sqrt(rest @ rest / 18.0))
+    low, high = found.intervals["modulus"]
+    half = student.ppf(0.975, 18) * found.standard_errors["modulus"]
+    assert (low + high) / 2.0 == pytest.approx(found.estimates["modulus"])
+    assert (high - low) / 2.0 == pytest.approx(half)
+    assert np.diag(found.correlations) == pytest.approx([1.0, 1.0])
+    assert found.correlations == pytest.approx(found.correlations.T)
+    # a minimum: every small step away is worse
+    for name in found.free:
+        for factor in (0.999, 1.001):
+            there = found.muscle.replace(**{name: factor * found.estimates[name]})
+            away = data.contraction - EnergyMuscle(there).contraction(data.pressure)
+            assert away @ away > rest @ rest
+
+
+def test_twice_the_noise_is_twice_the_interval():
+    one, two = (
+        calibrate(EnergyMuscle, TRUTH, measure(noise=noise, seed=3)) for noise in (0.01, 0.02)
+    )
+    for name in one.free:
+        assert two.standard_errors[name] == pytest.approx(2.0 * one.standard_errors[name], rel=0.02)
+
+
+def test_a_wrong_fixed_angle_does_not_show():
+    # the reason why the angle must not be fitted to one curve: the dead length hides it
+    data = measure()
+    found = calibrate(EnergyMuscle, START.replace(braid_angle=math.radians(37.0)), data)
+    assert found.estimates["dead_length"] == pytest.approx(8.7, abs=0.2)
+    assert found.sigma < 0.02
+    without_gap = calibrate(EnergyMuscle, START.replace(gap=0.0), data)
+    assert without_gap.sigma > 0.2
+    assert without_gap.estimates["modulus"] > 0.6
+
+
+def test_it_warns_at_a_bound_and_of_a_gap_without_rows():
+    found = calibrate(EnergyMuscle, START, measure(), bounds={"dead_length": (0.0, 8.0)})
+    assert found.converged
+    assert not found.trusted
+    assert found.estimates["dead_length"] == pytest.approx(8.0)
+    assert any("dead_length is at its bound" in line for line in found.warnings)
+    high = measure(pressures=np.linspace(0.2, 0.8, 20))
+    found = calibrate(EnergyMuscle, START, high, free=("modulus", "gap"))
+    assert any("gap has 0 row(s)" in line for line in found.warnings)
+
+
+def test_a_model_that_does_not_fit_is_told_by_repeats():
+    # friction in the data and none in the model: branches that differ, repeats that do not
+    data = join(*(measure(*BOTH, muscle=RUBBING, noise=0.02, seed=seed) for seed in (1, 2)))
+    smooth = calibrate(EnergyMuscle, START, data)
+    assert any("does not fit" in line for line in smooth.warnings)
+    assert not smooth.trusted
+    rubbing = calibrate(EnergyMuscle, START, data, free=(*smooth.free, "friction_length"))
+    assert rubbing.trusted
+
+
+def test_lack_of_fit_is_seldom_seen_where_there_is_none():
+    random = np.random.default_rng(5)
+    pressure = np.repeat(PRESSURES, 3)
+    seen = 0
+    for _ in range(300):
+        error = random.normal(size=60)
+        data = Measurements(pressure=pressure, contraction=error)
+        line = np.polynomial.Polynomial.fit(pressure, error, 1)
+        seen += bool(judge_repeats(data, error - line(pressure), parameters=2))
+    assert seen <= 3  # 0.1 % of 300 is expected
+    alone = Measurements(pressure=PRESSURES, contraction=np.zeros(20))
+    assert judge_repeats(alone, np.full(20, 9.0), parameters=2) == []
+
+
+def test_rules_before_the_fit():
+    mean, up = measure(), measure(*UP, muscle=RUBBING)
+    loaded, both = measure((0.0, ""), (0.5, "")), measure(*BOTH, muscle=RUBBING)
+    pair = ("modulus", "dead_length")
+    for free, data, counts in [
+        (pair, mean, (0, 0)),
+        ((*pair, "braid_angle"), mean, (1, 0)),
+        ((*pair, "braid_angle"), loaded, (0, 0)),
+        (("modulus", "braid_angle"), mean, (0, 1)),
+        ((*pair, "friction_length"), up, (1, 0)),
+        ((*pair, "friction_length"), both, (0, 0)),
+        (("modulus", "friction_length"), up, (0, 1)),
+        ((*pair, "gap"), mean, (0, 0)),
+        ((*pair, "gap"), measure(pressures=np.linspace(0.1, 0.8, 20)), (0, 1)),
+    ]:
+        never, doubts = judge_parameters(free, data, contact_pressure=0.05)
+        assert (len(never), len(doubts)) == counts, free
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"free": ()}, "no parameter is free"),
+        ({"free": ("colour",)}, "'colour' is not known"),
+        ({"free": ("strands",)}, "'strands' is not known"),
+        ({"free": ("strand_modulus",)}, "no effect"),
+        ({"free": ("friction_length",)}, "no effect"),
+        ({"bounds": {"gap": (0.0, 0.1)}}, "bounds are given for gap"),
+        ({"bounds": {"modulus": (1.0, 0.5)}}, "upper bound of modulus"),
+        ({"bounds": {"modulus": (math.nan, 0.5)}}, "lower bound of modulus"),
+    ],
+)
+def test_bad_questions(change, said):
+    with pytest.raises(InputError, match=said):
+        calibrate(EnergyMuscle, START, measure(), **change)
+
+
+def test_too_few_rows_and_rows_that_no_muscle_holds():
+    two = Measurements(pressure=[0.4, 0.6], contraction=[7.0, 8.0])
+    with pytest.raises(InputError, match="2 row"):
+        calibrate(EnergyMuscle, START, two)
+    heavy = Measurements(pressure=[0.4, 0.5, 0.6], contraction=[7.0, 8.0, 8.5], load=1e6)
+    with pytest.raises(InputError, match="load"):
+        calibrate(EnergyMuscle, START, heavy)
+
+
+def test_trials_that_have_no_answer_are_stepped_back_from():
+    # near the largest load that the model takes, weaker trials cannot hold it
+    problem = fitting.Problem(
+        model_class=EnergyMuscle,
+        muscle=TRUTH,
+        free=("outer_radius",),
+        data=measure(),
+        limits=np.array([[0.1, 1.0]]),
+    )
+    bad = problem.miss(np.array([0.2]) / problem.scales)  # thinner than its bore
+    assert (bad > 1e4).all()
+    assert not problem.answers_all(bad)
+    assert (problem.slope(np.array([0.2]) / problem.scales) == 0.0).all()
+    data = measure(muscle=TRUTH.replace(outer_radius=0.5))
+    found = calibrate(
+        EnergyMuscle, TRUTH, data, free=("outer_radius",), bounds={"outer_radius": (0.01, 1.0)}
+    )
+    assert found.converged
+    assert found.estimates["outer_radius"] == pytest.approx(0.5, abs=1e-6)

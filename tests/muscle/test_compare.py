@@ -1,0 +1,86 @@
+"""Models compared on one data set: the scores are what their names say."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from bozzini.errors import InputError
+from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle
+from bozzini.muscle.compare import compare_models
+from bozzini.muscle.dataset import Measurements
+
+MUSCLE = Muscle(length=45.0, outer_radius=0.75)
+ENERGY, THESIS = EnergyMuscle(MUSCLE), ThesisMuscle(MUSCLE)
+PRESSURES = np.linspace(0.1, 0.7, 13)
+
+
+def measure(shift=0.0):
+    return Measurements(pressure=PRESSURES, contraction=ENERGY.contraction(PRESSURES) + shift)
+
+
+@given(arrays(np.float64, 13, elements=st.floats(-1.0, 1.0)), st.integers(0, 3))
+def test_scores_by_numpy(shift, fitted):
+    data = measure(shift)
+    (score,) = compare_models({"energy": ENERGY}, data, fitted={"energy": fitted}).scores
+    squares = np.sum(shift**2)
+    assert score.rmse == pytest.approx(math.sqrt(squares / 13), abs=1e-9)
+    assert score.standard_error == pytest.approx(math.sqrt(squares / (13 - fitted)), abs=1e-9)
+    assert score.bias == pytest.approx(-np.mean(shift), abs=1e-9)
+    assert score.largest == pytest.approx(np.abs(shift).max(), abs=1e-9)
+    percent = 100.0 * score.standard_error / data.contraction.max()
+    assert score.standard_error_percent == pytest.approx(percent, abs=1e-9)
+
+
+def test_a_constant_error_is_all_bias():
+    (score,) = compare_models({"energy": ENERGY}, measure(-0.5)).scores
+    assert score.bias == pytest.approx(0.5)
+    assert score.rmse == pytest.approx(0.5)
+    assert score.standard_error == pytest.approx(0.5)
+
+
+def test_the_nearest_comes_first_whatever_the_order():
+    models = {"thesis": THESIS, "energy": ENERGY, "stiff": EnergyMuscle(MUSCLE.replace(modulus=2))}
+    for names in (list(models), list(models)[::-1]):
+        comparison = compare_models({name: models[name] for name in names}, measure(0.01))
+        errors = [score.standard_error for score in comparison.scores]
+        assert comparison.scores[0].name == "energy"
+        assert errors == sorted(errors)
+        lines = comparison.format_table().splitlines()
+        assert len(lines) == 4
+        assert [line.split()[0] for line in lines[1:]] == [s.name for s in comparison.scores]
+
+
+def test_a_model_without_an_answer_says_why():
+    data = Measurements(pressure=[0.5, 0.6], contraction=[5.0, 6.0], load=[0.0, 1.0])
+    comparison = compare_models({"thesis": THESIS, "energy": ENERGY}, data)
+    assert [score.name for score in comparison.scores] == ["energy"]
+    assert "load" in comparison.refusals["thesis"]
+    assert "thesis: no answer" in comparison.format_table()
+
+
+def test_directions_count():
+    rubbing = EnergyMuscle(MUSCLE.replace(friction_length=0.03))
+    up, down = (rubbing.contraction(PRESSURES, direction=d) for d in ("inflating", "deflating"))
+    data = Measurements(
+        pressure=np.tile(PRESSURES, 2),
+        contraction=np.concatenate([up, down]),
+        direction=np.repeat(["inflating", "deflating"], 13),
+    )
+    comparison = compare_models({"smooth": ENERGY, "rubbing": rubbing}, data)
+    assert comparison.scores[0].name == "rubbing"
+    assert comparison.scores[0].rmse < 1e-9 < comparison.scores[1].rmse
+
+
+def test_bad_questions():
+    with pytest.raises(InputError, match="0 models"):
+        compare_models({}, measure())
+    with pytest.raises(InputError, match="must be positive"):
+        compare_models({"energy": ENERGY}, Measurements(pressure=[0.1], contraction=[0.0]))
+    with pytest.raises(InputError, match="number of parameters"):
+        compare_models({"energy": ENERGY}, measure(), fitted={"energy": 13})

@@ -1,0 +1,93 @@
+"""The design: checked when built, changed by copy, and the presets."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import pytest
+from hypothesis import given
+
+from bozzini.errors import InputError
+from bozzini.muscle import PRESETS, Muscle, preset
+from tests.muscle.strategies import muscles
+
+RANGED = (
+    "length",
+    "outer_radius",
+    "inner_radius",
+    "braid_angle",
+    "gap",
+    "friction_length",
+    "strand_radius",
+    "end_length",
+    "dead_length",
+    "modulus",
+    "poisson_ratio",
+    "strand_modulus",
+    "mooney_ratio",
+)
+
+
+@given(muscles())
+def test_parts_have_the_muscles_dimensions(muscle):
+    assert muscle.braid.radius == muscle.outer_radius + muscle.gap
+    assert muscle.braid.length == muscle.tube.length == muscle.length
+    assert muscle.tube.outer_radius == muscle.outer_radius
+    assert muscle.active_length + muscle.dead_length == pytest.approx(muscle.length)
+    assert pickle.loads(pickle.dumps(muscle)) == muscle
+
+
+@pytest.mark.parametrize("name", RANGED)
+def test_ranges_end_where_they_say(name):
+    muscle = Muscle(length=45.0, outer_radius=0.55)
+    low, high = muscle.legal_range(name)
+    assert low < high
+    for value in (low - 1e-3 * (high - low), high + 1e-3 * (high - low), math.nan, math.inf):
+        with pytest.raises(InputError, match=f"muscle {name.replace('_', ' ')} is .*must lie in"):
+            muscle.replace(**{name: value})
+    if name not in ("length", "outer_radius", "inner_radius", "strand_radius", "braid_angle"):
+        for value in (low, high):  # the others have company that these ends would make illegal
+            assert getattr(muscle.replace(**{name: value}), name) == value
+
+
+@pytest.mark.parametrize("value", ["wide", None, [0.55]])
+def test_what_is_no_number_is_refused(value):
+    with pytest.raises(InputError, match="muscle outer radius is .*must be a number"):
+        Muscle(length=45.0, outer_radius=value)
+
+
+def test_strands_that_do_not_fit_are_refused():
+    muscle = Muscle(length=45.0, outer_radius=0.55)
+    high = muscle.legal_range("strand_radius")[1]
+    # Thirty strands in two families, flat side by side across the strands' direction.
+    assert 15 * 2.0 * high == pytest.approx(
+        2.0 * math.pi * muscle.braid_radius * math.cos(muscle.braid_angle)
+    )
+    with pytest.raises(InputError, match="muscle strand radius is 0.2 mm"):
+        muscle.replace(strand_radius=0.2)
+    with pytest.raises(InputError, match="muscle strands is 2.5: it must be a whole number"):
+        muscle.replace(strands=2.5)
+
+
+def test_unknown_fields_are_refused():
+    muscle = Muscle(length=45.0, outer_radius=0.55)
+    with pytest.raises(InputError, match="no field 'lenght': its fields are"):
+        muscle.replace(lenght=40.0)
+    with pytest.raises(InputError, match="'strands' has no legal range"):
+        muscle.legal_range("strands")
+
+
+def test_presets():
+    assert set(PRESETS) == {"thesis-40", "thesis-45", "thesis-60", "effector-45", "fitted-45"}
+    for name, muscle in PRESETS.items():
+        assert f"{muscle.length:g}" == name.split("-")[1]
+        assert preset(name) == muscle
+    assert preset("effector-45", outer_radius=0.55) == preset("thesis-45")
+    fitted = preset("fitted-45", modulus=0.35, dead_length=0.0)
+    assert fitted == preset("effector-45")
+
+
+def test_unknown_preset_is_refused():
+    with pytest.raises(InputError, match=r"no muscle preset 'thesis': choose one of \['effector"):
+        preset("thesis")
