@@ -204,3 +204,32 @@ SHEAR[0, 1] = 0.01
 def test_an_affine_that_is_no_frame_is_refused(affine, said):
     with pytest.raises(InputError, match=said):
         tract_from_labels(tube(), affine)
+
+
+@pytest.mark.parametrize(
+    ("single", "said"),
+    [
+        ([1], ("1 voxel (0.001 mL) in 1 other is dropped", "label 1 lies wholly in the component")),
+        ([1, 2], ("2 voxels (0.002 mL) in 2 others are dropped, the largest of them 1 voxel",
+                  "labels 1, 2 lie wholly in the components dropped")),
+    ],
+)  # fmt: skip
+def test_what_is_dropped_is_counted_in_good_grammar(single, said):
+    array = np.zeros((12, 12, 12), dtype=np.uint8)
+    array[2:6, 2:6, 2:6] = 9
+    for place, value in zip((8, 10), single, strict=False):
+        array[place, place, place] = value
+    found = codes(tract_from_labels(array, np.eye(4)))
+    assert found["components-dropped"].message.endswith(said[0])
+    assert found["label-dropped"].message.startswith(said[1])
+
+
+def test_axes_not_quite_square_are_noted_only_where_it_moves_the_wall():
+    array = np.zeros((12, 12, 12), dtype=np.uint8)
+    array[1:-1, 1:-1, 1:-1] = 1
+    affine = np.diag([20.0, 20.0, 20.0, 1.0])
+    assert "axes-squared" not in codes(tract_from_labels(array, affine))
+    affine[0, 1] = 20.0 * 3e-6
+    assert "axes-squared" not in codes(tract_from_labels(array, affine))
+    affine[0, 1] = 20.0 * 9e-4
+    assert "wall by up to 0.0" in codes(tract_from_labels(array, affine))["axes-squared"].message

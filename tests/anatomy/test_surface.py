@@ -69,6 +69,71 @@ def test_the_largest_component_is_kept():
     assert dropped.severity == "warning"
 
 
+def inside_out(part):
+    return part[0], part[1][:, ::-1]
+
+
+def winding_at(tract, *points):
+    import igl
+
+    return igl.winding_number(tract.vertices, tract.faces, np.array(points, dtype=float))
+
+
+@pytest.mark.parametrize("turn", [inside_out, lambda part: part])
+def test_the_lumen_of_a_wall_with_thickness_is_inside_its_inner_sheet(turn):
+    speck = ball(0.5, (13.5, 0, 0), 1)  # within the wall
+    tract = tract_from_surface(*join(ball(15.0), turn(ball(12.0)), speck))
+    alone = tract_from_surface(*ball(12.0))
+    assert tract.volume == pytest.approx(alone.volume)
+    assert np.linalg.norm(tract.vertices, axis=1).max() < 12.01
+    found = codes(tract)
+    assert found["wall-with-thickness"].severity == "warning"
+    assert "1 other" not in found["wall-with-thickness"].message
+    assert "bodies-inside" not in found
+
+
+def test_a_thick_wall_round_a_narrow_lumen_and_three_sheets_are_followed_inwards():
+    def tube(radius, height):
+        mesh = trimesh.creation.cylinder(radius=radius, height=height)
+        return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+    narrow = tract_from_surface(*join(tube(10.0, 200.0), inside_out(tube(4.0, 190.0))))
+    assert np.linalg.norm(narrow.vertices[:, :2], axis=1).max() == pytest.approx(4.0)
+    three = tract_from_surface(*join(ball(11.0), ball(15.0), inside_out(ball(13.0))))
+    assert np.linalg.norm(three.vertices, axis=1).max() == pytest.approx(11.0)
+
+
+@pytest.mark.parametrize("turn", [inside_out, lambda part: part])
+def test_bodies_in_the_lumen_stay_as_wall(turn):
+    bodies = (turn(ball(3.0, (8, 0, 0))), ball(2.0, (-8, 0, 0)))
+    outside = ball(4.0, (60, 0, 0))
+    tract = tract_from_surface(*join(ball(20.0), *bodies, outside))
+    winding = winding_at(tract, (0, 0, 0), (8, 0, 0), (-8, 0, 0), (60, 0, 0), (17, 0, 0))
+    assert winding == pytest.approx([1, 0, 0, 0, 1], abs=1e-9)
+    found = codes(tract)
+    assert found["bodies-inside"].message.startswith("2 closed parts lie inside the lumen")
+    assert "1 other " in found["components-dropped"].message
+    assert "handles" not in found
+
+
+def test_two_large_bodies_side_by_side_are_not_taken_for_the_wall():
+    def block(size, x=0.0):
+        mesh = trimesh.creation.box(extents=size)
+        return np.asarray(mesh.vertices) + [x, 0.0, 0.0], np.asarray(mesh.faces)
+
+    bodies = (block((27, 27, 27), 14.5), block((27, 27, 27), -14.5))
+    tract = tract_from_surface(*join(block((60, 30, 30)), *bodies))
+    assert winding_at(tract, (14.5, 0, 0), (0, 5, 0)) == pytest.approx([0, 1], abs=1e-9)
+    assert "wall-with-thickness" not in codes(tract)
+
+
+def test_an_open_piece_inside_the_lumen_is_warned_of():
+    vertices, faces = ball(3.0)
+    half = (vertices, faces[vertices[faces].mean(axis=1)[:, 2] > 0])
+    found = codes(tract_from_surface(*join(ball(20.0), half)))
+    assert found["open-pieces-inside"].severity == "warning"
+
+
 def test_a_small_hole_is_filled_and_a_large_one_is_located():
     vertices, faces = ball()
     whole = tract_from_surface(vertices, faces)

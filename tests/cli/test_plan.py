@@ -195,3 +195,12 @@ def test_force_replaces_a_result_and_keeps_other_files(
     assert {path.name for path in place.iterdir()} == FILES | {"mine.txt"}
     assert (place / "mine.txt").read_text() == "mine"
     assert Plan.load(place / "plan.npz").steps > 1
+
+
+def test_findings_are_told_once_on_stderr(tracts: Tracts, run: Run, tmp_path: Path) -> None:
+    outcome = run(tracts.volume, *SCOPE, "--labels", "2", "--quiet", "--out", tmp_path / "plan")
+    assert outcome.code in (0, 1)
+    summary = json.loads((tmp_path / "plan" / "summary.json").read_text("utf-8"))
+    told = [f"bozzini: {item['severity']}: {item['message']}" for item in summary["findings"]]
+    assert told and outcome.err.splitlines() == told
+    assert not any(item["message"] in outcome.out for item in summary["findings"])

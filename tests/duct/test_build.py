@@ -7,9 +7,10 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import cKDTree
 
 from bozzini.duct import field_from_mask, field_from_mesh
-from bozzini.duct.build import MAX_NODES
+from bozzini.duct.build import MAX_NODES, _divide, _mark_wall
 from bozzini.errors import GeometryError, InputError
 
 
@@ -26,7 +27,8 @@ def box_signed_distance(points, mask, spacing):
         low, high = -2.5 * spacing, (np.array(mask.shape) + 1.5) * spacing
         beyond = np.any(point <= low) or np.any(point >= high)
         depth = 0.0 if beyond else np.sqrt((to_wall**2).sum(axis=1)).min()
-        result[k] = -depth if depth > 0.0 else np.sqrt((to_lumen**2).sum(axis=1)).min()
+        # A point on a face between two wall boxes is off by rounding.
+        result[k] = -depth if depth > 1e-9 else np.sqrt((to_lumen**2).sum(axis=1)).min()
     return result
 
 
@@ -113,6 +115,7 @@ def test_mesh_inside_is_right_for_a_shell_with_a_pouch():
     field = field_from_mesh(shell.vertices, shell.faces, voxel=0.5)
     assert field.signed_distance([0.0, 0.0, 0.0]) == pytest.approx(2.0, abs=0.5)
     assert field.signed_distance([3.5, 0.0, 0.0]) == pytest.approx(-1.5, abs=1e-4)
+    assert field.wall_error is None
 
 
 def test_large_triangles_leave_no_gap_in_the_wall():
@@ -123,6 +126,91 @@ def test_large_triangles_leave_no_gap_in_the_wall():
     exact = -trimesh.proximity.signed_distance(mesh, points)
     sure = np.abs(exact) > field.error
     assert np.all((field.signed_distance(points)[sure] > 0) == (exact[sure] > 0))
+
+
+def test_every_point_of_the_wall_has_a_marked_node_near():
+    random = np.random.default_rng(5)
+    faces = np.arange(90).reshape(-1, 3)
+    scale = np.repeat(random.choice([0.2, 3.0, 12.0], 30), 3)[:, None]
+    vertices = random.uniform(15, 25, (30, 3)).repeat(3, axis=0)
+    vertices += scale * random.uniform(-1, 1, (90, 3))
+    vertices[1::6] = vertices[0::6] + 0.01  # half of them slivers
+    marked = _mark_wall(vertices, faces, np.zeros(3), 1.0, (41, 41, 41))
+    weights = random.dirichlet([0.6, 0.6, 0.6], 400)
+    points = np.einsum("kc,fcd->fkd", weights, vertices[faces]).reshape(-1, 3)
+    far, _ = cKDTree(np.argwhere(marked)).query(points)
+    assert far.max() <= 1.4434
+    back, _ = cKDTree(points).query(np.argwhere(marked))
+    assert back.max() < 3.0  # and no node is marked far from the wall
+
+
+def test_a_capsule_of_long_thin_triangles_is_built_right():
+    capsule = trimesh.creation.capsule(height=300.0, radius=10.0, count=[128, 128])
+    assert len(capsule.faces) > 32_000
+    field = field_from_mesh(capsule.vertices, capsule.faces, voxel=2.0)
+    random = np.random.default_rng(6)
+    nodes = np.array([random.integers(0, n, 4000) for n in field.values.shape]).T
+    points = field.to_world(nodes * field.spacing)
+    low, high = capsule.bounds[:, 2] + [10.0, -10.0]
+    axis = np.stack([0 * points[:, 2], 0 * points[:, 2], np.clip(points[:, 2], low, high)], axis=1)
+    exact = np.linalg.norm(points - axis, axis=1) - 10.0
+    near = exact < field.reach
+    assert field.values[tuple(nodes.T)][near] == pytest.approx(exact[near], abs=0.02)
+
+
+@pytest.mark.parametrize("cosine", [3e-6, 1e-4, 9e-4])
+def test_axes_not_quite_square_move_the_wall_by_no_more_than_is_said(cosine):
+    mask = np.zeros((40, 30, 60), dtype=bool)
+    mask[2:-2, 2:-2, 2:-2] = True
+    random = np.random.default_rng(7)
+    affine = np.eye(4)
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    affine[:3, :3] = turn @ np.array([[1, cosine, 0], [0, 1, -cosine], [0, 0, 1]]) * [1.2, 1, 2.5]
+    if cosine == 1e-4:
+        affine[:3, :3] = np.round(affine[:3, :3] / [1.2, 1, 2.5], 4) * [1.2, 1, 2.5]
+    affine[:3, 3] = [80.0, -30.0, 500.0]
+    check_squared(mask, affine)
+
+
+def check_squared(mask, affine):
+    field = field_from_mask(mask, affine)
+    shift = field.wall_error - 0.5 * np.linalg.norm(np.linalg.norm(affine[:3, :3], axis=0))
+    assert 0.0 < shift < 0.2
+    # Corners of the lumen in the world lie that near to the field's wall.
+    index = np.argwhere(mask)
+    ends = np.array([index.min(axis=0) - 0.5, index.max(axis=0) + 0.5])
+    corners = np.array(np.meshgrid(*ends.T, indexing="ij")).reshape(3, -1).T
+    world = corners @ affine[:3, :3].T + affine[:3, 3]
+    rotation = field.rotation
+    local = (world - world.mean(axis=0)) @ rotation
+    size = (ends[1] - ends[0]) * np.linalg.norm(affine[:3, :3], axis=0)
+    moved = np.linalg.norm(local - np.sign(local) * size / 2, axis=1).max()
+    assert moved == pytest.approx(shift, rel=1e-3, abs=1e-9)
+    middle = field.signed_distance(world.mean(axis=0))
+    assert middle == pytest.approx(-size.min() / 2, abs=field.error)
+
+
+def test_coarse_voxels_get_nodes_fine_enough_for_a_useful_bound():
+    mask = np.zeros((5, 5, 14), dtype=bool)
+    mask[1:4, 1:4, 1:13] = True
+    field = field_from_mask(mask, np.diag([20.0, 20.0, 20.0, 1.0]))
+    assert field.spacing.max() <= 1.5
+    assert field.wall_error == pytest.approx(10.0 * np.sqrt(3.0))
+    axis = np.stack([np.full(50, 40.0), np.full(50, 40.0), np.linspace(60, 200, 50)], axis=1)
+    assert field.signed_distance(axis) == pytest.approx(-30.0, abs=field.error)
+    bound = field.clearance_bound(axis)
+    assert np.all(bound <= 30.0 + 1e-5)
+    assert bound.min() > 30.0 - field.error
+
+
+def test_a_grid_is_refined_only_as_far_as_it_may_grow():
+    fine = _divide(np.array([2.0, 3.0, 1.5]), np.array([100.0, 100.0, 100.0]))
+    assert fine == pytest.approx([1.0, 1.5, 1.5])
+    size = np.array([800.0, 800.0, 500.0])
+    some = _divide(np.full(3, 2.5), size)
+    assert np.all(some <= 2.5) and np.any(some > 1.25)
+    assert np.prod(size / some) <= MAX_NODES
+    assert np.prod(size * 4 / _divide(np.full(3, 2.5), size * 4)) <= MAX_NODES
 
 
 @pytest.mark.parametrize("inflate", [0.0, 2.5])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +12,10 @@ from scipy.spatial import cKDTree
 from bozzini.duct import build_field, find_centreline
 from bozzini.duct.centreline import measure_arc_length, resample_polyline
 from bozzini.errors import GeometryError, InputError
-from tests.shapes import bend_curve, curve_distance, sample_field, tube_lumen
+from tests.shapes import ball_distance, bend_curve, curve_distance, sample_field, tube_lumen
+
+ANGLES = (1.5, 3.6, 5.7)
+"""Directions of the legs of a fork [rad]."""
 
 
 @pytest.fixture(scope="module")
@@ -117,3 +121,77 @@ def test_human_upper_gi_against_the_published_midline(upper_gi_dir):
     assert cKDTree(line.points).query(axis)[0].mean() < 4.0
     order = cKDTree(axis).query(line.points)[1]
     assert np.corrcoef(order, np.arange(len(order)))[0, 1] > 0.99
+
+
+@pytest.fixture(scope="module")
+def labelled():
+    """A straight tube, 117 mm long, in three parts along z: 0 to 50, to 95, to 117 mm."""
+    axis = np.array([[0.0, 0.0, 8.0], [0.0, 0.0, 109.0]])
+    field = sample_field(curve_distance(axis, 8.0), (-12, -12, -4), (12, 12, 121), 1.5)
+    nodes = np.argwhere(field.values < 0.0) * field.spacing + field.origin
+    cuts = (-1.0, 50.0, 95.0, 200.0)
+    parts = [nodes[(nodes[:, 2] >= a) & (nodes[:, 2] < b)] for a, b in pairwise(cuts)]
+    return field, dict(enumerate(parts, start=1)), cuts
+
+
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [(1, 3), (3, 1), (1, None), (None, 3), (None, 1), (3, None), (2, None), (None, 2), (1, 2)],
+)
+@pytest.mark.parametrize("voxel", [1.5, 1.1])
+def test_ends_in_labels_lie_in_them_and_keep_their_order(labelled, start, end, voxel):
+    field, parts, cuts = labelled
+    if voxel != 1.5:
+        axis = np.array([[0.0, 0.0, 8.0], [0.0, 0.0, 109.0]])
+        field = sample_field(curve_distance(axis, 8.0), (-12, -12, -4), (12, 12, 121), voxel)
+    line = find_centreline(field, regions=(parts.get(start), parts.get(end)))
+    for label, point in ((start, line.points[0]), (end, line.points[-1])):
+        if label is not None:
+            gap = np.abs(parts[label] - point).max(axis=1).min()
+            assert gap <= 0.75, (label, point)
+    # The end that is open is the one far from the label: nearly all of the way is made.
+    low, high = sorted(line.points[[0, -1], 2])
+    assert high - low > (75.0 if 2 in (start, end) else 95.0)
+    if {start, end} & {1, 3}:
+        assert (line.points[0, 2] < line.points[-1, 2]) == (start == 1 or end == 3)
+
+
+def test_a_label_of_the_whole_lumen_says_nothing(labelled):
+    field, parts, _ = labelled
+    everything = np.concatenate(list(parts.values()))
+    free = find_centreline(field)
+    assert find_centreline(field, regions=(everything, None)).points == pytest.approx(free.points)
+    assert free.points[0, 2] > free.points[-1, 2]
+
+
+def test_a_ball_is_no_tube():
+    field = sample_field(ball_distance((0, 0, 0), 28.0), (-32,) * 3, (32,) * 3, 2.0)
+    with pytest.raises(GeometryError, match=r"no tube was found.*--start and --end"):
+        find_centreline(field)
+    line = find_centreline(field, ([-20.0, 0, 0], [20.0, 0, 0]))
+    assert line.length == pytest.approx(40.0, abs=1.0)
+    with pytest.raises(GeometryError, match="same point"):
+        find_centreline(field, ([1.0, 0, 0], [1.0, 0, 0]))
+
+
+def test_a_fork_is_told_and_a_single_tube_is_not(bend):
+    legs = [np.array([[0.0, 0, 0], 80.0 * np.array([np.cos(a), 0, np.sin(a)])]) for a in ANGLES]
+    parts = [curve_distance(leg, 6.0) for leg in legs]
+    field = sample_field(
+        lambda points: np.minimum.reduce([part(points) for part in parts]),
+        (-90, -10, -90),
+        (90, 10, 90),
+        2.0,
+    )
+    tips = np.array([leg[1] for leg in legs])
+    line = find_centreline(field)
+    taken = [int(np.argmin(np.linalg.norm(tips - p, axis=1))) for p in line.points[[0, -1]]]
+    (left,) = set(range(3)) - set(taken)
+    (other,) = line.other_ends
+    assert np.linalg.norm(tips[left] - other.point) < 8.0
+    assert other.distance == pytest.approx(line.length, rel=0.2)
+    assert [o.end for o in line.reverse().other_ends] != [other.end]
+    # It can be given as the end, and ends that are given are not doubted.
+    again = find_centreline(field, (line.points[0], other.point))
+    assert again.other_ends == ()
+    assert find_centreline(bend[1]).other_ends == ()

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_points
 from ..errors import GeometryError, InputError
+from ._frame import measure_shift
 from ._scale import check_scale
 from .findings import Finding
 from .tract import LabelTract
@@ -22,6 +23,9 @@ PADDING = 2
 MAX_LABEL = 65535
 MAX_SHEAR = 1e-3
 """Largest cosine between two voxel axes that is taken for rounding, not shear."""
+
+SHIFT = 0.05
+"""Move of the wall by squaring the voxel axes that is worth a note [mm]."""
 
 COARSE = 3.0
 """Voxel size above which small lumens are lost [mm]."""
@@ -85,6 +89,7 @@ def tract_from_labels(
     found += _check_topology(kept != 0)
     index = np.argwhere(kept)
     size = (np.ptp(index, axis=0) + 1) * np.linalg.norm(matrix[:3, :3], axis=0)
+    found += _check_shear(matrix, size)
     found += check_scale(float(size.max()), hint="check the voxel size in the file's header")
     return LabelTract(labels=kept, affine=matrix, source=source, findings=tuple(found))
 
@@ -142,6 +147,18 @@ def _check_affine(affine: ArrayLike, source: str) -> Matrix:
     return matrix
 
 
+def _check_shear(matrix: Matrix, size: NDArray[np.float64]) -> list[Finding]:
+    shape = tuple(int(v) for v in np.rint(size / np.linalg.norm(matrix[:3, :3], axis=0)))
+    shift = measure_shift(matrix, shape)
+    if shift <= SHIFT:
+        return []
+    message = (
+        f"the voxel axes are not quite at right angles: taken as if they were, which moves the "
+        f"wall by up to {shift:.2g} mm"
+    )
+    return [Finding("axes-squared", "note", message)]
+
+
 def _select(
     volume: NDArray[np.generic],
     labels: Sequence[int] | None,
@@ -179,7 +196,8 @@ def _select(
     left = [int(value) for value in there if not keep[value]]
     if left:
         shown = ", ".join(map(str, left[:10])) + (" …" if len(left) > 10 else "")
-        found.append(Finding("labels-left-out", "note", f"labels not selected: {shown}"))
+        word = "label" if len(left) == 1 else "labels"
+        found.append(Finding("labels-left-out", "note", f"{word} not selected: {shown}"))
     return np.where(keep[values], values, np.uint16(0))
 
 
@@ -240,17 +258,20 @@ def _keep_largest(
     dropped = int(counts.sum() - counts[largest])
     voxel = abs(float(np.linalg.det(matrix[:3, :3])))
     message = (
-        f"{number} components (neighbours through faces): the largest is kept, {dropped} voxels "
-        f"({dropped * voxel / 1000.0:.3g} mL) in {number - 1} "
-        f"{'other is' if number == 2 else 'others are'} dropped, the largest of them "
-        f"{int(np.sort(counts)[-2])} voxels"
+        f"{number} components (neighbours through faces): the largest is kept, "
+        f"{_count_voxels(dropped)} ({dropped * voxel / 1000.0:.3g} mL) in {number - 1} "
+        f"{'other' if number == 2 else 'others'} {'is' if dropped == 1 else 'are'} dropped"
     )
+    if number > 2:
+        message += f", the largest of them {_count_voxels(int(np.sort(counts)[-2]))}"
     share = dropped / counts.sum()
     found.append(Finding("components-dropped", "warning" if share > 0.01 else "note", message))
     kept = np.where(components == largest, selected, np.uint16(0))
     lost = sorted(set(np.unique(selected).tolist()) - set(np.unique(kept).tolist()))
     if lost:
-        message = f"label {', '.join(map(str, lost))} lies wholly in the components dropped"
+        words = ("label", "lies") if len(lost) == 1 else ("labels", "lie")
+        where = "component" if number == 2 else "components"
+        message = f"{words[0]} {', '.join(map(str, lost))} {words[1]} wholly in the {where} dropped"
         found.append(Finding("label-dropped", "warning", message))
     second = _find_box(kept)
     return kept[second], start + [part.start for part in second]
@@ -288,6 +309,10 @@ def _check_topology(mask: NDArray[np.bool_]) -> list[Finding]:
         message = f"{handles} {word} (the lumen closes on itself): ways around may be false"
         found.append(Finding("handles", "warning", message))
     return found
+
+
+def _count_voxels(number: int) -> str:
+    return f"{number} voxel{'' if number == 1 else 's'}"
 
 
 def _join(size: NDArray[np.float64]) -> str:

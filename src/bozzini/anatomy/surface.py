@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import GeometryError, InputError
 from . import _mesh
+from ._nesting import resolve_parts
 from ._scale import check_scale
 from .findings import Finding
 from .tract import SurfaceTract
@@ -40,9 +41,11 @@ def tract_from_surface(
 ) -> SurfaceTract:
     """Check the wall of a lumen, mend what is small, and say what was done.
 
-    In this order: equal corners are welded; flat and doubled triangles are dropped; the largest
-    closed part is kept; a surface still open is welded within 1e-5 of its size and its holes of
-    three or four edges are filled; faces are turned to agree, and outwards. Then handles, places
+    In this order: equal corners are welded; flat and doubled triangles are dropped; a surface
+    still open is welded within 1e-5 of its size and its holes of three or four edges are filled;
+    the largest part is kept, with the closed bodies inside it, or where a second sheet follows it
+    on the inside (an organ's wall with thickness) that inner sheet; faces are turned to agree,
+    outwards, those of bodies into them. Then handles, places
     where the surface touches itself (an edge of more than two triangles, a corner that joins two
     sheets) and triangles that cross (those that share no corner) are counted.
 
@@ -75,12 +78,13 @@ def tract_from_surface(
         raise GeometryError(f"{source} encloses no volume: it is flat, {sides} mm")
     if _count_open(triangles):
         points, triangles = _close(points, triangles, float(extent.max()), found)
-    points, triangles = _keep_largest(points, triangles, found)
+    points, triangles, bodies = resolve_parts(points, triangles, found)
     _refuse_open(points, triangles, source)
     triangles = _orient(points, triangles, found)
     size = float(np.ptp(points, axis=0).max())
     if abs(_mesh.measure_volume(points, triangles)) <= HOLLOW * size**3:
         raise GeometryError(f"{source} encloses no volume: its two sides lie on each other")
+    triangles = np.concatenate((triangles, bodies))
     found += _check_topology(triangles)
     found += _check_crossing(points, triangles)
     found += check_scale(size, hint="give the file's own unit, for example --unit m or --unit cm")
@@ -147,28 +151,6 @@ def _close(
 
 def _count_open(triangles: Faces) -> int:
     return int(np.count_nonzero(_mesh.count_edges(triangles).counts == 1))
-
-
-def _keep_largest(
-    points: Vertices, triangles: Faces, found: list[Finding]
-) -> tuple[Vertices, Faces]:
-    part = _mesh.label_parts(triangles, len(points))
-    number = int(part.max()) + 1
-    if number > 1:
-        volume = np.abs(_mesh.measure_part_volumes(points, triangles, part, number))
-        largest = int(volume.argmax())
-        dropped = int(np.count_nonzero(part != largest))
-        share = (volume.sum() - volume[largest]) / max(float(volume.sum()), 1e-300)
-        message = (
-            f"{number} components: the largest ({volume[largest] / 1000.0:.3g} mL) is kept, "
-            f"{number - 1} {'other' if number == 2 else 'others'} with {dropped} triangles and "
-            f"{(volume.sum() - volume[largest]) / 1000.0:.3g} mL dropped"
-        )
-        severity = "warning" if share > 0.01 else "note"
-        found.append(Finding("components-dropped", severity, message))
-        triangles = triangles[part == largest]
-    used, index = np.unique(triangles, return_inverse=True)
-    return points[used], index.reshape(-1, 3).astype(np.int64)
 
 
 def _refuse_open(points: Vertices, triangles: Faces, source: str) -> None:

@@ -17,7 +17,7 @@ from .common import (
     quiet_option,
     run_exit,
 )
-from .plan import describe_result
+from .plan import describe_result, tell_findings
 
 __all__ = ["command"]
 
@@ -61,6 +61,8 @@ def command(
         begin = time.perf_counter()
         tract = make_phantom(seed=seed).to_labels(voxel=voxel)
         seconds = {"phantom": time.perf_counter() - begin}
+    tell_findings(tract.findings)
+    with progress_bar(quiet=quiet) as progress:
         study = run_insertion(
             tract,
             scope=scope,
@@ -68,6 +70,8 @@ def command(
             seconds=seconds,
             progress=progress,
         )
+    tell_findings(study.findings[len(tract.findings) :])
+    with progress_bar(quiet=quiet) as progress:
         summary = study.write(out, force=force, progress=progress)
     emit(summary, as_json=as_json, text=describe_result(study, summary, out))
     if not study.fits:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +23,10 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..anatomy.findings import Finding
     from ..study import InsertionStudy
 
-__all__ = ["command", "describe_result"]
+__all__ = ["command", "describe_result", "tell_findings"]
 
 ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 """What ``--route`` means: fractions of the way that the head goes to in turn."""
@@ -177,6 +179,9 @@ def command(
         begin = time.perf_counter()
         tract = read_tract(source, labels=labels, unit=unit)
         seconds = {"read": time.perf_counter() - begin}
+    # Told at once, not with the result: a later stage may fail just because of them.
+    tell_findings(tract.findings)
+    with progress_bar(quiet=quiet) as progress:
         study = run_insertion(
             tract,
             scope=scope,
@@ -197,6 +202,8 @@ def command(
             seconds=seconds,
             progress=progress,
         )
+    tell_findings(study.findings[len(tract.findings) :])
+    with progress_bar(quiet=quiet) as progress:
         summary = study.write(out, force=force, progress=progress)
     emit(summary, as_json=as_json, text=describe_result(study, summary, out))
     if not study.fits:
@@ -215,13 +222,18 @@ def _describe_input(
     }
 
 
+def tell_findings(findings: Sequence[Finding]) -> None:
+    """Write what the checks found on stderr, a line each."""
+    for item in findings:
+        click.echo(f"bozzini: {item.severity}: {' '.join(item.message.split())}", err=True)
+
+
 def describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) -> str:
-    """Return the result as text for people: findings, the verdict, where the files are."""
+    """Return the result as text for people: the verdict, where the files are."""
     from ..view.verdict import judge_plan
 
     verdict = judge_plan(study.plan, summary, error=summary["clearance_error_mm"])
-    lines = [f"{item.severity}: {item.message}" for item in study.tract.findings]
-    lines += [f"{verdict.label}. {verdict.sentence}"]
+    lines = [f"{verdict.label}. {verdict.sentence}"]
     if not summary["certified"] and summary["clearance_min_mm"] is not None:
         lines.append(
             f"Clearance is estimated to within {summary['clearance_error_mm']:.2f} mm of the "

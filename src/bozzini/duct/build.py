@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..anatomy._frame import fit_frame, measure_shift
 from ..checks import check_number
 from ..errors import GeometryError
 from ..progress import Progress, no_progress
@@ -20,6 +20,12 @@ __all__ = ["build_field", "field_from_mask", "field_from_mesh"]
 
 MAX_NODES = 40_000_000
 """Largest grid that is built [nodes]; about 160 MB of float32."""
+
+NODE_SPACING = 1.5
+"""Voxels are divided until nodes are no farther apart than this by default [mm]."""
+
+ROUNDING = 1e-6
+"""Depth in the lumen below which a node counts as on the wall [mm]."""
 
 MARGIN = 6.0
 """How far the grid reaches beyond the (inflated) lumen [mm]."""
@@ -39,8 +45,9 @@ def build_field(
     tract : LabelTract or SurfaceTract
         What `bozzini.anatomy.read_tract` or `make_phantom` gives.
     voxel : float, optional
-        Distance between nodes [mm]; by default that of the data: the voxels of a label volume,
-        the median edge of a surface (at most 1 mm).
+        Distance between nodes [mm]. By default, for a label volume its voxels divided until they
+        are at most 1.5 mm (the wall stays the faces of the data's voxels), for a surface the
+        median edge (at most 1 mm); a grid beyond 40 million nodes is made coarser.
     inflate : float
         Move the wall outwards by this much [mm].
     progress : Progress
@@ -91,18 +98,23 @@ def field_from_mask(
     mask : (nx, ny, nz) bool
         The lumen.
     affine : (4, 4) float
-        Voxel index to world [mm]; rotation and scaling, no shear.
+        Voxel index to world [mm]; rotation and scaling. Axes not quite at right angles are
+        squared about the middle of the lumen, and how far that moves the wall is added to the
+        field's `wall_error`.
     """
     lumen, matrix = _crop(np.asarray(mask, dtype=bool), np.asarray(affine, dtype=np.float64))
-    spacing_data = np.linalg.norm(matrix[:3, :3], axis=0)
-    rotation = matrix[:3, :3] / spacing_data
+    rotation, spacing_data = fit_frame(matrix)
+    middle = 0.5 * (np.array(lumen.shape) - 1.0)
+    corner = matrix[:3, 3] + (matrix[:3, :3] - rotation * spacing_data) @ middle
+    shift = measure_shift(matrix, tuple(n - 2 for n in lumen.shape))
     size = np.array(lumen.shape) * spacing_data
     pad = inflate + MARGIN
-    spacing = spacing_data if voxel is None else np.full(3, float(voxel))
-    if voxel is None:
-        spacing = spacing * max(1.0, _coarsen(size + 2 * pad, spacing))
-    coarse = not np.allclose(spacing, spacing_data)
-    start = -0.5 * spacing_data - pad if coarse else -spacing * np.ceil(pad / spacing + 0.5)
+    spacing = _divide(spacing_data, size + 2 * pad) if voxel is None else np.full(3, float(voxel))
+    parts = spacing_data / spacing
+    if np.allclose(parts, np.rint(parts)):  # then nodes lie on the centres of the voxels
+        start = -spacing * np.ceil((pad + 0.5 * spacing_data) / spacing)
+    else:
+        start = -0.5 * spacing_data - pad
     counts = np.ceil((size + 2 * pad) / spacing).astype(int) + 2
     _check_size(counts, spacing)
     axes = [start[a] + spacing[a] * np.arange(counts[a]) for a in range(3)]
@@ -110,7 +122,8 @@ def field_from_mask(
     inside = _box_distance(~lumen, axes, spacing_data, beyond=True)
     progress("distance", 0.5)
     outside = _box_distance(lumen, axes, spacing_data, beyond=False)
-    values = np.where(inside > 0.0, -inside, outside).astype(np.float32)
+    # A node on a face between two wall voxels is off it by rounding, and not in the lumen.
+    values = np.where(inside > ROUNDING, -inside, outside).astype(np.float32)
     if not (values < 0.0).any():
         raise GeometryError(
             f"no node of the {spacing.max():g} mm grid lies inside the lumen: use a smaller --voxel"
@@ -119,11 +132,11 @@ def field_from_mask(
     return SampledField(
         values=np.ascontiguousarray(values),
         spacing=spacing.astype(np.float64),
-        origin=matrix[:3, 3] + rotation @ start,
+        origin=corner + rotation @ start,
         rotation=rotation,
         inflation=float(inflate),
         wall="faces between lumen voxels and the others",
-        wall_error=0.5 * float(np.linalg.norm(spacing_data)),
+        wall_error=0.5 * float(np.linalg.norm(spacing_data)) + shift,
     )
 
 
@@ -143,6 +156,17 @@ def _crop(
     first = np.array([low - 1 for low, _ in bounds], dtype=np.float64)
     matrix[:3, 3] = affine[:3, :3] @ first + affine[:3, 3]
     return np.pad(core, 1), matrix
+
+
+def _divide(spacing: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Divide voxels into nodes at most `NODE_SPACING` apart, as far as the grid may grow."""
+    # The 1 % is for voxel sizes rounded in the header.
+    parts = np.maximum(1.0, np.ceil(spacing / NODE_SPACING - 0.01))
+    while parts.max() > 1.0 and _coarsen(size, spacing / parts) > 1.0:
+        finest = int(np.argmin(np.where(parts > 1.0, spacing / parts, np.inf)))
+        parts[finest] -= 1.0
+    nodes = spacing / parts
+    return np.asarray(nodes * max(1.0, _coarsen(size, nodes)))
 
 
 def _coarsen(size: NDArray[np.float64], spacing: NDArray[np.float64]) -> float:
@@ -291,21 +315,21 @@ def _mark_wall(
     voxel: float,
     shape: tuple[int, ...],
 ) -> NDArray[np.bool_]:
-    """Mark the nodes nearest to points spread over the triangles at most one cell apart.
+    """Mark the nodes nearest to points spread over the triangles.
 
-    A wall point is within 1/sqrt(3) cell of such a point, and that within sqrt(3)/2 cell of its
-    node: 1.45 cells in all.
+    A wall point is within 1/sqrt(3) cell of such a point (`mark_triangles`), and that within
+    sqrt(3)/2 cell of its node: 1.45 cells in all. Triangles are cut finer along long sides only,
+    so that long thin ones cost no more than their length.
     """
-    corners = vertices[faces]
-    longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
-    parts = max(1, math.ceil(longest / voxel))
+    from ._kernels import mark_triangles
+
+    corners = vertices[faces] - low
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    # Side k runs from corner k to k + 1: turn the corners until the shortest is from 1 to 2.
+    turn = (np.argmin(sides, axis=1)[:, None] + np.array([2, 0, 1])) % 3
+    corners = np.take_along_axis(corners, turn[:, :, None], axis=1)
     marked = np.zeros(shape, dtype=bool)
-    for a in range(parts + 1):
-        for b in range(parts + 1 - a):
-            weights = np.array([a, b, parts - a - b]) / parts
-            cell = np.floor((np.einsum("fkd,k->fd", corners, weights) - low) / voxel + 0.5)
-            i, j, k = cell.astype(int).T
-            marked[i, j, k] = True
+    mark_triangles(np.ascontiguousarray(corners), voxel, marked)
     return marked
 
 

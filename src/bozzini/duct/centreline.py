@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,22 +10,45 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
+from ._lumen_graph import LumenGraph, Region, find_first_crest
 from .field import SampledField
+from .polyline import measure_arc_length, resample_polyline
 from .protocol import Duct, count_dimensions
 
 __all__ = [
     "Centreline",
+    "OtherEnd",
     "find_centreline",
     "find_roomy_path",
     "measure_arc_length",
     "resample_polyline",
 ]
 
-COST_POWER = 2.5
-"""The path costs ``length / room**COST_POWER``: enough to keep to the middle of wide places."""
-
 SPACING = 1.0
 """Distance between the points of a centreline [mm]."""
+
+
+BRANCH_SHARE, BRANCH_GAP = 0.8, 40.0
+"""An end that was not taken is told if it is about as far, and this far from the path [mm]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherEnd:
+    """An end of the lumen that was not taken, though it lies about as far as the one that was.
+
+    Parameters
+    ----------
+    end : {"start", "end"}
+        Which end of the centreline it could be instead.
+    point : (float, float, float)
+        World frame [mm], inside the lumen.
+    distance : float
+        Length of the middle way to it from the opposite end of the centreline [mm].
+    """
+
+    end: str
+    point: tuple[float, float, float]
+    distance: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,11 +63,14 @@ class Centreline:
         Along the polyline, from 0 [mm].
     radius : (n,) float
         Inscribed radius: distance to the (inflated) wall [mm].
+    other_ends : tuple of OtherEnd
+        Where else an end that was found, not given, could be.
     """
 
     points: NDArray[np.float64]
     arc_length: NDArray[np.float64]
     radius: NDArray[np.float64]
+    other_ends: tuple[OtherEnd, ...] = ()
 
     @classmethod
     def from_points(cls, points: ArrayLike, duct: Duct, *, spacing: float = SPACING) -> Centreline:
@@ -98,27 +123,26 @@ class Centreline:
         """Length of the curve [mm]."""
         return float(self.arc_length[-1])
 
+    def cut(self, length: float) -> Centreline:
+        """Return the curve's first `length` mm."""
+        inner = self.arc_length < length - 1e-9
+        arc = np.append(self.arc_length[inner], min(length, self.length))
+        points = np.stack([np.interp(arc, self.arc_length, c) for c in self.points.T], axis=1)
+        radius = np.interp(arc, self.arc_length, self.radius)
+        return Centreline(points=points, arc_length=arc, radius=radius)
+
     def reverse(self) -> Centreline:
         """Return the same curve from its end to its start."""
         return Centreline(
             points=self.points[::-1].copy(),
             arc_length=self.length - self.arc_length[::-1],
             radius=self.radius[::-1].copy(),
+            other_ends=_swap_ends(self.other_ends),
         )
 
 
-def measure_arc_length(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (n,) arc length along a polyline (n, dim)."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def resample_polyline(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Return points on a polyline at (almost) equal arc length; the ends stay."""
-    arc = measure_arc_length(points)
-    count = max(2, round(float(arc[-1]) / spacing) + 1)
-    wanted = np.linspace(0.0, arc[-1], count)
-    return np.stack([np.interp(wanted, arc, column) for column in points.T], axis=1)
+def _swap_ends(others: tuple[OtherEnd, ...]) -> tuple[OtherEnd, ...]:
+    return tuple(replace(o, end="start" if o.end == "end" else "end") for o in others)
 
 
 def find_centreline(
@@ -142,43 +166,85 @@ def find_centreline(
         Start and end in the world frame [mm]. None: found as the ends of the longest way through
         the lumen; the one that lies higher (world z) is the start.
     regions : pair of (k, 3) float or None
-        Candidate places for an end that is not given as a point: the one farthest from the other
-        end is taken.
+        Centres of the voxels of a label that an end lies in, for an end that is not given as a
+        point: the place in it farthest from the other end is taken. An end that is not given at
+        all is sought far from the other one's label. A label that covers the whole lumen says
+        nothing about where an end is.
 
     Raises
     ------
     GeometryError
-        If an end lies outside the lumen, or the ends are not connected.
+        If an end lies outside the lumen, the ends are not connected, or an end is to be found and
+        the lumen is no tube.
     """
     progress("centreline", 0.0)
-    graph = _Graph(field)
-    start_nodes = graph.locate("start", ends[0], regions[0])
-    end_nodes = graph.locate("end", ends[1], regions[1])
+    graph = LumenGraph(field)
+    areas = (graph.locate_region("start", regions[0]), graph.locate_region("end", regions[1]))
+    start_nodes = graph.locate("start", ends[0], areas[0])
+    end_nodes = graph.locate("end", ends[1], areas[1])
     start, goal = _choose_ends(graph, start_nodes, end_nodes)
     progress("centreline", 0.6)
     nodes = graph.find_path(start, goal)
     progress("centreline", 0.8)
-    points = nodes * field.spacing
+    others: list[OtherEnd] = []
+    if end_nodes is None:
+        others += _find_other_ends(graph, "end", start, nodes)
+    if start_nodes is None:
+        others += _find_other_ends(graph, "start", goal, nodes, known=others)
+    points = _trim_path(graph, nodes * field.spacing, ends, areas)
+    if start_nodes is None and end_nodes is None:
+        ends_z = field.to_world(points[[0, -1]])[:, 2]
+        if ends_z[0] < ends_z[1]:
+            points = points[::-1]
+            others = list(_swap_ends(tuple(others)))
+    world = field.to_world(points)
+    radius = -field.signed_distance(world)
+    progress("centreline", 1.0)
+    return Centreline(
+        points=world,
+        arc_length=measure_arc_length(world),
+        radius=radius,
+        other_ends=tuple(others),
+    )
+
+
+def _trim_path(
+    graph: LumenGraph,
+    points: NDArray[np.float64],
+    ends: tuple[ArrayLike | None, ArrayLike | None],
+    areas: tuple[Region | None, Region | None],
+) -> NDArray[np.float64]:
+    """Smooth a path of nodes from end to end, without the closed tips of ends that were found."""
+    field = graph.field
     fixed = (ends[0] is not None, ends[1] is not None)
+    if all(fixed) and len(points) < 2:
+        points = np.repeat(points, 2, axis=0)
     for position, end in ((0, ends[0]), (-1, ends[1])):
         if end is not None:
             points[position] = field.to_grid(check_points("end", end))
     depth = graph.measure_depth(points)
-    first = 0 if fixed[0] else _find_first_crest(points, depth)
-    last = len(points) if fixed[1] else len(points) - _find_first_crest(points[::-1], depth[::-1])
-    if last - first < 2:
+    skipped = []
+    for end, area, way, room in (
+        (ends[0], areas[0], points, depth),
+        (ends[1], areas[1], points[::-1], depth[::-1]),
+    ):
+        skip = 0 if end is not None else find_first_crest(way, room)
+        if skip > 0 and area is not None:
+            left = np.flatnonzero(~area.contains(way[: skip + 1]))
+            skip = max(0, int(left[0]) - 1) if len(left) else skip
+        skipped.append(skip)
+    kept = points[skipped[0] : len(points) - skipped[1]]
+    length = float(measure_arc_length(kept)[-1]) if len(kept) > 1 else 0.0
+    if all(fixed):
+        if length <= 0.0:
+            raise GeometryError("start and end are the same point: no centreline between them")
+    elif len(kept) < 2 or length < float(depth.max()):
         raise GeometryError(
-            f"the lumen is only {measure_arc_length(points)[-1]:.1f} mm long: no centreline in it"
+            f"no tube was found in the lumen: the way through it is {length:.1f} mm long between "
+            f"its tips, and it is {2.0 * float(depth.max()):.1f} mm wide; give both --start and "
+            "--end as points inside it"
         )
-    points = _smooth(points[first:last], graph)
-    if fixed == (False, False):
-        ends_z = field.to_world(points[[0, -1]])[:, 2]
-        if ends_z[0] < ends_z[1]:
-            points = points[::-1]
-    world = field.to_world(points)
-    radius = -field.signed_distance(world)
-    progress("centreline", 1.0)
-    return Centreline(points=world, arc_length=measure_arc_length(world), radius=radius)
+    return _smooth(kept, graph)
 
 
 def find_roomy_path(
@@ -198,7 +264,7 @@ def find_roomy_path(
     (n, 3) float or None
         World frame [mm]; None if the grid has no such way.
     """
-    graph = _Graph(field)
+    graph = LumenGraph(field)
     free = graph.inside & (graph.room + field.inflation >= room)
     graph.cost = np.where(free, graph.cost, -1.0)
     nodes = []
@@ -220,181 +286,60 @@ def find_roomy_path(
     )
 
 
-class _Graph:
-    """The lumen's nodes as a graph for `skimage.graph.MCP_Geometric`."""
-
-    def __init__(self, field: SampledField) -> None:
-        # The topology is that of the lumen before inflation, where it has one at this voxel.
-        self.field = field.inflate(-field.inflation)
-        self.room = -self.field.values
-        self.inside = self.room > 0.0
-        self._last: tuple[tuple[int, ...], Any, NDArray[np.float64]] | None = None
-        floor = 0.25 * float(self.field.spacing.min())
-        self.cost = np.where(
-            self.inside, (np.maximum(self.room, floor) / 10.0) ** -COST_POWER, -1.0
-        )
-
-    def locate(
-        self, name: str, point: ArrayLike | None, region: NDArray[np.float64] | None
-    ) -> NDArray[np.int64] | None:
-        """Turn an end into candidate nodes (k, 3), or None if it is to be found."""
-        field = self.field
-        if point is not None:
-            position = check_points(name, point)
-            if position.shape != (3,):
-                raise InputError(f"{name} has shape {position.shape}: it must be (3,)")
-            distance = float(field.signed_distance(position))
-            if distance >= 0.0:
-                raise GeometryError(
-                    f"{name} ({', '.join(f'{v:g}' for v in position)}) mm lies outside the lumen "
-                    f"by {distance:.1f} mm: give a point inside it, or leave it out"
-                )
-            node = np.rint(field.to_grid(position) / field.spacing).astype(int)
-            return self._nearest_inside(node)[None]
-        if region is not None:
-            nodes = np.rint(field.to_grid(region) / field.spacing).astype(int)
-            nodes = np.unique(np.clip(nodes, 0, np.array(self.room.shape) - 1), axis=0)
-            nodes = nodes[self.inside[tuple(nodes.T)]]
-            if len(nodes) == 0:
-                raise GeometryError(f"{name}: no node of the field lies in that label")
-            return nodes
-        return None
-
-    def _nearest_inside(self, node: NDArray[np.int64]) -> NDArray[np.int64]:
-        low = np.maximum(node - 3, 0)
-        block = self.inside[tuple(slice(a, b + 4) for a, b in zip(low, node, strict=True))]
-        candidates = np.argwhere(block) + low
-        if len(candidates) == 0:
-            raise GeometryError("no node of the field near that end: use a smaller --voxel")
-        gaps = np.linalg.norm((candidates - node) * self.field.spacing, axis=1)
-        return np.asarray(candidates[int(np.argmin(gaps))])
-
-    def search(self, source: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
-        """Minimum-cost paths from a node to all others: the search, and the costs.
-
-        The last one is kept: settling the ends and the path itself often ask for the same.
-        """
-        from skimage.graph import MCP_Geometric
-
-        key = tuple(int(v) for v in source)
-        if self._last is None or self._last[0] != key:
-            step = tuple(self.field.spacing)
-            mcp = MCP_Geometric(self.cost, sampling=step, fully_connected=True)
-            self._last = (key, mcp, np.asarray(mcp.find_costs([key])[0]))
-        return self._last[1], self._last[2]
-
-    def measure_taut(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Length of the shortest way from a node to every node [mm]; infinite outside."""
-        from skimage.graph import MCP_Geometric
-
-        cost = np.where(self.inside, 1.0, -1.0)
-        mcp = MCP_Geometric(cost, sampling=tuple(self.field.spacing), fully_connected=True)
-        return np.asarray(mcp.find_costs([tuple(int(v) for v in source)])[0])
-
-    def farthest(
-        self, source: NDArray[np.int64], among: NDArray[np.int64] | None
-    ) -> NDArray[np.int64]:
-        """Find the node (of `among`) whose middle way from `source` is the longest.
-
-        The taut way is a bad measure of how far an end is: it cuts the bends of a wide lumen, and
-        may call a pouch the far end. So the tips, the places of locally longest taut way, are
-        compared by the length of their middle way.
-        """
-        taut = self.measure_taut(source)
-        reachable = np.isfinite(taut)
-        if among is not None:
-            allowed = np.zeros_like(reachable)
-            allowed[tuple(among.T)] = True
-            reachable &= allowed
-        if not reachable.any():
-            raise GeometryError("start and end are not connected inside the lumen at this grid")
-        tips = self._find_tips(np.where(reachable, taut, -1.0))
-        search, _ = self.search(source)
-        lengths = []
-        for tip in tips:
-            path = np.array(search.traceback(tuple(int(v) for v in tip))) * self.field.spacing
-            depth = self.measure_depth(path)[::-1]
-            lost = measure_arc_length(path[::-1])[_find_first_crest(path[::-1], depth)]
-            lengths.append(measure_arc_length(path)[-1] - lost)
-        return tips[int(np.argmax(lengths))]
-
-    def _find_tips(self, taut: NDArray[np.float64], most: int = 12) -> list[NDArray[np.int64]]:
-        """Return the nodes of locally longest taut way, longest first, well apart."""
-        left = taut.copy()
-        apart = 25.0
-        tips: list[NDArray[np.int64]] = []
-        floor = 0.5 * float(taut.max())
-        while len(tips) < most:
-            node = np.array(np.unravel_index(int(np.argmax(left)), left.shape))
-            if left[tuple(node)] <= floor and tips:
-                break
-            tips.append(node)
-            reach = np.ceil(apart / self.field.spacing).astype(int)
-            low = np.maximum(node - reach, 0)
-            left[tuple(slice(a, b + 1) for a, b in zip(low, node + reach, strict=True))] = -1.0
-        return tips
-
-    def find_path(self, start: NDArray[np.int64], goal: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Minimum-cost path (n, 3) of nodes that keeps to the middle."""
-        ends = tuple(tuple(int(v) for v in node) for node in (start, goal))
-        if self._last is not None and self._last[0] == ends[1] != ends[0]:
-            return self.find_path(goal, start)[::-1]
-        mcp, costs = self.search(start)
-        target = tuple(int(v) for v in goal)
-        if not np.isfinite(costs[target]):
-            raise GeometryError(
-                "start and end are not connected inside the lumen at this grid: use a smaller "
-                "--voxel, or other ends"
-            )
-        return np.array(mcp.traceback(target))
-
-    def measure_depth(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Room at points (n, 3) of the grid frame, before inflation [mm]."""
-        return -self.field.signed_distance(self.field.to_world(points))
-
-    def measure_slope(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Direction (n, 3) of growing room, grid frame."""
-        return -self.field.gradient(self.field.to_world(points)) @ self.field.rotation
-
-
 def _choose_ends(
-    graph: _Graph, start: NDArray[np.int64] | None, goal: NDArray[np.int64] | None
+    graph: LumenGraph, start: NDArray[np.int64] | None, goal: NDArray[np.int64] | None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Settle the ends that are open: as far as possible from the other one."""
     if start is not None and len(start) == 1:
         known = goal is not None and len(goal) == 1
         return start[0], goal[0] if goal is not None and known else graph.farthest(start[0], goal)
-    if goal is not None and len(goal) == 1:
-        return graph.farthest(goal[0], start), goal[0]
+    if goal is not None:
+        # From the whole label, so that an end that is not given lies far from all of it.
+        first = graph.farthest(goal, start)
+        second = graph.farthest(first, goal)
+        return (first if start is None else graph.farthest(second, start)), second
+    if start is not None:
+        second = graph.farthest(start, None)
+        return graph.farthest(second, start), second
     deepest = np.array(np.unravel_index(int(np.argmax(graph.room)), graph.room.shape))
     taut = graph.measure_taut(deepest)
-    if start is None:
-        taut[~np.isfinite(taut)] = -1.0
-        first = np.array(np.unravel_index(int(np.argmax(taut)), taut.shape))
-    else:
-        first = graph.farthest(deepest, start)
-    second = graph.farthest(first, goal)
-    return graph.farthest(second, start), second
+    taut[~np.isfinite(taut)] = -1.0
+    first = np.array(np.unravel_index(int(np.argmax(taut)), taut.shape))
+    second = graph.farthest(first, None)
+    return graph.farthest(second, None), second
 
 
-def _find_first_crest(points: NDArray[np.float64], depth: NDArray[np.float64]) -> int:
-    """Index where a path that starts in a closed tip comes out of it.
+def _find_other_ends(
+    graph: LumenGraph,
+    name: str,
+    source: NDArray[np.int64],
+    nodes: NDArray[np.int64],
+    *,
+    known: list[OtherEnd] | None = None,
+) -> list[OtherEnd]:
+    """Return the tips that could be the end `name` as well as the one that was taken.
 
-    That is the first point with at least 0.8 of the room that the path has soon after it (within
-    two radii, at least 8 mm), and from there the roomiest within the next 10 mm: an end that was
-    only found, not given, need not be a narrow one.
+    They lie about as far from the opposite end `source`, but well away from the path, from each
+    other's ways and from those that are known.
     """
-    arc = measure_arc_length(points)
-    for here in range(len(points)):
-        reach = arc[here] + max(2.0 * depth[here], 8.0)
-        ahead = int(np.searchsorted(arc, reach, "right"))
-        if depth[here] >= 0.8 * depth[here:ahead].max():
-            ahead = int(np.searchsorted(arc, arc[here] + 10.0, "right"))
-            return here + int(np.argmax(depth[here:ahead] > 0.98 * depth[here:ahead].max()))
-    return 0
+    from scipy.spatial import cKDTree
+
+    tips = sorted(graph.measure_tips(source), key=lambda tip: -tip.length)
+    taken = [nodes * graph.field.spacing]
+    taken += [graph.field.to_grid(np.array([other.point])) for other in known or ()]
+    found = []
+    for tip in tips:
+        if tip.length < BRANCH_SHARE * tips[0].length:
+            break
+        if cKDTree(np.concatenate(taken)).query(tip.path[-1])[0] < BRANCH_GAP:
+            continue
+        taken.append(tip.path)
+        x, y, z = (float(v) for v in graph.field.to_world(tip.path[-1]))
+        found.append(OtherEnd(end=name, point=(x, y, z), distance=tip.length))
+    return found
 
 
-def _smooth(points: NDArray[np.float64], graph: _Graph) -> NDArray[np.float64]:
+def _smooth(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float64]:
     """Smooth a path of nodes; where that loses room against the path itself, push it back."""
     points = resample_polyline(points, SPACING)
     for sweeps, keep in ((120, 0.95), (40, 0.95)):
@@ -418,7 +363,7 @@ def _running_minimum(values: NDArray[np.float64], half: int) -> NDArray[np.float
     return np.asarray(minimum_filter1d(values, 2 * half + 1))
 
 
-def _stay_inside(points: NDArray[np.float64], graph: _Graph) -> NDArray[np.float64]:
+def _stay_inside(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float64]:
     """Push any point that smoothing left outside the lumen back in, or say where it cannot be."""
     for _ in range(50):
         depth = graph.measure_depth(points)

@@ -39,8 +39,9 @@ class SampledField:
         answer is a lower bound of the room inside the moved wall.
     wall : str
         What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm]: half a voxel's diagonal for labels.
+    wall_error : float or None
+        How far the true wall may be from the stated one [mm]: half a voxel's diagonal for labels;
+        None where it is not known, as for a surface from a file.
     reach : float
         Distances outside the lumen are exact up to this value [mm]; beyond it they are upper
         bounds.
@@ -57,7 +58,7 @@ class SampledField:
     rotation: NDArray[np.float64]
     inflation: float = 0.0
     wall: str = "sampled wall"
-    wall_error: float = 0.0
+    wall_error: float | None = None
     reach: float = math.inf
     _rounding: float = dataclass_field(init=False, repr=False, default=0.0)
 
@@ -71,9 +72,11 @@ class SampledField:
             raise InputError("field values are not all finite")
         object.__setattr__(self, "_rounding", max(-low, high) * 2.0**-23)
         check_number("inflation", self.inflation, low=0.0, unit="mm")
+        if self.wall_error is not None:
+            check_number("wall error", self.wall_error, low=0.0, unit="mm")
         if self.spacing.shape != (3,) or not np.all(self.spacing > 0.0):
             raise InputError(f"field spacing is {self.spacing}: three positive lengths in mm")
-        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6):
+        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), rtol=0.0, atol=1e-9):
             raise InputError("field rotation is not orthonormal")
 
     @property

@@ -34,8 +34,8 @@ class Duct(Protocol):
         ...
 
     @property
-    def wall_error(self) -> float:
-        """How far the true wall may be from the stated one [mm]."""
+    def wall_error(self) -> float | None:
+        """How far the true wall may be from the stated one [mm]; None where it is not known."""
         ...
 
     @property

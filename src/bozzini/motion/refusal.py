@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from decimal import ROUND_FLOOR, Decimal
 from typing import Any
 
 from .scope import Scope
@@ -28,7 +29,7 @@ REASON_CODES = {
 
 def floor_mm(value: float) -> str:
     """Write a length rounded down, so that what is offered never reads like what is needed."""
-    return f"{math.floor(100.0 * value + 1e-9) / 100.0:.2f}"
+    return str(Decimal(value).quantize(Decimal("0.01"), rounding=ROUND_FLOOR))
 
 
 @dataclass(frozen=True, kw_only=True)

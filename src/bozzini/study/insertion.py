@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from ..anatomy.findings import Finding
 from ..anatomy.tract import LabelTract, SurfaceTract
-from ..checks import check_number
 from ..duct import Centreline, SampledField, build_field, find_centreline
-from ..errors import InputError
 from ..files import new_directory, write_text
 from ..motion import (
     METHODS,
@@ -25,17 +24,16 @@ from ..motion import (
     Passage,
     Plan,
     Scope,
+    TubeOptions,
     find_largest,
     find_passage,
     plan_insertion,
     plan_with_soft_wall,
 )
 from ..progress import Progress, no_progress
+from ._inputs import End, check_options, describe_end, explain_scale, find_branches, sort_ends
 
 __all__ = ["InsertionStudy", "run_insertion"]
-
-End = ArrayLike | int | None
-"""An end of the centreline: a point (3,) [mm], a label, or None to find it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,6 +57,8 @@ class InsertionStudy:
         The largest scope that fits, if it was asked for.
     comparison : tuple of Plan
         Plans of every method, if they were asked for.
+    findings : tuple of Finding
+        What the checks of the tract found, and what finding the centreline did.
     """
 
     tract: LabelTract | SurfaceTract
@@ -69,6 +69,7 @@ class InsertionStudy:
     passage: Passage | None = None
     largest: Largest | None = None
     comparison: tuple[Plan, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     @property
     def fits(self) -> bool:
@@ -92,7 +93,7 @@ class InsertionStudy:
             ]
         summary["findings"] = [
             {"code": item.code, "severity": item.severity, "message": item.message}
-            for item in self.tract.findings
+            for item in self.findings
         ]
         summary["seconds"] = {key: round(value, 4) for key, value in self.seconds.items()}
         return summary
@@ -143,7 +144,7 @@ class InsertionStudy:
                     plan=self.plan,
                     field=self.field,
                     summary=self.summarise(),
-                    findings=self.tract.findings,
+                    findings=self.findings,
                     comparison=self.comparison,
                 )
             progress("report", 1.0)
@@ -221,36 +222,60 @@ def run_insertion(
         If an input is not legal; a scope that does not fit is a result, not an error.
     """
     times = dict(seconds or {})
-    with _clock(times, "distance"):
-        field = build_field(tract, voxel=voxel, inflate=inflate, progress=progress)
-    with _clock(times, "centreline"):
-        points, regions = _sort_ends(tract, start, end)
-        line = find_centreline(field, points, regions=regions, progress=progress)
-        if reverse:
-            line = line.reverse()
-    check_number("soft wall", soft_wall, low=0.0, high=100.0, unit="mm")
+    check_options(
+        scope=scope,
+        voxel=voxel,
+        inflate=inflate,
+        method=method,
+        head_step=head_step,
+        slip=slip,
+        angle_limit=angle_limit,
+        route=route,
+        soft_wall=soft_wall,
+    )
+    points, regions = sort_ends(tract, start, end)
     options: dict[str, Any] = {
         "head_step": head_step,
         "slip": slip,
         "angle_limit": angle_limit,
         "route": tuple(route),
     }
-    with _clock(times, "plan"):
-        plan = plan_with_soft_wall(
-            field,
-            line,
-            scope=scope,
-            soft_wall=soft_wall,
-            method=method,
-            progress=progress,
-            **options,
-        )
+    with explain_scale(tract):
+        with _clock(times, "distance"):
+            field = build_field(tract, voxel=voxel, inflate=inflate, progress=progress)
+        with _clock(times, "centreline"):
+            line = find_centreline(field, points, regions=regions, progress=progress)
+            if reverse:
+                line = line.reverse()
+        with _clock(times, "plan"):
+            plan = plan_with_soft_wall(
+                field,
+                line,
+                scope=scope,
+                soft_wall=soft_wall,
+                method=method,
+                progress=progress,
+                **options,
+            )
+    findings = (*tract.findings, *find_branches(line))
     with _clock(times, "passage"):
         passage = find_passage(field, line.points[0], line.points[-1])
     found = None
     if largest:
         with _clock(times, "largest"):
-            found = find_largest(field, line, scope=scope, progress=progress)
+            found = find_largest(
+                field,
+                line,
+                scope=scope,
+                options=TubeOptions(
+                    head_step=head_step,
+                    freedom=0.0 if method == "follow" else 1.0,
+                    slip=slip,
+                    angle_limit=angle_limit,
+                    route=tuple(route),
+                ),
+                progress=progress,
+            )
     comparison: list[Plan] = []
     if compare:
         with _clock(times, "compare"):
@@ -261,11 +286,11 @@ def run_insertion(
     given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
     for name, chosen in (("start", start), ("end", end)):
         if chosen is not None:
-            given[name] = int(chosen) if isinstance(chosen, int) else np.asarray(chosen).tolist()
+            given[name] = describe_end(chosen)
     meta = {
         **plan.meta,
         "input": given,
-        "findings": [f"{item.severity}: {item.message}" for item in tract.findings],
+        "findings": [f"{item.severity}: {item.message}" for item in findings],
         "centreline": {
             "points_mm": np.round(line.points, 3).tolist(),
             "arc_length_mm": np.round(line.arc_length, 3).tolist(),
@@ -281,37 +306,8 @@ def run_insertion(
         passage=passage,
         largest=found,
         comparison=tuple(comparison),
+        findings=findings,
     )
-
-
-def _sort_ends(
-    tract: LabelTract | SurfaceTract, start: End, end: End
-) -> tuple[
-    tuple[ArrayLike | None, ArrayLike | None],
-    tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
-]:
-    """Split the ends into points and label regions (world points of the voxels)."""
-    points: list[ArrayLike | None] = [None, None]
-    regions: list[NDArray[np.float64] | None] = [None, None]
-    for k, (name, chosen) in enumerate((("start", start), ("end", end))):
-        if isinstance(chosen, int):
-            regions[k] = _find_label(tract, name, chosen)
-        else:
-            points[k] = chosen
-    return (points[0], points[1]), (regions[0], regions[1])
-
-
-def _find_label(tract: LabelTract | SurfaceTract, name: str, label: int) -> NDArray[np.float64]:
-    if not isinstance(tract, LabelTract):
-        raise InputError(f"{name} is label {label}, but a surface has no labels: give a point")
-    voxels = np.argwhere(tract.labels == label)
-    if len(voxels) == 0:
-        there: Sequence[int] = tract.label_values
-        raise InputError(
-            f"{name} is label {label}, which is not in the lumen: it must be one of "
-            f"{', '.join(str(v) for v in there)}"
-        )
-    return np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3])
 
 
 @contextmanager

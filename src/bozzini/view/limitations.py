@@ -46,8 +46,10 @@ def list_limitations(plan: Plan, field: SampledField, summary: Mapping[str, Any]
             f"by {claim.soft.used:g} mm all round. Depths of contact are against the wall at "
             "rest, from sampled points at the recorded steps; no force is computed."
         )
-    wall_error = float(getattr(field, "wall_error", 0.0))
-    if wall_error > 0.0:
+    wall_error = getattr(field, "wall_error", None)
+    if wall_error is None:
+        texts.append("How far the true wall of the body lies from the stated one is not known.")
+    elif wall_error > 0.0:
         texts.append(
             f"The true wall of the body may lie up to {wall_error:.2f} mm from the stated one, "
             "by the resolution of the scan alone; how well it was drawn is not known here."

@@ -36,6 +36,10 @@ def _show(value: Any, digits: int, unit: str = "") -> str:
     return f"{text} {unit}".strip()
 
 
+def _show_or_unknown(value: float | None, digits: int, unit: str) -> str:
+    return "unknown" if value is None else _show(value, digits, unit)
+
+
 def _read_step_ratio(summary: Mapping[str, Any]) -> float | None:
     ratio = read_number(summary, "joint_step_ratio_max")
     joint, head = read_number(summary, "joint_step_max_mm"), read_number(summary, "head_step_mm")
@@ -145,7 +149,7 @@ def list_rows(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> li
         ),
         (
             "True wall may differ from the stated one by",
-            _show(getattr(field, "wall_error", None), 2, "mm"),
+            _show_or_unknown(getattr(field, "wall_error", None), 2, "mm"),
         ),
         ("Grid spacing", " × ".join(f"{float(step):.3g}" for step in field.spacing) + " mm"),
     ]
