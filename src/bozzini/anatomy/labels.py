@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_points
 from ..errors import GeometryError, InputError
-from ._frame import measure_shift
 from ._scale import check_scale
 from .findings import Finding
+from .frame import measure_shift
 from .tract import LabelTract
 
 __all__ = ["tract_from_labels"]

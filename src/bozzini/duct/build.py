@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..anatomy._frame import fit_frame, measure_shift
+from ..anatomy.frame import fit_frame, measure_shift
 from ..checks import check_number
 from ..errors import GeometryError
 from ..progress import Progress, no_progress
