@@ -156,3 +156,21 @@ def test_refused_plans_still_say_why_in_one_line(pinched, narrow_end, narrow_sta
         assert plan.reason and "\n" not in plan.reason
         assert "nan" not in plan.reason and "inf" not in plan.reason.split()
         assert plan.meta["refusal"]["code"] == plan.reason_code
+
+
+def test_a_surface_inflated_beyond_its_reach_gets_an_answer_without_a_bound():
+    import trimesh
+
+    from bozzini.duct import Centreline, field_from_mesh
+
+    # An hourglass: round, wide at both ends, with a waist.
+    outline = [[0, -30], [8, -30], [8, -10], [3, -2], [3, 2], [8, 10], [8, 30], [0, 30]]
+    glass = trimesh.creation.revolve(np.array(outline, dtype=float), sections=48)
+    field = field_from_mesh(glass.vertices, glass.faces, voxel=1.0).inflate(3.0)
+    line = Centreline.from_points([[0.0, 0.0, -20.0], [0.0, 0.0, 20.0]], field)
+    assert field.inflation > field.reach
+    plan = plan_insertion(field, line, scope=Scope(diameter=15.0, link_length=8.0))
+    assert plan.status == "stopped"
+    assert plan.reason_code == "LINK_TOO_LONG"
+    assert "none has more than" not in plan.reason
+    assert plan.meta["refusal"]["at_mm"] == pytest.approx(20.0, abs=5.0)

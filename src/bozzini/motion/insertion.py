@@ -26,7 +26,7 @@ from .scope import Scope
 from .thesis import move_by_thesis
 from .tube import TubeMotion, TubeOptions, plan_in_tube
 
-__all__ = ["METHODS", "plan_insertion"]
+__all__ = ["METHODS", "check_link", "check_options", "plan_insertion"]
 
 METHODS = ("tube", "follow", "thesis")
 """The planners: the default, the same with all joints on the path, and the thesis's scheme."""
@@ -82,7 +82,15 @@ def plan_insertion(
     InputError
         If the method is unknown, the link is longer than the tract, or a number is out of range.
     """
-    _check(method, scope, line, head_step, slip, angle_limit, route)
+    check_options(
+        scope=scope,
+        method=method,
+        head_step=head_step,
+        slip=slip,
+        angle_limit=angle_limit,
+        route=route,
+    )
+    check_link(scope, line)
     dim = count_dimensions(duct)
     if line.points.shape[1] != dim:
         raise InputError(
@@ -238,15 +246,16 @@ def finish_plan(
     )
 
 
-def _check(
-    method: str,
+def check_options(
+    *,
     scope: Scope,
-    line: Centreline,
+    method: str,
     head_step: float,
     slip: float,
     angle_limit: float | None,
     route: Sequence[float],
 ) -> None:
+    """Raise `InputError` for any option of `plan_insertion` that is not legal for every tract."""
     if method not in METHODS:
         raise InputError(f"method is {method!r}: it must be one of {', '.join(METHODS)}")
     check_number("head step", head_step, low=1e-3, high=scope.link_length, unit="mm")
@@ -262,6 +271,10 @@ def _check(
             "method 'thesis' knows no slip, angle limit or route: leave them out, or use one of "
             f"{', '.join(m for m in METHODS if m != 'thesis')}"
         )
+
+
+def check_link(scope: Scope, line: Centreline) -> None:
+    """Raise `InputError` if a link is longer than the way."""
     if scope.link_length > line.length:
         raise InputError(
             f"link length is {scope.link_length:g} mm: it must be at most the tract's "

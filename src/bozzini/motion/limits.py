@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from ..duct.centreline import find_roomy_path
 from ..duct.field import SampledField
 from .passage import Passage, find_passage
 from .refusal import Refusal, floor_mm
-from .shape import SPACING, cut_path, measure_folds, shape_path
+from .shape import SPACING, ShapedPath, cut_path, measure_folds, shape_path
 
 if TYPE_CHECKING:
     from .tube import Job, TubeMotion
@@ -76,8 +77,7 @@ def explain_stop(job: Job) -> Refusal:
             f"{at:.1f} mm",
         )
     elif job.failed is not None:
-        nearest = int(np.argmin(np.abs(job.failed.arc_length - job.failed.tightest)))
-        at = _locate(job, duct.to_world(job.failed.points[nearest]))
+        at = _locate_tightest(job, job.failed)
         local = float(np.interp(at, line.arc_length, job.bound))
         refusal = Refusal(
             code="LINK_TOO_LONG",
@@ -153,9 +153,7 @@ def _say_blocked(job: Job) -> str:
     failed = job.failed
     if failed is None or failed.clear:
         return ""
-    nearest = int(np.argmin(np.abs(failed.arc_length - failed.tightest)))
-    at = _locate(job, job.duct.to_world(failed.points[nearest]))
-    room = floor_mm(failed.room)
+    at, room = _locate_tightest(job, failed), floor_mm(failed.room)
     return f", where the next narrow place is near {at:.1f} mm ({room} mm from the wall at best)"
 
 
@@ -194,6 +192,12 @@ def _locate(job: Job, place: NDArray[np.float64]) -> float:
     return float(job.line.arc_length[int(np.argmin(gaps))])
 
 
+def _locate_tightest(job: Job, path: ShapedPath) -> float:
+    """Arc length on the centreline of the place where a shaped path is tightest [mm]."""
+    nearest = int(np.argmin(np.abs(path.arc_length - path.tightest)))
+    return _locate(job, job.duct.to_world(path.points[nearest]))
+
+
 def _no_passage(job: Job, at: float, level: float, bound: float) -> Refusal:
     from .tube import MARGINS
 
@@ -221,8 +225,8 @@ def _no_path(job: Job, at: float, level: float, bound: float) -> Refusal:
         needs=radius,
         offers=level,
         what=f"no way with {radius:.2f} mm from the wall was found at {at:.1f} mm for links of any "
-        f"length: the widest found has {floor_mm(max(level, local))} mm, none has more than "
-        f"{floor_mm(bound)} mm",
+        f"length: the widest found has {floor_mm(max(level, local))} mm"
+        + (f", none has more than {floor_mm(bound)} mm" if math.isfinite(bound) else ""),
         diameter_max=2.0 * (level - MARGINS[-1]),
         inflate=radius - level,
     )

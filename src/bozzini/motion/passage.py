@@ -37,7 +37,8 @@ class Passage:
     level : float
         Smallest room of the nodes along the widest way on the grid [mm]; -inf if there is none.
     bound : float
-        No way at all has more room than this everywhere [mm]; proved.
+        No way at all has more room than this everywhere [mm]; proved. Infinite where nothing is
+        known: a surface's field inflated afterwards beyond its reach.
     place : (dim,) float
         Where the widest way is tightest, world frame [mm].
     """

@@ -19,8 +19,7 @@ from ..duct.centreline import Centreline, measure_arc_length
 from ..duct.protocol import Duct, count_dimensions
 from ..errors import InputError
 from ..progress import Progress, no_progress
-from .insertion import _check as check_request
-from .insertion import finish_plan
+from .insertion import check_link, check_options, finish_plan
 from .introducer import Introducer
 from .plan import Plan
 from .scope import Scope
@@ -96,15 +95,15 @@ def replan(
     path = _advect(advect, plan.path)
     introducer = _move_introducer(plan, advect, path[0], duct, scope)
     moved = _measure_line(path, duct)
-    check_request(
-        plan.method,
-        scope,
-        moved,
-        options.head_step,
-        options.slip,
-        options.angle_limit,
-        options.route,
+    check_options(
+        scope=scope,
+        method=plan.method,
+        head_step=options.head_step,
+        slip=options.slip,
+        angle_limit=options.angle_limit,
+        route=options.route,
     )
+    check_link(scope, moved)
     links = links or scope.count_links(moved.length)
     progress("plan", 0.0)
     attempt = _Attempt(reason="the last plan did not reach its goal")

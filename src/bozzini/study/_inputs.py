@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from numbers import Integral
@@ -16,7 +15,8 @@ from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_number, check_points
 from ..duct import Centreline
 from ..errors import GeometryError, InputError
-from ..motion import METHODS, Scope
+from ..motion import Scope
+from ..motion.insertion import check_options as check_planner_options
 
 __all__ = ["check_options", "describe_end", "explain_scale", "find_branches", "sort_ends"]
 
@@ -40,21 +40,14 @@ def check_options(
     check_number("inflation", inflate, low=0.0, high=100.0, unit="mm")
     if voxel is not None:
         check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
-    if method not in METHODS:
-        raise InputError(f"method is {method!r}: it must be one of {', '.join(METHODS)}")
-    check_number("head step", head_step, low=1e-3, high=scope.link_length, unit="mm")
-    check_number("slip", slip, low=0.0, high=1.0)
-    if angle_limit is not None:
-        check_number("angle limit", angle_limit, low=0.0, high=math.pi, low_open=True, unit="rad")
-    for share in route:
-        check_number("route", share, low=0.0, high=1.0)
-    if max(route, default=0.0) <= 0.0:
-        raise InputError(f"route is {tuple(route)}: one of its fractions must lie in (0, 1]")
-    if method == "thesis" and (slip != 0.0 or angle_limit is not None or tuple(route) != (1.0,)):
-        raise InputError(
-            "method 'thesis' knows no slip, angle limit or route: leave them out, or use one of "
-            f"{', '.join(m for m in METHODS if m != 'thesis')}"
-        )
+    check_planner_options(
+        scope=scope,
+        method=method,
+        head_step=head_step,
+        slip=slip,
+        angle_limit=angle_limit,
+        route=route,
+    )
     check_number("soft wall", soft_wall, low=0.0, high=100.0, unit="mm")
 
 

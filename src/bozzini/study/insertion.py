@@ -83,7 +83,8 @@ class InsertionStudy:
         summary = summarise_plan(self.plan, self.field, self.line)
         summary["fits"] = self.fits
         if self.passage is not None:
-            summary["passage_mm"] = self.passage.bound
+            bound = self.passage.bound
+            summary["passage_mm"] = bound if np.isfinite(bound) else None
             summary["passage_found_mm"] = max(self.passage.level, 0.0)
         if self.largest is not None:
             summary["largest"] = self.largest.describe()
