@@ -3,6 +3,10 @@
 The printed system costs SciPy 0.15 to 0.3 ms where the angle starts at the braid's; the thesis
 gives 0.04 s for MATLAB's fsolve from zero on a 2.0 GHz PC (section 3.4). From zero itself SciPy
 stops at once: the contact area is not defined there.
+
+What was wanted is 10,000 times SciPy's fsolve. That is not reached: it would be 20 ns, about 60
+cycles, for an equilibrium with logarithms and roots in each of its four or five Newton steps. It
+holds against the thesis's own time. What is asserted is what is true.
 """
 
 from __future__ import annotations
@@ -99,7 +103,8 @@ def bench_one_solve_against_fsolve(benchmark: Any, name: str) -> None:
         what=f"one solve of the {name} model; SciPy's fsolve on the thesis's system; the thesis",
         measured=f"{ours * 1e6:.2f} us; {ratio:,.0f} times ({theirs * 1e3:.2f} ms), and "
         f"{THESIS_TIME / ours:,.0f} times (its 0.04 s)",
-        required="at least 100 times, and at least 10,000 times",
+        required="10,000 times: not reached against SciPy's fsolve (100 are asserted), reached "
+        "against the thesis's time",
         ratio=ratio,
     )
     assert ratio >= 100.0
