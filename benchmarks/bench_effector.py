@@ -1,0 +1,128 @@
+"""The end-effector: one pose against the thesis's own formulation, batches, and single calls.
+
+The printed formulation is the thesis's iteration: the muscle's system by SciPy's fsolve, the
+section segment by segment as a constrained minimum by SLSQP, and again until the deflection stands.
+The thesis gives 1.0 s for it, on a 2.0 GHz PC with MATLAB (section 4.4).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.optimize import fsolve
+
+from bozzini.effector import Effector, balance, bend, preset
+from bozzini.effector.pose import pose
+from bozzini.muscle import ThesisMuscle
+from bozzini.muscle import preset as muscle_preset
+from tests.effector.reference import iterate_printed
+from tests.effector.reference import solve_printed as solve_section
+from tests.muscle.printed import solve_printed as solve_muscle
+
+COUNT = 100_000
+CALLS = 20_000
+PRESSURE = 0.6894
+
+
+def draw_pressures(count: int) -> np.ndarray:
+    return np.random.default_rng(1).uniform(0.0, 0.827, (count, 3))
+
+
+def time_calls(call: Callable[[int], Any]) -> np.ndarray:
+    """Times of single calls [s], after some to warm up."""
+    for i in range(200):
+        call(i)
+    took = np.empty(CALLS)
+    for i in range(CALLS):
+        begin = time.perf_counter()
+        call(i)
+        took[i] = time.perf_counter() - begin
+    return took
+
+
+def build_thesis() -> Effector:
+    design = preset("prototype")
+    muscle = muscle_preset("effector-45")
+    placed = tuple(
+        type(one)(name=one.name, muscle=muscle, angle=one.angle) for one in design.muscles
+    )
+    return Effector(
+        design.replace(muscles=placed), lambda muscle: ThesisMuscle(muscle, load_path="bulk")
+    )
+
+
+def bench_pose_against_printed(benchmark: Any) -> None:
+    effector = build_thesis()
+    design, model = effector.design, effector.models[0]
+
+    def contract(pressure: float, load: float) -> float:
+        _, free, residual = solve_muscle(model.muscle, pressure, fsolve)
+        assert residual < 1e-8
+        return free - load / model.load_stiffness
+
+    def deflect(contraction: float) -> float:
+        backbone, _ = solve_section(4.0, 45.0, 15, contraction)
+        return float(backbone[-1, 0])
+
+    theirs = np.inf
+    for _ in range(3):
+        begin = time.perf_counter()
+        rows = iterate_printed(contract, deflect, design.compliance, PRESSURE)
+        theirs = min(theirs, time.perf_counter() - begin)
+    assert abs(rows[-1][2] - balance(effector, "R", PRESSURE).lateral) < 1e-3
+
+    pressures = np.zeros((COUNT, 3))
+    pressures[:, 0] = np.linspace(0.9, 1.0, COUNT) * PRESSURE
+    found = benchmark.pedantic(pose, args=(effector, pressures), rounds=5, warmup_rounds=1)
+    assert found.converged.all()
+    assert abs(found.lateral[-1] - rows[-1][2]) < 1e-3
+    ours = benchmark.stats.stats.min / COUNT
+    single = float(np.median(time_calls(lambda i: pose(effector, pressures[i]))))
+    benchmark.extra_info.update(
+        what="pose of one muscle with equilibrium; as printed, SLSQP and fsolve",
+        measured=f"{1e6 * ours:.2f} us; {theirs / ours:,.0f} times ({1e3 * theirs:.0f} ms, "
+        f"{len(rows)} steps); a single call {1e6 * single:.0f} us, {theirs / single:,.0f} times",
+        required="at least 10,000 times",
+        ratio=theirs / ours,
+        ratio_single=theirs / single,
+    )
+    assert theirs / ours >= 10_000.0
+
+
+def bench_pose_batch(benchmark: Any) -> None:
+    effector, pressures = Effector(preset("prototype")), draw_pressures(COUNT)
+    found = benchmark.pedantic(pose, args=(effector, pressures), rounds=5, warmup_rounds=1)
+    assert found.converged.all() and not found.saturated.any()
+    ours = benchmark.stats.stats.min / COUNT
+    benchmark.extra_info.update(
+        what="full pose from three pressures, in a batch on one core",
+        measured=f"{1e6 * ours:.2f} us each",
+        required="under 10 us",
+    )
+    assert ours < 10e-6
+
+
+def bench_pose_single(benchmark: Any) -> None:
+    effector, pressures = Effector(preset("prototype")), draw_pressures(CALLS)
+    took = time_calls(lambda i: pose(effector, pressures[i]))
+    middle, tail = np.percentile(took, [50.0, 99.0])
+    benchmark.pedantic(pose, args=(effector, pressures[0]), rounds=1000)
+    benchmark.extra_info.update(
+        what="full pose from three pressures, one call",
+        measured=f"p50 {1e6 * middle:.0f} us, p99 {1e6 * tail:.0f} us",
+        required="p99 under 100 us",
+        p99=float(tail),
+    )
+    assert tail < 100e-6
+
+
+def bench_bend_batch(benchmark: Any) -> None:
+    design, contractions = preset("prototype"), np.linspace(0.0, 14.0, COUNT)
+    benchmark.pedantic(bend, args=(design, contractions), rounds=5, warmup_rounds=1)
+    benchmark.extra_info.update(
+        what="backbone, muscle and angles at a contraction, in a batch on one core",
+        measured=f"{1e6 * benchmark.stats.stats.min / COUNT:.2f} us each",
+    )

@@ -1,0 +1,262 @@
+"""What the commands of ``bozzini effector`` share: options of a design, named values, tables."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..errors import BozziniError, InputError
+from ._muscle_options import describe_muscle, make_class, model_option, model_options
+from .common import QuantityType
+
+if TYPE_CHECKING:
+    from ..effector import Effector, EffectorDesign
+
+__all__ = [
+    "RigidityType",
+    "describe_design",
+    "effector_options",
+    "format_csv",
+    "format_rows",
+    "make_design",
+    "make_effector",
+    "parse_pairs",
+]
+
+LENGTHS = {
+    "offset": "Distance of the muscles from the axis.",
+    "backbone_length": "Length of the backbone and of the muscles.",
+    "holder_length": "Length of the distal holder, straight beyond the backbone.",
+}
+_RIGIDITY_UNITS = {"": 1.0, "nmm2": 1.0, "nm2": 1e6}
+
+if TYPE_CHECKING:  # generic in newer versions of click only
+    _FloatType = click.ParamType[float]
+else:
+    _FloatType = click.ParamType
+
+_Function = Callable[..., Any]
+
+
+class RigidityType(_FloatType):
+    """A flexural rigidity such as ``200Nmm^2`` or ``2e-4 N m^2``, given on in N mm^2."""
+
+    name = "rigidity"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return `value` in N mm^2."""
+        from ..units import parse_quantity
+
+        if not isinstance(value, str):
+            return float(value)
+        match = re.fullmatch(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)(.*)", value)
+        unit = re.sub(r"[ *^·]", "", match[2]).replace("²", "2").lower() if match else "?"
+        try:
+            if match is not None and unit in _RIGIDITY_UNITS:
+                return parse_quantity(match[1], "dimensionless") * _RIGIDITY_UNITS[unit]
+        except BozziniError:
+            pass  # told below, in the words of this kind of quantity
+        self.fail(
+            f"'{value}' is not a flexural rigidity: give one such as 200Nmm^2, 2e-4Nm^2 "
+            "(a bare number is in N mm^2)",
+            param,
+            ctx,
+        )
+
+
+_OPTIONS = {
+    "preset": click.option(
+        "--preset",
+        default="prototype",
+        show_default=True,
+        metavar="NAME",
+        help="Where the design begins: prototype.",
+    ),
+    "muscle_preset": click.option(
+        "--muscle-preset", metavar="NAME", help="The muscles, by a name of bozzini muscle."
+    ),
+    "angles": click.option(
+        "--angles", metavar="NAME=ANGLE,...", help="The muscles, such as A=0deg,B=120deg,C=240deg."
+    ),
+    **{
+        name: click.option(
+            "--" + name.replace("_", "-"), name, type=QuantityType("length"), help=text
+        )
+        for name, text in LENGTHS.items()
+    },
+    "segments": click.option(
+        "--segments", type=int, help="Turns of the outer spring: part of the design, no mesh."
+    ),
+    "rigidity": click.option(
+        "--rigidity", type=RigidityType(), help="Flexural rigidity without a catheter."
+    ),
+    "rigidity_test": click.option(
+        "--rigidity-test", metavar="FORCE,DEFLECTION", help="The same, from a load across the tip."
+    ),
+    "catheter": click.option(
+        "--catheter", type=RigidityType(), help="Flexural rigidity of the catheter; adds."
+    ),
+    "pressure_limit": click.option(
+        "--pressure-limit", type=QuantityType("pressure"), help="Largest pressure of a muscle."
+    ),
+    "beam": click.option(
+        "--beam",
+        type=click.Choice(["2", "3"]),
+        help="Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived.",
+    ),
+}
+_MODEL = ("model_name", "ends", "load_path")
+
+
+def effector_options(function: _Function) -> _Function:
+    """Add the options of a design and of the muscle model; they arrive as one mapping, `given`."""
+
+    @wraps(function)
+    def run(**values: Any) -> Any:
+        given = {name: values.pop(name) for name in (*_OPTIONS, *_MODEL)}
+        return function(given=given, **values)
+
+    model_option(model_options(run))
+    for option in reversed(_OPTIONS.values()):
+        option(run)
+    return run
+
+
+def make_design(given: Mapping[str, Any]) -> EffectorDesign:
+    """Return the design that the options ask for."""
+    from ..effector import PlacedMuscle, preset, rigidity_from_test
+    from ..muscle.presets import preset as muscle_preset
+    from ..units import parse_quantity
+
+    design = preset(given["preset"])
+    placed = list(design.muscles)
+    if given["angles"] is not None:
+        angles = parse_pairs("--angles", given["angles"], "angle", example="A=0deg,B=120deg")
+        muscle = placed[0].muscle
+        placed = [PlacedMuscle(name=name, muscle=muscle, angle=angles[name]) for name in angles]
+    if given["muscle_preset"] is not None:
+        muscle = muscle_preset(given["muscle_preset"])
+        placed = [replace(item, muscle=muscle) for item in placed]
+    length = given["backbone_length"]
+    length = placed[0].muscle.length if length is None else length
+    placed = [replace(item, muscle=item.muscle.replace(length=length)) for item in placed]
+    names = ("offset", "holder_length", "segments", "pressure_limit")
+    changes = {name: given[name] for name in names if given[name] is not None}
+    changes["backbone_length"] = length
+    for option, name in (("rigidity", "flexural_rigidity"), ("catheter", "catheter_rigidity")):
+        if given[option] is not None:
+            changes[name] = given[option]
+    if given["beam"] is not None:
+        changes["beam_factor"] = float(given["beam"])
+    if given["rigidity_test"] is not None:
+        parts = given["rigidity_test"].split(",")
+        if given["rigidity"] is not None:
+            raise InputError("--rigidity and --rigidity-test both say how stiff it is: give one")
+        if len(parts) != 2:
+            raise InputError(
+                f"--rigidity-test is '{given['rigidity_test']}': it must be FORCE,DEFLECTION, "
+                "such as 0.1N,15mm"
+            )
+        changes["flexural_rigidity"] = rigidity_from_test(
+            parse_quantity(parts[0], "force"), parse_quantity(parts[1], "length"), length=length
+        )
+    return design.replace(muscles=tuple(placed), **changes)
+
+
+def make_effector(given: Mapping[str, Any]) -> Effector:
+    """Return the effector that the options ask for, with its muscle model."""
+    from ..effector import Effector
+
+    model = make_class(given["model_name"], ends=given["ends"], load_path=given["load_path"])
+    return Effector(make_design(given), model)
+
+
+def parse_pairs(
+    option: str, text: str, kind: str, *, names: Sequence[str] | None = None, example: str
+) -> dict[str, float]:
+    """Return ``NAME=QUANTITY,NAME=QUANTITY`` as a mapping.
+
+    Raises
+    ------
+    InputError
+        If a part has no ``=``, a name comes twice, or is not among `names`.
+    """
+    from ..units import parse_quantity
+
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, mark, value = (word.strip() for word in part.partition("="))
+        if not (name and mark and value):
+            raise InputError(
+                f"{option} has the part '{part.strip()}': it must be NAME={kind.upper()}, such as "
+                f"{example}"
+            )
+        if names is not None and name not in names:
+            raise InputError(
+                f"{option} names '{name}': the muscles of this design are {', '.join(names)}"
+            )
+        if name in found:
+            raise InputError(f"{option} names '{name}' more than once: give each muscle once")
+        found[name] = parse_quantity(value, kind)
+    return found
+
+
+def describe_design(design: EffectorDesign) -> dict[str, Any]:
+    """Return a design as plain values, with units in the names."""
+    from ..effector import find_conflicts
+
+    return {
+        "muscles": {
+            placed.name: {"angle_rad": placed.angle, **describe_muscle(placed.muscle)}
+            for placed in design.muscles
+        },
+        "offset_mm": design.offset,
+        "backbone_length_mm": design.backbone_length,
+        "segments": design.segments,
+        "flexural_rigidity_Nmm2": design.flexural_rigidity,
+        "catheter_rigidity_Nmm2": design.catheter_rigidity,
+        "holder_length_mm": design.holder_length,
+        "pressure_limit_MPa": design.pressure_limit,
+        "beam_factor": design.beam_factor,
+        "compliance_mm_per_N": design.compliance,
+        "conflicts": find_conflicts(design),
+    }
+
+
+def format_csv(columns: Mapping[str, Any]) -> str:
+    """Return columns of one length as the text of a CSV file."""
+    import csv
+    import io
+
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in zip(*columns.values(), strict=True):
+        writer.writerow([_format_cell(cell) for cell in row])
+    return text.getvalue()
+
+
+def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table for people, its columns aligned to the right but for the first."""
+    table = [list(head), *(list(row) for row in rows)]
+    widths = [max(len(line[i]) for line in table) for i in range(len(head))]
+    lines = []
+    for line in table:
+        others = zip(line[1:], widths[1:], strict=True)
+        cells = [line[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in others)]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def _format_cell(cell: Any) -> str:
+    if isinstance(cell, str):
+        return cell
+    number = cell.item() if hasattr(cell, "item") else cell
+    return str(int(number)) if isinstance(number, (bool, int)) else f"{float(number):.9g}"

@@ -1,0 +1,259 @@
+"""The design of a flexible end-effector: muscles round a backbone, and how stiff it is."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_integer, check_number
+from ..errors import GeometryError, InputError
+from ..muscle import Muscle
+
+__all__ = ["BEAM_FACTORS", "EffectorDesign", "PlacedMuscle", "rigidity_from_test"]
+
+BEAM_FACTORS = (2.0, 3.0)
+"""``k`` of the tip's deflection ``M L**2 / (k EI)`` under an end moment: derived, as printed."""
+
+_LIMITS = {
+    "offset": (1e-3, 1e3, "mm"),
+    "backbone_length": (1e-2, 1e4, "mm"),
+    "flexural_rigidity": (1e-6, 1e12, "N mm^2"),
+    "catheter_rigidity": (0.0, 1e12, "N mm^2"),
+    "holder_length": (0.0, 1e4, "mm"),
+    "pressure_limit": (1e-6, 10.0, "MPa"),
+    "holder_diameter": (1e-3, 1e4, "mm"),
+    "bore_diameter": (0.0, 1e4, "mm"),
+    "hole_diameter": (0.0, 1e4, "mm"),
+    "coil_diameter": (0.0, 1e4, "mm"),
+}
+
+_SAME_ANGLE = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedMuscle:
+    """A muscle and where it sits round the backbone.
+
+    Parameters
+    ----------
+    name : str
+        What it is called, ``"R"`` for example; no blanks, commas or equals signs.
+    muscle : Muscle
+        Its design.
+    angle : float
+        Direction from the backbone to it, from +x about +z [rad].
+
+    Raises
+    ------
+    InputError
+        If a value is not legal.
+    """
+
+    name: str
+    muscle: Muscle
+    angle: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name or set(self.name) & set(" ,=\t\n"):
+            raise InputError(
+                f"muscle name is {self.name!r}: it must be a word without blanks, ',' or '='"
+            )
+        if not isinstance(self.muscle, Muscle):
+            raise InputError(
+                f"muscle {self.name} is a {type(self.muscle).__name__}: it must be a Muscle"
+            )
+        check_number(f"angle of muscle {self.name}", self.angle, low=-1e6, high=1e6, unit="rad")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectorDesign:
+    """A bending section: muscles at a fixed distance round a backbone (thesis 4.2-4.4).
+
+    The base is the plane z = 0 and the straight backbone the z axis. The defaults are the numbers
+    that reproduce the thesis's Tables 4.1-4.4; of these it prints only the length and 15 segments.
+
+    Parameters
+    ----------
+    muscles : tuple of PlacedMuscle
+        1 to 12, with different names and angles, each as long as the backbone.
+    offset : float
+        Distance from backbone to muscle, ``a`` [mm]; at least half a segment.
+    backbone_length : float
+        Length of the backbone between the holders, ``L`` [mm].
+    segments : int
+        Turns of the outer spring, which hold the muscle at `offset`, 1 to 1000. This is a part of
+        the hardware and not a refinement: the deflection depends on it (at a contraction of 6.9 mm
+        20.5 mm for 15 turns, 25.9 mm for 50, and 30.1 mm, a circle, without end).
+    flexural_rigidity : float
+        ``EI`` of the section without catheter [N mm^2]; see `rigidity_from_test`.
+    catheter_rigidity : float
+        ``EI`` of a catheter inside [N mm^2], which adds.
+    holder_length : float
+        Straight holder beyond the backbone [mm].
+    pressure_limit : float
+        Highest legal pressure, at most 10 MPa.
+    beam_factor : float
+        3 for ``delta = M L**2 / (3 EI)`` as printed, which is the formula of a force ``M / L`` at
+        the end; 2 for that of the end moment ``M``, which is what a muscle applies. Both are for
+        small deflections.
+    holder_diameter, bore_diameter, hole_diameter, coil_diameter : float
+        Of the holder, of the catheter's hole in it, of a muscle's hole, and of the coil round which
+        the section bends [mm] (thesis 4.2); used by `find_conflicts` only.
+
+    Raises
+    ------
+    InputError
+        If a value is not legal.
+    GeometryError
+        If the first segment cannot close at every contraction.
+    """
+
+    muscles: tuple[PlacedMuscle, ...]
+    offset: float = 4.0
+    backbone_length: float = 45.0
+    segments: int = 15
+    flexural_rigidity: float = 200.0
+    catheter_rigidity: float = 0.0
+    holder_length: float = 10.0
+    pressure_limit: float = 0.827
+    beam_factor: float = 3.0
+    holder_diameter: float = 9.0
+    bore_diameter: float = 3.5
+    hole_diameter: float = 2.0
+    coil_diameter: float = 4.0
+
+    def __post_init__(self) -> None:
+        for name, (low, high, unit) in _LIMITS.items():
+            words = name.replace("_", " ")
+            number = check_number(words, getattr(self, name), low=low, high=high, unit=unit)
+            object.__setattr__(self, name, number)
+        count = check_integer("segments", self.segments, low=1, high=1000)
+        object.__setattr__(self, "segments", count)
+        factor = check_number("beam factor", self.beam_factor, low=2.0, high=3.0)
+        if factor not in BEAM_FACTORS:
+            raise InputError(f"beam factor is {factor:g}: it must be 3 (as printed) or 2 (derived)")
+        object.__setattr__(self, "beam_factor", factor)
+        self._check_muscles()
+        # With l = L/n and m the muscle's part: the first segment closes if (l^2 - m^2)/(2 a l) < 1.
+        least = 0.5 * self.backbone_length / self.segments
+        if self.offset < least:
+            raise GeometryError(
+                f"offset is {self.offset:g} mm: with {self.segments} segments of a "
+                f"{self.backbone_length:g} mm backbone it must be at least {least:g} mm, half a "
+                "segment, or the first segment cannot close at every contraction"
+            )
+
+    def _check_muscles(self) -> None:
+        try:
+            muscles = tuple(self.muscles)
+        except TypeError:
+            muscles = ()
+        if not 1 <= len(muscles) <= 12 or not all(isinstance(m, PlacedMuscle) for m in muscles):
+            raise InputError(f"muscles is {self.muscles!r:.60}: it must be 1 to 12 PlacedMuscle")
+        object.__setattr__(self, "muscles", muscles)
+        for i, placed in enumerate(muscles):
+            for other in muscles[:i]:
+                if other.name == placed.name:
+                    raise InputError(f"two muscles are called '{placed.name}': names must differ")
+                if abs(math.remainder(placed.angle - other.angle, math.tau)) <= _SAME_ANGLE:
+                    raise InputError(
+                        f"muscles {other.name} and {placed.name} are both at {placed.angle:g} rad: "
+                        "angles must differ"
+                    )
+            length = placed.muscle.length
+            if abs(length - self.backbone_length) > 1e-9 * self.backbone_length:
+                raise InputError(
+                    f"muscle {placed.name} is {length:g} mm long: it must be as long as the "
+                    f"backbone, {self.backbone_length:g} mm (EffectorDesign.resize changes both)"
+                )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the muscles, in order."""
+        return tuple(placed.name for placed in self.muscles)
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Angles of the muscles (m,), in order [rad]."""
+        return np.array([placed.angle for placed in self.muscles], dtype=np.float64)
+
+    @property
+    def rigidity(self) -> float:
+        """``EI`` with the catheter [N mm^2]."""
+        return self.flexural_rigidity + self.catheter_rigidity
+
+    @cached_property
+    def compliance(self) -> float:
+        """Lateral deflection per pull of a muscle, ``a L**2 / (k EI)`` [mm/N]."""
+        return self.offset * self.backbone_length**2 / (self.beam_factor * self.rigidity)
+
+    def index(self, name: str) -> int:
+        """Return the place of a muscle in the order.
+
+        Raises
+        ------
+        InputError
+            If there is no such muscle.
+        """
+        if name not in self.names:
+            raise InputError(f"there is no muscle '{name}': choose one of {list(self.names)}")
+        return self.names.index(name)
+
+    def replace(self, **changes: Any) -> EffectorDesign:
+        """Return this design with some fields changed.
+
+        Raises
+        ------
+        InputError
+            If a field is not one of a design's, or a value is not legal.
+        """
+        names = [field.name for field in dataclasses.fields(self)]
+        for name in changes:
+            if name not in names:
+                raise InputError(f"an effector has no field '{name}': its fields are {names}")
+        return dataclasses.replace(self, **changes)
+
+    def resize(self, length: float) -> EffectorDesign:
+        """Return this design with backbone and muscles of another length [mm], all else the same.
+
+        Raises
+        ------
+        InputError
+            If the length is not legal for the backbone or a muscle.
+        """
+        muscles = tuple(
+            dataclasses.replace(placed, muscle=placed.muscle.replace(length=length))
+            for placed in self.muscles
+        )
+        return self.replace(backbone_length=length, muscles=muscles)
+
+
+def rigidity_from_test(force: float, deflection: float, length: float) -> float:
+    """Return ``EI = F L**3 / (3 delta)`` [N mm^2] from a load across the end of a cantilever.
+
+    The thesis's 0.1 N, "approximately" 15 mm and 45 mm give 202.5; its tables were made with 200.
+
+    Parameters
+    ----------
+    force : float
+        Load [N].
+    deflection : float
+        Lateral deflection where the load acts [mm].
+    length : float
+        From the clamp to the load [mm].
+
+    Raises
+    ------
+    InputError
+        If an argument is not a positive number.
+    """
+    check_number("force", force, low=0.0, low_open=True, unit="N")
+    check_number("deflection", deflection, low=0.0, low_open=True, unit="mm")
+    check_number("length", length, low=0.0, low_open=True, unit="mm")
+    return float(force) * float(length) ** 3 / (3.0 * float(deflection))

@@ -1,0 +1,262 @@
+"""Forward kinematics of one muscle: where the section is at a contraction (thesis 4.3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import GeometryError, InputError
+from . import _linkage_kernels
+from .design import EffectorDesign
+
+__all__ = [
+    "Bend",
+    "Peak",
+    "bend",
+    "contraction_for_lateral",
+    "find_peak",
+    "lateral_deflection",
+    "lateral_slope",
+    "place_curve",
+    "take_linkage",
+]
+
+Floats = NDArray[np.float64]
+Linkage = tuple[float, float, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Bend:
+    """The section bent by one muscle, in the plane of backbone and muscle.
+
+    Points are (lateral, axial) [mm]: lateral from the straight backbone towards the muscle.
+
+    Attributes
+    ----------
+    contraction : (...) ndarray
+        Contraction of the muscle [mm].
+    backbone, muscle : (..., n + 1, 2) ndarray
+        Joints of the backbone and ends of the links on the muscle [mm].
+    backbone_angle : (..., n + 1) ndarray
+        Angle of the piece before each joint from the axis [rad]; 0 at the first.
+    link_angle : (..., n + 1) ndarray
+        Angle of each link from the straight section's, the same way round [rad]. It runs ahead of
+        the backbone: the last link, the end plate, is not normal to the backbone in this model.
+    tip : (..., 2) ndarray
+        End of the backbone [mm].
+    holder_tip : (..., 2) ndarray
+        End of the holder, straight on from the last piece [mm].
+    lateral : (...) ndarray
+        Lateral deflection of `tip` [mm], the thesis's ``delta_e``.
+    total : (...) ndarray
+        Distance of `tip` from where it was when straight [mm].
+    spacing : (..., n + 1) ndarray
+        Distance from each end of a link to the line of the backbone's piece before it [mm]; it is
+        less than the offset, since nothing guides the muscle between the turns.
+    """
+
+    contraction: Floats
+    backbone: Floats
+    muscle: Floats
+    backbone_angle: Floats
+    link_angle: Floats
+    tip: Floats
+    holder_tip: Floats
+    lateral: Floats
+    total: Floats
+    spacing: Floats
+
+
+@dataclass(frozen=True)
+class Peak:
+    """How far one muscle can deflect the section.
+
+    Attributes
+    ----------
+    contraction : float
+        Contraction [mm] up to which the lateral deflection rises.
+    lateral : float
+        Lateral deflection there [mm].
+    is_maximum : bool
+        Whether more contraction gives less deflection; if not, it is as far as the linkage goes.
+    """
+
+    contraction: float
+    lateral: float
+    is_maximum: bool
+
+
+def bend(design: EffectorDesign, contraction: ArrayLike) -> Bend:
+    """Return the section bent by one muscle, a closed form of the thesis's problem (4.4).
+
+    The minimum that (4.4) asks for is zero: each segment is one intersection of two circles, in the
+    uncrossed mode. The lag of link behind backbone after segment k is
+    ``sin(lag_k) = (l + m)/(2 a) (1 - (m/l)**k)``, with a segment's backbone ``l``, muscle ``m`` and
+    offset ``a``; all closes at any contraction if ``a >= (l + m)/2``.
+
+    Small contractions are this model's weak side: the deflection grows with the square of the
+    contraction, where a section of constant curvature grows in proportion (0.65 against 5.6 mm at
+    1 mm of the prototype). Do not trust it below about 2 mm.
+
+    Parameters
+    ----------
+    design : EffectorDesign
+        The section.
+    contraction : array_like
+        Contraction [mm], from 0 to below the backbone's length.
+
+    Raises
+    ------
+    InputError
+        If a contraction is outside its range.
+    GeometryError
+        If a segment cannot close; the message says which and what to change.
+    """
+    contractions = _take_contraction(design, contraction)
+    linkage = take_linkage(design)
+    joints = (*contractions.shape, design.segments + 1)
+    backbone, muscle = np.empty((*joints, 2)), np.empty((*joints, 2))
+    angle, link = np.empty(joints), np.empty(joints)
+    index, failed = _linkage_kernels.fill_linkages(
+        linkage,
+        contractions.reshape(-1),
+        backbone.reshape(-1, design.segments + 1, 2),
+        muscle.reshape(-1, design.segments + 1, 2),
+        angle.reshape(-1, design.segments + 1),
+        link.reshape(-1, design.segments + 1),
+    )
+    if failed:
+        raise _cannot_close(design, float(contractions.flat[index]), failed)
+    tip = backbone[..., -1, :]
+    ahead = (tip - backbone[..., -2, :]) * (design.segments / design.backbone_length)
+    straight = np.array([0.0, design.backbone_length])
+    return Bend(
+        contraction=contractions,
+        backbone=backbone,
+        muscle=muscle,
+        backbone_angle=angle,
+        link_angle=link,
+        tip=tip,
+        holder_tip=tip + design.holder_length * ahead,
+        lateral=np.asarray(tip[..., 0]),
+        total=np.asarray(np.linalg.norm(tip - straight, axis=-1)),
+        spacing=design.offset * np.cos(link - angle),
+    )
+
+
+def lateral_deflection(design: EffectorDesign, contraction: ArrayLike) -> Floats:
+    """Return the lateral deflection of the backbone's end [mm] at contractions [mm].
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `bend` does.
+    """
+    return _measure(design, contraction)[0]
+
+
+def lateral_slope(design: EffectorDesign, contraction: ArrayLike) -> Floats:
+    """Return ``d lateral / d contraction`` [mm/mm] at contractions [mm].
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `bend` does.
+    """
+    return _measure(design, contraction)[1]
+
+
+def find_peak(design: EffectorDesign) -> Peak:
+    """Return the end of the branch on which more contraction gives more lateral deflection."""
+    return _find_peak(take_linkage(design))
+
+
+def contraction_for_lateral(design: EffectorDesign, lateral: ArrayLike) -> Floats:
+    """Return the contraction [mm] that gives a lateral deflection [mm], on the rising branch.
+
+    Raises
+    ------
+    InputError
+        If a deflection is not in [0, `find_peak`].
+    """
+    laterals = _take_array("lateral", lateral)
+    peak = find_peak(design)
+    if laterals.size and not (laterals.min() >= 0.0 and laterals.max() <= peak.lateral):
+        index = int(np.argmin((laterals >= 0.0) & (laterals <= peak.lateral)))
+        raise InputError(
+            f"lateral deflection is {laterals.flat[index]:g} mm: it must lie in "
+            f"[0, {peak.lateral:g}] mm, what this section can reach"
+        )
+    contractions = np.empty(laterals.shape)
+    _linkage_kernels.find_contractions(
+        take_linkage(design), laterals.reshape(-1), peak.contraction, contractions.reshape(-1)
+    )
+    return contractions
+
+
+def place_curve(points: ArrayLike, azimuth: ArrayLike) -> Floats:
+    """Turn planar curves (..., k, 2) of a `Bend` to azimuths (...) [rad]: (..., k, 3) [mm]."""
+    plane = np.asarray(points, dtype=np.float64)
+    turned = np.asarray(azimuth, dtype=np.float64)[..., np.newaxis]
+    across, along = np.broadcast_arrays(plane[..., 0], plane[..., 1])
+    return np.stack(
+        np.broadcast_arrays(across * np.cos(turned), across * np.sin(turned), along), axis=-1
+    )
+
+
+def take_linkage(design: EffectorDesign) -> Linkage:
+    """Return the design as `_linkage_kernels` takes it."""
+    return design.offset, design.backbone_length, design.segments
+
+
+@lru_cache(maxsize=1024)
+def _find_peak(linkage: Linkage) -> Peak:
+    end = _linkage_kernels.find_end(linkage)
+    contraction, lateral, is_maximum = _linkage_kernels.find_top(linkage, end)
+    return Peak(float(contraction), float(lateral), bool(is_maximum))
+
+
+def _measure(design: EffectorDesign, contraction: ArrayLike) -> tuple[Floats, Floats]:
+    contractions = _take_contraction(design, contraction)
+    laterals, slopes = np.empty(contractions.shape), np.empty(contractions.shape)
+    index, failed = _linkage_kernels.fill_laterals(
+        take_linkage(design), contractions.reshape(-1), laterals.reshape(-1), slopes.reshape(-1)
+    )
+    if failed:
+        raise _cannot_close(design, float(contractions.flat[index]), failed)
+    return laterals, slopes
+
+
+def _take_array(name: str, values: ArrayLike) -> Floats:
+    try:
+        return np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is {values!r}: it must be a number or an array") from None
+
+
+def _take_contraction(design: EffectorDesign, contraction: ArrayLike) -> Floats:
+    contractions = _take_array("contraction", contraction)
+    length = design.backbone_length
+    if contractions.size and not (contractions.min() >= 0.0 and contractions.max() < length):
+        index = int(np.argmin((contractions >= 0.0) & (contractions < length)))
+        raise InputError(
+            f"contraction is {contractions.flat[index]:g} mm: it must lie in [0, {length:g}) mm"
+        )
+    return contractions
+
+
+def _cannot_close(design: EffectorDesign, contraction: float, segment: int) -> GeometryError:
+    rest = design.backbone_length / design.segments
+    short = rest - contraction / design.segments
+    sine = _linkage_kernels.measure_lag(take_linkage(design), contraction, segment - 1)
+    apart = math.sqrt(design.offset**2 + short**2 - 2.0 * design.offset * short * sine)
+    return GeometryError(
+        f"contraction is {contraction:g} mm: segment {segment} of {design.segments} cannot close, "
+        f"its joint is D = {apart:g} mm from the muscle where [{abs(rest - design.offset):g}, "
+        f"{rest + design.offset:g}] mm is legal; contract less, or use more segments or a larger "
+        f"offset: (l0 + l_a)/(2 n) = {0.5 * (rest + short):g} mm always closes"
+    )

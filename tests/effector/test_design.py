@@ -1,0 +1,159 @@
+"""`EffectorDesign`: what is legal, what follows from it, and what does not fit together."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bozzini.effector import (
+    PRESETS,
+    EffectorDesign,
+    PlacedMuscle,
+    bend,
+    find_conflicts,
+    find_peak,
+    preset,
+    rigidity_from_test,
+)
+from bozzini.errors import BozziniError, GeometryError, InputError
+from bozzini.muscle import preset as muscle_preset
+from tests.effector.strategies import designs
+
+
+def test_prototype():
+    design = preset("prototype")
+    assert design.names == ("R", "G", "B")
+    assert np.degrees(design.angles) == pytest.approx([307.5, 219.0, 75.0])
+    assert design.compliance == pytest.approx(13.5)
+    assert design.index("B") == 2
+    assert set(PRESETS) == {"prototype"}
+    assert pickle.loads(pickle.dumps(design)) == design
+
+
+def test_rigidity_from_a_test():
+    # 0.1 N deflects the section that the tables were made with by "approximately 15 mm".
+    assert rigidity_from_test(0.1, 15.1875, 45.0) == pytest.approx(200.0)
+    assert rigidity_from_test(0.1, 15.0, 45.0) == pytest.approx(202.5)
+    for wrong in ((0.0, 15.0, 45.0), (0.1, -1.0, 45.0), (0.1, 15.0, math.nan)):
+        with pytest.raises(InputError, match="must lie in"):
+            rigidity_from_test(*wrong)
+
+
+def test_a_catheter_adds_and_the_beam_formula_matters():
+    design = preset("prototype")
+    with_catheter = design.replace(catheter_rigidity=100.0)
+    assert with_catheter.rigidity == pytest.approx(300.0)
+    assert with_catheter.compliance == pytest.approx(design.compliance * 2.0 / 3.0)
+    # The end moment deflects by 1.5 times what the printed formula says.
+    assert design.replace(beam_factor=2).compliance == pytest.approx(1.5 * design.compliance)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"offset": -1.0}, r"offset is -1 mm: it must lie in \[0.001, 1000\] mm"),
+        ({"offset": math.nan}, "offset is nan"),
+        ({"segments": 2.5}, r"segments is 2.5: it must be a whole number in \[1, 1000\]"),
+        ({"segments": 0}, r"segments is 0: it must lie in \[1, 1000\]"),
+        ({"beam_factor": 2.5}, "beam factor is 2.5: it must be 3"),
+        ({"flexural_rigidity": 0.0}, "flexural rigidity is 0"),
+        ({"catheter_rigidity": -1.0}, "catheter rigidity is -1"),
+        ({"pressure_limit": 11.0}, r"pressure limit is 11 MPa: it must lie in \[1e-06, 10\]"),
+        ({"backbone_length": 50.0}, "muscle R is 45 mm long: it must be as long as the backbone"),
+        ({"muscles": ()}, "1 to 12 PlacedMuscle"),
+        ({"muscles": 3}, "1 to 12 PlacedMuscle"),
+        ({"colour": 1}, "an effector has no field 'colour'"),
+    ],
+)
+def test_refusals(changes, message):
+    with pytest.raises(InputError, match=message) as caught:
+        preset("prototype", **changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_refusals_of_muscles():
+    muscle = muscle_preset("fitted-45")
+    one = PlacedMuscle(name="A", muscle=muscle, angle=0.0)
+    with pytest.raises(InputError, match="two muscles are called 'A'"):
+        EffectorDesign(muscles=(one, PlacedMuscle(name="A", muscle=muscle, angle=1.0)))
+    with pytest.raises(InputError, match="A and B are both at"):
+        EffectorDesign(muscles=(one, PlacedMuscle(name="B", muscle=muscle, angle=math.tau)))
+    with pytest.raises(InputError, match="muscle name is 'a b'"):
+        PlacedMuscle(name="a b", muscle=muscle, angle=0.0)
+    with pytest.raises(InputError, match="angle of muscle A is inf"):
+        PlacedMuscle(name="A", muscle=muscle, angle=math.inf)
+    with pytest.raises(InputError, match="muscle A is a float"):
+        PlacedMuscle(name="A", muscle=45.0, angle=0.0)
+    with pytest.raises(InputError, match=r"no muscle 'X': choose one of \['R', 'G', 'B'\]"):
+        preset("prototype").index("X")
+    with pytest.raises(InputError, match="no effector preset 'x'"):
+        preset("x")
+
+
+def test_an_offset_below_half_a_segment_is_refused():
+    with pytest.raises(GeometryError, match="at least 1.5 mm, half a segment"):
+        preset("prototype", offset=1.49)
+    assert find_peak(preset("prototype", offset=1.51)).lateral > 0.0
+
+
+def test_resize():
+    longer = preset("prototype").resize(60.0)
+    assert longer.backbone_length == 60.0
+    assert {placed.muscle.length for placed in longer.muscles} == {60.0}
+    assert longer.resize(45.0) == preset("prototype")
+
+
+def test_conflicts_of_the_prototype():
+    """The drawn holder has room for 2.75 to 3.5 mm, the tables need 4."""
+    found = find_conflicts(preset("prototype"))
+    assert any("has room for [2.75, 3.5] mm" in line for line in found)
+    assert not any("apart" in line for line in found)
+    # Wide enough, with a thin coil, everything fits.
+    assert find_conflicts(preset("prototype", holder_diameter=12.0, coil_diameter=2.0)) == ()
+
+
+def test_conflicts_of_others():
+    muscle = muscle_preset("fitted-45")
+    close = EffectorDesign(
+        muscles=tuple(
+            PlacedMuscle(name=name, muscle=muscle, angle=angle)
+            for name, angle in (("A", 0.1), ("B", math.tau - 0.1))
+        )
+    )
+    assert any("A and B are" in line for line in find_conflicts(close))
+    inner = find_conflicts(preset("prototype", offset=2.5))
+    assert any("touches the 4 mm coil from a contraction of 0 mm" in line for line in inner)
+    assert any("below 3 mm, the length of a segment" in line for line in inner)
+
+
+def test_the_coil_is_touched_where_spacing_and_radius_meet():
+    design = preset("prototype")
+    line = next(line for line in find_conflicts(design) if "coil" in line)
+    contraction = float(line.split("contraction of ")[1].split()[0])
+    muscle = design.muscles[0].muscle
+
+    def room(contraction):
+        length = muscle.active_length - contraction
+        braid = muscle.replace(length=muscle.active_length, dead_length=0.0).braid
+        return bend(design, contraction).spacing.min() - float(braid.radius_at(length)) - 2.0
+
+    assert room(contraction - 0.1) > 0.0 > room(contraction + 0.1)
+
+
+@given(designs(), st.sampled_from(["offset", "segments", "backbone_length", "flexural_rigidity"]))
+def test_a_legal_design_is_usable(design, field):
+    peak = find_peak(design)
+    assert 0.0 < peak.contraction < design.backbone_length
+    assert 0.0 < peak.lateral < design.backbone_length
+    assert all(isinstance(line, str) for line in find_conflicts(design))
+    try:
+        changed = design.replace(**{field: 3})
+    except BozziniError as error:
+        assert "\n" not in str(error)
+    else:
+        assert math.isfinite(find_peak(changed).lateral)
