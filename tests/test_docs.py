@@ -95,7 +95,8 @@ def test_declared_dependencies_are_those_imported() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     declared = {re.split(r"[<>=\[ ]", item)[0] for item in project["dependencies"]}
     modules = {"fast-simplification": "fast_simplification", "libigl": "igl"} | {
-        "scikit-image": "skimage"
+        "PyYAML": "yaml",
+        "scikit-image": "skimage",
     }
     for name in declared:
         importlib.import_module(modules.get(name, name.replace("-", "_")))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ._robot_options import choose_scope, read_robot, robot_option
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
@@ -24,8 +25,13 @@ __all__ = ["command"]
 
 @click.command(name="demo")
 @click.option("--seed", default=0, show_default=True, help="Another number, another anatomy.")
-@click.option("--diameter", type=QuantityType("length"), default="9mm", show_default=True)
-@click.option("--link", type=QuantityType("length"), default="10mm", show_default=True)
+@robot_option
+@click.option("--diameter", type=QuantityType("length"), help="[default: 9mm, or the robot's]")
+@click.option(
+    "--link",
+    type=QuantityType("length"),
+    help="[default: 10mm, or half the robot's shortest section]",
+)
 @click.option("--voxel", type=QuantityType("length"), default="1.5mm", show_default=True)
 @click.option(
     "--out",
@@ -39,8 +45,9 @@ __all__ = ["command"]
 @quiet_option
 def command(
     seed: int,
-    diameter: float,
-    link: float,
+    robot: Path | None,
+    diameter: float | None,
+    link: float | None,
     voxel: float,
     out: Path,
     force: bool,
@@ -49,10 +56,10 @@ def command(
 ) -> None:
     """Move an endoscope through a phantom oesophagus, stomach and duodenum."""
     from ..files import check_new_directory
-    from ..motion import Scope
 
     check_new_directory(out, force=force)
-    scope = Scope(diameter=diameter, link_length=link)
+    machine = read_robot(robot)
+    scope = choose_scope(machine, diameter=diameter, link=link)
     with progress_bar(quiet=quiet) as progress:
         progress("phantom", 0.0)
         from ..anatomy import make_phantom
@@ -66,6 +73,7 @@ def command(
         study = run_insertion(
             tract,
             scope=scope,
+            robot=machine,
             inputs={"file": "phantom", "seed": seed, "voxel_mm": voxel},
             seconds=seconds,
             progress=progress,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ._robot_options import choose_scope, describe_robot, read_robot, robot_option
 from .common import (
     EXIT_NEGATIVE,
     LabelsType,
@@ -69,19 +70,16 @@ class EndType(click.ParamType):  # type: ignore[type-arg]
 @click.option("--start", type=EndType(), help="Where the scope enters: a point or a label.")
 @click.option("--end", type=EndType(), help="Where it goes: a point or a label.")
 @click.option("--reverse", is_flag=True, help="Enter at the other end.")
+@robot_option
 @click.option(
     "--diameter",
     type=QuantityType("length"),
-    default="9mm",
-    show_default=True,
-    help="Outer diameter of the scope.",
+    help="Outer diameter of the scope.  [default: 9mm, or the robot's]",
 )
 @click.option(
     "--link",
     type=QuantityType("length"),
-    default="10mm",
-    show_default=True,
-    help="Length of a rigid link.",
+    help="Length of a rigid link.  [default: 10mm, or half the robot's shortest section]",
 )
 @click.option(
     "--length", type=QuantityType("length"), help="Length of the scope (default: the tract's)."
@@ -144,8 +142,9 @@ def command(
     start: tuple[float, ...] | int | None,
     end: tuple[float, ...] | int | None,
     reverse: bool,
-    diameter: float,
-    link: float,
+    robot: Path | None,
+    diameter: float | None,
+    link: float | None,
     length: float | None,
     head_step: float,
     method: str,
@@ -163,14 +162,14 @@ def command(
     """Plan how a scope moves through the lumen in INPUT.
 
     INPUT is a label volume (.nii, .nii.gz) or a surface (.stl, .ply, .obj, .glb). Lengths take
-    units (5mm, 0.5cm). Exit code 0: it fits; 1: it does not, and the report says where; 2: bad
-    input.
+    units (5mm, 0.5cm). With --robot the motion of a tendon robot is made too: tendons.csv tells its
+    drives. Exit code 0: it fits; 1: it does not, and the report says where; 2: bad input.
     """
     from ..files import check_new_directory
-    from ..motion import Scope
 
     check_new_directory(out, force=force)
-    scope = Scope(diameter=diameter, link_length=link, length=length)
+    machine = read_robot(robot)
+    scope = choose_scope(machine, diameter=diameter, link=link, length=length)
     with progress_bar(quiet=quiet) as progress:
         progress("read", 0.0)
         from ..anatomy import read_tract
@@ -198,6 +197,7 @@ def command(
             soft_wall=soft_wall,
             largest=largest,
             compare=compare,
+            robot=machine,
             inputs=_describe_input(source, labels, unit, voxel),
             seconds=seconds,
             progress=progress,
@@ -253,6 +253,8 @@ def describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) -
             f"{'-' if proved is None else f'{proved:.2f} mm'} proved, joints move up to "
             f"{item['joint_step_ratio_max']:.2f} x head"
         )
+    if study.robot is not None:
+        lines += describe_robot(study.robot, out)
     lines.append(f"Report: {out / 'report.html'}")
     lines.append(f"Animated scene: {out / 'scene.glb'} (Blender, any glTF viewer)")
     return "\n".join(lines)

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from ..anatomy.findings import Finding
 from ..anatomy.tract import LabelTract, SurfaceTract
+from ..continuum import ContinuumRobot
+from ..continuum.actuate import actuate_plan
+from ..continuum.actuation import Actuation
 from ..duct import Centreline, SampledField, build_field, find_centreline
 from ..files import new_directory, write_text
 from ..motion import (
@@ -32,6 +35,7 @@ from ..motion import (
 )
 from ..progress import Progress, no_progress
 from ._inputs import End, check_options, describe_end, explain_scale, find_branches, sort_ends
+from ._robot import find_robot_trouble, write_robot
 
 __all__ = ["InsertionStudy", "run_insertion"]
 
@@ -57,6 +61,8 @@ class InsertionStudy:
         The largest scope that fits, if it was asked for.
     comparison : tuple of Plan
         Plans of every method, if they were asked for.
+    robot : Actuation, optional
+        What a tendon robot is told to go this way, if one was given.
     findings : tuple of Finding
         What the checks of the tract found, and what finding the centreline did.
     """
@@ -69,11 +75,14 @@ class InsertionStudy:
     passage: Passage | None = None
     largest: Largest | None = None
     comparison: tuple[Plan, ...] = ()
+    robot: Actuation | None = None
     findings: tuple[Finding, ...] = ()
 
     @property
     def fits(self) -> bool:
-        """Whether the scope reaches the end, and it is proved that it keeps off the wall."""
+        """Whether the scope, or the robot if there is one, is proved to reach the end clear."""
+        if self.robot is not None:
+            return self.plan.status == "complete" and self.robot.fits
         return self.plan.status == "complete" and bool(self.plan.meta["certified"])
 
     def summarise(self) -> dict[str, Any]:
@@ -92,6 +101,8 @@ class InsertionStudy:
             summary["comparison"] = [
                 summarise_plan(plan, self.field, self.line) for plan in self.comparison
             ]
+        if self.robot is not None:
+            summary["robot"] = self.robot.summarise()
         summary["findings"] = [
             {"code": item.code, "severity": item.severity, "message": item.message}
             for item in self.findings
@@ -108,7 +119,8 @@ class InsertionStudy:
     ) -> dict[str, Any]:
         """Write plan.npz, scene.glb, report.html, picture.png and summary.json.
 
-        Nothing is left behind if any of them fails.
+        With a robot also tendons.csv, tendons.parquet if ``pyarrow`` is there, robot.npz and
+        robot.png. Nothing is left behind if any of them fails.
 
         Returns
         -------
@@ -127,13 +139,15 @@ class InsertionStudy:
             self.plan.save(folder / "plan.npz")
             for other in self.comparison:
                 other.save(folder / f"plan-{other.method}.npz")
+            if self.robot is not None:
+                write_robot(self.robot, folder)
             progress("report", 0.2)
             with _clock(self.seconds, "scene"):
                 write_scene(
                     folder / "scene.glb",
                     surface=self._draw_surface(),
-                    joints=self.plan.joints,
-                    diameter=float(self.plan.meta["scope"]["diameter_mm"]),
+                    joints=self._draw_joints(),
+                    diameter=self._draw_diameter(),
                     path=self.plan.path,
                     title=f"Insertion: {Path(self.tract.source).name}",
                 )
@@ -154,6 +168,17 @@ class InsertionStudy:
             text = json.dumps(summary, indent=2, allow_nan=False)
             write_text(folder / "summary.json", text + "\n")
         return summary
+
+    def _draw_joints(self) -> NDArray[np.float64]:
+        """Return the body to look at: the robot's arcs, or the scope's chain."""
+        if self.robot is None:
+            return self.plan.joints
+        return self.robot.place_body(np.arange(self.robot.steps), pitch=5.0)
+
+    def _draw_diameter(self) -> float:
+        if self.robot is None:
+            return float(self.plan.meta["scope"]["diameter_mm"])
+        return 2.0 * self.robot.robot.radius
 
     def _draw_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the wall to look at: the surface itself, or the level set of the field."""
@@ -185,6 +210,7 @@ def run_insertion(
     soft_wall: float = 0.0,
     largest: bool = False,
     compare: bool = False,
+    robot: ContinuumRobot | None = None,
     inputs: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
     progress: Progress = no_progress,
@@ -211,6 +237,8 @@ def run_insertion(
         Also find the largest diameter and the longest link that fit.
     compare : bool
         Also plan by every other method, for comparison.
+    robot : ContinuumRobot, optional
+        A tendon robot that goes the planned way; see `bozzini.continuum.actuate_plan`.
     inputs : mapping, optional
         What the tract was read from, kept in the plan.
     seconds : mapping, optional
@@ -259,6 +287,13 @@ def run_insertion(
                 **options,
             )
     findings = (*tract.findings, *find_branches(line))
+    moved = None
+    if robot is not None:
+        with _clock(times, "robot"):
+            soft = plan.meta.get("soft_wall") or {}
+            lumen = field.inflate(float(soft.get("used_mm", 0.0)))
+            moved = actuate_plan(plan, robot, lumen, progress=progress)
+        findings = (*findings, *find_robot_trouble(moved))
     with _clock(times, "passage"):
         passage = find_passage(field, line.points[0], line.points[-1])
     found = None
@@ -307,6 +342,7 @@ def run_insertion(
         passage=passage,
         largest=found,
         comparison=tuple(comparison),
+        robot=moved,
         findings=findings,
     )
 

@@ -8,6 +8,7 @@ from .contact_plot import draw_contact
 from .figures import draw_depths, draw_overview, write_figure
 from .fluoroscopy import Projection, render_fluoroscopy
 from .report import write_report
+from .robot_motion_plot import draw_robot_motion
 from .scene import SceneInfo, write_scene
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "draw_contact",
     "draw_depths",
     "draw_overview",
+    "draw_robot_motion",
     "render_fluoroscopy",
     "write_figure",
     "write_report",

@@ -1,0 +1,78 @@
+"""The energy model on one robot of two sections, and how far it is from the rod."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bozzini.continuum import ContinuumRobot, Section
+from bozzini.continuum.coupling import Coupling
+from bozzini.continuum.energy import EnergyModel
+from bozzini.continuum.rod import RodModel
+from tests.continuum.rods import ROUTINGS, cross_tendons, make_robot
+
+BATCH = 200
+
+
+def make_double(discs: int = 20) -> ContinuumRobot:
+    return ContinuumRobot(
+        tuple(
+            Section(
+                length=50.0,
+                radius=5.0,
+                discs=discs,
+                bending_stiffness=stiffness,
+                tendons=tuple(cross_tendons(4, angle=angle, prefix=prefix)),
+            )
+            for stiffness, angle, prefix in ((1000.0, 0.0, "p"), (500.0, 0.3, "d"))
+        )
+    )
+
+
+@pytest.mark.parametrize("segment", ["chord", "arc", "channel"])
+def bench_energy(benchmark: Any, segment: str) -> None:
+    robot = make_double()
+    model = EnergyModel(robot, segment=segment)
+    bends = np.random.default_rng(0).uniform(-1.2, 1.2, (BATCH, 4))
+    commands = bends @ Coupling(robot).matrix.T
+    # Straight tendons on an arc are a little shorter on either side: they need some slack.
+    commands = commands - (0.2 if segment == "arc" else 0.0)
+    assert model.shape(commands).converged.all()
+    took = np.empty(BATCH)
+    for index, command in enumerate(commands):
+        begin = time.perf_counter()
+        model.shape(command)
+        took[index] = time.perf_counter() - begin
+    shapes = benchmark(model.shape, commands)
+    each = benchmark.stats.stats.mean / BATCH
+    benchmark.extra_info.update(
+        what=f"energy ({segment}), 2 sections x 4 tendons x 20 segments",
+        measured=f"{1e3 * each:.2f} ms each of {BATCH}; alone median {1e3 * np.median(took):.2f}, "
+        f"p99 {1e3 * np.quantile(took, 0.99):.2f} ms; {shapes.iterations.mean():.1f} steps",
+        required="under 1 ms",
+    )
+    assert each < 1e-3
+
+
+@pytest.mark.parametrize("name", list(ROUTINGS))
+def bench_energy_against_rod(benchmark: Any, name: str) -> None:
+    tendons, tensions = ROUTINGS[name]
+    rod = RodModel(make_robot(tendons)).shape_under_tensions(tensions)
+    words = []
+    for segment in ("chord", "arc", "channel"):
+        errors = []
+        for discs in (10, 20, 40):
+            shape = EnergyModel(make_robot(tendons, discs=discs), segment=segment).shape(
+                rod.displacements
+            )
+            errors.append(f"{np.linalg.norm(shape.tip - rod.tip):.3f}")
+        wrong = 100.0 * np.abs(shape.tensions / np.asarray(tensions) - 1.0).max()
+        words.append(f"{segment} {'/'.join(errors)} mm, {wrong:.2f} %")
+    benchmark(RodModel(make_robot(tendons)).shape, rod.displacements)
+    benchmark.extra_info.update(
+        what=f"energy against rod: {name}, 10/20/40 segments, tensions at 40",
+        measured="; ".join(words) + f"; rod {1e3 * benchmark.stats.stats.mean:.0f} ms",
+    )

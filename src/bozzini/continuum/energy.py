@@ -1,0 +1,303 @@
+"""The model for any routing: a discrete rod of least elastic energy under the tendons' lengths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_integer, check_number
+from ..errors import GeometryError, InputError
+from ._energy_grid import SEGMENTS, Grid
+from ._energy_kernels import fill_frames, measure_lengths
+from ._energy_newton_kernels import CONVERGED, FOLDED, solve_commands
+from .coupling import check_displacements
+from .robot import ContinuumRobot
+from .shape import Shape
+
+__all__ = ["SEGMENTS", "EnergyModel"]
+
+Floats = NDArray[np.float64]
+
+UNSTABLE = 4
+"""Code, beside those of the kernels, of an equilibrium that is not a minimum."""
+
+MOST_STEPS = 60
+"""Steps of Newton's method for one part of a command."""
+
+STRONGEST = 1e4
+"""Tension at which a command counts as impossible, against one that turns a segment by 1 rad."""
+
+STIFF = 1e-3
+"""Flexibility of the tendons that stand in for stiff ones in messages, against the backbone's."""
+
+
+@dataclass(frozen=True)
+class EnergyModel:
+    """Discrete rod under tendon displacements, for any routing, without load or friction.
+
+    One rotation vector ``w_j`` for each segment, of length ``h_j``::
+
+        minimise   1/2 sum_j w_j . diag(EI, EI, GJ) w_j / h_j
+        such that  sum_j l_kj <= length of cable k,  with equality for rods that push
+
+    The multipliers of the lengths are the tensions: a cable never pushes, and one that is not
+    needed goes slack. What is commanded is how much shorter a tendon gets than in the straight
+    *discrete* robot. The tendons' lengths depend on the kind of `segment`:
+
+    - ``"chord"``: ``l_kj = | h_j exp(w_j / 2) e_z + exp(w_j) r_k(s_{j+1}) - r_k(s_j) |``, a
+      straight link and tendons straight between the discs. For parallel tendons it is the closed
+      form of the linkage model, and its generalisation of the thesis's (5.11).
+    - ``"arc"``: the backbone bends and twists evenly along the segment, its length kept; tendons
+      straight between the discs. What a robot with few discs on an elastic rod does. Tendons
+      on both sides of a bend are then a little shorter than constant curvature has them.
+    - ``"channel"``: the same backbone, tendons in smooth channels. For parallel tendons it is the
+      constant curvature of the arc model. The problem is convex: its shape is the only one.
+
+    In the limit of fine segments all are a Kirchhoff rod with frictionless tendons (Rucker and
+    Webster 2011), with an error of second order. Redundant tendons share the load with the least
+    sum of squared tensions. Chords and arcs take the equilibrium that is reached from the straight
+    rod; there may be others.
+
+    Parameters
+    ----------
+    robot : ContinuumRobot
+        The robot; its sections' EI and GJ matter here.
+    between : int
+        Further cross-sections that guide the tendons, evenly between two discs.
+    backbone : {"chord", "arc"}
+        A segment's backbone: a straight link half-way between its end tangents, as in the thesis
+        (5.11), or the arc (helix, with twist) of the segment's length.
+    tendon_stiffness : float
+        EA of every tendon [N]; infinite unless given. With it, tendons that would contradict each
+        other stretch instead.
+    tolerance : float
+        Displacement by which a command may miss being consistent [mm].
+
+    Raises
+    ------
+    InputError
+        If an option is outside its legal range.
+    GeometryError
+        If the robot has no tendons.
+    """
+
+    robot: ContinuumRobot
+    between: int = field(default=0, kw_only=True)
+    segment: str = field(default="chord", kw_only=True)
+    tendon_stiffness: float = field(default=math.inf, kw_only=True)
+    tolerance: float = field(default=1e-6, kw_only=True)
+
+    name = "energy"
+
+    def __post_init__(self) -> None:
+        check_integer("between", self.between, low=0, high=1000)
+        check_number("tolerance", self.tolerance, low=0.0, high=1.0, low_open=True, unit="mm")
+        if self.segment not in SEGMENTS:
+            raise InputError(f"segment is {self.segment!r}: choose one of {list(SEGMENTS)}")
+        if self.tendon_stiffness != math.inf:
+            check_number(
+                "tendon_stiffness", self.tendon_stiffness, low=0.0, low_open=True, unit="N"
+            )
+        if not self.robot.tendons:
+            raise GeometryError(f"robot '{self.robot.name}' has no tendons: nothing can move it")
+
+    @property
+    def arc_length(self) -> Floats:
+        """Stations: base, discs, tendon ends and points between [mm], shape (n + 1,)."""
+        return self._grid.arc_length
+
+    @cached_property
+    def natural_lengths(self) -> Floats:
+        """Length of each tendon in the straight discrete robot [mm], shape (t,)."""
+        return np.asarray(np.sum(self._grid.straight, axis=1))
+
+    def shape(self, displacements: ArrayLike) -> Shape:
+        """Return the shapes under tendon displacements.
+
+        Parameters
+        ----------
+        displacements : array_like, shape (..., t)
+            How much each tendon is pulled [mm], negative where it is let out.
+
+        Returns
+        -------
+        Shape
+            Where it has not converged, it is the shape as far as the command can be followed, and
+            the reason says how far that is and which tendon stops it.
+
+        Raises
+        ------
+        InputError
+            If the displacements are not finite numbers of that shape.
+        """
+        commands = check_displacements(self.robot, displacements)
+        batch = commands.shape[:-1]
+        flat = np.ascontiguousarray(commands.reshape(-1, commands.shape[-1]))
+        answer = self._solve(flat)
+        turns, tensions, lengths, codes, steps, shares, suspects = answer
+        frames = self._place_frames(turns)
+        followed = self.natural_lengths - shares[:, None] * flat
+        slack = ~self._pushes & (lengths < followed - self.tolerance)
+        converged = codes == CONVERGED
+        for index in np.flatnonzero(converged & (suspects > 0)):
+            if not self._is_stable(turns[index], tensions[index], ~slack[index]):
+                codes[index] = UNSTABLE
+        converged = codes == CONVERGED
+        reason = np.full(len(flat), "", dtype=object)
+        missed = lengths - (self.natural_lengths - flat) - self._compliances * tensions
+        missed[slack] = 0.0
+        for index in np.flatnonzero(~converged):
+            reason[index] = self._explain(flat[index], int(codes[index]), float(shares[index]))
+        return Shape(
+            robot=self.robot,
+            model=self.name,
+            arc_length=self.arc_length,
+            frames=frames.reshape(*batch, *frames.shape[1:]),
+            displacements=commands,
+            tendon_lengths=lengths.reshape(commands.shape),
+            section_parameters=self._sum_bends(turns).reshape(*batch, -1, 2),
+            tensions=tensions.reshape(commands.shape),
+            slack=slack.reshape(commands.shape),
+            residual=np.abs(missed).max(axis=1).reshape(batch),
+            iterations=steps.reshape(batch),
+            converged=converged.reshape(batch),
+            reason=np.asarray(reason, dtype=np.str_).reshape(batch),
+            disc_arc_length=self.robot.disc_arc_length,
+        )
+
+    @cached_property
+    def _grid(self) -> Grid:
+        return Grid(self.robot, self.segment, self.between)
+
+    @cached_property
+    def _compliances(self) -> Floats:
+        return self.natural_lengths / self.tendon_stiffness
+
+    @cached_property
+    def _pushes(self) -> NDArray[np.bool_]:
+        return np.asarray([tendon.pushes for tendon in self.robot.tendons])
+
+    def _solve(
+        self, commands: Floats, *, compliances: Floats | None = None
+    ) -> tuple[NDArray[Any], ...]:
+        count, segments, tendons = len(commands), len(self._grid.spans), len(self._pushes)
+        turns = np.zeros((count, segments, 3))
+        tensions, lengths = np.zeros((count, tendons)), np.zeros((count, tendons))
+        codes, steps = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+        errors, shares = np.zeros(count), np.zeros(count)
+        suspects = np.zeros(count, dtype=np.int64)
+        solve_commands(
+            self._grid.packed,
+            self.natural_lengths,
+            commands,
+            self.tolerance,
+            self._compliances if compliances is None else compliances,
+            self._pushes,
+            STRONGEST * self._grid.stiffness.max() / self._grid.reach.max(axis=1).min(),
+            MOST_STEPS,
+            turns,
+            tensions,
+            lengths,
+            codes,
+            steps,
+            errors,
+            shares,
+            suspects,
+        )
+        return turns, tensions, lengths, codes, steps, shares, suspects
+
+    def _is_stable(self, turns: Floats, tensions: Floats, taut: NDArray[np.bool_]) -> bool:
+        """Whether the energy is a minimum among the shapes of the same tendon lengths."""
+        tendons, segments = len(taut), len(turns)
+        slopes = np.empty((tendons, segments, 3))
+        positive, whole = np.empty((2, segments, 3, 3))
+        measure_lengths(
+            self._grid.packed, turns, tensions, np.empty(tendons), slopes, positive, whole
+        )
+        scale = 1.0 / np.sqrt(self._grid.stiffness)
+        hessian = np.zeros((segments, 3, segments, 3))
+        index = np.arange(segments)
+        hessian[index, :, index, :] = whole * scale[:, :, None] * scale[:, None, :]
+        size = 3 * segments
+        hessian = hessian.reshape(size, size) + np.eye(size)
+        rows = (slopes * scale).reshape(tendons, size)[taut]
+        if self.tendon_stiffness != math.inf:
+            # Lengths are not held, but cost energy.
+            hessian += rows.T @ (rows / self._compliances[taut, None])
+            rows = rows[:0]
+        _, sizes, ways = np.linalg.svd(rows, full_matrices=True)
+        rank = int(np.count_nonzero(sizes > 1e-9 * sizes.max(initial=0.0)))
+        free = ways[rank:]
+        return bool(np.linalg.eigvalsh(free @ hessian @ free.T).min(initial=1.0) > -1e-9)
+
+    def _place_frames(self, turns: Floats) -> Floats:
+        count, stations = len(turns), len(self.arc_length)
+        frames = np.zeros((count, stations, 4, 4))
+        frames[:, :, 3, 3] = 1.0
+        rotations, points = np.empty((stations, 3, 3)), np.empty((stations, 3))
+        for index in range(count):
+            fill_frames(self._grid.packed, turns[index], rotations, points)
+            frames[index, :, :3, :3] = rotations
+            frames[index, :, :3, 3] = points
+        return frames
+
+    def _sum_bends(self, turns: Floats) -> Floats:
+        """Bend of each section; none unless all tendons are parallel."""
+        if not all(tendon.is_parallel for tendon in self.robot.tendons):
+            return np.zeros((len(turns), 0, 2))
+        bends = np.zeros((len(turns), len(self.robot.sections), 2))
+        for index in range(len(self.robot.sections)):
+            total = turns[:, self._grid.sections == index].sum(axis=1)
+            bends[:, index] = np.stack([total[:, 1], -total[:, 0]], axis=-1)
+        return bends
+
+    def _explain(self, command: Floats, code: int, share: float) -> str:
+        names = self.robot.tendon_names
+        most = self._grid.most_pull
+        over = command - most
+        worst = int(np.argmax(over))
+        if over[worst] > 0.0 and self.tendon_stiffness == math.inf:
+            return (
+                f"tendon '{names[worst]}' is pulled {command[worst]:.4g} mm, but its "
+                f"{self._grid.counts[worst]} segments cannot make it shorter by more than "
+                f"{most[worst]:.4g} mm: pull less, or take more discs"
+            )
+        if code == UNSTABLE:
+            return (
+                "the equilibrium that was found is not stable: the robot snaps away from it; "
+                "pull less, or take a stiffer backbone"
+            )
+        followed = f"the command can be followed to {math.floor(100.0 * share)} % only: "
+        stretches = self._measure_stretches(command)
+        if stretches.size == 0 or stretches.max() <= self.tolerance:
+            what = "a segment folds over" if code == FOLDED else "no equilibrium was found"
+            worst = int(np.argmax(command if command.max() > 0.0 else -command))
+            left = (1.0 - share) * command[worst]
+            return followed + (
+                f"{what} beyond it, with tendon '{names[worst]}' {left:.3g} mm short of its "
+                f"{command[worst]:.3g} mm; pull less, or take more discs"
+            )
+        worst = int(np.argmax(stretches))
+        others = [
+            f"'{names[k]}'"
+            for k in np.argsort(-stretches)
+            if k != worst and stretches[k] > 0.1 * stretches[worst]
+        ]
+        against = f" against {', '.join(others[:3])}" if others else ""
+        return followed + (
+            f"tendon '{names[worst]}' would have to stretch by {stretches[worst]:.3g} mm{against}; "
+            "pull less, or let out those on the other side"
+        )
+
+    def _measure_stretches(self, command: Floats) -> Floats:
+        """How much tendons far stiffer than the backbone stretch [mm], (t,); empty if unknown."""
+        compliances = np.maximum(self._compliances, STIFF * self._grid.give)
+        answer = self._solve(command[None], compliances=compliances)
+        if answer[3][0] != CONVERGED:
+            return np.empty(0)
+        return np.asarray(np.abs(compliances * answer[1][0]))

@@ -1,0 +1,245 @@
+"""A tendon robot: sections in series, whose distal tendons pass through the proximal ones."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_array, check_integer
+from ..errors import InputError
+from .section import Section
+from .tendon import GRAIN, Tendon
+
+__all__ = ["ContinuumRobot"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContinuumRobot:
+    """A robot of sections in series, base first, straight along +z at rest.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+        At least one, from base to tip.
+    name : str
+        Name of the robot.
+
+    Raises
+    ------
+    InputError
+        If names are used twice, or a tendon does not end in its section or leaves the body.
+    """
+
+    sections: tuple[Section, ...]
+    name: str = "robot"
+
+    def __post_init__(self) -> None:
+        try:
+            sections = tuple(self.sections)
+        except TypeError:
+            sections = ()
+        if not sections:
+            raise InputError("a robot needs at least 1 section, got none")
+        for section in sections:
+            if not isinstance(section, Section):
+                raise InputError(f"a robot's sections hold {section!r}: each must be a Section")
+        object.__setattr__(self, "sections", sections)
+        for what, names in (
+            ("tendons", [tendon.name for section in sections for tendon in section.tendons]),
+            ("sections", [section.name for section in sections if section.name]),
+        ):
+            twice = [name for name, count in Counter(names).items() if count > 1]
+            if twice:
+                raise InputError(f"two {what} are called '{twice[0]}': names must differ")
+        for tendon in self.tendons:
+            self._check_inside(tendon)
+
+    @cached_property
+    def tendons(self) -> tuple[Tendon, ...]:
+        """All tendons, those of the first section first, each with the arc length of its end."""
+        return tuple(
+            self._resolve(tendon, index)
+            for index, section in enumerate(self.sections)
+            for tendon in section.tendons
+        )
+
+    @property
+    def tendon_names(self) -> tuple[str, ...]:
+        """Names of the tendons, in the order of `tendons`."""
+        return tuple(tendon.name for tendon in self.tendons)
+
+    @cached_property
+    def tendon_sections(self) -> NDArray[np.int64]:
+        """Index of the section where each tendon ends, shape (t,)."""
+        return np.repeat(
+            np.arange(len(self.sections)), [len(section.tendons) for section in self.sections]
+        )
+
+    @cached_property
+    def tendon_ends(self) -> Floats:
+        """Arc length where each tendon ends [mm], shape (t,)."""
+        return np.asarray([_end(tendon) for tendon in self.tendons], dtype=np.float64)
+
+    @cached_property
+    def tendon_travel(self) -> Floats:
+        """Smallest and largest displacement of each tendon [mm], shape (t, 2); may be infinite."""
+        travel = [tendon.travel for tendon in self.tendons]
+        return np.asarray(travel, dtype=np.float64).reshape(-1, 2)
+
+    @cached_property
+    def rest_lengths(self) -> Floats:
+        """Length of each tendon in the straight robot, as a smooth curve [mm], shape (t,)."""
+        return np.asarray([_rest_length(tendon) for tendon in self.tendons], dtype=np.float64)
+
+    @cached_property
+    def section_ends(self) -> Floats:
+        """Arc length where each section ends [mm], shape (m,)."""
+        return np.cumsum([section.length for section in self.sections])
+
+    @cached_property
+    def section_starts(self) -> Floats:
+        """Arc length where each section starts [mm], shape (m,)."""
+        return np.concatenate([[0.0], self.section_ends[:-1]])
+
+    @property
+    def length(self) -> float:
+        """Length of the backbone [mm]."""
+        return float(self.section_ends[-1])
+
+    @property
+    def radius(self) -> float:
+        """Largest radius of the body [mm]."""
+        return max(section.radius for section in self.sections)
+
+    @cached_property
+    def disc_arc_length(self) -> Floats:
+        """Arc length of all discs from the base [mm], shape (d,); none stands at the base."""
+        places = []
+        for start, end, section in zip(
+            self.section_starts, self.section_ends, self.sections, strict=True
+        ):
+            discs = start + section.disc_places
+            discs[-1] = end
+            places.append(discs)
+        return np.concatenate(places)
+
+    def section_at(self, arc_length: ArrayLike) -> NDArray[np.int64]:
+        """Return the index of the section at arc lengths [mm]; an end belongs to its section."""
+        places = check_array("arc_length", arc_length)
+        index = np.searchsorted(self.section_ends, places - GRAIN, side="left")
+        return np.minimum(index, len(self.sections) - 1).astype(np.int64)
+
+    def section_label(self, index: int) -> str:
+        """Return how messages call a section: ``section 1`` is the first, by its name if any."""
+        name = self.sections[index].name
+        return f"section {index + 1}" + (f" '{name}'" if name else "")
+
+    def stations(self, *, between: int = 0) -> Floats:
+        """Return arc lengths of base and discs, and of points evenly `between` two discs [mm].
+
+        Raises
+        ------
+        InputError
+            If `between` is not a whole number in [0, 1000].
+        """
+        parts = check_integer("between", between, low=0, high=1000) + 1
+        discs = np.concatenate([[0.0], self.disc_arc_length])
+        steps = np.arange(parts) / parts
+        inner = discs[:-1, None] + np.diff(discs)[:, None] * steps
+        return np.append(inner.ravel(), discs[-1])
+
+    @classmethod
+    def from_dict(cls, fields: Mapping[str, Any]) -> ContinuumRobot:
+        """Build a robot from plain data, as a YAML file holds it (see `from_yaml`).
+
+        Raises
+        ------
+        InputError
+            One line that names the field, its value and what is legal.
+        """
+        from ._yaml import read_robot
+
+        return read_robot(fields)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the robot as plain data that `from_dict` reads."""
+        from ._yaml import write_robot
+
+        return write_robot(self)
+
+    @classmethod
+    def from_yaml(cls, path: str | os.PathLike[str]) -> ContinuumRobot:
+        """Read a robot from a YAML file; quantities may carry units, ``20 mm`` or ``36 deg``.
+
+        Raises
+        ------
+        FileFormatError
+            One line that names the file, the field, its value and what is legal.
+        """
+        from ._yaml import load_robot
+
+        return load_robot(Path(path))
+
+    def to_yaml(self, path: str | os.PathLike[str]) -> Path:
+        """Write the robot as a YAML file, whole or not at all, and return its path.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        from ._yaml import save_robot
+
+        return save_robot(self, Path(path))
+
+    def _resolve(self, tendon: Tendon, index: int) -> Tendon:
+        start, end = float(self.section_starts[index]), float(self.section_ends[index])
+        if tendon.end is None:
+            return tendon.ending_at(end)
+        if not start + GRAIN < tendon.end <= end + GRAIN:
+            raise InputError(
+                f"tendon '{tendon.name}' end is {tendon.end:g} mm: it belongs to "
+                f"{self.section_label(index)} and must lie in ({start:g}, {end:g}] mm"
+            )
+        return tendon.ending_at(min(tendon.end, end))
+
+    def _check_inside(self, tendon: Tendon) -> None:
+        for index, section in enumerate(self.sections):
+            start = float(self.section_starts[index])
+            end = min(float(self.section_ends[index]), _end(tendon))
+            if start >= end:
+                break
+            corners = tendon.corners()
+            # Between corners the offset is monotone.
+            places = np.concatenate([[start, end], corners[(corners > start) & (corners < end)]])
+            most = float(tendon.offset_at(places).max())
+            if most > section.radius * (1.0 + 1e-12):
+                raise InputError(
+                    f"tendon '{tendon.name}' offset is {most:g} mm in "
+                    f"{self.section_label(index)}: it must lie in (0, {section.radius:g}] mm, "
+                    "inside the body's radius"
+                )
+
+
+def _end(tendon: Tendon) -> float:
+    return np.inf if tendon.end is None else tendon.end
+
+
+def _rest_length(tendon: Tendon) -> float:
+    if tendon.is_parallel:
+        return _end(tendon)
+    nodes, weights = np.polynomial.legendre.leggauss(32)
+    edges = np.concatenate([[0.0], tendon.corners(), [_end(tendon)]])
+    half = 0.5 * np.diff(edges)[:, None]
+    slopes = tendon.path_slope(edges[:-1, None] + half * (1.0 + nodes))
+    return float(np.sum(half * weights * np.sqrt(1.0 + np.sum(slopes**2, axis=-1))))

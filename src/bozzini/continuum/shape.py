@@ -1,0 +1,182 @@
+"""The shape of a robot: what every model answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import GeometryError, InputError
+from .robot import ContinuumRobot
+
+__all__ = ["Shape", "ShapeModel"]
+
+Floats = NDArray[np.float64]
+
+MATCH = 1e-6
+"""Distance at which a station counts as the place of a disc [mm]."""
+
+
+@runtime_checkable
+class ShapeModel(Protocol):
+    """Anything that turns tendon displacements into shapes.
+
+    Displacements are batch-wise, shape (..., t), positive where a tendon is pulled [mm].
+    """
+
+    @property
+    def robot(self) -> ContinuumRobot:
+        """The robot."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """The model's name in `MODELS`."""
+        ...
+
+    def shape(self, displacements: ArrayLike) -> Shape:
+        """Return the shapes under `displacements`, shape (..., t) [mm]."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """Shapes of a robot, one for each set of displacements. The base frame is the identity.
+
+    ``...`` is the shape of the batch, empty for one set; ``k`` counts stations along the
+    backbone, ``t`` tendons, ``m`` sections, ``d`` discs.
+
+    Parameters
+    ----------
+    robot : ContinuumRobot
+        The robot.
+    model : str
+        Name of the model.
+    arc_length : (k,) ndarray
+        Arc length of the stations [mm], from 0 to the robot's length, discs among them.
+    frames : (..., k, 4, 4) ndarray
+        Frames of the cross-sections at the stations [mm]: columns x, y, tangent, place.
+    displacements : (..., t) ndarray
+        Displacements that were commanded [mm].
+    tendon_lengths : (..., t) ndarray
+        Length of each tendon in this shape [mm]; a slack tendon is longer than this.
+    section_parameters : (..., m, 2) ndarray
+        Bend of each section as ``(theta cos(phi), theta sin(phi))`` [rad]; m is 0 where a
+        section has no one bend.
+    tensions : (..., t) ndarray
+        Tension of each tendon [N]; t is 0 where the model knows no forces.
+    slack : (..., t) ndarray of bool
+        Tendons that hang loose.
+    residual : (...) ndarray
+        How far the shape misses what was commanded, the largest over the tendons [mm].
+    iterations : (...) ndarray of int
+        Steps of the solver; 0 for a closed form.
+    converged : (...) ndarray of bool
+        Whether this is the robot's shape under the command. Where it is False the frames are
+        the model's nearest try and `reason` says what is wrong.
+    reason : (...) ndarray of str
+        Why not; empty where converged.
+    disc_arc_length : (d,) ndarray
+        Arc length of the discs [mm]; each is a station.
+
+    Raises
+    ------
+    InputError
+        If the arrays do not go together, or a disc is no station.
+    """
+
+    robot: ContinuumRobot
+    model: str
+    arc_length: Floats
+    frames: Floats
+    displacements: Floats
+    tendon_lengths: Floats
+    section_parameters: Floats
+    tensions: Floats
+    slack: NDArray[np.bool_]
+    residual: Floats
+    iterations: NDArray[np.int64]
+    converged: NDArray[np.bool_]
+    reason: NDArray[np.str_]
+    disc_arc_length: Floats
+
+    def __post_init__(self) -> None:
+        batch = self.displacements.shape[:-1]
+        count = len(self.robot.tendons)
+        stations = len(self.arc_length)
+        wanted: dict[str, tuple[tuple[int, ...], ...]] = {
+            "arc_length": ((stations,),),
+            "frames": ((*batch, stations, 4, 4),),
+            "displacements": ((*batch, count),),
+            "tendon_lengths": ((*batch, count),),
+            "section_parameters": ((*batch, len(self.robot.sections), 2), (*batch, 0, 2)),
+            "tensions": ((*batch, count), (*batch, 0)),
+            "slack": ((*batch, count),),
+            "residual": (batch,),
+            "iterations": (batch,),
+            "converged": (batch,),
+            "reason": (batch,),
+        }
+        for name, legal in wanted.items():
+            array: NDArray[Any] = getattr(self, name)
+            if array.shape not in legal:
+                words = " or ".join(str(shape) for shape in legal)
+                raise InputError(f"shape's {name} has shape {array.shape}: it must be {words}")
+        index = self._disc_index()
+        off = np.abs(self.arc_length[index] - self.disc_arc_length)
+        if off.size and off.max() > MATCH:
+            place = self.disc_arc_length[int(np.argmax(off))]
+            raise InputError(f"shape's arc_length has no station at the disc at {place:g} mm")
+
+    @property
+    def points(self) -> Floats:
+        """Points of the backbone at the stations, shape (..., k, 3) [mm]."""
+        return self.frames[..., :3, 3]
+
+    @property
+    def tip(self) -> Floats:
+        """Where the robot ends, shape (..., 3) [mm]."""
+        return self.frames[..., -1, :3, 3]
+
+    @property
+    def tip_frame(self) -> Floats:
+        """Frame of the robot's end, shape (..., 4, 4)."""
+        return self.frames[..., -1, :, :]
+
+    @property
+    def disc_frames(self) -> Floats:
+        """Frames of the discs, shape (..., d, 4, 4)."""
+        return self.frames[..., self._disc_index(), :, :]
+
+    @property
+    def tendon_points(self) -> tuple[Floats, ...]:
+        """Points of each tendon at the stations it passes, each of shape (..., k_i, 3) [mm]."""
+        lines = []
+        for tendon, end in zip(self.robot.tendons, self.robot.tendon_ends, strict=True):
+            places = self.arc_length[self.arc_length <= end + MATCH]
+            frames = self.frames[..., : len(places), :3, :]
+            path = tendon.path(np.minimum(places, end))
+            across = frames[..., :2] @ path[..., None]
+            lines.append(frames[..., 3] + across[..., 0])
+        return tuple(lines)
+
+    def require(self) -> Shape:
+        """Return this shape if every set of displacements has one.
+
+        Raises
+        ------
+        GeometryError
+            With the first reason, and its place in the batch.
+        """
+        if not self.converged.all():
+            index = int(np.argmin(self.converged))
+            place = np.unravel_index(index, self.converged.shape)
+            where = f" (displacements {[int(i) for i in place]})" if place else ""
+            raise GeometryError(f"{self.reason.flat[index]}{where}")
+        return self
+
+    def _disc_index(self) -> NDArray[np.int64]:
+        index = np.searchsorted(self.arc_length, self.disc_arc_length - MATCH)
+        return np.minimum(index, len(self.arc_length) - 1).astype(np.int64)

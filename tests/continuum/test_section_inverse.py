@@ -1,0 +1,156 @@
+"""Closed forms of one section: round trips through the arc, and the ends of their ranges."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bozzini.continuum import ContinuumRobot, Section
+from bozzini.continuum.arc import arc_frames
+from bozzini.continuum.section_arc import solve_direction, solve_extensible, solve_joints
+from bozzini.continuum.section_inverse import LARGEST_RATIO, bend_for_ratio, solve_section
+from bozzini.errors import GeometryError, InputError
+
+
+def end_frame(length: float, bend: np.ndarray) -> np.ndarray:
+    robot = ContinuumRobot((Section(length=length, radius=1e-3),))
+    return arc_frames(robot, np.reshape(bend, (1, 2)), arc_length=[length])[0]
+
+
+bend_angles = st.one_of(st.floats(0.0, 6.2), st.floats(0.0, 1e-6))
+planes = st.floats(-math.pi, math.pi)
+lengths = st.floats(1.0, 200.0)
+
+
+@given(length=lengths, angle=bend_angles, plane=planes)
+def test_extensible_section_round_trip(length: float, angle: float, plane: float) -> None:
+    bend = angle * np.array([math.cos(plane), math.sin(plane)])
+    arc = solve_extensible(end_frame(length, bend)[:3, 3])
+    np.testing.assert_allclose(arc.lengths, length, rtol=1e-9)
+    np.testing.assert_allclose(arc.bends, bend, atol=1e-9)
+    np.testing.assert_allclose(arc.angle, angle, atol=1e-9)
+    np.testing.assert_allclose(arc.curvature, angle / length, atol=1e-9)
+
+
+@given(point=st.tuples(*[st.floats(-50.0, 50.0)] * 3))
+def test_extensible_section_ends_at_any_place(point: tuple[float, float, float]) -> None:
+    if math.hypot(*point[:2]) < 1e-3:
+        return
+    arc = solve_extensible(point)
+    frame = end_frame(float(arc.lengths), arc.bends)
+    np.testing.assert_allclose(frame[:3, 3], point, atol=1e-8)
+    # As published: curvature 2 rho / (rho^2 + z^2), and angle acos(1 - kappa rho) in front.
+    rho, z = math.hypot(*point[:2]), point[2]
+    np.testing.assert_allclose(arc.curvature, 2.0 * rho / (rho**2 + z**2), rtol=1e-9)
+    if z > 1.0:
+        np.testing.assert_allclose(math.cos(arc.angle), 1.0 - arc.curvature * rho, atol=1e-9)
+
+
+def test_a_batch_of_places_equals_one_after_another() -> None:
+    places = np.random.default_rng(1).normal(size=(4, 5, 3))
+    arcs = solve_extensible(places)
+    assert arcs.bends.shape == (4, 5, 2) and arcs.lengths.shape == (4, 5)
+    one = solve_extensible(places[2, 3])
+    np.testing.assert_array_equal(arcs.bends[2, 3], one.bends)
+    np.testing.assert_array_equal(arcs.direction[2, 3], one.direction)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.0, 0.0, -3.0)])
+def test_nothing_leads_straight_back(place: tuple[float, float, float]) -> None:
+    with pytest.raises(InputError, match="straight behind"):
+        solve_extensible([(1.0, 2.0, 3.0), place])
+    with pytest.raises(GeometryError, match="joint 2 lies straight behind"):
+        solve_joints([(0.0, 0.0, 10.0), (0.0, 0.0, 10.0 + place[2])])
+
+
+@given(sections=st.lists(st.tuples(lengths, st.floats(0.0, 3.0), planes), min_size=1, max_size=5))
+def test_sections_through_chosen_joints_round_trip(
+    sections: list[tuple[float, float, float]],
+) -> None:
+    bends = np.array([[a * math.cos(p), a * math.sin(p)] for _, a, p in sections])
+    wanted = np.array([length for length, _, _ in sections])
+    robot = ContinuumRobot(tuple(Section(length=length, radius=1e-3) for length in wanted))
+    joints = arc_frames(robot, bends, arc_length=robot.section_ends)[:, :3, 3]
+    found = solve_joints(joints)
+    np.testing.assert_allclose(found.lengths, wanted, rtol=1e-8)
+    np.testing.assert_allclose(found.bends, bends, atol=1e-8)
+
+
+@given(angle=st.floats(0.0, 3.1), plane=planes, size=st.floats(1e-3, 1e3))
+def test_direction_round_trip(angle: float, plane: float, size: float) -> None:
+    bend = angle * np.array([math.cos(plane), math.sin(plane)])
+    found = solve_direction(size * end_frame(10.0, bend)[:3, 2])
+    np.testing.assert_allclose(found, bend, atol=1e-7)
+
+
+def test_straight_back_bends_half_a_turn() -> None:
+    np.testing.assert_allclose(solve_direction((0.0, 0.0, -1.0)), (math.pi, 0.0))
+    with pytest.raises(InputError, match="must not be zero"):
+        solve_direction([(0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
+
+
+@given(angle=st.floats(0.0, 2.33))
+def test_bend_from_ratio_round_trip(angle: float) -> None:
+    def measure(bend: float) -> float:
+        return math.sin(0.5 * bend) * float(np.sinc(0.5 * bend / math.pi))
+
+    found = float(bend_for_ratio(measure(angle)))
+    assert math.isclose(measure(found), measure(angle), abs_tol=1e-14)
+    # The ratio is flat at its top, where its bend is known to the root of round-off only.
+    assert math.isclose(found, angle, abs_tol=1e-9 if angle < 2.3 else 1e-6)
+
+
+def test_largest_ratio_is_largest() -> None:
+    angles = np.linspace(1e-3, 2.0 * math.pi, 20_001)
+    ratios = (1.0 - np.cos(angles)) / angles
+    assert ratios.max() <= LARGEST_RATIO < ratios.max() + 1e-7
+    assert math.isclose(float(bend_for_ratio(LARGEST_RATIO)), 2.3311, abs_tol=1e-4)
+    np.testing.assert_allclose(bend_for_ratio([[0.0, 0.5]])[0, 0], 0.0)
+    for bad in (-0.1, 0.73, math.nan):
+        with pytest.raises(InputError, match=r"must lie in \[0, 0.7246"):
+            bend_for_ratio(bad)
+
+
+@given(length=lengths, angle=st.floats(0.0, 6.2), plane=planes)
+def test_fixed_section_reaches_its_surface(length: float, angle: float, plane: float) -> None:
+    bend = angle * np.array([math.cos(plane), math.sin(plane)])
+    result = solve_section(length, end_frame(length, bend)[:3, 3])
+    assert result.success and result.reason == ""
+    np.testing.assert_allclose(end_frame(length, result.bend)[:3, 3], result.tip, atol=1e-9)
+    np.testing.assert_allclose(result.needed_length, length, rtol=1e-6)
+
+
+@given(
+    point=st.tuples(*[st.floats(-60.0, 60.0)] * 3),
+    most=st.floats(0.1, 2.0 * math.pi),
+)
+def test_fixed_section_gives_the_nearest_place(
+    point: tuple[float, float, float], most: float
+) -> None:
+    result = solve_section(30.0, point, max_bend=most)
+    assert np.hypot(*result.bend) <= most + 1e-12
+    assert math.isclose(math.dist(result.tip, point), result.residual, abs_tol=1e-9)
+    plane = math.atan2(point[1], point[0])
+    for angle in np.linspace(0.0, most, 2000):
+        half = angle / 2
+        chord = 30.0 * np.sinc(half / math.pi)
+        aside, along = chord * math.sin(half), chord * math.cos(half)
+        tip = (aside * math.cos(plane), aside * math.sin(plane), along)
+        assert result.residual <= math.dist(tip, point) + 1e-9
+    if not result.success:
+        assert f"{result.residual:.6g} mm from the target" in result.reason
+
+
+def test_wrong_sections_get_one_line() -> None:
+    with pytest.raises(InputError, match="length is -1 mm"):
+        solve_section(-1.0, (0.0, 0.0, 1.0))
+    with pytest.raises(InputError, match="max_bend is 7 rad"):
+        solve_section(1.0, (0.0, 0.0, 1.0), max_bend=7.0)
+    with pytest.raises(InputError, match=r"target has shape \(2, 3\)"):
+        solve_section(1.0, np.ones((2, 3)))
+    with pytest.raises(InputError, match=r"joints has shape \(3,\)"):
+        solve_joints((0.0, 0.0, 1.0))

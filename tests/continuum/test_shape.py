@@ -1,0 +1,80 @@
+"""The result: what goes together, what is read off it, what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bozzini.continuum import MODELS, ArcModel, LinkageModel, Shape, ShapeModel
+from bozzini.errors import GeometryError, InputError
+from tests.continuum.robots import THIRD, make_robot
+
+PULLED = np.array([[2.0, -1.0, -1.0, 2.0, -1.0, -1.0], [0.0, 0.0, 0.0, 1.0, -0.5, -0.5]])
+
+
+@pytest.fixture
+def shape() -> Shape:
+    return ArcModel(make_robot(THIRD, THIRD), between=2).shape(PULLED).require()
+
+
+def test_discs_are_stations(shape: Shape) -> None:
+    assert shape.disc_frames.shape == (2, 20, 4, 4)
+    places = np.searchsorted(shape.arc_length, shape.robot.disc_arc_length - 1e-9)
+    assert np.array_equal(shape.disc_frames, shape.frames[:, places])
+    assert np.array_equal(shape.disc_frames[:, -1], shape.tip_frame)
+    assert np.array_equal(shape.tip, shape.points[:, -1])
+
+
+def test_tendons_run_at_their_offset_in_the_cross_sections_to_their_end(shape: Shape) -> None:
+    for tendon, end, points in zip(
+        shape.robot.tendons, shape.robot.tendon_ends, shape.tendon_points, strict=True
+    ):
+        count = int(np.sum(shape.arc_length <= end + 1e-9))
+        assert points.shape == (2, count, 3)
+        frames = shape.frames[:, :count]
+        local = np.einsum("...ji,...j->...i", frames[..., :3, :3], points - frames[..., :3, 3])
+        assert np.allclose(local[..., :2], tendon.path(shape.arc_length[:count]), atol=1e-9)
+        assert np.allclose(local[..., 2], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["arc", "linkage"])
+def test_models_answer_the_same_way(name: str) -> None:
+    robot = make_robot(THIRD, THIRD)
+    model = MODELS[name](robot)
+    assert isinstance(model, ShapeModel)
+    assert model.name == name
+    assert model.robot is robot
+    shape = model.shape(PULLED)
+    assert shape.model == name
+    assert shape.tensions.shape == (2, 0)
+    assert np.allclose(shape.disc_arc_length, robot.disc_arc_length)
+    assert shape.iterations.tolist() == [0, 0]
+    assert np.array_equal(shape.displacements, PULLED)
+    assert model.shape(PULLED[0]).tip.shape == (3,)
+
+
+def test_linkage_with_segments_of_its_own_has_discs_at_its_joints() -> None:
+    shape = LinkageModel(make_robot(THIRD, THIRD), segments=3).shape(PULLED)
+    assert shape.disc_frames.shape == (2, 6, 4, 4)
+
+
+@pytest.mark.parametrize("field", ["frames", "slack", "residual", "reason", "tendon_lengths"])
+def test_arrays_that_do_not_go_together_are_refused(shape: Shape, field: str) -> None:
+    with pytest.raises(InputError, match=f"shape's {field} has shape"):
+        dataclasses.replace(shape, **{field: getattr(shape, field)[:1]})
+
+
+def test_disc_that_is_no_station_is_refused(shape: Shape) -> None:
+    with pytest.raises(InputError, match="no station at the disc at 12.3 mm"):
+        dataclasses.replace(shape, disc_arc_length=np.array([10.0, 12.3]))
+
+
+def test_require_gives_the_first_reason() -> None:
+    shape = ArcModel(make_robot(THIRD)).shape([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    with pytest.raises(GeometryError, match=r"have to stretch .* \(displacements \[1\]\)$"):
+        shape.require()
+    alone = ArcModel(make_robot(THIRD)).shape([1.0, 1.0, 1.0])
+    with pytest.raises(GeometryError, match=r"on the other side\)$"):
+        alone.require()

@@ -1,0 +1,102 @@
+"""Tendons: where they run, their slopes, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bozzini.continuum import Tendon
+from bozzini.errors import InputError
+
+KNOTS = ((0.0, 3.0), (30.0, 5.0), (70.0, 2.0), (100.0, 2.5))
+TURNS = ((0.0, 0.2), (40.0, 1.0), (100.0, -2.0))
+
+
+def test_constant_tendon_stays_where_it_is() -> None:
+    tendon = Tendon(name="a", offset=4, angle=math.radians(30.0))
+    places = np.linspace(0.0, 500.0, 7)
+    assert np.allclose(tendon.path(places), [4.0 * math.cos(math.pi / 6), 2.0])
+    assert not tendon.path_slope(places).any()
+    assert tendon.is_parallel
+    assert tendon.corners().size == 0
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+def test_knots_are_met_and_never_left(interpolation: str) -> None:
+    tendon = Tendon(name="a", offset=KNOTS, angle=0.3, interpolation=interpolation)
+    for place, value in KNOTS:
+        assert tendon.offset_at(place) == pytest.approx(value)
+    for (start, one), (end, other) in zip(KNOTS, KNOTS[1:], strict=False):
+        between = tendon.offset_at(np.linspace(start, end, 50))
+        assert between.min() >= min(one, other) - 1e-12
+        assert between.max() <= max(one, other) + 1e-12
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+@given(place=st.floats(0.1, 99.9))
+def test_slope_is_the_derivative_of_the_path(interpolation: str, place: float) -> None:
+    tendon = Tendon(name="a", offset=KNOTS, angle=TURNS, interpolation=interpolation)
+    if np.abs(tendon.corners() - place).min() < 1e-3:
+        return
+    step = 1e-5
+    measured = (tendon.path(place + step) - tendon.path(place - step)) / (2.0 * step)
+    assert np.allclose(tendon.path_slope(place), measured, atol=1e-7)
+
+
+def test_slope_at_a_corner_is_that_of_the_distal_side() -> None:
+    tendon = Tendon(name="a", offset=((0.0, 4.0), (50.0, 4.0), (100.0, 2.0)))
+    assert np.allclose(tendon.path_slope([49.9, 50.0, 100.0])[:, 0], [0.0, -0.04, -0.04])
+
+
+@given(turns=st.floats(-3.0, 3.0), angle=st.floats(-3.0, 3.0))
+def test_helix_has_its_pitch_everywhere(turns: float, angle: float) -> None:
+    tendon = Tendon.helix("h", 4.0, turns=turns, end=80.0, angle=angle)
+    speed = np.linalg.norm(tendon.path_slope(np.linspace(0.0, 80.0, 9)), axis=-1)
+    assert np.allclose(speed, 4.0 * 2.0 * math.pi * abs(turns) / 80.0)
+    assert np.allclose(tendon.angle_at([0.0, 80.0]), [angle, angle + 2.0 * math.pi * turns])
+
+
+def test_knots_of_one_value_are_parallel() -> None:
+    assert Tendon(name="a", offset=((0.0, 4.0), (9.0, 4.0))).is_parallel
+    assert not Tendon(name="a", offset=((0.0, 4.0), (9.0, 3.0))).is_parallel
+    assert not Tendon.helix("h", 4.0, turns=0.1, end=9.0).is_parallel
+
+
+def test_arc_length_outside_the_tendon_is_refused() -> None:
+    tendon = Tendon(name="a", offset=4.0, end=50.0)
+    with pytest.raises(InputError, match=r"tendon 'a' is 50\.1 mm: it must lie in \[0, 50\] mm"):
+        tendon.path([1.0, 50.1])
+    with pytest.raises(InputError, match="nan"):
+        tendon.path(math.nan)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"name": " "}, "name is ' '"),
+        ({"offset": 0.0}, r"'a' offset is 0 mm: it must lie in \(0, inf\) mm"),
+        ({"offset": "wide"}, "offset is 'wide'"),
+        ({"offset": ((0.0, 1.0),)}, "has 1 knot"),
+        ({"offset": ((0.0, 1.0), (0.0, 2.0))}, "knot 1 stands at 0 mm"),
+        ({"offset": ((0.0, 1.0), (9.0, -2.0))}, "knot 1 is -2 mm"),
+        ({"offset": ((0.0, 1.0), (9.0,))}, "knot 1 is"),
+        ({"angle": math.inf}, "angle is inf rad"),
+        ({"end": -1.0}, "end is -1 mm"),
+        ({"end": 20.0, "angle": ((0.0, 1.0), (9.0, 2.0))}, "from 0 to 9 mm: they must reach"),
+        ({"end": 5.0, "angle": ((1.0, 1.0), (9.0, 2.0))}, "from 1 to 9 mm: they must reach"),
+        ({"travel": (2.0, 1.0)}, r"travel is \(2.0, 1.0\)"),
+        ({"travel": (math.nan, 1.0)}, "travel is"),
+        ({"travel": 3.0}, "travel is 3.0"),
+        ({"pushes": 1}, "pushes is 1"),
+        ({"interpolation": "quintic"}, "interpolation is 'quintic'"),
+    ],
+)
+def test_bad_field_is_refused_in_one_line(fields: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        Tendon(**{"name": "a", "offset": 4.0, **fields})
+    assert "\n" not in str(caught.value)
