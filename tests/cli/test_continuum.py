@@ -1,0 +1,471 @@
+"""``bozzini continuum``: what it prints is what the library says; a bad input is one line."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bozzini.cli.main import main
+from bozzini.continuum import MODELS, ArcModel, ContinuumRobot, EnergyModel, RodModel
+from bozzini.continuum.arc import displacements_for
+from bozzini.continuum.dexterity import map_dexterity
+from bozzini.continuum.inverse import solve_tip
+from bozzini.continuum.workspace import sample_workspace
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+TWO, HELICAL, CONVERGING, COLONOSCOPE = (
+    EXAMPLES / f"{name}.yaml" for name in ("two_sections", "helical", "converging", "colonoscope")
+)
+ROBOT = ContinuumRobot.from_yaml(TWO)
+BENDS = np.array([[0.4, -0.3], [1.1, 0.7]])
+WIRE = ("--tendon-stiffness", "10kN")
+SECTION_FIELDS = ("name", "length", "radius", "discs", "disc_positions", "bending_stiffness",
+                  "torsional_stiffness", "max_bend", "tendons")  # fmt: skip
+TENDON_FIELDS = ("name", "offset", "angle", "end", "pushes", "travel", "interpolation")
+HELIX_FIELDS = ("start", "turns")
+PNG = b"\x89PNG"
+
+
+def spell(robot, displacements, digits=9):
+    names = robot.tendon_names
+    return ",".join(f"{n}={d:.{digits}f}mm" for n, d in zip(names, displacements, strict=True))
+
+
+BENT = spell(ROBOT, displacements_for(ROBOT, BENDS))
+WOUND = "H1=2mm,H2=-5mm,H3=-5mm,H4=-5mm"
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        capsys.readouterr()
+        code = main(["continuum", *map(str, arguments)])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def ask(run):
+    def call(*arguments, code=0):
+        got, out, err = run(*arguments, "--json")
+        assert (got, err) == (code, "")
+        return json.loads(out)
+
+    return call
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_pose_is_the_library(ask, name):
+    said = ask("pose", TWO, "--displacement", BENT, "--model", name)
+    shape = MODELS[name](ROBOT).shape(displacements_for(ROBOT, BENDS))
+    assert said["model"] == name
+    assert said["converged"] is True
+    near = 1e-4 if name in ("energy", "rod") else 1e-6  # these stop within the tolerance
+    assert said["tip_mm"] == pytest.approx(shape.tip.tolist(), abs=near)
+    assert said["tip_direction"] == pytest.approx(shape.tip_frame[:3, 2].tolist(), abs=near)
+    assert said["backbone_mm"][-1] == said["tip_mm"]
+    for k, tendon in enumerate(ROBOT.tendon_names):
+        row = said["tendons"][tendon]
+        assert row["length_mm"] == pytest.approx(shape.tendon_lengths[k], abs=near)
+        if name in ("arc", "linkage"):
+            assert row["tension_N"] is None
+        else:
+            assert row["tension_N"] == pytest.approx(shape.tensions[k], abs=1e-4)
+    bend = said["sections"][1]
+    assert bend["bend_rad"] == pytest.approx(math.hypot(1.1, 0.7), rel=5e-3)
+    assert bend["direction_rad"] == pytest.approx(math.atan2(0.7, 1.1), abs=1e-5)
+
+
+def test_the_model_is_chosen_by_routing_and_loads(ask):
+    assert ask("pose", TWO, "--displacement", BENT)["model"] == "arc"
+    assert ask("pose", HELICAL, "--displacement", WOUND)["model"] == "energy"
+    loaded = ask("pose", TWO, "--displacement", BENT, "--tip-force", "0,20mN,0", *WIRE)
+    assert loaded["model"] == "rod"
+    rod = RodModel(ROBOT, tip_force=(0.0, 0.02, 0.0), tendon_stiffness=1e4)
+    shape = rod.shape(displacements_for(ROBOT, BENDS))
+    assert loaded["tip_mm"] == pytest.approx(shape.tip.tolist(), abs=1e-3)
+    free = ask("pose", TWO, "--displacement", BENT, "--model", "rod", *WIRE)
+    assert loaded["tip_mm"][1] > free["tip_mm"][1] + 1.0
+
+
+def test_loads_bend_a_loose_robot_as_a_beam(ask):
+    # A small load that is spread evenly bends a cantilever as 3/8 of it at the tip does.
+    free = ("pose", TWO, "--displacement", "T1=-8mm,T2=-8mm,T3=-8mm,T4=-8mm,T5=-8mm,T6=-8mm")
+    stiff = ContinuumRobot.from_yaml(TWO).to_dict()
+    for section in stiff["sections"]:
+        section["bending_stiffness"] = 300.0
+    ContinuumRobot.from_dict(stiff).to_yaml("even.yaml")
+    free = ("pose", "even.yaml", *free[2:])
+    along = ask(*free, "--line-force", "1e-7N/mm,0,0", *WIRE)["tip_mm"][0]
+    tip = ask(*free, "--tip-force", f"{0.375 * 110e-7}N,0,0", *WIRE)["tip_mm"][0]
+    assert along == pytest.approx(tip, rel=1e-4)
+    assert tip == pytest.approx(0.375 * 110e-7 * 110**3 / 900.0, rel=1e-3)
+
+
+def test_options_reach_their_model(ask):
+    fine, coarse = (
+        ask("compare", TWO, "--displacement", BENT, "--segments", n, "--between", m)["models"]
+        for n, m in ((40, 3), (10, 0))
+    )
+    assert coarse["linkage"]["tip_from_rod_mm"] > 10.0 * fine["linkage"]["tip_from_rod_mm"]
+    assert coarse["energy"]["tip_from_rod_mm"] > 10.0 * fine["energy"]["tip_from_rod_mm"]
+    smooth = ask("pose", TWO, "--displacement", BENT, "--model", "energy",
+                 "--segment-kind", "channel")  # fmt: skip
+    arc = ask("pose", TWO, "--displacement", BENT)
+    assert smooth["tip_mm"] == pytest.approx(arc["tip_mm"], abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["arc", "energy", "rod"])
+def test_typed_numbers_need_not_be_exact(ask, name):
+    bent = displacements_for(ROBOT, BENDS)
+    off = 3e-4 * np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])  # no bend does this
+    kind = ("--segment-kind", "channel") if name == "energy" else ()
+    command = ("pose", TWO, "--model", name, *kind, "--displacement")
+    said = ask(*command, spell(ROBOT, bent + off))
+    assert "moved by up to 0.0003 mm, so as to be consistent" in said["notes"][0]
+    moved = [row["displacement_mm"] for row in said["tendons"].values()]
+    assert moved == pytest.approx(bent.tolist(), abs=1e-8)
+    assert said["tip_mm"] == pytest.approx(ArcModel(ROBOT).shape(bent).tip, abs=1e-4)
+    assert not any(row["slack"] for row in said["tendons"].values())
+    assert ask(*command, spell(ROBOT, bent), "--tolerance", "1nm")["notes"] == []
+    assert ask(*command, spell(ROBOT, bent + off), "--tolerance", "1nm", code=1)["reason"]
+
+
+def test_a_slack_tendon_is_said(ask, run):
+    # The tendons of the distal section follow the bend of the proximal one.
+    bent = displacements_for(ROBOT, [[0.75, 0.0], [0.0, 0.0]])
+    bent[[1, 2]] -= 3.0
+    said = ask("pose", TWO, "--displacement", spell(ROBOT, bent))
+    assert [name for name, row in said["tendons"].items() if row["slack"]] == ["T2", "T3"]
+    _, text, _ = run("pose", TWO, "--displacement", spell(ROBOT, bent))
+    assert text.count("slack") == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["T1=3mm"], "tendon 'T1' is pulled 1 mm more than the nearest shape gives way"),
+        (["T1=3mm", "--model", "energy"], "tendon 'T1' would have to stretch"),
+        (["T1=3mm", "--model", "rod"], "'T1' would have to stretch"),
+        (["T1=-9.5mm"], "tendon 'T1' is moved -9.5 mm: its travel is [-9, 9] mm"),
+        (["T1=-9.5mm", "--model", "energy"], "its travel is [-9, 9] mm"),
+        (["T1=-9.5mm", "--model", "rod"], "its travel is [-9, 9] mm"),
+        (
+            [spell(ROBOT, displacements_for(ROBOT, [[0.0, 0.0], [3.0, 0.0]])), "--model", "rod"],
+            "section 2 'distal' would bend 171.9 deg: its largest bend is 150 deg",
+        ),
+    ],
+)
+def test_no_shape_is_said_and_nothing_is_written(run, tmp_path, arguments, said):
+    command = ("pose", TWO, "--displacement", *arguments, "--out", "shape.png")
+    code, text, err = run(*command)
+    assert (code, err) == (1, "")
+    assert said in text
+    code, out, err = run(*command, "--json")
+    told = json.loads(out)
+    assert (code, err, told["converged"]) == (1, "", False)
+    assert said in told["reason"]
+    assert "tip_mm" not in told
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["arc", "energy", "rod"])
+def test_discs_that_meet_are_no_shape(ask, name):
+    wide = {"sections": [{"length": 20, "radius": 8, "tendons": [
+        {"name": f"t{k}", "offset": 4, "angle": k * math.pi / 2} for k in range(4)
+    ]}]}  # fmt: skip
+    robot = ContinuumRobot.from_dict(wide)
+    robot.to_yaml("wide.yaml")
+    bends = 2.4, 2.6  # they meet at 2.5 rad
+    good, bad = (spell(robot, displacements_for(robot, [[bend, 0.0]])) for bend in bends)
+    command = ("pose", "wide.yaml", "--model", name, "--displacement")
+    assert ask(*command, good)["converged"] is True
+    assert "meet at 143.2 deg" in ask(*command, bad, code=1)["reason"]
+
+
+def test_a_linkage_says_how_many_segments_it_needs(ask):
+    robot = ContinuumRobot.from_yaml(COLONOSCOPE)
+    bent = spell(robot, displacements_for(robot, [[0.0, 0.0], [0.0, 3.1]]))
+    command = ("pose", COLONOSCOPE, "--displacement", bent, "--model", "linkage", "--segments")
+    told = ask(*command, 1, code=1)
+    assert "section 2 'distal' has 1 segments" in told["reason"]
+    assert "at least 2" in told["reason"]
+    assert ask(*command, 2)["converged"] is True
+
+
+def test_bends_without_control_are_noted(ask):
+    robot = {"sections": [{"length": 50, "radius": 5, "tendons": [{"name": "a", "offset": 4}]}]}
+    ContinuumRobot.from_dict(robot).to_yaml("one.yaml")
+    (note,) = ask("pose", "one.yaml", "--displacement", "a=2mm")["notes"]
+    assert "in one plane only" in note
+
+
+def test_reach_comes_back_by_pose(ask):
+    said = ask("reach", TWO, "--to", "30mm,1cm,80mm")
+    assert said["success"] is True
+    assert said["reason"] == ""
+    found = solve_tip(ROBOT, [30.0, 10.0, 80.0])
+    assert said["tip_mm"] == pytest.approx(found.tip.tolist(), abs=1e-9)
+    moved = [said["displacements_mm"][name] for name in ROBOT.tendon_names]
+    assert ArcModel(ROBOT).shape(moved).tip == pytest.approx([30.0, 10.0, 80.0], abs=1e-5)
+    posed = ask("pose", TWO, "--displacement", spell(ROBOT, moved))
+    assert posed["tip_mm"] == pytest.approx([30.0, 10.0, 80.0], abs=1e-5)
+    for ours, theirs in zip(said["sections"], posed["sections"], strict=True):
+        assert ours["bend_rad"] == pytest.approx(theirs["bend_rad"], abs=1e-6)
+        assert ours["direction_rad"] == pytest.approx(theirs["direction_rad"], abs=1e-6)
+
+
+def test_reach_with_a_direction(ask):
+    frame = ArcModel(ROBOT).shape(displacements_for(ROBOT, BENDS)).tip_frame
+    place = ",".join(f"{value:.12f}" for value in frame[:3, 3])
+    way = ",".join(f"{5.0 * value:.12f}" for value in frame[:3, 2])
+    said = ask("reach", TWO, "--to", place, "--direction", way)
+    assert said["success"] is True
+    assert said["tip_direction"] == pytest.approx(frame[:3, 2].tolist(), abs=1e-6)
+    other = ask("reach", TWO, "--to", place, "--direction", "0,0,-1", code=1)
+    assert "2 section(s) have 4 freedoms, the target 5" in other["reason"]
+
+
+def test_out_of_reach_says_by_how_much(ask, run, tmp_path):
+    said = ask("reach", TWO, "--to", "0,0,150mm", "--out", "reach.png", code=1)
+    assert said["residual_mm"] == pytest.approx(40.0, abs=1e-5)
+    assert "out of reach of a backbone of 110 mm" in said["reason"]
+    code, text, err = run("reach", TWO, "--to", "0,0,150mm")
+    assert (code, err) == (1, "")
+    assert text.startswith("not reached: the target lies 150 mm from the base")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_section_says_which_length_would_reach(ask):
+    single = {"sections": [ROBOT.to_dict()["sections"][0]]}
+    ContinuumRobot.from_dict(single).to_yaml("single.yaml")
+    said = ask("reach", "single.yaml", "--to", "30mm,0,50mm", code=1)
+    needed = said["needed_length_mm"]
+    assert f"a section of {needed:.6g} mm would reach it" in said["reason"]
+    single["sections"][0] |= {"length": needed}
+    ContinuumRobot.from_dict(single).to_yaml("single.yaml")
+    assert ask("reach", "single.yaml", "--to", "30mm,0,50mm")["success"] is True
+
+
+def test_smallest_bends_are_smaller(ask):
+    command = ("reach", TWO, "--to", "35mm,0,90mm", "--starts", "1")
+    sizes = [
+        sum(row["bend_rad"] ** 2 for row in ask(*command, *more)["sections"])
+        for more in ((), ("--smallest-bends",))
+    ]
+    assert sizes[1] <= sizes[0]
+
+
+def test_compare_holds_models_against_the_rod(ask):
+    said = ask("compare", TWO, "--displacement", BENT)
+    rows = said["models"]
+    assert list(rows) == list(MODELS)
+    assert said["reference"] == "rod"
+    assert rows["arc"]["tip_from_rod_mm"] < 1e-4
+    assert rows["rod"]["tip_from_rod_mm"] == 0.0
+    # Chords with parallel tendons are the linkage.
+    assert rows["energy"]["tip_mm"] == pytest.approx(rows["linkage"]["tip_mm"], abs=1e-5)
+    assert 1e-3 < rows["linkage"]["tip_from_rod_mm"] < 0.5
+    for row in rows.values():
+        assert row["time_s"] > 0.0
+        aside = np.linalg.norm(np.cross(row["tip_direction"], rows["rod"]["tip_direction"]))
+        assert math.sin(row["direction_from_rod_rad"]) == pytest.approx(aside, abs=1e-9)
+    ours, theirs = rows["energy"]["tensions_N"], rows["rod"]["tensions_N"]
+    assert ours == pytest.approx(theirs, rel=2e-2, abs=1e-3)
+
+
+def test_compare_names_what_models_refuse(ask, run):
+    rows = ask("compare", HELICAL, "--displacement", WOUND)["models"]
+    assert [name for name, row in rows.items() if row["refused"]] == ["arc", "linkage"]
+    assert "changes its offset or angle" in rows["arc"]["reason"]
+    assert rows["energy"]["tip_from_rod_mm"] < 0.1
+    assert rows["energy"]["slack"] == rows["rod"]["slack"] == ["H2", "H3", "H4"]
+    _, text, _ = run("compare", HELICAL, "--displacement", WOUND)
+    assert "arc: refused: tendon 'H1'" in text
+
+
+def test_compare_without_any_shape_is_a_negative_answer(run):
+    code, out, err = run("compare", TWO, "--displacement", "T1=3mm", "--out", "no.png", "--json")
+    said = json.loads(out)
+    assert (code, err) == (1, "")
+    assert said["reference"] is None
+    assert said["file"] is None
+    assert all("T1" in row["reason"] for row in said["models"].values())
+    assert not Path("no.png").exists()
+
+
+def test_compare_gives_loads_to_the_rod_alone(ask):
+    free, loaded = (
+        ask("compare", TWO, "--displacement", BENT, *more)
+        for more in ((), ("--tip-force", "0,0.05N,0", *WIRE))
+    )
+    assert loaded["models"]["arc"]["tip_mm"] == free["models"]["arc"]["tip_mm"]
+    assert loaded["models"]["arc"]["tip_from_rod_mm"] > 0.1
+    assert "only the rod bears the load" in loaded["notes"][0]
+    assert "tendons stretch" in loaded["notes"][1]
+
+
+def test_workspace_is_the_library(ask):
+    said = ask("workspace", TWO, "--count", 3000, "--seed", 3, "--cell", "8mm")
+    sample = sample_workspace(ROBOT, 3000, seed=3)
+    assert said["reach_mm"] == pytest.approx(np.linalg.norm(sample.tips, axis=1).max())
+    found = map_dexterity(sample, cell=8.0, half_plane=True)
+    assert said["map"]["from_axis_mm"] == pytest.approx(found.centres[:, 0].tolist())
+    assert said["map"]["direction_share"] == pytest.approx(found.direction_share.tolist())
+    assert sum(said["map"]["tips"]) == 3000
+    for k, (name, row) in enumerate(said["tendons"].items()):
+        assert name == ROBOT.tendon_names[k]
+        assert row["low_mm"] == pytest.approx(sample.displacements[:, k].min())
+        assert row["allowed_mm"][0] <= row["low_mm"] < row["high_mm"] <= row["allowed_mm"][1]
+    assert said["hull_mm3"] > 0.0
+    space = ask("workspace", TWO, "--count", 3000, "--seed", 3, "--cell", "8mm", "--in-space")
+    assert set(space["map"]) > {"x_mm", "y_mm", "z_mm"}
+    assert space["occupied_mm3"] == said["occupied_mm3"]
+
+
+def test_workspace_says_in_how_many_directions_the_tip_looks(ask, run):
+    said = ask("workspace", TWO, "--count", 100, "--at", "30mm,10mm,80mm", "--directions", 20)
+    assert said["directions_at"]["share"] == 0.0
+    assert "have no area" in said["notes"][0]
+    code, text, _ = run("workspace", TWO, "--count", 100, "--at", "30mm,10mm,80mm",
+                        "--directions", 20, "--quiet")  # fmt: skip
+    assert code == 0
+    assert "have no area" in text
+    assert "take more shapes or larger cells" in text
+
+
+def test_files(run, tmp_path):
+    bent = ("--displacement", BENT)
+    assert run("pose", TWO, *bent, "--out", "pose.png")[0] == 0
+    assert run("pose", TWO, *bent, "--out", "pose.csv")[0] == 0
+    assert run("compare", TWO, *bent, "--out", "compare.png")[0] == 0
+    assert run("compare", TWO, *bent, "--out", "compare.csv")[0] == 0
+    assert run("reach", TWO, "--to", "30,10,80", "--out", "reach.png")[0] == 0
+    assert run("reach", TWO, "--to", "30,10,80", "--out", "reach.csv")[0] == 0
+    few = ("workspace", TWO, "--count", 500)
+    assert run(*few, "--out", "space.png")[0] == 0
+    assert run(*few, "--in-space", "--out", "cubes.svg")[0] == 0
+    assert run(*few, "--out", "space.csv")[0] == 0
+    for path in tmp_path.glob("*.png"):
+        assert path.read_bytes()[:4] == PNG
+    line = np.loadtxt(tmp_path / "pose.csv", delimiter=",", skiprows=1)
+    assert line[-1, 0] == ROBOT.length
+    assert line[-1, 1:4] == pytest.approx(
+        ArcModel(ROBOT).shape(displacements_for(ROBOT, BENDS)).tip
+    )
+    with open("reach.csv", newline="") as file:
+        rows = {row["tendon"]: float(row["displacement_mm"]) for row in csv.DictReader(file)}
+    assert rows == pytest.approx(dict(zip(ROBOT.tendon_names,
+        solve_tip(ROBOT, [30.0, 10.0, 80.0]).displacements, strict=True)))  # fmt: skip
+    with open("compare.csv", newline="") as file:
+        assert [row["model"] for row in csv.DictReader(file)] == list(MODELS)
+    code, _, err = run("pose", TWO, *bent, "--out", "pose.png")
+    assert code == 2
+    assert "exists already" in err
+
+
+@pytest.mark.parametrize("path", [TWO, HELICAL, CONVERGING, COLONOSCOPE], ids=lambda p: p.stem)
+def test_example_robots_bend_alike_by_energy_and_rod(path):
+    robot = ContinuumRobot.from_yaml(path)
+    pulled = -0.3 * np.ones(len(robot.tendons))
+    pulled[0] = 0.2
+    energy, rod = (model(robot).shape(pulled).require() for model in (EnergyModel, RodModel))
+    assert energy.tip == pytest.approx(rod.tip, abs=0.02)
+    assert np.linalg.norm(rod.tip - [0.0, 0.0, robot.length]) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["pose", "none.yaml", "--displacement", "T1=1mm"], "none.yaml"),
+        (["pose", TWO], "--displacement"),
+        (["pose", TWO, "--displacement", "Q=1mm"], "'Q': the tendons of robot 'two sections' are"),
+        (["pose", TWO, "--displacement", "T1"], "'T1': it must be NAME=LENGTH"),
+        (["pose", TWO, "--displacement", "T1=1mm,"], "has the part ''"),
+        (["pose", TWO, "--displacement", "T1=1mm,T1=2mm"], "'T1' more than once"),
+        (["pose", TWO, "--displacement", "T1=1N"], "'1N' has the wrong kind of unit"),
+        (["pose", TWO, "--displacement", "T1=nan"], "'nan'"),
+        (["pose", TWO, "--displacement", BENT, "--model", "pcc"], "'pcc'"),
+        (["pose", TWO, "--displacement", BENT, "--segments", "3"], "not for the arc model"),
+        (["pose", TWO, "--displacement", BENT, "--model", "arc", "--tip-force", "0,0,1"],
+         "--tip-force is not for the arc model: it is for rod"),
+        (["pose", TWO, "--displacement", BENT, "--model", "energy", "--line-force", "0,0,1"],
+         "--line-force is not for the energy model"),
+        (["pose", TWO, "--displacement", BENT, "--model", "rod", "--segment-kind", "arc"],
+         "--segment-kind is not for the rod model: it is for energy"),
+        (["pose", TWO, "--displacement", BENT, "--tip-force", "0,1N"], "2 part"),
+        (["pose", TWO, "--displacement", BENT, "--tip-force", "0,1N,0"],
+         "--tip-force needs --tendon-stiffness"),
+        (["compare", TWO, "--displacement", BENT, "--line-force", "0,1N/mm,0"],
+         "--line-force needs --tendon-stiffness"),
+        (["pose", TWO, "--displacement", BENT, "--tip-force", "0,0,1mm"], "wrong kind of unit"),
+        (["pose", TWO, "--displacement", BENT, "--tolerance=-1mm"], "tolerance is -1 mm"),
+        (["pose", TWO, "--displacement", BENT, "--model", "linkage", "--segments", "0"],
+         "segments is 0"),
+        (["pose", TWO, "--displacement", BENT, "--model", "rod", "--steps", "1"], "steps is 1"),
+        (["pose", TWO, "--displacement", BENT, "--model", "energy", "--between=-1"],
+         "between is -1"),
+        (["pose", HELICAL, "--displacement", WOUND, "--model", "arc"], "tendon 'H1' changes"),
+        (["pose", TWO, "--displacement", BENT, "--out", "a.txt"], ".csv"),
+        (["pose", TWO, "--displacement", BENT, "--out", "nowhere/a.png"], "nowhere"),
+        (["reach", TWO], "--to"),
+        (["reach", TWO, "--to", "1mm,2mm"], "2 part"),
+        (["reach", TWO, "--to", "1,2,3", "--direction", "0,0,0"], "must not be zero"),
+        (["reach", TWO, "--to", "1,2,3", "--starts", "0"], "starts is 0"),
+        (["reach", HELICAL, "--to", "1,2,3"], "only pose and compare take others"),
+        (["compare", TWO, "--displacement", BENT, "--tip-force", "0,0,x"], "'x'"),
+        (["workspace", HELICAL], "only pose and compare take others"),
+        (["workspace", TWO, "--count", "0"], "count is 0"),
+        (["workspace", TWO, "--cell", "0mm"], "cell is 0"),
+        (["workspace", TWO, "--bend-cap", "0"], "bend_cap is 0"),
+        (["workspace", TWO, "--seed", "x"], "'x'"),
+        (["workspace", TWO, "--directions", "0"], "directions is 0"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, arguments, said):
+    code, out, err = run(*arguments)
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert said in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robot_without_tendons_is_refused(run, tmp_path):
+    (tmp_path / "bare.yaml").write_text("sections: [{length: 20 mm, radius: 2 mm}]\n")
+    for command in (("reach", "bare.yaml", "--to", "0,0,20"), ("workspace", "bare.yaml")):
+        code, _, err = run(*command)
+        assert code == 2
+        assert "has no tendons" in err
+
+
+def test_a_bad_field_of_a_robot_is_named(run, tmp_path):
+    text = TWO.read_text().replace("offset: 4 mm", "offset: 40 mm", 1)
+    (tmp_path / "bad.yaml").write_text(text)
+    code, _, err = run("pose", "bad.yaml", "--displacement", "T1=0")
+    assert code == 2
+    assert err.count("\n") == 1
+    assert "bad.yaml: tendon 'T1' offset is 40 mm" in err
+
+
+def test_the_file_format_in_the_guide_is_read(run, tmp_path):
+    page = (EXAMPLES.parent / "docs" / "guide" / "continuum.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```yaml\n(.*?)^```", page, re.M | re.S)
+    (tmp_path / "guide.yaml").write_text(text, encoding="utf-8")
+    robot = ContinuumRobot.from_yaml(tmp_path / "guide.yaml")
+    plain = robot.to_dict()
+    told = {key for section in plain["sections"] for key in section}
+    assert told == set(SECTION_FIELDS)  # the guide leaves out no field
+    assert {k for s in plain["sections"] for t in s["tendons"] for k in t} >= {"end", "pushes"}
+    assert all(f"{name}:" in text for name in (*SECTION_FIELDS, *TENDON_FIELDS, *HELIX_FIELDS))
+    assert run("pose", "guide.yaml", "--displacement", "D1=0.5mm,D2=-2mm,D3=-2mm,T1=-2mm,T2=-2mm,"
+               "T3=-2mm")[0] == 0  # fmt: skip
