@@ -4,25 +4,28 @@ The printed system costs SciPy 0.15 to 0.3 ms where the angle starts at the brai
 gives 0.04 s for MATLAB's fsolve from zero on a 2.0 GHz PC (section 3.4). From zero itself SciPy
 stops at once: the contact area is not defined there.
 
-What was wanted is 10,000 times SciPy's fsolve. That is not reached: it would be 20 ns, about 60
-cycles, for an equilibrium with logarithms and roots in each of its four or five Newton steps. It
-holds against the thesis's own time. What is asserted is what is true.
+What is required is 10,000 times SciPy's fsolve. That is not reached, neither by a call of one
+number nor by a solve in a batch: it would be 20 ns, about 60 cycles, for an equilibrium with
+logarithms and roots in each of its four or five Newton steps. The ratio to the time that the thesis
+reports is of another computer and another program; nothing is required of it.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from bozzini.muscle import EnergyMuscle, ThesisMuscle, preset
+from bozzini.muscle import MODELS, EnergyMuscle, ThesisMuscle, preset
 from tests.muscle.printed import solve_printed
 
 COUNT = 1_000_000
+REQUIRED = 10_000.0
+"""How many times faster than SciPy's fsolve a solve has to be."""
+
 THESIS_TIME = 0.04
 """Time of one solve that the thesis reports [s]."""
 
@@ -86,36 +89,45 @@ def bench_forces(benchmark: Any) -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["energy", "thesis"])
-def bench_one_solve_against_fsolve(benchmark: Any, name: str) -> None:
-    pressures, loads = draw_points()
-    muscle = preset("effector-45")
-    answer: Callable[..., np.ndarray]
-    if name == "energy":
-        answer, arguments = EnergyMuscle(muscle).contraction, (pressures, loads)
-    else:
-        answer, arguments = ThesisMuscle(muscle).contraction, (pressures,)
-    benchmark.pedantic(answer, args=arguments, rounds=5, warmup_rounds=1)
-    ours = benchmark.stats.stats.min / COUNT
+def compare_with_fsolve(benchmark: Any, what: str, ours: float) -> None:
     theirs = time_printed()
     ratio = theirs / ours
+    kept = "reached" if ratio >= REQUIRED else "not reached"
     benchmark.extra_info.update(
-        what=f"one solve of the {name} model; SciPy's fsolve on the thesis's system; the thesis",
-        measured=f"{ours * 1e6:.2f} us; {ratio:,.0f} times ({theirs * 1e3:.2f} ms), and "
-        f"{THESIS_TIME / ours:,.0f} times (its 0.04 s)",
-        required="10,000 times: not reached against SciPy's fsolve (100 are asserted), reached "
-        "against the thesis's time",
+        what=f"{what}; SciPy's fsolve on the thesis's system over it",
+        measured=f"{ours * 1e6:.2f} us; {ratio:,.0f} times ({theirs * 1e3:.2f} ms)",
+        required=f"at least {REQUIRED:,.0f} times: {kept}",
         ratio=ratio,
     )
-    assert ratio >= 100.0
-    assert THESIS_TIME / ours >= 10_000.0
 
 
-def bench_one_call(benchmark: Any) -> None:
-    """A single number in and out: what a loop in Python pays."""
-    model = EnergyMuscle(preset("effector-45"))
-    benchmark(model.contraction, 0.5, 0.4)
+def run_batch(benchmark: Any, name: str) -> float:
+    """Time of one solve in a batch without load [s]: both models answer that."""
+    pressures, _ = draw_points()
+    answer = MODELS[name](preset("effector-45")).contraction
+    benchmark.pedantic(answer, args=(pressures,), rounds=5, warmup_rounds=1)
+    return float(benchmark.stats.stats.min) / COUNT
+
+
+@pytest.mark.parametrize("name", ["energy", "thesis"])
+def bench_one_call_against_fsolve(benchmark: Any, name: str) -> None:
+    """A single number in and out through the checks: what a loop in Python pays."""
+    model = MODELS[name](preset("effector-45"))
+    benchmark(model.contraction, 0.5)
+    what = f"one call of the {name} model for one number"
+    compare_with_fsolve(benchmark, what, float(benchmark.stats.stats.median))
+
+
+@pytest.mark.parametrize("name", ["energy", "thesis"])
+def bench_one_of_a_batch_against_fsolve(benchmark: Any, name: str) -> None:
+    what = f"one solve of the {name} model in a batch of {COUNT:,}"
+    compare_with_fsolve(benchmark, what, run_batch(benchmark, name))
+
+
+@pytest.mark.parametrize("name", ["energy", "thesis"])
+def bench_one_of_a_batch_against_the_thesis(benchmark: Any, name: str) -> None:
+    ours = run_batch(benchmark, name)
     benchmark.extra_info.update(
-        what="contraction of one number, through the checks",
-        measured=f"{benchmark.stats.stats.median * 1e6:.1f} us",
+        what=f"one solve of the {name} model in a batch; the time that the thesis reports over it",
+        measured=f"{ours * 1e6:.2f} us; {THESIS_TIME / ours:,.0f} times (0.04 s, MATLAB, 2.0 GHz)",
     )

@@ -15,10 +15,16 @@ from pathlib import Path
 import numpy as np
 
 from bozzini.errors import InputError
-from bozzini.muscle import EnergyMuscle, ThesisMuscle, preset
-from bozzini.muscle.calibrate import calibrate
-from bozzini.muscle.compare import compare_models
-from bozzini.muscle.dataset import Measurements, read_measurements, write_measurements
+from bozzini.muscle import (
+    EnergyMuscle,
+    Measurements,
+    ThesisMuscle,
+    calibrate,
+    compare_models,
+    preset,
+    read_measurements,
+    write_measurements,
+)
 
 TRUTH = preset("thesis-45", modulus=0.5, dead_length=10.0, friction_length=0.02)
 NOISE = 0.1  # standard deviation of a length [mm]

@@ -10,7 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from bozzini.checks import check_integer, check_number, check_points
+from bozzini.checks import (
+    broadcast,
+    check_array,
+    check_integer,
+    check_number,
+    check_points,
+    check_range,
+)
 from bozzini.errors import InputError
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -35,10 +42,74 @@ def test_open_end_is_illegal_and_shown_as_open() -> None:
         check_number("radius", 0.0, low=0.0, low_open=True)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "wide", None, [1.0, 2.0], 1j])
+@pytest.mark.parametrize(
+    "value",
+    [
+        *(math.nan, math.inf, -math.inf, 10**400, 10**5000, 1j, np.complex64(1.0)),
+        *("wide", "1.5", b"1.5", np.str_("1.5"), np.array("1.5"), True, np.True_, None),
+        *([1.0, 2.0], np.array([1.0]), np.ones((20, 20))),
+    ],
+    ids=lambda value: type(value).__name__,
+)
 def test_what_is_no_finite_number_is_refused(value: object) -> None:
-    with pytest.raises(InputError, match="^gap is "):
+    with pytest.raises(InputError, match="^gap is ") as caught:
         check_number("gap", value)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("value", [2, np.int8(2), np.float32(2.0), np.array(2.0), np.uint64(2)])
+def test_numbers_of_any_kind_become_floats(value: float) -> None:
+    result = check_number("gap", value)
+    assert type(result) is float
+    assert result == 2.0
+
+
+@pytest.mark.parametrize("values", [2.5, [1, 2], (1.0, 2.0), np.arange(6).reshape(2, 3), [], [[]]])
+def test_arrays_of_numbers_pass(values: object) -> None:
+    result = check_array("load", values)  # type: ignore[arg-type]
+    assert result.dtype == np.float64
+    assert np.array_equal(result, np.asarray(values))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        *("0.5", ["0.5"], [["a", "b"], ["c", "d"]], b"1", [None], None, object(), [[1.0], [1, 2]]),
+        *(True, [True, False], 1j, [1j], np.array([1j]), [10**400], np.array("2020", "M8[D]")),
+        *({"a": 1}, np.ma.masked_greater([1.0, 3.0], 2.0)),
+    ],
+    ids=lambda values: type(values).__name__,
+)
+def test_what_is_no_array_of_numbers_is_one_line(values: object) -> None:
+    with pytest.raises(InputError, match="^load is ") as caught:
+        check_array("load", values)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+@given(
+    values=hnp.arrays(np.float64, st.tuples(st.integers(0, 3), st.integers(1, 3))),
+    low=st.floats(-10.0, 10.0),
+    width=st.floats(0.0, 10.0),
+)
+def test_a_range_names_the_first_outside(values: np.ndarray, low: float, width: float) -> None:
+    outside = np.argwhere(~((values >= low) & (values <= low + width)))
+    if len(outside):
+        place = ", ".join(str(index) for index in outside[0])
+        with pytest.raises(InputError) as caught:
+            check_range("load", values, low, low + width, "N")
+        assert str(caught.value).startswith(f"load[{place}] is {values[tuple(outside[0])]:g} N")
+    else:
+        check_range("load", values, low, low + width, "N")
+
+
+def test_shapes_go_together_or_are_named() -> None:
+    first, second = broadcast(("a", np.ones((3, 1))), ("b", np.ones(2)))
+    assert first.shape == second.shape == (3, 2)
+    assert first.flags.c_contiguous
+    assert broadcast(("a", np.asarray(1.0)))[0].shape == ()
+    with pytest.raises(InputError, match=r"do not go together: a \(3,\), b \(2,\)"):
+        broadcast(("a", np.ones(3)), ("b", np.ones(2)))
 
 
 @given(value=st.integers(-100, 100), low=st.integers(-100, 100), high=st.integers(-100, 100))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import UnitError
@@ -95,6 +96,45 @@ def test_nonsense_is_one_line_that_names_it(text: str) -> None:
     assert f"'{text}'" in message
     assert "5mm" in message  # an example of what is legal
     assert "\n" not in message
+
+
+POWERS = [
+    "1kPa**9**9**9",
+    "1kPa^9^9",
+    "1kPa ** 9 ** 9",
+    "1kPa**99999999",
+    "1kPa**(9**9)",
+    "1kPa^9e9",
+    "1kPa⁹⁹⁹⁹⁹⁹",
+    "1kPa⁹**9",
+    "1kPa*((((((9**9)**9)**9)**9)**9)**9)**9",
+    "1kPa" + "*kPa" * 30,
+    "1" + "(" * 5000 + "kPa" + ")" * 5000,
+]
+
+
+@pytest.mark.parametrize("text", POWERS, ids=lambda text: text[:12])
+def test_a_unit_is_not_worked_out_at_any_cost(text: str) -> None:
+    begin = time.perf_counter()
+    with pytest.raises(UnitError, match=r"(power|characters).*: give a pressure such as"):
+        parse_quantity(text, "pressure")
+    assert time.perf_counter() - begin < 1.0
+
+
+@pytest.mark.parametrize("text", ["1 N/mm^2", "1 N/mm**2", "1N mm⁻²", "1 N * mm ^ -2", "1N/(mm)^2"])
+def test_powers_of_one_digit_are_units(text: str) -> None:
+    assert parse_quantity(text, "pressure") == pytest.approx(1.0)
+
+
+@settings(max_examples=150)
+@given(text=st.text("kPam*^()⁹²9 -/.", min_size=1, max_size=45))
+def test_any_unit_is_told_at_once(text: str) -> None:
+    begin = time.perf_counter()
+    try:
+        assert math.isfinite(parse_quantity(f"1{text}", "pressure"))
+    except UnitError as error:
+        assert "\n" not in str(error)
+    assert time.perf_counter() - begin < 2.0
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, None, [1.0, 2.0], object()])

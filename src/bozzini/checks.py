@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
 
-__all__ = ["check_integer", "check_number", "check_points"]
+__all__ = [
+    "broadcast",
+    "check_array",
+    "check_integer",
+    "check_number",
+    "check_points",
+    "check_range",
+    "name_at",
+]
+
+_NO_NUMBERS = (str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating)
 
 
 def check_number(
@@ -28,7 +40,7 @@ def check_number(
     name : str
         What the value is, for the message.
     value : float
-        The value received.
+        The value received. Text and truth values are no numbers.
     low, high : float
         Legal range.
     low_open : bool
@@ -45,10 +57,15 @@ def check_number(
     left = "(" if low_open or math.isinf(low) else "["
     right = ")" if math.isinf(high) else "]"
     legal = f"{left}{low:g}, {high:g}{right}{suffix}"
+    given: Any = value
+    if isinstance(given, np.ndarray) and given.ndim == 0:
+        given = given.item()
     try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is {value!r}: it must be a number in {legal}") from None
+        if isinstance(given, (*_NO_NUMBERS, np.ndarray)):
+            raise TypeError
+        number = float(given)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} is {_show(value)}: it must be a number in {legal}") from None
     below = number <= low if low_open and not math.isinf(low) else number < low
     if not math.isfinite(number) or below or number > high:
         raise InputError(f"{name} is {number:g}{suffix}: it must lie in {legal}")
@@ -60,14 +77,101 @@ def check_integer(name: str, value: int, *, low: int, high: int | None = None) -
     legal = f"[{low}, {'inf' if high is None else high}]"
     try:
         number = int(value)
-        whole = not isinstance(value, (bool, str)) and number == value
+        whole = not isinstance(value, _NO_NUMBERS) and number == value
     except (TypeError, ValueError, OverflowError):
         whole = False
     if not whole:
-        raise InputError(f"{name} is {value!r}: it must be a whole number in {legal}")
+        raise InputError(f"{name} is {_show(value)}: it must be a whole number in {legal}")
     if number < low or (high is not None and number > high):
         raise InputError(f"{name} is {number}: it must lie in {legal}")
     return number
+
+
+def check_array(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return `values` as an array of floats; they need not be finite.
+
+    Raises
+    ------
+    InputError
+        If they are text, truth values, complex, hidden by a mask, of a unit that would be dropped,
+        or no array at all.
+    """
+    given: Any = values
+    if type(given) is float:
+        return np.asarray(given)
+    if type(given) is np.ndarray and given.dtype == np.float64:
+        return given
+    if isinstance(given, np.ma.MaskedArray) and np.any(np.ma.getmaskarray(given)):
+        raise _no_array(name, given, ", none of them masked")
+    leaf = given
+    while isinstance(leaf, (list, tuple)) and leaf:
+        leaf = leaf[0]
+    # Pint has `units` and astropy `unit`; NumPy would drop them.
+    if hasattr(leaf, "units") or hasattr(leaf, "unit"):
+        raise _no_array(name, given, " without a unit, in Bozzini's own (mm, N, MPa, rad, s)")
+    try:
+        array = np.asarray(values)
+        kind = array.dtype.kind
+        # Of Python's own big integers NumPy makes objects; of None it would make NaN.
+        if kind not in "iufO" or (kind == "O" and not all(map(_is_real, array.flat))):
+            raise TypeError
+        return np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise _no_array(name, given) from None
+
+
+def _no_array(name: str, values: object, more: str = "") -> InputError:
+    wrong = f"{name} is {_show(values)}: it must be a number or an array of numbers"
+    return InputError(wrong + more)
+
+
+def check_range(
+    name: str,
+    values: NDArray[np.float64],
+    low: float,
+    high: float,
+    unit: str = "",
+    *,
+    slack: float = 0.0,
+    hint: str = "",
+) -> None:
+    """Raise `InputError` that names the first of `values` outside `[low, high]`, NaN included.
+
+    `slack` is what is let through on either side as round-off; `hint` ends the message.
+    """
+    least, most = low - slack, high + slack
+    if values.size and not (values.min() >= least and values.max() <= most):
+        index = int(np.argmin((values >= least) & (values <= most)))
+        suffix = f" {unit}" if unit else ""
+        raise InputError(
+            f"{name_at(name, values, index)} is {values.flat[index]:g}{suffix}: "
+            f"it must lie in [{low:g}, {high:g}]{suffix}{hint}"
+        )
+
+
+def name_at(name: str, values: NDArray[Any], index: int) -> str:
+    """Return the name of the `index`-th of `values`, ``load[2, 1]`` for example."""
+    if values.ndim == 0:
+        return name
+    place = ", ".join(str(i) for i in np.unravel_index(index, values.shape))
+    return f"{name}[{place}]"
+
+
+def broadcast(*named: tuple[str, NDArray[np.float64]]) -> tuple[NDArray[np.float64], ...]:
+    """Return the arrays, contiguous and of one shape, or raise `InputError`.
+
+    They may share memory with what was given: not to be written to.
+    """
+    given = named[0][1].shape
+    if all(array.shape == given and array.flags.c_contiguous for _, array in named):
+        return tuple(array for _, array in named)
+    try:
+        shape = np.broadcast_shapes(*(array.shape for _, array in named))
+    except ValueError:
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in named)
+        raise InputError(f"these shapes do not go together: {shapes}") from None
+    # np.ascontiguousarray would turn a single number into an array of one.
+    return tuple(np.require(np.broadcast_to(array, shape), requirements="C") for _, array in named)
 
 
 def check_points(name: str, points: ArrayLike, *, dim: int = 3) -> NDArray[np.float64]:
@@ -82,3 +186,16 @@ def check_points(name: str, points: ArrayLike, *, dim: int = 3) -> NDArray[np.fl
         bad = int(np.count_nonzero(~np.isfinite(array).all(axis=-1)))
         raise InputError(f"{name} has {bad} point(s) that are not finite (NaN or infinite)")
     return array
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _show(value: object) -> str:
+    """Return a value as one short line."""
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # an integer of more digits than Python writes
+        return f"a huge {type(value).__name__}"
+    return text if len(text) <= 80 else f"{text[:77]}..."

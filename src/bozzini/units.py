@@ -42,6 +42,14 @@ _EXAMPLES = {
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*([^\s0-9.,][^,]*)?")
 
+# A unit is arithmetic to pint, which would try to work out kPa**9**9**9.
+_LONGEST_UNIT = 40
+_POWER = re.compile(r"(?:\*\*|\^)\s*[-+]?[0-9](?![\w.])(?!\s*(?:\*\*|\^|[²³¹⁰⁴-⁹]))")
+_SIGN_OF_POWER = re.compile(r"\*\*|\^")
+_SUPERSCRIPTS = re.compile(r"[⁻⁺]?[²³¹⁰⁴-⁹](?!\s*(?:\*\*|\^|[²³¹⁰⁴-⁹]))")
+_SIGN_OF_SUPERSCRIPT = re.compile(r"[²³¹⁰⁴-⁹]")
+_POWER_OF_BRACKETS = re.compile(r"\)\s*(?:\*\*|\^|[²³¹⁰⁴-⁹])")
+
 
 @lru_cache(maxsize=1)
 def _registry() -> pint.UnitRegistry[Any]:
@@ -80,12 +88,28 @@ def parse_quantity(text: str | float, kind: str) -> float:
             raise UnitError(f"'{text}' is not a quantity: {hint}")
         value = float(match[1])
         if match[2]:
-            value = _convert(value, match[2].strip(), unit, text, hint)
+            given = match[2].strip()
+            _check_unit(given, text, hint)
+            value = _convert(value, given, unit, text, hint)
     else:
         value = _take_number(text, hint)
     if not math.isfinite(value):
         raise UnitError(f"'{text}' is not a finite number: {hint}")
     return value
+
+
+def _check_unit(given: str, text: str, hint: str) -> None:
+    """Refuse what would take pint long to work out."""
+    if len(given) > _LONGEST_UNIT:
+        shown = f"{text[:60]}..." if len(text) > 63 else text
+        raise UnitError(
+            f"'{shown}' has a unit of {len(given)} characters, {_LONGEST_UNIT} at most: {hint}"
+        )
+    for power, sign in ((_POWER, _SIGN_OF_POWER), (_SUPERSCRIPTS, _SIGN_OF_SUPERSCRIPT)):
+        if len(power.findall(given)) != len(sign.findall(given)):
+            raise UnitError(f"'{text}' has a power that is not one digit: {hint}")
+    if len(_POWER_OF_BRACKETS.findall(given)) > 1:
+        raise UnitError(f"'{text}' has more than one power of brackets: {hint}")
 
 
 def _take_number(value: float, hint: str) -> float:
@@ -108,6 +132,8 @@ def _convert(value: float, given: str, unit: str, text: str, hint: str) -> float
         return float(quantity.to(unit or "dimensionless").magnitude)
     except pint.DimensionalityError:
         raise UnitError(f"'{text}' has the wrong kind of unit: {hint}") from None
+    except OverflowError:
+        raise UnitError(f"'{text}' is not a finite number: {hint}") from None
 
 
 def parse_vector(text: str, kind: str, *, size: int = 3) -> tuple[float, ...]:

@@ -10,9 +10,19 @@ import math
 import numpy as np
 import pytest
 
+from bozzini.cli._muscle_options import CHOICES, MODEL_NAMES
 from bozzini.cli.main import main
-from bozzini.muscle import EnergyMuscle, ThesisMuscle, preset
-from bozzini.muscle.dataset import Measurements, write_measurements
+from bozzini.muscle import (
+    MODELS,
+    EnergyMuscle,
+    Measurements,
+    ThesisMuscle,
+    _kernels,
+    preset,
+    write_measurements,
+)
+from bozzini.muscle.energy import ENDS
+from bozzini.muscle.thesis import LOAD_PATHS
 
 TRUTH = preset("thesis-45", modulus=0.5, dead_length=10.0)
 
@@ -57,37 +67,66 @@ def test_solve_is_the_library(run):
     assert said["converged"] is True
 
 
-def test_every_field_can_be_overridden(run):
-    fields = {
-        "length": ("5cm", "length_mm", 50.0),
-        "outer-radius": ("0.75mm", "outer_radius_mm", 0.75),
-        "inner-radius": ("0.3", "inner_radius_mm", 0.3),
-        "braid-angle": ("30deg", "braid_angle_rad", math.radians(30.0)),
-        "gap": ("50um", "gap_mm", 0.05),
-        "strands": ("24", "strands", 24),
-        "strand-radius": ("0.03mm", "strand_radius_mm", 0.03),
-        "end-length": ("4mm", "end_length_mm", 4.0),
-        "dead-length": ("3mm", "dead_length_mm", 3.0),
-        "modulus": ("400kPa", "modulus_MPa", 0.4),
-        "poisson-ratio": ("0.49", "poisson_ratio", 0.49),
-        "strand-modulus": ("2GPa", "strand_modulus_MPa", 2000.0),
-        "mooney-ratio": ("0.1", "mooney_ratio", 0.1),
-        "friction-length": ("0.01mm", "friction_length_mm", 0.01),
-    }
-    options = [word for name, (text, _, _) in fields.items() for word in (f"--{name}", text)]
-    code, out, _ = run("solve", "--pressure", "0.5MPa", "--load", "0.2N", "--direction",
-                       "inflating", "--json", *options)  # fmt: skip
+FIELDS = {
+    "length": ("5cm", "length_mm", 50.0),
+    "outer-radius": ("0.75mm", "outer_radius_mm", 0.75),
+    "inner-radius": ("0.3", "inner_radius_mm", 0.3),
+    "braid-angle": ("30deg", "braid_angle_rad", math.radians(30.0)),
+    "gap": ("50um", "gap_mm", 0.05),
+    "strands": ("24", "strands", 24),
+    "strand-radius": ("0.03mm", "strand_radius_mm", 0.03),
+    "end-length": ("4mm", "end_length_mm", 4.0),
+    "dead-length": ("3mm", "dead_length_mm", 3.0),
+    "modulus": ("400kPa", "modulus_MPa", 0.4),
+    "poisson-ratio": ("0.49", "poisson_ratio", 0.49),
+    "strand-modulus": ("2GPa", "strand_modulus_MPa", 2000.0),
+    "mooney-ratio": ("0.1", "mooney_ratio", 0.1),
+    "friction-length": ("0.01mm", "friction_length_mm", 0.01),
+}
+WAY = {"energy": ("--direction", "inflating", "--load", "0.2N"), "thesis": ()}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_field_of_a_model_can_be_overridden(run, name):
+    used = {key: field for key, field in FIELDS.items()
+            if key.replace("-", "_") not in MODELS[name].unused}  # fmt: skip
+    options = [word for key, (text, _, _) in used.items() for word in (f"--{key}", text)]
+    code, out, _ = run(
+        "solve", "--model", name, "--pressure", "0.5MPa", "--json", *WAY[name], *options
+    )
     said = json.loads(out)
     assert code == 0
-    assert set(said["muscle"]) == {key for _, key, _ in fields.values()}
+    assert set(said["muscle"]) == {key for _, key, _ in FIELDS.values()}
     changes = {}
-    for name, (_, key, value) in fields.items():
-        assert said["muscle"][key] == pytest.approx(value)
-        changes[name.replace("-", "_")] = value
+    for key, (_, shown, value) in used.items():
+        assert said["muscle"][shown] == pytest.approx(value)
+        changes[key.replace("-", "_")] = value
     assert isinstance(said["muscle"]["strands"], int)
-    model = EnergyMuscle(preset("effector-45", **changes))
-    contraction = model.contraction(0.5, 0.2, direction="inflating")
+    model = MODELS[name](preset("effector-45", **changes))
+    load, direction = (0.2, "inflating") if name == "energy" else (0.0, None)
+    contraction = model.contraction(0.5, load, direction=direction)
     assert said["contraction_mm"] == pytest.approx(float(contraction))
+    assert (said["load_N"], said["direction"]) == (load, direction)
+    assert said["ends"] == ("none" if name == "energy" else None)
+    assert said["load_path"] == ("none" if name == "thesis" else None)
+    assert abs(said["residual_N"]) < 1e-9
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_field_without_effect_is_refused(run, table, name):
+    for field in MODELS[name].unused:
+        option = f"--{field.replace('_', '-')}"
+        for command in (["solve", "--pressure", "0.5MPa"], ["curve"], ["fit", table]):
+            code, out, err = run(*command, "--model", name, option, FIELDS[option[2:]][0])
+            assert (code, out) == (2, "")
+            assert f"{option} has no effect in the model {name}: leave it out" in err
+    both = run("compare", table, "--preset", "thesis-45", "--strands", "28")
+    assert both[0] == 0  # one of the two uses it
+
+
+def test_the_choices_of_the_options_are_those_of_the_library():
+    assert set(MODEL_NAMES) == set(MODELS)
+    assert CHOICES == {"ends": ("energy", ENDS), "load_path": ("thesis", LOAD_PATHS)}
 
 
 def test_options_of_a_model_reach_it(run):
@@ -121,12 +160,45 @@ def test_a_curve_is_a_table_and_a_picture(run, kind, tmp_path):
         else:
             contraction = float(model.contraction(row["pressure_MPa"]))
             assert row["contraction_mm"] == pytest.approx(contraction, abs=1e-6)
-    for name in ("curve.csv", "curve.png"):
-        code, _, _ = run("curve", "--of", kind, "--pressure", "0.6MPa", "--points", "7",
-                         "--out", name)  # fmt: skip
+    for name, points in (("curve.csv", ("--points", "7")), ("curve.png", ())):
+        code, _, _ = run("curve", "--of", kind, "--pressure", "0.6MPa", *points, "--out", name)
         assert code == 0
     assert (tmp_path / "curve.csv").read_text() == out
     assert (tmp_path / "curve.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize("kind", ["contraction", "force", "angle", "phases"])
+def test_a_curve_of_one_direction(run, kind):
+    options = ("--friction-length", "0.05mm", "--direction", "deflating", "--json")
+    code, out, _ = run("curve", "--of", kind, "--pressure", "0.6MPa", *options)
+    said = json.loads(out)
+    assert code == 0
+    assert said["direction"] == "deflating"
+    assert said["pressure_MPa"] == 0.6
+    columns = said["columns"]
+    model = EnergyMuscle(preset("effector-45", friction_length=0.05))
+    if kind == "force":
+        x = np.array(columns["contraction_mm"])
+        assert columns["force_N"] == pytest.approx(model.force(0.6, x, direction="deflating"))
+        slope = model.stiffness(0.6, x, direction="deflating")
+        assert columns["stiffness_N_per_mm"] == pytest.approx(slope)
+    else:
+        state = model.solve(columns["pressure_MPa"], direction="deflating")
+        assert columns["contraction_mm"] == pytest.approx(state.contraction)
+        assert columns["braid_angle_rad"] == pytest.approx(state.braid_angle)
+
+
+def test_no_solution_is_exit_code_1(run, monkeypatch):
+    for function in ("find_stretch", "find_stretches", "find_force", "find_forces"):
+        monkeypatch.setattr(_kernels, function, getattr(_kernels, function).py_func)
+    monkeypatch.setattr(_kernels, "MAX_ITERATIONS", 2)
+    code, out, _ = run("solve", "--pressure", "0.6MPa")
+    assert code == 1
+    assert "no solution: the tolerance was not met within 2 iterations" in out
+    code, out, _ = run("solve", "--pressure", "0.6MPa", "--json")
+    said = json.loads(out)
+    assert (code, said["converged"]) == (1, False)
+    assert "within 2 iterations" in said["reason"]
 
 
 def test_a_file_is_replaced_only_by_force(run, tmp_path):
@@ -194,6 +266,87 @@ def test_compare_with_no_model_that_answers(run, tmp_path):
     assert "no answer" in out
 
 
+LOADED = "pressure_kPa,contraction_mm,load_N\n300,4.5,0\n500,6,0.3\n600,7,0\n700,8,0.3\n"
+
+
+@pytest.mark.parametrize("fit", [(), ("--fit",)])
+def test_a_model_that_refuses_does_not_take_the_others_along(run, tmp_path, fit):
+    (tmp_path / "loaded.csv").write_text(LOADED, encoding="utf-8")
+    code, out, err = run("compare", "loaded.csv", *fit, "--out", "both.png", "--json")
+    said = json.loads(out)
+    assert (code, err) == (0, "")
+    assert [row["model"] for row in said["models"]] == ["energy"]
+    assert said["refusals"]["thesis"].startswith("loaded.csv: row 3: load is 0.3 N")
+    assert (tmp_path / "both.png").exists()
+    assert said["file"] == "both.png"
+
+
+def test_no_picture_without_a_model_that_answers(run, tmp_path):
+    (tmp_path / "loaded.csv").write_text(LOADED, encoding="utf-8")
+    command = ("compare", "loaded.csv", "--model", "thesis", "--out", "none.png")
+    code, out, err = run(*command)
+    assert (code, err) == (1, "")
+    assert "thesis: no answer: loaded.csv: row 3" in out
+    assert not (tmp_path / "none.png").exists()
+    assert json.loads(run(*command, "--json")[1])["file"] is None
+
+
+def test_compare_tells_the_warnings_of_its_fits(run, tmp_path):
+    text = "pressure_kPa,contraction_mm\n"
+    for pressure in (200, 300, 400, 500, 600, 700):  # dead over nearly all of its length
+        text += f"{pressure},{0.1 + 1e-4 * pressure:g}\n"
+    (tmp_path / "still.csv").write_text(text, encoding="utf-8")
+    command = ("compare", "still.csv", "--model", "energy", "--fit")
+    code, out, _ = run(*command)
+    assert code == 0
+    assert "energy: warning: " in out and "is at its bound" in out
+    (row,) = json.loads(run(*command, "--json")[1])["models"]
+    assert any("is at its bound" in line for line in row["fit_warnings"])
+    assert row["fit_converged"] is True
+
+
+def test_fit_of_the_thesis_model_has_its_own_default(run, tmp_path):
+    truth = preset("thesis-45", modulus=0.5, end_length=4.0)
+    pressure = np.linspace(0.1, 0.8, 15)
+    contraction = ThesisMuscle(truth).contraction(pressure)
+    write_measurements(
+        tmp_path / "data.csv", Measurements(pressure=pressure, contraction=contraction)
+    )
+    code, out, err = run("fit", "data.csv", "--preset", "thesis-45", "--model", "thesis", "--json")
+    said = json.loads(out)
+    assert (code, err) == (0, "")
+    assert said["estimates"]["end_length"]["value"] == pytest.approx(4.0, rel=1e-2)
+    assert said["load_path"] == "none"
+
+
+def test_fit_within_bounds(run, table):
+    command = ("fit", table, "--preset", "thesis-45", "--bound")
+    code, out, _ = run(*command, "dead-length=0mm:0.8cm", "--json")
+    said = json.loads(out)
+    assert code == 1  # it is at its bound
+    assert said["bounds"] == {"dead_length": [0.0, 8.0]}
+    assert said["estimates"]["dead_length"]["value"] == pytest.approx(8.0)
+    for bound, words in (
+        ("dead-length=-5mm:60mm", "lower bound of dead_length is -5 mm: it must lie in [0, 44.55]"),
+        ("modulus=3", "--bound is 'modulus=3': it must be FIELD=LOW:HIGH"),
+        ("colour=1:2", "--bound is 'colour=1:2'"),
+        ("gap=0:0.1", "bounds are given for gap"),
+    ):
+        code, out, err = run(*command, bound)
+        assert (code, out) == (2, "")
+        assert words in err
+
+
+def test_what_the_mean_leaves_out_is_said(run, tmp_path):
+    rows = "200,2,up\n400,4,up\n600,5,up\n700,5.5,up\n600,6,down\n400,5,down\n200,3,down\n"
+    (tmp_path / "both.csv").write_text(f"pressure_kPa,contraction_mm,branch\n{rows}", "utf-8")
+    command = ("compare", "both.csv", "--mean")
+    assert "note: specimen '' at 0 N: inflation at 0.7 MPa left out" in run(*command)[1]
+    said = json.loads(run(*command, "--json")[1])
+    assert said["rows"] == 3
+    assert len(said["notes"]) == 1
+
+
 def test_units_and_the_mean_of_directions(run, tmp_path):
     text = "pressure,length [mm],branch,note\n"
     for row in ("200,43,up", "400,41,up", "600,40,up", "600,39,down", "400,39,down", "200,41,down"):
@@ -222,6 +375,26 @@ def test_units_and_the_mean_of_directions(run, tmp_path):
         (["solve", "--pressure", "0.5MPa", "--braid-angle", "80deg"], "braid angle is 1.39626"),
         (["solve", "--pressure", "0.5MPa", "--strands", "30.5"], "30.5"),
         (["solve", "--pressure", "0.5MPa", "--length", "3kg"], "wrong kind of unit"),
+        (["solve", "--pressure", "1kPa**9**9**9"], "power that is not one digit"),
+        (["solve", "--pressure", "0.5MPa", "--model", "thesis", "--ends", "trellis"], "--ends has"),
+        (["solve", "--pressure", "0.5MPa", "--load-path", "bulk"], "--load-path has no effect"),
+        (["solve", "--pressure", "0.5MPa", "--load-path", "foo"], "'foo'"),
+        (["solve", "--pressure", "0.5MPa", "--friction-length", "9um"], "without --direction"),
+        (["solve", "--pressure", "0.5MPa", "--direction", "inflating"], "--direction has no effe"),
+        (
+            ["solve", "--pressure", "0.5MPa", "--direction", "inflating", "--model", "thesis"],
+            "--direction has no effect in the model thesis",
+        ),
+        (["curve", "--friction-length", "9um"], "without --direction"),
+        (["curve", "--of", "force", "--load", "2N"], "--load has no effect with --of force"),
+        (["curve", "--points", "7", "--out", "a.png"], "--points has no effect on a picture"),
+        (["curve", "--pressure", "0kPa"], "pressure is 0 MPa: it must lie in (0"),
+        (["curve", "--of", "force", "--pressure", "30kPa"], "pressure is 0.03 MPa"),
+        (["fit", "good.csv", "--friction-length", "9um"], "no row of the data has a direction"),
+        (["fit", "good.csv", "--model", "thesis", "--ends", "none"], "--ends has no effect"),
+        (["fit", "heavy.csv"], "heavy.csv: row 3: load is 500 N: at a pressure of 0.3 MPa"),
+        (["fit", "light.csv"], "light.csv: row 3: load is -1 in 'load_N', -1 N: it must lie in"),
+        (["fit", "short.csv"], "short.csv: row 3: length is -155 mm"),
         (["curve", "--points", "1"], "points is 1"),
         (["curve", "--out", "curve.txt"], ".csv"),
         (["curve", "--out", "nowhere/curve.csv"], "nowhere"),
@@ -239,9 +412,13 @@ def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, arguments, 
     (tmp_path / "bad.csv").write_text("pressure_kPa,length_mm\n1,44\nx,43\n", encoding="utf-8")
     good = "pressure_kPa,length_mm\n200,44\n300,43\n400,42\n"
     (tmp_path / "good.csv").write_text(good, encoding="utf-8")
+    for name, row in (("heavy", "300,2,500"), ("light", "300,2,-1"), ("short", "300,200,0")):
+        text = f"pressure_kPa,contraction_mm,load_N\n200,1,0\n{row}\n400,3,0\n"
+        (tmp_path / f"{name}.csv").write_text(text, encoding="utf-8")
+    before = {path.name for path in tmp_path.iterdir()}
     code, out, err = run(*arguments)
     assert code == 2
     assert out == ""
     assert err.count("\n") == 1
     assert said in err
-    assert {path.name for path in tmp_path.iterdir()} == {"bad.csv", "good.csv"}
+    assert {path.name for path in tmp_path.iterdir()} == before

@@ -1,4 +1,9 @@
-"""Hypothesis strategies over the whole legal space of muscles, pressures and loads."""
+"""Hypothesis strategies over most of the legal space of muscles and pressures.
+
+Lengths run from 0.1 to 1000 mm, outer radii from 0.05 to 50 mm and moduli from 1e-6 to
+1000 MPa: decades inside what is legal, which is 1e-3 to 1e4 mm, 1e-3 to 1e3 mm and from 1e-9 MPa.
+There are always 30 strands, of 2 to 10,000.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +25,7 @@ def spread(low: float, high: float) -> st.SearchStrategy[float]:
 
 @st.composite
 def muscles(draw: Any, **fixed: Any) -> Muscle:
-    """Any legal muscle, at the edges of the ranges too."""
+    """Any muscle of these ranges, with gap, friction and the like at their legal edges too."""
     outer = draw(spread(0.05, 50.0))
     muscle = Muscle(
         length=draw(spread(0.1, 1000.0)),

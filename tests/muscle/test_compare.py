@@ -60,8 +60,15 @@ def test_a_model_without_an_answer_says_why():
     data = Measurements(pressure=[0.5, 0.6], contraction=[5.0, 6.0], load=[0.0, 1.0])
     comparison = compare_models({"thesis": THESIS, "energy": ENERGY}, data)
     assert [score.name for score in comparison.scores] == ["energy"]
-    assert "load" in comparison.refusals["thesis"]
+    assert comparison.refusals["thesis"].startswith("row 2: load is 1 N")
     assert "thesis: no answer" in comparison.format_table()
+
+
+def test_a_model_that_gave_up_before_is_told_as_well():
+    comparison = compare_models({"energy": ENERGY}, measure(), refusals={"thesis": "not today"})
+    assert [score.name for score in comparison.scores] == ["energy"]
+    assert "thesis: no answer: not today" in comparison.format_table()
+    assert compare_models({}, measure(), refusals={"thesis": "not today"}).scores == ()
 
 
 def test_directions_count():
@@ -82,5 +89,7 @@ def test_bad_questions():
         compare_models({}, measure())
     with pytest.raises(InputError, match="must be positive"):
         compare_models({"energy": ENERGY}, Measurements(pressure=[0.1], contraction=[0.0]))
+    with pytest.raises(InputError, match="fitted in 'thesis': the models are energy"):
+        compare_models({"energy": ENERGY}, measure(), fitted={"thesis": 1})
     with pytest.raises(InputError, match="number of parameters"):
         compare_models({"energy": ENERGY}, measure(), fitted={"energy": 13})

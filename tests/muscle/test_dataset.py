@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import unicodedata
 
 import numpy as np
 import pytest
@@ -30,9 +31,12 @@ def make_rows():
         st.tuples(
             st.floats(0.0, 100.0),
             numbers,
-            numbers,
+            st.floats(0.0, 20.0),
             st.sampled_from(["inflating", "deflating", ""]),
-            st.text("abc, 12;\"'#é", max_size=5).map(str.strip),
+            st.one_of(
+                st.text("abc, 12;\"'#é\u2028\x85 ", max_size=5),
+                st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=5),
+            ).map(lambda text: "".join(c for c in text if unicodedata.category(c) != "Cc")),
         ),
         min_size=1,
         max_size=20,
@@ -96,6 +100,14 @@ BAD = {
     "no unit": ("pressure,length [mm]\n1,2\n", "'pressure' has no unit"),
     "wrong unit": ("pressure [mm],length [mm]\n1,2\n", "wrong kind of unit"),
     "unknown unit": ("pressure [foo],length [mm]\n1,2\n", "unknown unit 'foo'"),
+    "negative load": (GOOD + "\n5,43,-1,up\n", "data.csv: row 4: load is -1 in 'load [N]'"),
+    "other digits": (GOOD + "５,43,0,up\n", "row 3: pressure is '５'"),
+    "open quote": (GOOD + '5,43,0,"up\n5,43,0,up\n', "row 3 is not CSV"),
+    "two lines in a cell": (
+        'pressure_kPa,length_mm,specimen\n1,44,a\n1,44,"a\nb"\n1,44,c\n',
+        "row 3: specimen is 'a\\nb': it must be text without control characters",
+    ),
+    "endless unit": ("pressure [kPa**9**9**9],length [mm]\n1,2\n", "power that is not one digit"),
     "negative pressure": (GOOD + "-1,43,0,up\n", "row 3: pressure is -1"),
     "pressure in Pa": (GOOD + "689000,43,0,up\n", "row 3: pressure is 689000 in 'pressure [kPa]'"),
     "longer than the strand": (GOOD + "5,56,0,up\n", "row 3: length is 56 mm, longer than the str"),
@@ -126,8 +138,15 @@ def test_a_bad_table_is_one_clear_line(tmp_path, name):
 
 
 def test_files_that_are_no_tables(tmp_path):
-    with pytest.raises(FileFormatError, match="cannot read"):
-        read_measurements(tmp_path / "nowhere.csv")
+    for name in ("nowhere.csv", "nowhere.parquet"):
+        if name.endswith("parquet"):
+            pytest.importorskip("pyarrow", reason="the extra 'parquet' is not installed")
+        with pytest.raises(FileFormatError, match=r"cannot read .*: No such file") as caught:
+            read_measurements(tmp_path / name)
+        assert str(caught.value).count("nowhere") == 1
+        (tmp_path / f"folder_{name}").mkdir()
+        with pytest.raises(FileFormatError, match=r"cannot read .*: Is a directory$"):
+            read_measurements(tmp_path / f"folder_{name}")
     with pytest.raises(FileFormatError, match="xlsx"):
         read_measurements(write(tmp_path, GOOD, "data.xlsx"))
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00p")
@@ -199,6 +218,10 @@ def test_parquet_reads_as_csv_does(tmp_path):
         ({"pressure": [0.1, -0.1], "contraction": [1.0, 2.0]}, "row 2: pressure is -0.1"),
         ({"pressure": [0.1], "contraction": [math.nan]}, "row 1: contraction is nan"),
         ({"pressure": [0.1], "contraction": [1.0], "direction": "up"}, "row 1: direction is 'up'"),
+        ({"pressure": [0.1], "contraction": [1.0], "load": -0.1}, "row 1: load is -0.1 N"),
+        ({"pressure": [0.1], "contraction": [1.0], "specimen": "a\nb"}, "row 1: specimen is 'a"),
+        ({"pressure": [0.1], "contraction": [1.0], "specimen": "\ud800"}, "row 1: specimen is"),
+        ({"pressure": [0.1], "contraction": [1.0], "numbers": [1, 2]}, r"numbers has shape \(2,\)"),
         ({"pressure": 0.1, "contraction": [1.0]}, "shape"),
         ({"pressure": ["x"], "contraction": [1.0]}, "array of numbers"),
     ],
@@ -206,6 +229,43 @@ def test_parquet_reads_as_csv_does(tmp_path):
 def test_arrays_are_checked(columns, said):
     with pytest.raises(InputError, match=said):
         Measurements(**columns)
+
+
+def test_rows_are_selected_by_mask_or_index():
+    data = Measurements(pressure=[0.1, 0.2, 0.3], contraction=[1.0, 2.0, 3.0], numbers=[2, 5, 9])
+    assert data.select([2, 0]).pressure.tolist() == [0.3, 0.1]
+    assert data.select(data.pressure > 0.15).numbers.tolist() == [5, 9]
+    assert data.select(-1).contraction.tolist() == [3.0]
+    for rows, said in (
+        ([99], r"row index is 99: it must lie in \[-3, 2\]"),
+        ("a", "must be a mask or whole numbers"),
+        ([0.5], "must be a mask or whole numbers"),
+        ([True, False], "the mask of rows has 2 entries: it must have 3"),
+        ([], "0 rows"),
+        ([False] * 3, "0 rows"),
+    ):
+        with pytest.raises(InputError, match=said):
+            data.select(rows)
+
+
+def test_rows_keep_the_name_of_their_line(tmp_path):
+    data = read_measurements(write(tmp_path, f"# a remark\n{GOOD}\n200,43,0,up\n"), muscle=MUSCLE)
+    assert data.numbers.tolist() == [3, 5]
+    assert data.select([1]).name_row(0) == "data.csv: row 5"
+    longer = MUSCLE.replace(length=100.0, end_length=0.0)
+    moved = Measurements(
+        pressure=data.pressure, contraction=[0.0, 101.0], numbers=data.numbers, source="data.csv"
+    )
+    with pytest.raises(InputError, match="^data.csv: row 5: length is -1 mm"):
+        moved.check_lengths(longer)
+
+
+def test_ends_of_lines_within_quotes_belong_to_the_cell(tmp_path):
+    text = 'pressure_kPa,length_mm,"a\n# note"\n1,44,"x\n\n# y"\n# z\n2,43,\n'
+    data = read_measurements(write(tmp_path, text), muscle=MUSCLE)
+    assert data.pressure.tolist() == [0.001, 0.002]
+    assert data.numbers.tolist() == [3, 7]
+    assert data.ignored == ("a # note",)
 
 
 def test_arrays_are_copies_and_read_only():
@@ -254,6 +314,18 @@ def test_mean_of_directions_keeps_specimens_and_loads_apart():
     }
     assert found == {("a", 0.0): 5.0, ("a", 1.0): 3.0, ("b", 0.0): 4.0, ("c", 0.0): 9.0}
     assert len(mean) == 7
+
+
+def test_mean_of_directions_says_what_it_leaves_out():
+    up = [(p, p, 0.0, "inflating", "a") for p in (0.1, 0.2, 0.3)]
+    down = [(p, p, 0.0, "deflating", "a") for p in (0.25, 0.1)]
+    mean = make_data([*up, *down]).mean_of_directions()
+    assert mean.pressure.tolist() == [0.1, 0.2]
+    (note,) = mean.notes
+    assert "specimen 'a' at 0 N: inflation at 0.3 MPa left out" in note
+    assert (
+        make_data([*up, *down, (0.3, 1.0, 0.0, "deflating", "a")]).mean_of_directions().notes == ()
+    )
 
 
 def test_mean_of_directions_needs_both():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 
+import numpy as np
 import pytest
 from hypothesis import given
 
@@ -51,10 +52,18 @@ def test_ranges_end_where_they_say(name):
             assert getattr(muscle.replace(**{name: value}), name) == value
 
 
-@pytest.mark.parametrize("value", ["wide", None, [0.55]])
+@pytest.mark.parametrize("value", ["wide", "0.55", b"0.55", True, 0.55j, None, [0.55]])
 def test_what_is_no_number_is_refused(value):
     with pytest.raises(InputError, match="muscle outer radius is .*must be a number"):
         Muscle(length=45.0, outer_radius=value)
+
+
+def test_fields_become_plain_numbers():
+    """Whatever they came as, so that equal muscles are equal and models need not look again."""
+    muscle = Muscle(length=np.int64(45), outer_radius=np.array(0.55), strands=30.0, gap=0)
+    assert muscle == Muscle(length=45.0, outer_radius=0.55, gap=0.0)
+    assert {type(getattr(muscle, name)) for name in ("length", "outer_radius", "gap")} == {float}
+    assert type(muscle.strands) is int
 
 
 def test_strands_that_do_not_fit_are_refused():

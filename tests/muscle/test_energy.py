@@ -226,7 +226,7 @@ def test_tube_meets_the_braid_at_the_dead_band(muscle):
         assert state.contraction[0] <= 1e-9 * muscle.length
 
 
-def test_dead_bands_of_the_notes():
+def test_dead_bands_worked_out_elsewhere():
     assert [1e3 * build(r).dead_band() for r in (0.55, 0.75)] == pytest.approx(
         [35.3, 48.8], abs=0.05
     )

@@ -13,13 +13,21 @@ from hypothesis import strategies as st
 from bozzini.errors import InputError
 from bozzini.muscle import (
     MODELS,
+    ConvergenceError,
     EnergyMuscle,
+    HistoryModel,
     Hysteresis,
+    Muscle,
     MuscleModel,
     MuscleState,
     ThesisMuscle,
+    _end_kernels,
+    _kernels,
+    _thesis_kernels,
     preset,
 )
+from bozzini.muscle.braid import BRAID_ANGLES
+from bozzini.units import _registry
 from tests.muscle.strategies import muscles
 
 BUILDS = {
@@ -41,6 +49,21 @@ def test_models_by_name():
         assert built.name == name
         assert built.muscle == preset("effector-45")
         assert isinstance(built, MuscleModel)
+        assert isinstance(built, HistoryModel)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_unused_fields_make_no_difference_and_the_others_do(name):
+    muscle = preset("effector-45", end_length=4.0, friction_length=0.01, poisson_ratio=0.49)
+
+    def answer(muscle):
+        return float(MODELS[name](muscle).contraction(0.5, direction="inflating"))
+
+    changes = {field: 1.01 * getattr(muscle, field) for field in vars(muscle)}
+    changes |= {"strands": 28, "dead_length": 2.0, "mooney_ratio": 0.1}
+    unused = {field for field, value in changes.items()
+              if answer(muscle.replace(**{field: value})) == answer(muscle)}  # fmt: skip
+    assert unused == set(MODELS[name].unused)
 
 
 def test_a_batch_is_its_members(model):
@@ -114,6 +137,16 @@ def test_directions(model):
         ([0.1, 0.2], [0.0, 0.0, 0.0], r"^these shapes do not go together: pressure \(2,\), load"),
         ("high", 0.0, r"^pressure is 'high': it must be a number"),
         (0.5, ["much", "little"], r"^load is \['much', 'little'\]: it must be a number"),
+        ("0.5", 0.0, r"^pressure is '0\.5': it must be a number"),
+        ([["0.5", "0.6"], ["0.7", "0.8"]], 0.0, r"^pressure is \[\['0\.5', '0\.6'\]"),
+        (np.full((30, 2), "x"), 0.0, r"^pressure is array\("),
+        (0.5 + 0.1j, 0.0, r"^pressure is \(0\.5\+0\.1j\)"),
+        (np.array([0.5 + 0.1j]), 0.0, "^pressure is array"),
+        (True, 0.0, "^pressure is True"),
+        (np.ma.masked_greater([0.5, 5.0], 1.0), 0.0, "none of them masked"),
+        (_registry().Quantity(100.0, "psi"), 0.0, "^pressure is .* without a unit"),
+        ([_registry().Quantity(100.0, "psi")] * 2, 0.0, "^pressure is .* without a unit"),
+        ([10**400], 0.0, "^pressure is .* it must be a number"),
     ],
 )
 def test_wrong_inputs_get_one_clear_line(model, pressure, load, words):
@@ -121,6 +154,61 @@ def test_wrong_inputs_get_one_clear_line(model, pressure, load, words):
         with pytest.raises(InputError, match=words) as error:
             answer(pressure, load)
         assert "\n" not in str(error.value)
+
+
+def test_a_mask_that_hides_nothing_is_no_mask(model):
+    pressure = np.ma.masked_greater([0.5, 0.6], 1.0)
+    assert np.array_equal(model.contraction(pressure), model.contraction([0.5, 0.6]))
+
+
+def run_slowly(monkeypatch, name, limit):
+    """Let the solver give up after `limit` iterations."""
+    modules = (_thesis_kernels,) if name == "thesis" else (_kernels, _end_kernels)
+    for module in modules:
+        for function in list(vars(module).values()):
+            if hasattr(function, "py_func"):
+                monkeypatch.setattr(module, function.__name__, function.py_func)
+        monkeypatch.setattr(module, "MAX_ITERATIONS", limit)
+
+
+def test_a_solver_that_gives_up_says_so(model, monkeypatch):
+    pressure = np.array([0.0, 0.6])  # without pressure there is nothing to solve
+    good = model.solve(pressure)
+    run_slowly(monkeypatch, model.name, 2)
+    state = model.solve(pressure)
+    assert state.converged.tolist() == [True, False]
+    assert state.reason.tolist() == ["", "the tolerance was not met within 2 iterations"]
+    assert state.contraction[0] == good.contraction[0]
+    assert abs(state.residual[1]) > abs(good.residual[1])
+    questions = [lambda: model.contraction(pressure)]
+    if model.name == "thesis":
+        questions.append(lambda: model.force(pressure, 0.0))
+    else:
+        questions += [lambda: model.volume(pressure), lambda: model.potential(pressure)]
+        if model.ends == "trellis":
+            questions.append(lambda: model.force(pressure, [0.0, 5.0]))
+    for question in questions:
+        with pytest.raises(ConvergenceError, match=r"\[1\] = .* within 2 iterations"):
+            question()
+
+
+def test_stiffness_along_a_branch_is_the_slope_of_its_force(model):
+    step = 1e-4
+    for direction in ("inflating", "deflating", ""):
+        ends = model.force(0.5, 5.0 + step * np.array([-1.0, 1.0]), direction=direction)
+        stiffness = model.stiffness(0.5, 5.0, direction=direction)
+        assert stiffness == pytest.approx(-float(np.diff(ends)[0]) / (2.0 * step), rel=1e-5)
+
+
+def test_the_largest_forces_are_loads_too():
+    """What a legal muscle pulls, it can be asked to hold."""
+    huge = Muscle(length=1e4, outer_radius=1e3, inner_radius=990.0, braid_angle=BRAID_ANGLES[0])
+    for name in ("energy", "thesis"):  # too short for trellis ends
+        strong = BUILDS[name](huge.replace(modulus=1e3))
+        pressure = 1e4 if strong.name == "energy" else 10.0
+        force = strong.blocked_force(pressure)
+        assert strong.contraction(pressure, force) == pytest.approx(0.0, abs=1e-5)
+    assert EnergyMuscle(huge).blocked_force(1e4) > 1e12
 
 
 @pytest.mark.parametrize("contraction", [-30.0, 40.0, math.nan])
@@ -161,6 +249,28 @@ class Lag:
             acting = min(max(acting, value - 0.05), value + 0.05)
             history.append(max(acting, 0.0))
         return np.array(history)
+
+
+@pytest.mark.parametrize("name", BUILDS)
+def test_hysteresis_that_is_none_is_refused(name):
+    class Halving(Lag):
+        def apply(self, pressure, /):
+            return pressure[::2]
+
+    class Lost(Lag):
+        def apply(self, pressure, /):
+            return np.full(len(pressure), math.nan)
+
+    build = BUILDS[name]
+    muscle = preset("effector-45")
+    with pytest.raises(InputError, match="hysteresis is a float: it must have a method 'apply'"):
+        build(muscle, hysteresis=0.3)
+    with pytest.raises(InputError, match=r"shape \(2,\): it must be \(4,\)"):
+        build(muscle, hysteresis=Halving()).trace_contraction(np.zeros(4))
+    with pytest.raises(InputError, match="from the hysteresis.* is nan MPa"):
+        build(muscle, hysteresis=Lost()).trace_contraction(np.zeros(4))
+    with pytest.raises(InputError, match=r"pressure has shape \(2, 2\): a history has \(n,\)"):
+        build(muscle, hysteresis=Lag()).trace_contraction(np.zeros((2, 2)))
 
 
 @pytest.mark.parametrize("name", BUILDS)

@@ -158,7 +158,7 @@ def test_refusals():
         model.free_contraction(11.0)
     with pytest.raises(InputError, match="muscle strand radius is 0.09 mm: it must lie in"):
         ThesisMuscle(muscle.replace(strand_radius=0.09))
-    with pytest.raises(InputError, match="Poisson's ratio is 0: with load_path='bulk'"):
+    with pytest.raises(InputError, match="Poisson's ratio is 0: with the load path 'bulk'"):
         ThesisMuscle(muscle.replace(poisson_ratio=0.0), load_path="bulk")
     bulk = ThesisMuscle(muscle, load_path="bulk")
     with pytest.raises(InputError, match="load is 90 N: .* the strands are straight"):

@@ -56,6 +56,57 @@ def test_phases_show_the_dead_band(model, tmp_path):
     assert write_figure(figure, tmp_path / "a.png", dpi=40).read_bytes()[:4] == b"\x89PNG"
 
 
+def list_bands(axes):
+    """Low and high end of each shaded band [MPa], by its label."""
+    bands = {}
+    for patch in axes.patches:
+        box = patch.get_window_extent().transformed(axes.transData.inverted())
+        bands.setdefault(patch.get_label(), []).append((box.x0 / 1e3, box.x1 / 1e3))
+    return bands
+
+
+@pytest.mark.parametrize("load", [0.0, 0.002, 0.01, 0.5])
+def test_phases_under_a_load_are_those_of_the_solver(load):
+    # the load stretches the tube, so that the braid grips it sooner, and heavy ones at once
+    for axes in draw_phases(ENERGY, pressure=0.7, load=load).axes:
+        bands = list_bands(axes)
+        over = np.linspace(0.0, axes.get_xlim()[1] / 1e3, 400)
+        state = ENERGY.solve(over, load)
+        for label, expected in (
+            ("gap: the tube grows alone", ~state.in_contact),
+            ("contact, longer than at rest", state.in_contact & (state.contraction < 0.0)),
+        ):
+            shown = np.zeros(len(over), dtype=bool)
+            for low, high in bands.get(label, []):
+                shown |= (over >= low) & (over < high)
+            assert np.count_nonzero(shown != expected) <= 2  # its ends
+    if load == 0.5:
+        assert "gap: the tube grows alone" not in bands
+
+
+def test_a_muscle_without_a_gap_has_phases_too():
+    tight = EnergyMuscle(preset("effector-45", gap=0.0))
+    left, right = draw_phases(tight, pressure=0.5).axes
+    assert left.get_xlim()[1] < right.get_xlim()[1]
+
+
+@pytest.mark.parametrize("direction", ["inflating", "deflating"])
+def test_figures_of_one_direction(direction):
+    rubbing = EnergyMuscle(preset("effector-45", friction_length=0.05))
+    options = {"pressure": 0.6, "direction": direction}
+    (line,) = find_lines(draw_contraction({"a": rubbing}, **options).axes[0])
+    assert line.get_ydata()[-1] == pytest.approx(
+        float(rubbing.contraction(0.6, direction=direction))
+    )
+    (line,) = find_lines(draw_braid_angle({"a": rubbing}, **options).axes[0])
+    assert math.radians(line.get_ydata()[-1]) == pytest.approx(
+        float(rubbing.solve(0.6, direction=direction).braid_angle)
+    )
+    (line,) = find_lines(draw_force(rubbing, [0.6], direction=direction).axes[0])
+    assert line.get_ydata()[0] == pytest.approx(float(rubbing.force(0.6, 0.0, direction=direction)))
+    assert line.get_ydata()[-1] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_contraction_has_a_line_a_model():
     models = {f"{n} mm": EnergyMuscle(preset("thesis-40", length=float(n))) for n in (40, 45, 60)}
     (axes,) = draw_contraction(models, pressure=0.8).axes

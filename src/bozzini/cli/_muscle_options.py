@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,19 +14,31 @@ from .common import QuantityType
 
 if TYPE_CHECKING:
     from ..muscle.design import Muscle
-    from ..muscle.model import MuscleModel
+    from ..muscle.model import StaticModel
 
 __all__ = [
+    "FIELDS",
+    "MODEL_NAMES",
     "PICTURES",
+    "check_direction",
+    "check_fields",
     "check_target",
+    "describe_choices",
     "describe_muscle",
     "design_options",
+    "direction_option",
     "make_class",
     "make_muscle",
     "model_option",
     "model_options",
+    "select_choices",
     "unit_of",
 ]
+
+MODEL_NAMES = ("energy", "thesis")
+"""The names in `bozzini.muscle.MODELS`, which is not loaded to write a help text."""
+CHOICES = {"ends": ("energy", ("none", "trellis")), "load_path": ("thesis", ("none", "bulk"))}
+"""What a model can be told: the model, and the words; the first is the default."""
 
 FIELDS = {
     "length": ("length", "Free length between the fittings."),
@@ -52,7 +64,7 @@ _Function = Callable[..., Any]
 
 
 def design_options(function: _Function) -> _Function:
-    """Add the options that make a muscle; they arrive as ``design``."""
+    """Add the options that make a muscle: ``preset``, and the fields by their names."""
     for name in reversed(FIELDS):
         kind, text = FIELDS[name]
         option = "--" + name.replace("_", "-")
@@ -67,23 +79,31 @@ def design_options(function: _Function) -> _Function:
 
 
 def model_options(function: _Function) -> _Function:
-    """Add ``--ends`` and ``--load-path``, the choices that a model has."""
+    """Add ``--ends`` and ``--load-path``, the choices that a model has; None if not given."""
     function = click.option(
         "--load-path",
-        default="none",
-        show_default=True,
-        help="How the thesis's model takes a load: none, bulk.",
+        type=click.Choice(CHOICES["load_path"][1]),
+        help="How the thesis's model takes a load (default: none).",
     )(function)
     return click.option(
         "--ends",
-        default="none",
-        show_default=True,
-        help="Taper of the energy model: none, trellis.",
+        type=click.Choice(CHOICES["ends"][1]),
+        help="Taper of the energy model (default: none).",
     )(function)
 
 
 model_option = click.option(
-    "--model", "model_name", default="energy", show_default=True, help="The model: energy, thesis."
+    "--model",
+    "model_name",
+    type=click.Choice(MODEL_NAMES),
+    default="energy",
+    show_default=True,
+    help="The model.",
+)
+direction_option = click.option(
+    "--direction",
+    type=click.Choice(["inflating", "deflating"]),
+    help="Which way it came, for friction (default: neither).",
 )
 
 
@@ -97,17 +117,70 @@ def make_muscle(preset_name: str, fields: Mapping[str, float | None]) -> Muscle:
     return preset(preset_name, **changes)
 
 
-def make_class(name: str, *, ends: str, load_path: str) -> Callable[[Muscle], MuscleModel]:
+def make_class(
+    name: str, *, ends: str | None, load_path: str | None
+) -> Callable[[Muscle], StaticModel]:
+    """Return what makes the model from a muscle; a choice that it does not have is refused."""
+    from ..muscle import MODELS
+
+    chosen: Mapping[str, Any] = select_choices([name], ends=ends, load_path=load_path)[name]
+    return partial(MODELS[name], **chosen)
+
+
+def select_choices(
+    names: Sequence[str], *, ends: str | None, load_path: str | None
+) -> dict[str, dict[str, str]]:
+    """Return the choices given, by model; one that none of the models has is refused."""
+    from ..errors import InputError
+
+    chosen: dict[str, dict[str, str]] = {name: {} for name in names}
+    for option, value in (("ends", ends), ("load_path", load_path)):
+        owner, _ = CHOICES[option]
+        if value is None:
+            continue
+        if owner not in chosen:
+            raise InputError(_say_unused(f"--{option.replace('_', '-')}", names))
+        chosen[owner][option] = value
+    return chosen
+
+
+def check_fields(names: Sequence[str], fields: Mapping[str, float | None]) -> None:
+    """Refuse a field of the muscle that was given and makes no difference to any of the models."""
     from ..errors import InputError
     from ..muscle import MODELS
 
-    if name not in MODELS:
-        raise InputError(f"model is '{name}': it must be one of {', '.join(MODELS)}")
-    options: dict[str, dict[str, Any]] = {
-        "energy": {"ends": ends},
-        "thesis": {"load_path": load_path},
-    }
-    return partial(MODELS[name], **options.get(name, {}))
+    for field, value in fields.items():
+        if value is not None and all(field in MODELS[name].unused for name in names):
+            raise InputError(_say_unused(f"--{field.replace('_', '-')}", names))
+
+
+def check_direction(
+    name: str, direction: str | None, muscle: Muscle, fields: Mapping[str, float | None]
+) -> None:
+    """Refuse a direction without friction, and friction without a direction."""
+    from ..errors import InputError
+    from ..muscle import MODELS
+
+    if direction is None:
+        if fields.get("friction_length") is not None:
+            raise InputError(
+                "--friction-length has no effect without --direction: give inflating or deflating"
+            )
+        return
+    if "friction_length" in MODELS[name].unused:
+        raise InputError(_say_unused("--direction", [name]))
+    if muscle.friction_length == 0.0 and fields.get("friction_length") is None:
+        raise InputError("--direction has no effect on a muscle without --friction-length")
+
+
+def _say_unused(option: str, names: Sequence[str]) -> str:
+    models = " or ".join(names)
+    return f"{option} has no effect in the model {models}: leave it out"
+
+
+def describe_choices(model: StaticModel) -> dict[str, str | None]:
+    """Return what the model was told, None where it has no such choice."""
+    return {option: getattr(model, option, None) for option in CHOICES}
 
 
 def check_target(out: Path | None, suffixes: tuple[str, ...], *, force: bool) -> None:

@@ -9,12 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ._muscle_data import compare_command, fit_command
+from ._muscle_compare import compare_command
+from ._muscle_fit import fit_command
 from ._muscle_options import (
     PICTURES,
+    check_direction,
+    check_fields,
     check_target,
+    describe_choices,
     describe_muscle,
     design_options,
+    direction_option,
     make_class,
     make_muscle,
     model_option,
@@ -23,7 +28,7 @@ from ._muscle_options import (
 from .common import EXIT_NEGATIVE, QuantityType, emit, force_option, json_option, run_exit
 
 if TYPE_CHECKING:
-    from ..muscle.model import MuscleModel
+    from ..muscle.model import StaticModel
 
 __all__ = ["command"]
 
@@ -39,11 +44,7 @@ def command() -> None:
 @click.option(
     "--load", type=QuantityType("force"), default="0N", show_default=True, help="Tension held."
 )
-@click.option(
-    "--direction",
-    type=click.Choice(["inflating", "deflating"]),
-    help="Which way it came, for friction (default: neither).",
-)
+@direction_option
 @design_options
 @model_options
 @json_option
@@ -53,8 +54,8 @@ def solve_command(
     load: float,
     direction: str | None,
     preset: str,
-    ends: str,
-    load_path: str,
+    ends: str | None,
+    load_path: str | None,
     as_json: bool,
     **fields: float | None,
 ) -> None:
@@ -63,6 +64,8 @@ def solve_command(
     Exit code 0: solved; 1: no solution was found; 2: bad input.
     """
     muscle = make_muscle(preset, fields)
+    check_fields([model_name], fields)
+    check_direction(model_name, direction, muscle, fields)
     model = make_class(model_name, ends=ends, load_path=load_path)(muscle)
     state = model.solve(pressure, load, direction=direction)
     band = float(model.dead_band())
@@ -71,13 +74,15 @@ def solve_command(
         "preset": preset,
         "pressure_MPa": pressure,
         "load_N": load,
+        "direction": direction,
+        **describe_choices(model),
         "contraction_mm": _one(state.contraction),
         "length_mm": _one(state.length),
         "braid_angle_rad": _one(state.braid_angle),
         "contact_pressure_MPa": _one(state.contact_pressure),
         "dead_band_MPa": band,
         "converged": bool(_one(state.converged)),
-        "residual": _one(state.residual),
+        "residual_N": _one(state.residual),
         "iterations": int(_one(state.iterations)),
         "reason": str(_one(state.reason)),
         "muscle": describe_muscle(muscle),
@@ -112,9 +117,10 @@ def solve_command(
     help="Largest pressure; with --of force, the pressure.",
 )
 @click.option(
-    "--load", type=QuantityType("force"), default="0N", show_default=True, help="Tension held."
+    "--load", type=QuantityType("force"), help="Tension held; not with --of force (default: 0N)."
 )
-@click.option("--points", default=41, show_default=True, help="Rows of the table.")
+@direction_option
+@click.option("--points", type=int, help="Rows of the table (default: 41).")
 @click.option(
     "--out", type=click.Path(path_type=Path), metavar="FILE", help="A table (.csv) or a picture."
 )
@@ -126,12 +132,13 @@ def curve_command(
     model_name: str,
     kind: str,
     pressure: float,
-    load: float,
-    points: int,
+    load: float | None,
+    direction: str | None,
+    points: int | None,
     out: Path | None,
     preset: str,
-    ends: str,
-    load_path: str,
+    ends: str | None,
+    load_path: str | None,
     force: bool,
     as_json: bool,
     **fields: float | None,
@@ -140,27 +147,41 @@ def curve_command(
 
     The table goes to stdout, unless --out names a file.
     """
-    from ..checks import check_integer
+    from ..checks import check_integer, check_number
+    from ..errors import InputError
     from ..files import write_text
 
     check_target(out, (".csv", *PICTURES), force=force)
-    check_integer("points", points, low=2, high=100_000)
+    is_picture = out is not None and out.suffix.lower() in PICTURES
+    if is_picture and points is not None:
+        raise InputError("--points has no effect on a picture: leave it out, or write a .csv")
+    if kind == "force" and load is not None:
+        raise InputError("--load has no effect with --of force, which is over all loads")
+    rows = check_integer("points", 41 if points is None else points, low=2, high=100_000)
+    check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
     muscle = make_muscle(preset, fields)
+    check_fields([model_name], fields)
+    check_direction(model_name, direction, muscle, fields)
     model = make_class(model_name, ends=ends, load_path=load_path)(muscle)
-    columns = _compute_curve(model, kind, pressure, load, points)
+    held = 0.0 if load is None else load
+    columns = _compute_curve(model, kind, pressure, held, direction, rows)
     table = _format_csv(columns)
     text = table.rstrip("\n")
     if out is not None:
-        text = f"{out}: {kind}, {points} points"
-        if out.suffix.lower() == ".csv":
-            write_text(out, table)
+        text = f"{out}: {kind}, {rows} points"
+        if is_picture:
+            text = f"{out}: {kind}"
+            _draw_curve(model, kind, pressure, held, direction, out)
         else:
-            _draw_curve(model, kind, pressure, load, out)
+            write_text(out, table)
     result = {
         "model": model_name,
         "preset": preset,
         "of": kind,
-        "load_N": load,
+        "pressure_MPa": pressure,
+        "load_N": None if kind == "force" else held,
+        "direction": direction,
+        **describe_choices(model),
         "dead_band_MPa": float(model.dead_band()),
         "file": out,
         "columns": columns,
@@ -174,39 +195,57 @@ command.add_command(fit_command)
 
 
 def _compute_curve(
-    model: MuscleModel, kind: str, pressure: float, load: float, points: int
+    model: StaticModel,
+    kind: str,
+    pressure: float,
+    load: float,
+    direction: str | None,
+    points: int,
 ) -> dict[str, Any]:
     import numpy as np
 
+    from ..errors import InputError
+
     if kind == "force":
-        free = max(0.0, float(model.free_contraction(pressure)))
+        free = float(model.contraction(pressure, 0.0, direction=direction))
+        if not free > 0.0:
+            raise InputError(
+                f"pressure is {pressure:g} MPa: with --of force it must be more, so that the "
+                f"muscle contracts (its dead band ends at {model.dead_band():g} MPa)"
+            )
         over = np.linspace(0.0, free, points)
         return {
             "contraction_mm": over,
-            "force_N": model.force(pressure, over),
-            "stiffness_N_per_mm": model.stiffness(pressure, over),
+            "force_N": model.force(pressure, over, direction=direction),
+            "stiffness_N_per_mm": model.stiffness(pressure, over, direction=direction),
         }
     over = np.linspace(0.0, pressure, points)
-    state = model.solve(over, load)
-    return {
+    state = model.solve(over, load, direction=direction)
+    columns = {
         "pressure_MPa": over,
         "contraction_mm": state.contraction,
         "braid_angle_rad": state.braid_angle,
     }
+    if kind == "phases":
+        columns["contact_pressure_MPa"] = state.contact_pressure
+    return columns
 
 
-def _draw_curve(model: MuscleModel, kind: str, pressure: float, load: float, out: Path) -> None:
+def _draw_curve(
+    model: StaticModel, kind: str, pressure: float, load: float, direction: str | None, out: Path
+) -> None:
     from ..view import muscle_figures as figures
     from ..view import write_figure
 
+    models = {model.name: model}
     if kind == "force":
-        figure = figures.draw_force(model, [0.25 * k * pressure for k in (1, 2, 3, 4)])
+        figure = figures.draw_force(model, [pressure], direction=direction)
     elif kind == "angle":
-        figure = figures.draw_braid_angle({model.name: model}, pressure=pressure, load=load)
+        figure = figures.draw_braid_angle(models, pressure=pressure, load=load, direction=direction)
     elif kind == "phases":
-        figure = figures.draw_phases(model, pressure=pressure, load=load)
+        figure = figures.draw_phases(model, pressure=pressure, load=load, direction=direction)
     else:
-        figure = figures.draw_contraction({model.name: model}, pressure=pressure, load=load)
+        figure = figures.draw_contraction(models, pressure=pressure, load=load, direction=direction)
     write_figure(figure, out)
 
 

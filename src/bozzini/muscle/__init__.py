@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from .braid import LOCKING_ANGLE, Braid
+from .calibration import Calibration, calibrate
+from .compare import Comparison, ModelScore, compare_models
+from .dataset import Measurements, RepeatStatistics, read_measurements, write_measurements
 from .design import Muscle
 from .energy import EnergyMuscle
 from .hysteresis import Hysteresis
-from .model import MuscleModel, MuscleState
+from .model import ConvergenceError, HistoryModel, MuscleModel, MuscleState, StaticModel
 from .models import MODELS
 from .presets import PRESETS, preset
 from .thesis import ThesisMuscle
@@ -17,12 +20,24 @@ __all__ = [
     "MODELS",
     "PRESETS",
     "Braid",
+    "Calibration",
+    "Comparison",
+    "ConvergenceError",
     "EnergyMuscle",
+    "HistoryModel",
     "Hysteresis",
+    "Measurements",
+    "ModelScore",
     "Muscle",
     "MuscleModel",
     "MuscleState",
+    "RepeatStatistics",
+    "StaticModel",
     "ThesisMuscle",
     "Tube",
+    "calibrate",
+    "compare_models",
     "preset",
+    "read_measurements",
+    "write_measurements",
 ]

@@ -13,7 +13,15 @@ import math
 import numpy as np
 from numba import njit
 
-from ._kernels import CONVERGED, braid_swell, find_force, find_stretch, wall_energy
+from ._kernels import (
+    CONVERGED,
+    MAX_ITERATIONS,
+    STOPPED,
+    braid_swell,
+    find_force,
+    find_stretch,
+    wall_energy,
+)
 
 __all__ = ["fill_ends", "find_ended_stretches", "measure_end"]
 
@@ -116,19 +124,25 @@ def fill_ends(design, pressures, stretches, out):
 
 @njit(cache=True)
 def find_ended_stretches(design, active, pressures, contractions, signs, stretches):
-    """Fill the stretches of the cylinder at given contractions of a muscle with ends."""
+    """Fill the stretches of the cylinder at given contractions of a muscle with ends.
+
+    Returns a code and the index of the first that has none, or that ran out of iterations.
+    """
     for n in range(stretches.size):
         target = contractions[n]
         if target <= GRAIN * active:
             stretches[n] = 1.0 - target / active
             continue
         low, code, _ = find_stretch(design, pressures[n], 0.0, signs[n])
+        if code == STOPPED:
+            return STOPPED, n
         if code != CONVERGED or low >= 1.0:
             return NO_TAPER, n
         high = 1.0
         stretch = max(low, 1.0 - target / active)
         miss = target
-        for _ in range(200):
+        settled = False
+        for _ in range(MAX_ITERATIONS):
             shorter, _, _, code = measure_end(design, pressures[n], stretch)
             if code == CONVERGED:
                 miss = active * (1.0 - stretch) + 2.0 * shorter - target
@@ -143,8 +157,11 @@ def find_ended_stretches(design, active, pressures, contractions, signs, stretch
             if not low <= following <= high:
                 following = 0.5 * (low + high)
             if abs(following - stretch) <= 1e-15:
+                settled = True
                 break
             stretch = following
+        if not settled:
+            return STOPPED, n
         if abs(miss) > 1e-12 * active:
             return NO_TAPER, n
         stretches[n] = stretch

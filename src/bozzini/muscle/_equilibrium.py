@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from . import _end_kernels, _kernels
 from .design import Muscle
-from .model import name_at
+from .model import ConvergenceError, describe_stop, name_at
 
 __all__ = ["Equilibrium"]
 
@@ -70,7 +70,10 @@ class Equilibrium:
     def find(
         self, pressures: Floats, loads: Floats, signs: Floats
     ) -> tuple[Floats, NDArray[np.int64]]:
-        """Return the stretches under loads and the iterations, or raise `InputError`."""
+        """Return the stretches under loads and the iterations, or raise `InputError`.
+
+        One that did not converge took `_kernels.MAX_ITERATIONS`.
+        """
         stretches = np.empty(pressures.shape)
         iterations = np.empty(pressures.shape, dtype=np.int64)
         code, index = _kernels.find_stretches(
@@ -95,7 +98,7 @@ class Equilibrium:
         return stretches, iterations
 
     def place(self, pressures: Floats, contractions: Floats, signs: Floats) -> Floats:
-        """Return the stretches at given contractions, or raise `InputError`."""
+        """Return the stretches at given contractions, or raise an error."""
         low, high = self.stretches
         if not self.tapered:
             return np.clip(1.0 - contractions / self.active, low, high)
@@ -110,6 +113,11 @@ class Equilibrium:
         )
         if code != _kernels.CONVERGED:
             name = name_at("contraction", contractions, index)
+            if code == _kernels.STOPPED:
+                raise ConvergenceError(
+                    f"no taper of the energy model at {name} = {contractions.flat[index]:g} mm: "
+                    f"{describe_stop(_kernels.MAX_ITERATIONS)}"
+                )
             raise InputError(
                 f"{name} is {contractions.flat[index]:g} mm: with trellis ends at a pressure of "
                 f"{pressures.flat[index]:g} MPa it must be at most the free contraction, or 0 mm "
@@ -149,6 +157,6 @@ class Equilibrium:
         if code != _kernels.CONVERGED:
             raise InputError(
                 f"{name_at('pressure', pressures, index)} is {pressures.flat[index]:g} MPa: "
-                "friction leaves the tapered ends no tension; it must be less, or ends='none'"
+                "friction leaves the tapered ends no tension; it must be less, or the ends 'none'"
             )
         return out

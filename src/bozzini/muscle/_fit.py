@@ -16,6 +16,7 @@ from ..checks import check_number
 from ..errors import BozziniError, InputError
 from .braid import BRAID_ANGLES
 from .dataset import Measurements
+from .model import StaticModel
 
 if TYPE_CHECKING:
     from .design import Muscle
@@ -32,13 +33,16 @@ PARAMETER_UNITS = {
     "mooney_ratio": "",
     "outer_radius": "mm",
     "inner_radius": "mm",
-    "length": "mm",
     "end_length": "mm",
     "poisson_ratio": "",
     "strand_radius": "mm",
     "strand_modulus": "MPa",
 }
-"""The parameters of a `Muscle` that may be fitted, and their units."""
+"""The parameters of a `Muscle` that may be fitted, and their units.
+
+The free length is not one of them: a table of lengths becomes contractions by it, so it has to be
+measured.
+"""
 
 _SCALES = {
     "modulus": 0.1,
@@ -49,7 +53,7 @@ _SCALES = {
     "mooney_ratio": 0.3,
     "poisson_ratio": 0.01,
 }
-_MISS = 1e5  # residual of a row that a trial has no answer for [mm]: longer than any muscle
+_MISS = 1e5  # what the search sees at a row that a trial has no answer for [mm]
 _STEP = 1e-4  # of a difference, in scales: small against curvature, large against round-off
 
 
@@ -103,29 +107,31 @@ class Problem:
         """Return the model with some parameters."""
         return self.model_class(self.muscle.replace(**values))
 
-    def miss(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return model less measurement [mm]; huge in rows that the trial has no answer for."""
-        answer = np.full(len(self.data), _MISS)
+    def evaluate(self, point: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return model less measurement [mm], and which rows the trial has an answer for."""
+        miss = np.zeros(len(self.data))
+        held = np.zeros(len(self.data), dtype=np.bool_)
         try:
             model = self.build(self.name_values(point))
-        except InputError:  # each value is legal, but not all together
-            return answer
-        with contextlib.suppress(InputError):
-            return predict_contraction(model, self.data) - self.data.contraction
+        except BozziniError:  # each value is legal, but not all together
+            return miss, held
+        with contextlib.suppress(BozziniError):
+            return _predict(model, self.data) - self.data.contraction, ~held
         for row in range(len(self.data)):
             one = self.data.select([row])
-            with contextlib.suppress(InputError):
-                answer[row] = (predict_contraction(model, one) - one.contraction)[0]
-        return answer
+            with contextlib.suppress(BozziniError):
+                miss[row] = (_predict(model, one) - one.contraction)[0]
+                held[row] = True
+        return miss, held
 
-    def answers_all(self, residuals: NDArray[np.float64]) -> bool:
-        """Say whether these residuals are those of a model with an answer for every row."""
-        return bool(np.all(np.abs(residuals) < 0.5 * _MISS))
+    def miss(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the search makes small: `evaluate`, huge in rows without an answer."""
+        miss, held = self.evaluate(point)
+        return np.where(held, miss, _MISS)
 
     def slope(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivatives of `miss`, shape (n, k); 0 in rows without an answer."""
-        residuals = self.miss(point)
-        held = np.abs(residuals) < 0.5 * _MISS
+        residuals, held = self.evaluate(point)
         table = np.zeros((len(self.data), len(self.free)))
         if held.any():
             rows = self.data.select(held)
@@ -148,7 +154,8 @@ def choose_bounds(
     Raises
     ------
     InputError
-        If a bound is given for a parameter that is not free, or low is not below high.
+        If bounds are given for a parameter that is not free, are no pair, lie outside what the
+        muscle may have, or low is not below high.
     """
     radius = muscle.outer_radius
     wide = {
@@ -163,21 +170,36 @@ def choose_bounds(
         "end_length": (0.0, 0.4 * muscle.length),
         "poisson_ratio": (0.3, 0.4999),
     }
+    if not isinstance(bounds, Mapping):
+        raise InputError(
+            f"bounds must be a mapping from names to pairs: it is a {type(bounds).__name__}"
+        )
     for name in bounds:
         if name not in free:
             raise InputError(f"bounds are given for {name}: the free ones are {', '.join(free)}")
     table = []
     for name in free:
         value = float(getattr(muscle, name))
-        low, high = bounds.get(name, wide.get(name, (0.2 * value, 5.0 * value)))
-        if name not in bounds:
+        least, most = muscle.legal_range(name)
+        if name in bounds:
+            low, high = _take_pair(name, bounds[name], least, most)
+        else:
             # Inside the legal range, with room for the steps of numeric differences.
-            least, most = muscle.legal_range(name)
+            low, high = wide.get(name, (0.2 * value, 5.0 * value))
             low, high = max(low, least), min(high, most - 1e-4 * (most - least))
-        check_number(f"lower bound of {name}", low, unit=PARAMETER_UNITS[name])
-        check_number(f"upper bound of {name}", high, low=low, low_open=True)
         table.append((low, high))
     return np.array(table, dtype=np.float64)
+
+
+def _take_pair(name: str, pair: object, least: float, most: float) -> tuple[float, float]:
+    if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
+        raise InputError(f"bounds of {name} is {pair!r:.60}: it must be a pair (low, high)")
+    unit = PARAMETER_UNITS[name]
+    low = check_number(f"lower bound of {name}", pair[0], low=least, high=most, unit=unit)
+    high = check_number(
+        f"upper bound of {name}", pair[1], low=low, high=most, low_open=True, unit=unit
+    )
+    return low, high
 
 
 def predict_contraction(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
@@ -186,8 +208,21 @@ def predict_contraction(model: MuscleModel, data: Measurements) -> NDArray[np.fl
     Raises
     ------
     InputError
-        If the model has no answer for a row.
+        If the model has no answer for a row; the row is named.
     """
+    try:
+        return _predict(model, data)
+    except BozziniError as error:
+        for row in range(len(data)):
+            word = str(data.direction[row]) or None
+            try:
+                model.contraction(float(data.pressure[row]), float(data.load[row]), direction=word)
+            except BozziniError as at_row:
+                raise type(at_row)(f"{data.name_row(row)}: {at_row}") from None
+        raise error
+
+
+def _predict(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
     answer = model.contraction(data.pressure, data.load, direction=_take_direction(data))
     return np.array(answer, dtype=np.float64)
 
@@ -203,9 +238,9 @@ def differentiate(
 ) -> NDArray[np.float64]:
     """Return the derivatives of contraction by the parameters, shape (n, k).
 
-    By the theorem of implicit functions, dx/dp = -(dF/dp) / (dF/dx): both are differences of the
-    force, which has a closed form in `EnergyMuscle`. For a model without force, or where a
-    difference leaves its domain, they are differences of the contraction.
+    By the theorem of implicit functions, dx/dp = (dF/dp) / stiffness: the one is a difference of
+    the force, which has a closed form in `EnergyMuscle`, the other the model's own. For a model
+    without force, or where a difference leaves its domain, they are differences of the contraction.
 
     Parameters
     ----------
@@ -236,10 +271,7 @@ def _differentiate_implicitly(
     data: Measurements,
     predicted: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    step = 1e-5
-    here = build(values)
-    ahead, behind = (_predict_force(here, data, predicted + s) for s in (step, -step))
-    slope = (ahead - behind) / (2.0 * step)
+    stiffness = _predict_stiffness(build(values), data, predicted)
     columns = []
     for name, low, high in pairs:
         force = [
@@ -247,7 +279,7 @@ def _differentiate_implicitly(
         ]
         columns.append((force[1] - force[0]) / (high - low))
     with np.errstate(divide="raise", invalid="raise", over="raise"):
-        table: NDArray[np.float64] = -np.stack(columns, axis=-1) / slope[:, None]
+        table: NDArray[np.float64] = np.stack(columns, axis=-1) / stiffness[:, None]
     return table
 
 
@@ -259,7 +291,7 @@ def _differentiate_directly(
 ) -> NDArray[np.float64]:
     columns = []
     for name, low, high in pairs:
-        ends = [predict_contraction(build({**values, name: value}), data) for value in (low, high)]
+        ends = [_predict(build({**values, name: value}), data) for value in (low, high)]
         columns.append((ends[1] - ends[0]) / (high - low))
     return np.stack(columns, axis=-1)
 
@@ -269,6 +301,19 @@ def _predict_force(
 ) -> NDArray[np.float64]:
     answer = model.force(data.pressure, contraction, direction=_take_direction(data))
     return np.asarray(answer, dtype=np.float64)
+
+
+def _predict_stiffness(
+    model: MuscleModel, data: Measurements, contraction: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    direction = _take_direction(data)
+    if direction is None:
+        return np.asarray(model.stiffness(data.pressure, contraction), dtype=np.float64)
+    if isinstance(model, StaticModel):
+        return np.asarray(model.stiffness(data.pressure, contraction, direction=direction))
+    step = 1e-5
+    ahead, behind = (_predict_force(model, data, contraction + s) for s in (step, -step))
+    return (behind - ahead) / (2.0 * step)
 
 
 def _take_direction(data: Measurements) -> NDArray[np.str_] | None:

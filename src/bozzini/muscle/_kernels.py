@@ -197,10 +197,13 @@ def find_stretch(design, pressure, load, sign):
 
 @njit(cache=True)
 def find_stretches(design, pressures, loads, signs, stretches, iterations):
-    """Fill the stretches of a batch; the code and index of the first without an equilibrium."""
+    """Fill the stretches of a batch; the code and index of the first without an equilibrium.
+
+    One that ran out of iterations does not end the batch: it took ``MAX_ITERATIONS``.
+    """
     for n in range(stretches.size):
         stretch, code, taken = find_stretch(design, pressures[n], loads[n], signs[n])
-        if code != CONVERGED:
+        if code == TOO_HEAVY or code == TOO_LIGHT:
             return code, n
         stretches[n] = stretch
         iterations[n] = taken

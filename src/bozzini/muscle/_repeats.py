@@ -28,6 +28,7 @@ def average_directions(data: Measurements) -> Measurements:
             strict=True,
         )
     ]
+    notes = list(data.notes)
     for (load, specimen), rows in _group(data, data.load.round(9), data.specimen, where=known):
         branches = {}
         for name in ("inflating", "deflating"):
@@ -45,6 +46,12 @@ def average_directions(data: Measurements) -> Measurements:
                 f"specimen {str(specimen)!r} at {load:g} N: inflation at {up[0]:g} to "
                 f"{up[-1]:g} MPa and deflation at {down[0]:g} to {down[-1]:g} MPa share none"
             )
+        if not shared.all():
+            notes.append(
+                f"specimen {str(specimen)!r} at {load:g} N: inflation at "
+                f"{', '.join(f'{p:g}' for p in up[~shared])} MPa left out, which the deflation at "
+                f"{down[0]:g} to {down[-1]:g} MPa does not reach"
+            )
         mean = 0.5 * (risen + np.interp(up, down, fallen))
         parts += [(p, x, load, specimen) for p, x in zip(up[shared], mean[shared], strict=True)]
     columns = list(zip(*parts, strict=True))
@@ -54,6 +61,7 @@ def average_directions(data: Measurements) -> Measurements:
         load=np.array(columns[2]),
         specimen=np.array(columns[3]),
         ignored=data.ignored,
+        notes=tuple(notes),
     )
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import difflib
 import io
+import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
-from ..files import write_text
+from ..files import write_atomically
 from ..units import parse_quantity
-from .dataset import PRESSURE_LIMIT, Measurements, check_length
+from .dataset import LOAD_LIMIT, PRESSURE_LIMIT, Measurements, check_length
 
 if TYPE_CHECKING:
     from .design import Muscle
@@ -38,6 +40,7 @@ BRANCHES = {
     "down": "deflating",
     "": "",
 }
+LIMITS = {"pressure": (PRESSURE_LIMIT, "MPa"), "load": (LOAD_LIMIT, "N")}
 EXAMPLES = {"pressure": "kPa", "contraction": "mm", "length": "mm", "load": "N"}
 DEFAULTS = {"load": "0", "direction": "", "specimen": ""}
 
@@ -76,9 +79,10 @@ def read_table(path: Path, *, muscle: Muscle | None, units: Mapping[str, str]) -
         known = ", ".join(_TEXT_SUFFIXES + _PARQUET_SUFFIXES)
         raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
     try:
-        return _take_sheet(sheet, muscle, units)
+        data = _take_sheet(sheet, muscle, units)
     except InputError as error:
         raise type(error)(f"{path.name}: {error}") from None
+    return dataclasses.replace(data, source=path.name)
 
 
 def write_table(path: Path, data: Measurements) -> Path:
@@ -91,29 +95,79 @@ def write_table(path: Path, data: Measurements) -> Path:
         data.pressure, data.contraction, data.load, data.direction, data.specimen, strict=True
     ):
         writer.writerow([repr(float(p)), repr(float(x)), repr(float(f)), direction, specimen])
-    return write_text(path, text.getvalue())
+    content = text.getvalue().encode("utf-8")
+    return write_atomically(path, lambda temporary: _put_bytes(temporary, content))
+
+
+def _put_bytes(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileFormatError(f"cannot read {path}: {error.strerror or error}") from None
+    except ValueError as error:  # a null byte in the name
+        raise FileFormatError(f"cannot read {path}: {error}") from None
 
 
 def _read_text(path: Path) -> _Sheet:
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise FileFormatError(f"cannot read {path}: {error.strerror or error}") from None
-    except (UnicodeDecodeError, ValueError):
+        text = _read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
         raise FileFormatError(f"{path.name} is not text in UTF-8: save the table as CSV") from None
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1)]
-    lines = [(number, line) for number, line in lines if line.strip() and line.lstrip()[0] != "#"]
-    if not lines:
+    records = _Records(text)
+    cells, numbers = [], []
+    try:
+        for row in records:
+            cells.append(row)
+            numbers.append(records.start)
+    except csv.Error as error:
+        raise FileFormatError(f"{path.name}: row {records.start} is not CSV: {error}") from None
+    if not cells:
         raise FileFormatError(f"{path.name} is empty: a table has a header and rows")
-    mark = max(",;\t", key=lines[0][1].count)
-    cells = []
-    for number, line in lines:
-        try:
-            cells.append(next(csv.reader([line], delimiter=mark, skipinitialspace=True)))
-        except csv.Error as error:
-            raise FileFormatError(f"{path.name}: row {number} is not CSV: {error}") from None
-    kept = [(n, row) for (n, _), row in zip(lines, cells, strict=True) if any(map(str.strip, row))]
-    return _Sheet(cells[0], [row for _, row in kept[1:]], [number for number, _ in kept[1:]])
+    kept = [i for i, row in enumerate(cells) if i and any(map(str.strip, row))]
+    titles = [_show(title) for title in cells[0]]
+    return _Sheet(titles, [cells[i] for i in kept], [numbers[i] for i in kept])
+
+
+class _Records:
+    """The records of a CSV text, without comments; a quoted cell may hold ends of lines.
+
+    `start` is the line on which the last one begins, counted from 1.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.start = 0
+        self._fresh = True
+        # Unlike str.splitlines this breaks lines where CSV does and nowhere else.
+        self._lines = enumerate(io.StringIO(text, newline=""), start=1)
+        first = next(self._feed(), "")
+        mark = max(",;\t", key=first.count)
+        self._reader = csv.reader(
+            itertools.chain([first] if first else [], self._feed()),
+            delimiter=mark,
+            skipinitialspace=True,
+            strict=True,  # a quote that is not closed would take the rest of the file
+        )
+
+    def __iter__(self) -> Iterator[list[str]]:
+        return self
+
+    def __next__(self) -> list[str]:
+        row = next(self._reader)
+        self._fresh = True
+        return row
+
+    def _feed(self) -> Iterator[str]:
+        for number, line in self._lines:
+            if self._fresh:
+                if not line.strip() or line.lstrip().startswith("#"):
+                    continue
+                self.start = number
+            self._fresh = False
+            yield line
 
 
 def _read_parquet(path: Path) -> _Sheet:
@@ -122,14 +176,13 @@ def _read_parquet(path: Path) -> _Sheet:
     except ImportError:
         raise MissingExtraError("pyarrow", "parquet") from None
     try:
-        table = parquet.read_table(path)
-    except OSError as error:
-        raise FileFormatError(f"cannot read {path}: {error.strerror or error}") from None
-    except ArrowException as error:
-        raise FileFormatError(f"{path.name} is not a Parquet file: {error}") from None
+        table = parquet.read_table(io.BytesIO(_read_bytes(path)))
+    except (ArrowException, OSError) as error:
+        what = " ".join(str(error).split())
+        raise FileFormatError(f"{path.name} is not a Parquet file: {what}") from None
     columns = [column.to_pylist() for column in table.columns]
     rows = [["" if cell is None else cell for cell in row] for row in zip(*columns, strict=True)]
-    return _Sheet(table.column_names, rows, range(1, len(rows) + 1))
+    return _Sheet([_show(name) for name in table.column_names], rows, range(1, len(rows) + 1))
 
 
 def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:
@@ -138,6 +191,7 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
         raise FileFormatError("the table has a header and no rows")
     if "length" in columns and muscle is None:
         raise InputError(f"column '{columns['length'].title}' needs the muscle: its free length")
+    strand = math.inf if muscle is None else muscle.braid.strand_length
     taken: dict[str, list[Any]] = {name: [] for name in ("pressure", "contraction", *DEFAULTS)}
     for number, row in zip(sheet.numbers, sheet.rows, strict=True):
         where = f"row {number}: "
@@ -149,11 +203,11 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
             cell = row[column.place]
             value = _take_cell(where, name, column, cell)
             if name == "length" and muscle is not None:
-                taken["contraction"].append(muscle.length - check_length(where, value, muscle))
+                taken["contraction"].append(muscle.length - check_length(where, value, strand))
             else:
                 taken[name].append(value)
         if "contraction" in columns and muscle is not None:
-            check_length(where, muscle.length - taken["contraction"][-1], muscle)
+            check_length(where, muscle.length - taken["contraction"][-1], strand)
     return Measurements(
         pressure=np.array(taken["pressure"]),
         contraction=np.array(taken["contraction"]),
@@ -161,6 +215,7 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
         direction=np.array(taken["direction"] or [""] * len(sheet.rows)),
         specimen=np.array(taken["specimen"] or [""] * len(sheet.rows)),
         ignored=ignored,
+        numbers=np.array(sheet.numbers, dtype=np.int64),
     )
 
 
@@ -234,16 +289,23 @@ def _take_cell(where: str, name: str, column: _Column, cell: Any) -> Any:
         word = str(cell).strip().lower()
         if word not in BRANCHES:
             raise FileFormatError(
-                f"{where}direction is '{cell}': it must be inflating, deflating or empty"
+                f"{where}direction is '{_show(cell)}': it must be inflating, deflating or empty"
             )
         return BRANCHES[word]
     value = _take_number(where, name, cell) * column.factor
-    if name == "pressure" and not 0.0 <= value <= PRESSURE_LIMIT:
+    high, unit = LIMITS.get(name, (math.inf, ""))
+    if name in LIMITS and not 0.0 <= value <= high:
         raise InputError(
-            f"{where}pressure is {cell} in '{column.title}', {value:g} MPa: it must lie in "
-            f"[0, {PRESSURE_LIMIT:g}] MPa"
+            f"{where}{name} is {_show(cell)} in '{column.title}', {value:g} {unit}: it must lie in "
+            f"[0, {high:g}] {unit}"
         )
     return value
+
+
+def _show(cell: Any) -> str:
+    """Return a cell as one short line."""
+    text = " ".join(str(cell).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _take_number(where: str, name: str, cell: Any) -> float:
@@ -252,13 +314,14 @@ def _take_number(where: str, name: str, cell: Any) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if "_" not in text and math.isfinite(value) and not isinstance(cell, bool):
+    # Python's own float takes 1_000 and the digits of every script.
+    if "_" not in text and text.isascii() and math.isfinite(value) and not isinstance(cell, bool):
         return value
     hint = ""
     if not text:
         hint = " (the cell is empty)"
-    elif re.fullmatch(r"[-+]?\d+,\d+", text):
+    elif re.fullmatch(r"[-+]?[0-9]+,[0-9]+", text):
         hint = " with a decimal point"
-    elif re.match(r"[-+.\d]+\s*[A-Za-zµ]", text) and math.isnan(value):
+    elif re.match(r"[-+.0-9]+\s*[A-Za-zµ]", text) and math.isnan(value):
         hint = ": a unit belongs into the header, one for the whole column"
-    raise FileFormatError(f"{where}{name} is '{text}': it must be a finite number{hint}")
+    raise FileFormatError(f"{where}{name} is '{_show(text)}': it must be a finite number{hint}")

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number
-from ..errors import InputError
+from ..checks import broadcast, check_array, check_number, check_range
 
 __all__ = ["BRAID_ANGLES", "LOCKING_ANGLE", "Braid"]
 
@@ -18,6 +17,9 @@ LOCKING_ANGLE = math.atan(math.sqrt(2.0))
 
 BRAID_ANGLES = (math.radians(5.0), math.radians(54.0))
 """Legal angles of a braid at rest, measured from its axis [rad]: below locking, so it contracts."""
+
+PRESSURE_LIMIT = 1e4
+"""Largest legal pressure in a braid [MPa]: a limit of the arithmetic."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,10 +31,8 @@ class Braid:
 
     Parameters
     ----------
-    length : float
-        Length at rest [mm].
-    radius : float
-        Radius at rest [mm].
+    length, radius : float
+        Length and radius at rest, in [1e-6, 1e6] mm.
     angle : float
         Angle between strands and axis at rest [rad], within `BRAID_ANGLES`.
 
@@ -47,10 +47,14 @@ class Braid:
     angle: float
 
     def __post_init__(self) -> None:
-        check_number("braid length", self.length, low=0.0, low_open=True, unit="mm")
-        check_number("braid radius", self.radius, low=0.0, low_open=True, unit="mm")
         low, high = BRAID_ANGLES
-        check_number("braid angle", self.angle, low=low, high=high, unit="rad")
+        taken = {
+            "length": check_number("braid length", self.length, low=1e-6, high=1e6, unit="mm"),
+            "radius": check_number("braid radius", self.radius, low=1e-6, high=1e6, unit="mm"),
+            "angle": check_number("braid angle", self.angle, low=low, high=high, unit="rad"),
+        }
+        for name, number in taken.items():
+            object.__setattr__(self, name, number)
 
     @property
     def strand_length(self) -> float:
@@ -101,14 +105,18 @@ class Braid:
         InputError
             If an angle is outside that range.
         """
-        angles = np.asarray(angle, dtype=np.float64)
-        if not np.all((angles >= 0.0) & (angles <= 0.5 * math.pi)):
-            bad = angles[~((angles >= 0.0) & (angles <= 0.5 * math.pi))].flat[0]
-            raise InputError(f"braid angle is {bad:g} rad: it must lie in [0, {0.5 * math.pi:g}]")
+        angles = check_array("braid angle", angle)
+        check_range("braid angle", angles, 0.0, 0.5 * math.pi, "rad")
         return np.asarray(self.strand_length * np.cos(angles), dtype=np.float64)
 
     def volume_at(self, length: ArrayLike) -> NDArray[np.float64]:
-        """Return the volume inside the braid [mm^3] at `length` [mm]; largest at locking."""
+        """Return the volume inside the braid [mm^3] at `length` [mm]; largest at locking.
+
+        Raises
+        ------
+        InputError
+            If the length is not in [0, strand length].
+        """
         lengths = self._check(length)
         return np.asarray(math.pi * self.radius_at(lengths) ** 2 * lengths, dtype=np.float64)
 
@@ -120,26 +128,26 @@ class Braid:
         Parameters
         ----------
         pressure : array_like
-            Pressure [MPa].
+            Pressure, in [0, 10000] MPa.
         length : array_like
             Length of the braid [mm]; broadcast with `pressure`.
 
         Raises
         ------
         InputError
-            If a length is not in [0, strand length].
+            If a pressure is outside its range, or a length is not in [0, strand length].
         """
-        share = 3.0 * (self._check(length) / self.strand_length) ** 2 - 1.0
+        pressures = check_array("pressure", pressure)
+        check_range("pressure", pressures, 0.0, PRESSURE_LIMIT, "MPa")
+        pressures, lengths = broadcast(
+            ("pressure", pressures), ("braid length", self._check(length))
+        )
+        share = 3.0 * (lengths / self.strand_length) ** 2 - 1.0
         scale = self.strand_length**2 / (4.0 * math.pi * self.turns**2)
-        return np.asarray(np.asarray(pressure, dtype=np.float64) * scale * share, dtype=np.float64)
+        return np.asarray(pressures * scale * share, dtype=np.float64)
 
     def _check(self, length: ArrayLike) -> NDArray[np.float64]:
-        lengths = np.asarray(length, dtype=np.float64)
-        legal = (lengths >= 0.0) & (lengths <= self.strand_length)
-        if not np.all(legal):
-            bad = lengths[~legal].flat[0]
-            raise InputError(
-                f"braid length is {bad:g} mm: it must lie in [0, {self.strand_length:g}] mm, "
-                "the length of a strand"
-            )
+        lengths = check_array("braid length", length)
+        hint = ", the length of a strand"
+        check_range("braid length", lengths, 0.0, self.strand_length, "mm", hint=hint)
         return lengths

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_integer
-from ..errors import InputError
+from ..errors import BozziniError, InputError
 from ._fit import predict_contraction
 from .dataset import Measurements
 
@@ -86,6 +86,7 @@ def compare_models(
     data: Measurements,
     *,
     fitted: Mapping[str, int] | None = None,
+    refusals: Mapping[str, str] | None = None,
 ) -> Comparison:
     """Compare the contractions of models with the measured ones.
 
@@ -96,34 +97,42 @@ def compare_models(
     data : Measurements
     fitted : mapping of str to int, optional
         How many parameters of a model were fitted to these data; 0 by default.
+    refusals : mapping of str to str, optional
+        Models that gave up before, in their calibration for example, and why.
 
     Raises
     ------
     InputError
-        If there is no model, the largest contraction is not positive, or there are no more rows
-        than fitted parameters.
+        If there is no model, the largest contraction is not positive, there are no more rows than
+        fitted parameters, or `fitted` names a model that is not there.
     """
     counts = dict(fitted or {})
-    if not models:
+    for name in counts:
+        if name not in models:
+            raise InputError(
+                f"parameters are fitted in '{name}': the models are {', '.join(models) or 'none'}"
+            )
+    refused = dict(refusals or {})
+    if not models and not refused:
         raise InputError("there are 0 models to compare: give 1 or more")
     if not data.largest_contraction > 0.0:
         raise InputError(
             f"the largest contraction is {data.largest_contraction:g} mm: "
             "it must be positive, since errors are percentages of it"
         )
-    scores, refusals = [], {}
+    scores = []
     for name, model in models.items():
         count = check_integer(
             f"number of parameters fitted in {name}", counts.get(name, 0), low=0, high=len(data) - 1
         )
         try:
             predicted = predict_contraction(model, data)
-        except InputError as error:
-            refusals[name] = str(error)
+        except BozziniError as error:
+            refused[name] = str(error)
             continue
         scores.append(_score(name, predicted, data, count))
     scores.sort(key=lambda score: score.standard_error)
-    return Comparison(data=data, scores=tuple(scores), refusals=refusals)
+    return Comparison(data=data, scores=tuple(scores), refusals=refused)
 
 
 def _score(

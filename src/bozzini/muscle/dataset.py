@@ -6,7 +6,9 @@ files are read is in the module beside.
 
 from __future__ import annotations
 
+import math
 import os
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number
 from ..errors import InputError
+from ._columns import take_index, take_numbers, take_row_numbers, take_words
 
 if TYPE_CHECKING:
     from .design import Muscle
@@ -28,6 +31,15 @@ DIRECTIONS = ("inflating", "deflating", "")
 
 PRESSURE_LIMIT = 100.0
 """A pressure above this [MPa] is taken for a wrong unit."""
+
+LOAD_LIMIT = 1e6
+"""A load above this [N] is taken for a wrong unit."""
+
+_RANGES = {
+    "pressure": (0.0, PRESSURE_LIMIT, "MPa"),
+    "contraction": (-math.inf, math.inf, "mm"),
+    "load": (0.0, LOAD_LIMIT, "N"),
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,19 +55,26 @@ class Measurements:
     contraction : array_like, shape (n,)
         Free length less length [mm].
     load : array_like, shape (n,), optional
-        Axial tension that the muscle holds [N]; one number counts for all rows.
+        Axial tension that the muscle holds, 0 to 1e6 [N]; one number counts for all rows. A muscle
+        cannot push.
     direction : sequence of str, optional
         ``"inflating"``, ``"deflating"`` or ``""``; one text counts for all rows.
     specimen : sequence of str, optional
-        Which muscle; one text counts for all rows.
+        Which muscle, without control characters; one text counts for all rows. Blanks at its ends
+        are dropped.
     ignored : tuple of str
         Columns of the file that were not used.
+    numbers : array_like of int, shape (n,), optional
+        Row of each in its file, by which messages name it; by default counted from 1.
+    source : str
+        Name of the file, for messages.
+    notes : tuple of str
+        What `mean_of_directions` left out.
 
     Raises
     ------
     InputError
-        If there is no row, or a value is not finite or outside its range; the row is named,
-        counted from 1.
+        If there is no row, or a value is not finite or outside its range; the row is named.
     """
 
     pressure: NDArray[np.float64]
@@ -64,27 +83,57 @@ class Measurements:
     direction: NDArray[np.str_] = field(default_factory=lambda: np.array(""))
     specimen: NDArray[np.str_] = field(default_factory=lambda: np.array(""))
     ignored: tuple[str, ...] = ()
+    numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    source: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        pressure = _take_numbers("pressure", self.pressure)
+        pressure = take_numbers("pressure", self.pressure)
         count = len(pressure)
         if count == 0:
             raise InputError("the measurements have 0 rows: there must be 1 or more")
-        contraction = _take_numbers("contraction", self.contraction, count=count)
-        load = _take_numbers("load", self.load, count=count)
-        direction = _take_words("direction", self.direction, count=count)
-        for row, value in enumerate(pressure, start=1):
-            check_number(
-                f"row {row}: pressure", float(value), low=0.0, high=PRESSURE_LIMIT, unit="MPa"
-            )
-        for row, word in enumerate(direction, start=1):
-            if word not in DIRECTIONS:
+        _set(self, pressure=pressure, numbers=take_row_numbers(self.numbers, count))
+        _set(
+            self,
+            contraction=take_numbers("contraction", self.contraction, count=count),
+            load=take_numbers("load", self.load, count=count),
+            direction=take_words("direction", self.direction, count=count),
+            specimen=take_words("specimen", self.specimen, count=count),
+        )
+        for name in ("pressure", "contraction", "load"):
+            self._check_column(name)
+        for index, (direction, specimen) in enumerate(
+            zip(self.direction.tolist(), self.specimen.tolist(), strict=True)
+        ):
+            if direction not in DIRECTIONS:
                 raise InputError(
-                    f"row {row}: direction is {str(word)!r}: it must be inflating, deflating "
-                    "or empty"
+                    f"{self.name_row(index)}: direction is {direction!r}: it must be inflating, "
+                    "deflating or empty"
                 )
-        _set(self, pressure=pressure, contraction=contraction, load=load, direction=direction)
-        _set(self, specimen=_take_words("specimen", self.specimen, count=count))
+            if any(unicodedata.category(letter) in ("Cc", "Cs") for letter in specimen):
+                raise InputError(
+                    f"{self.name_row(index)}: specimen is {specimen!r}: it must be text without "
+                    "control characters"
+                )
+
+    def _check_column(self, name: str) -> None:
+        values = getattr(self, name)
+        low, high, unit = _RANGES[name]
+        legal = (values >= low) & (values <= high) & np.isfinite(values)
+        if not legal.all():
+            index = int(np.argmin(legal))
+            check_number(
+                f"{self.name_row(index)}: {name}",
+                float(values[index]),
+                low=low,
+                high=high,
+                unit=unit,
+            )
+
+    def name_row(self, index: int) -> str:
+        """Return how messages name the row of an index, such as ``data.csv: row 3``."""
+        where = f"{self.source}: " if self.source else ""
+        return f"{where}row {self.numbers[index]}"
 
     def __len__(self) -> int:
         return len(self.pressure)
@@ -110,9 +159,9 @@ class Measurements:
         Raises
         ------
         InputError
-            If no row is left.
+            If no row is left, a mask has another length, or there is no row of an index.
         """
-        index = np.asarray(rows)
+        index = take_index(rows, len(self))
         return Measurements(
             pressure=self.pressure[index],
             contraction=self.contraction[index],
@@ -120,25 +169,39 @@ class Measurements:
             direction=self.direction[index],
             specimen=self.specimen[index],
             ignored=self.ignored,
+            numbers=self.numbers[index],
+            source=self.source,
+            notes=self.notes,
         )
 
-    def check_lengths(self, muscle: Muscle) -> None:
+    def check_lengths(self, muscle: Muscle, *, braid_angle: float | None = None) -> None:
         """Check that every measured length lies between 0 and the length of the strand.
+
+        Parameters
+        ----------
+        muscle : Muscle
+        braid_angle : float, optional
+            In place of the muscle's [rad]: strands of a larger angle are longer.
 
         Raises
         ------
         InputError
-            If one does not; the row is named, counted from 1.
+            If one does not; the row is named.
         """
-        for row, value in enumerate(self.contraction, start=1):
-            check_length(f"row {row}: ", muscle.length - float(value), muscle)
+        strand = muscle.braid.strand_length
+        if braid_angle is not None:
+            strand = muscle.length / math.cos(braid_angle)
+        for index, value in enumerate(self.contraction.tolist()):
+            check_length(f"{self.name_row(index)}: ", muscle.length - value, strand)
 
     def mean_of_directions(self) -> Measurements:
         """Return the mean of inflation and deflation, per specimen and load.
 
         At each pressure of the inflation that the deflation reaches as well, the deflation is
         interpolated linearly and averaged with it; repeats at one pressure are averaged first.
-        Rows without a direction are kept as they are.
+        Rows without a direction are kept as they are. Rows of the inflation that the deflation does
+        not reach, such as the turning point, are left out; `Measurements.notes` says so. (There
+        friction still holds one way: the mean curve is not known.)
 
         Raises
         ------
@@ -255,45 +318,14 @@ def write_measurements(path: str | os.PathLike[str], data: Measurements) -> Path
     return write_table(Path(path), data)
 
 
-def check_length(where: str, length: float, muscle: Muscle) -> float:
-    """Return a measured length if the muscle can have it, or raise `InputError`."""
-    strand = muscle.length / float(np.cos(muscle.braid_angle))
+def check_length(where: str, length: float, strand: float) -> float:
+    """Return a measured length if a muscle of such strands can have it, or raise `InputError`."""
     if length > strand:
         raise InputError(
             f"{where}length is {length:g} mm, longer than the strand: "
             f"it must lie in (0, {strand:g}] mm"
         )
     return check_number(f"{where}length", length, low=0.0, low_open=True, high=strand, unit="mm")
-
-
-def _take_numbers(name: str, values: Any, *, count: int | None = None) -> NDArray[np.float64]:
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be an array of numbers of shape (n,)") from None
-    if array.ndim == 0 and count is not None:
-        array = np.full(count, float(array))
-    _check_shape(name, array, count)
-    bad = np.flatnonzero(~np.isfinite(array))
-    if len(bad):
-        raise InputError(f"row {bad[0] + 1}: {name} is {array[bad[0]]}: it must be a finite number")
-    array.flags.writeable = False
-    return array
-
-
-def _take_words(name: str, values: Any, *, count: int) -> NDArray[np.str_]:
-    array = np.array(values, dtype=np.str_)
-    if array.ndim == 0:
-        array = np.full(count, str(array))
-    _check_shape(name, array, count)
-    array.flags.writeable = False
-    return array
-
-
-def _check_shape(name: str, array: NDArray[Any], count: int | None) -> None:
-    if array.ndim != 1 or (count is not None and len(array) != count):
-        wanted = "(n,)" if count is None else f"({count},), one for each pressure"
-        raise InputError(f"{name} has shape {array.shape}: it must be {wanted}")
 
 
 def _set(data: Measurements, **values: Any) -> None:

@@ -91,11 +91,13 @@ class Muscle:
     friction_length: float = 0.0
 
     def __post_init__(self) -> None:
-        check_integer("muscle strands", self.strands, low=2, high=10000)
+        strands = check_integer("muscle strands", self.strands, low=2, high=10000)
+        object.__setattr__(self, "strands", strands)
         for name, unit in _UNITS.items():
+            words = f"muscle {name.replace('_', ' ')}"
             low, high = self.legal_range(name)
-            words = name.replace("_", " ")
-            check_number(f"muscle {words}", getattr(self, name), low=low, high=high, unit=unit)
+            number = check_number(words, getattr(self, name), low=low, high=high, unit=unit)
+            object.__setattr__(self, name, number)
 
     def legal_range(self, name: str) -> tuple[float, float]:
         """Return the smallest and largest legal value of a field, the others being as they are.

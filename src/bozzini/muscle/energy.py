@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,11 +15,15 @@ from ._equilibrium import Equilibrium
 from .design import Muscle
 from .hysteresis import Hysteresis
 from .model import (
+    LOAD_LIMIT,
     MuscleState,
     StaticModel,
     broadcast,
     check_array,
+    check_hysteresis,
     check_range,
+    demand_convergence,
+    describe_stop,
     parse_direction,
 )
 
@@ -47,12 +52,13 @@ class EnergyMuscle(StaticModel):
     Force, contraction, stiffness and enclosed volume all come from it and agree with each other.
     In the limit of a wall that resists nothing it is Gaylord's force (`Braid.ideal_force`).
 
-    It cannot reproduce the loaded rows of the thesis's Tables 4.1-4.4, nor the stiffness measured
-    in Fig. 3.16: an ideal braid is several times softer, and the wall adds little. With the
-    thesis's own dimensions and modulus it contracts by 11 mm where the thesis has 7.6: what is
-    missing is the length that does not contract (`Muscle.dead_length`) and a stiffer wall, see
-    ``fitted-45``. It knows nothing of strands that stretch, bend or have a thickness, and nothing
-    of buckling.
+    Nothing that was measured validates it. It cannot reproduce the loaded rows of the thesis's
+    Tables 4.1-4.4 (off by 2.2 mm rms for ``effector-45``, 4.0 mm for ``fitted-45``), nor the
+    stiffness of 0.63 N/mm measured in Fig. 3.16 (it has 0.15 to 0.36 N/mm): an ideal braid is
+    several times softer, and the wall adds little. With the thesis's own dimensions and modulus it
+    contracts by 11 mm where the thesis has 7.6: what is missing is the length that does not
+    contract (`Muscle.dead_length`) and a stiffer wall, see ``fitted-45``. It knows nothing of
+    strands that stretch, bend or have a thickness, and nothing of buckling.
 
     Legal are pressures in [0, 10000] MPa, contractions from where the braid has squeezed 98 % of
     the bore's area out of the tube to where it locks, and loads of 0 or more up to those that
@@ -85,8 +91,16 @@ class EnergyMuscle(StaticModel):
     _equilibrium: Equilibrium = field(init=False, repr=False, compare=False)
 
     name = "energy"
+    unused: ClassVar[tuple[str, ...]] = (
+        "strands",
+        "strand_radius",
+        "end_length",
+        "poisson_ratio",
+        "strand_modulus",
+    )
 
     def __post_init__(self) -> None:
+        check_hysteresis(self.hysteresis)
         if self.ends not in ENDS:
             raise InputError(f"ends is '{self.ends}': it must be one of {list(ENDS)}")
         tapered = self.ends == "trellis"
@@ -108,10 +122,15 @@ class EnergyMuscle(StaticModel):
 
     @property
     def contraction_limits(self) -> tuple[float, float]:
-        """Legal contractions [mm], from the bore squeezed shut (negative: longer) to locking."""
+        """Legal contractions [mm], from the bore squeezed shut (negative: longer) to locking.
+
+        Trellis ends of a small braid angle shorten by more than their share of a locked cylinder;
+        with them the second is the length that contracts, and the free contraction is the limit.
+        """
         low, high = self._equilibrium.stretches
         active = self.muscle.active_length
-        return active * (1.0 - high), active * (1.0 - low)
+        shortest = 0.0 if self.ends == "trellis" else low
+        return active * (1.0 - high), active * (1.0 - shortest)
 
     def force(
         self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
@@ -142,17 +161,21 @@ class EnergyMuscle(StaticModel):
         stretches = self._equilibrium.place(pressures, contractions, signs)
         return np.asarray(self._equilibrium.evaluate(pressures, stretches, signs)[0])
 
-    def stiffness(self, pressure: ArrayLike, contraction: ArrayLike) -> Floats:
-        """Return ``-d force / d contraction`` [N/mm] at a pressure, without friction.
+    def stiffness(
+        self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
+    ) -> Floats:
+        """Return ``-d force / d contraction`` [N/mm] at a pressure, along a branch of friction.
 
-        With trellis ends the slope of the taper is a finite difference, good to about 1e-6.
+        Without `direction` that is the curve without friction; neither is what a muscle shows that
+        has just turned round, whose crossings have to let go first. With trellis ends the slope of
+        the taper is a finite difference, good to about 1e-6.
 
         Raises
         ------
         InputError
             As `force` does.
         """
-        pressures, contractions, signs = self._take(pressure, "contraction", contraction, None)
+        pressures, contractions, signs = self._take(pressure, "contraction", contraction, direction)
         stretches = self._equilibrium.place(pressures, contractions, signs)
         slope = self._equilibrium.evaluate(pressures, stretches, signs)[1]
         length_slope = np.full(slope.shape, self.muscle.active_length)
@@ -189,15 +212,19 @@ class EnergyMuscle(StaticModel):
         ------
         InputError
             If an argument is outside its legal range, or the muscle cannot hold the load.
+        ConvergenceError
+            If the solver stops short of its tolerance; `solve` tells where.
         """
         pressures, loads, signs = self._take(pressure, "load", load, direction)
-        stretches, _ = self._equilibrium.find(pressures, loads, signs)
+        stretches = self._demand(pressures, loads, signs)
         return self._equilibrium.shorten(pressures, stretches)
 
     def solve(
         self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
     ) -> MuscleState:
         """Return everything the model says about the muscle under `pressure` and `load`.
+
+        Where the solver stops short of its tolerance, `MuscleState.converged` is false.
 
         Raises
         ------
@@ -208,16 +235,17 @@ class EnergyMuscle(StaticModel):
         stretches, iterations = self._equilibrium.find(pressures, loads, signs)
         contraction = self._equilibrium.shorten(pressures, stretches)
         pull, _, contact, _ = self._equilibrium.evaluate(pressures, stretches, signs)
+        converged = iterations < _kernels.MAX_ITERATIONS
         return MuscleState(
             contraction=contraction,
             length=np.asarray(self.muscle.length - contraction),
             braid_angle=np.asarray(np.arccos(stretches * math.cos(self.muscle.braid_angle))),
             contact_pressure=contact,
             force=pull,
-            converged=np.ones(pull.shape, dtype=np.bool_),
+            converged=np.asarray(converged),
             residual=np.asarray(pull - loads),
             iterations=iterations,
-            reason=np.zeros(pull.shape, dtype="<U1"),
+            reason=np.where(converged, "", describe_stop(_kernels.MAX_ITERATIONS)),
         )
 
     def volume(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
@@ -273,7 +301,7 @@ class EnergyMuscle(StaticModel):
         check_range("pressure", pressures, 0.0, PRESSURE_LIMIT, "MPa")
         if name == "load":
             slack = 1e-9 * self.muscle.modulus * self.muscle.tube.wall_area
-            check_range("load", others, 0.0, 1e12, "N", slack=slack)
+            check_range("load", others, 0.0, LOAD_LIMIT, "N", slack=slack)
         else:
             slack = 1e-9 * self.muscle.active_length
             check_range("contraction", others, *self.contraction_limits, "mm", slack=slack)
@@ -288,9 +316,15 @@ class EnergyMuscle(StaticModel):
     ) -> tuple[Floats, Floats, Floats, Floats]:
         """Pressures and loads, stretches and swells at equilibrium."""
         pressures, loads, signs = self._take(pressure, "load", load, None)
-        stretches, _ = self._equilibrium.find(pressures, loads, signs)
+        stretches = self._demand(pressures, loads, signs)
         terms = self._equilibrium.evaluate(pressures, stretches, signs)
         return pressures, loads, stretches, terms[3]
+
+    def _demand(self, pressures: Floats, loads: Floats, signs: Floats) -> Floats:
+        """Stretches at equilibrium, all converged."""
+        stretches, iterations = self._equilibrium.find(pressures, loads, signs)
+        demand_convergence(pressures, iterations, _kernels.MAX_ITERATIONS, model=self.name)
+        return stretches
 
     def _measure_bore(self, swells: Floats) -> Floats:
         """Volume of the bore of a cylinder [mm^3]."""

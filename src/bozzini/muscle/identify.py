@@ -19,7 +19,7 @@ from .dataset import Measurements
 __all__ = [
     "CONDITION_LIMIT",
     "CORRELATION_LIMIT",
-    "GAP_ROWS",
+    "GAP_PRESSURES",
     "GAP_SPAN",
     "judge_fit",
     "judge_parameters",
@@ -30,9 +30,9 @@ CONDITION_LIMIT = 30.0
 """Above this condition of the Jacobian, its columns scaled to length 1, a warning is given."""
 CORRELATION_LIMIT = 0.98
 """Above this correlation of two parameters a warning is given."""
-GAP_ROWS = 4
+GAP_PRESSURES = 3
 GAP_SPAN = 3.0
-"""A free gap needs `GAP_ROWS` rows below `GAP_SPAN` times the contact pressure: it acts there."""
+"""A free gap needs so many pressures, above none and below `GAP_SPAN` times that of contact."""
 
 
 def judge_parameters(
@@ -69,11 +69,11 @@ def judge_parameters(
             doubts.append(f"friction_length {reason}: other losses hide in it")
     if "gap" in free:
         span = GAP_SPAN * contact_pressure
-        low = int(np.count_nonzero(data.pressure < span))
-        if low < GAP_ROWS:
+        low = len(np.unique(data.pressure[(data.pressure > 0.0) & (data.pressure < span)]))
+        if low < GAP_PRESSURES:
             doubts.append(
-                f"gap has {low} row(s) below {1e3 * span:.0f} kPa, {GAP_SPAN:g} times the contact "
-                f"pressure: it needs {GAP_ROWS}"
+                f"gap has {low} pressure(s) above 0 and below {1e3 * span:.0f} kPa, {GAP_SPAN:g} "
+                f"times the contact pressure: it needs {GAP_PRESSURES}"
             )
     return tuple(never), tuple(doubts)
 

@@ -6,21 +6,46 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..checks import broadcast, check_array, check_range, name_at
+from ..errors import BozziniError, InputError
 from .design import Muscle
 from .hysteresis import Hysteresis
 
-__all__ = ["DIRECTIONS", "MuscleModel", "MuscleState", "StaticModel"]
+__all__ = [
+    "DIRECTIONS",
+    "LOAD_LIMIT",
+    "ConvergenceError",
+    "HistoryModel",
+    "MuscleModel",
+    "MuscleState",
+    "StaticModel",
+    "broadcast",
+    "check_array",
+    "check_hysteresis",
+    "check_range",
+    "demand_convergence",
+    "describe_stop",
+    "name_at",
+    "parse_direction",
+]
 
 Floats = NDArray[np.float64]
 
 DIRECTIONS = {"inflating": -1.0, "": 0.0, "deflating": 1.0}
 """Sign of friction in the pull of the muscle: it pulls less on the way up, more on the way down."""
+
+
+LOAD_LIMIT = 1e15
+"""Largest legal load [N]: a limit of the arithmetic, above what any legal muscle pulls."""
+
+
+class ConvergenceError(BozziniError, ArithmeticError):
+    """An iteration ran out of steps before it met its tolerance."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +145,30 @@ class MuscleModel(Protocol):
         ...
 
 
+@runtime_checkable
+class HistoryModel(MuscleModel, Protocol):
+    """A `MuscleModel` that can carry hysteresis, as all models of this package do."""
+
+    @property
+    def hysteresis(self) -> Hysteresis | None:
+        """The operator of `trace_contraction`; None without hysteresis."""
+        ...
+
+    def trace_contraction(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
+        """Return the contraction [mm] along a history of pressures."""
+        ...
+
+
 class StaticModel(ABC):
-    """What the models of this package share; a subclass brings `solve`, `force` and the rest."""
+    """What the models of this package share; a subclass brings `solve`, `force` and the rest.
+
+    Attributes
+    ----------
+    unused : tuple of str
+        Fields of `Muscle` that make no difference to the model.
+    """
+
+    unused: ClassVar[tuple[str, ...]] = ()
 
     muscle: Muscle
     name: str
@@ -140,8 +187,10 @@ class StaticModel(ABC):
         """Return the contraction [mm] at `pressure` [MPa] under `load` [N]."""
 
     @abstractmethod
-    def stiffness(self, pressure: ArrayLike, contraction: ArrayLike) -> Floats:
-        """Return ``-d force / d contraction`` [N/mm] at a pressure, without friction."""
+    def stiffness(
+        self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
+    ) -> Floats:
+        """Return ``-d force / d contraction`` [N/mm] at a pressure, along a branch of friction."""
 
     @abstractmethod
     def dead_band(self) -> float:
@@ -198,54 +247,50 @@ class StaticModel(ABC):
         (n,) ndarray
             Contraction after each pressure, from `contraction` at the pressure that
             `hysteresis.apply` puts in its place; the same as `contraction` without hysteresis.
+
+        Raises
+        ------
+        InputError
+            As `contraction` does, if the pressures are not a sequence, or if `hysteresis` gives
+            other than a pressure for each.
         """
         history = np.atleast_1d(check_array("pressure", pressure))
-        if self.hysteresis is not None:
-            history = np.asarray(self.hysteresis.apply(history), dtype=np.float64)
-        return self.contraction(history, load)
+        if history.ndim != 1:
+            raise InputError(f"pressure has shape {history.shape}: a history has (n,)")
+        if self.hysteresis is None:
+            return self.contraction(history, load)
+        acting = check_array("pressure from the hysteresis", self.hysteresis.apply(history))
+        if acting.shape != history.shape:
+            raise InputError(
+                f"pressure from the hysteresis has shape {acting.shape}: it must be {history.shape}"
+            )
+        check_range("pressure from the hysteresis", acting, 0.0, math.inf, "MPa")
+        return self.contraction(acting, load)
 
 
-def check_array(name: str, values: ArrayLike) -> Floats:
-    """Return `values` as an array of floats, or raise `InputError`."""
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is {values!r}: it must be a number or an array") from None
-
-
-def check_range(
-    name: str, values: Floats, low: float, high: float, unit: str, *, slack: float = 0.0
-) -> None:
-    """Raise `InputError` that names the first of `values` outside `[low, high]`, NaN included.
-
-    `slack` is what is let through on either side as round-off.
-    """
-    least, most = low - slack, high + slack
-    if values.size and not (values.min() >= least and values.max() <= most):
-        index = int(np.argmin((values >= least) & (values <= most)))
+def check_hysteresis(operator: object) -> None:
+    """Raise `InputError` if a model cannot carry this as its `hysteresis`."""
+    if operator is not None and not isinstance(operator, Hysteresis):
         raise InputError(
-            f"{name_at(name, values, index)} is {values.flat[index]:g} {unit}: "
-            f"it must lie in [{low:g}, {high:g}] {unit}"
+            f"hysteresis is a {type(operator).__name__}: it must have a method 'apply', or be None"
         )
 
 
-def name_at(name: str, values: NDArray[Any], index: int) -> str:
-    """Return the name of the `index`-th of `values`, ``load[2, 1]`` for example."""
-    if values.ndim == 0:
-        return name
-    place = ", ".join(str(i) for i in np.unravel_index(index, values.shape))
-    return f"{name}[{place}]"
+def demand_convergence(
+    pressures: Floats, iterations: NDArray[np.int64], limit: int, *, model: str
+) -> None:
+    """Raise `ConvergenceError` that names the first pressure whose iteration ran to the limit."""
+    if iterations.size and iterations.max() >= limit:
+        index = int(np.argmax(iterations >= limit))
+        raise ConvergenceError(
+            f"no solution of the {model} model at {name_at('pressure', pressures, index)} = "
+            f"{pressures.flat[index]:g} MPa: {describe_stop(limit)}"
+        )
 
 
-def broadcast(*named: tuple[str, Floats]) -> tuple[Floats, ...]:
-    """Return the arrays, contiguous and of one shape, or raise `InputError`."""
-    try:
-        shape = np.broadcast_shapes(*(array.shape for _, array in named))
-    except ValueError:
-        shapes = ", ".join(f"{name} {array.shape}" for name, array in named)
-        raise InputError(f"these shapes do not go together: {shapes}") from None
-    # np.ascontiguousarray would turn a single number into an array of one.
-    return tuple(np.require(np.broadcast_to(array, shape), requirements="C") for _, array in named)
+def describe_stop(limit: int) -> str:
+    """Return why an iteration stopped that did not converge."""
+    return f"the tolerance was not met within {limit} iterations"
 
 
 def parse_direction(direction: ArrayLike | None) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,11 +15,15 @@ from ._contact import meet_braid
 from .design import Muscle
 from .hysteresis import Hysteresis
 from .model import (
+    LOAD_LIMIT,
     MuscleState,
     StaticModel,
     broadcast,
     check_array,
+    check_hysteresis,
     check_range,
+    demand_convergence,
+    describe_stop,
     name_at,
     parse_direction,
 )
@@ -67,8 +72,8 @@ class ThesisMuscle(StaticModel):
     54.7 degrees is reproduced: the angle peaks near 3 MPa (49.3 degrees for an outer radius of 0.75
     mm, 53.5 for 0.55) and falls again, because the linear tube can be compressed.
 
-    There is no friction in it: `direction` is checked and makes no difference. Of the muscle,
-    `dead_length`, `mooney_ratio` and `friction_length` are not used.
+    There is no friction in it: `direction` is checked and makes no difference. What the muscle has
+    and the model does not use is in `unused`. It is not validated on anything measured.
 
     Parameters
     ----------
@@ -90,22 +95,27 @@ class ThesisMuscle(StaticModel):
     hysteresis: Hysteresis | None = field(default=None, kw_only=True)
     _contact: float = field(init=False, repr=False, compare=False, default=0.0)
     _design: tuple[float, ...] = field(init=False, repr=False, compare=False, default=())
+    _free_strain: float = field(init=False, repr=False, compare=False, default=0.0)
 
     name = "thesis"
+    unused: ClassVar[tuple[str, ...]] = ("dead_length", "mooney_ratio", "friction_length")
 
     def __post_init__(self) -> None:
+        check_hysteresis(self.hysteresis)
         if self.load_path not in LOAD_PATHS:
             raise InputError(
                 f"load path is '{self.load_path}': it must be one of {list(LOAD_PATHS)}"
             )
         if self.load_path == "bulk" and self.muscle.poisson_ratio < 0.01:
             raise InputError(
-                f"Poisson's ratio is {self.muscle.poisson_ratio:g}: with load_path='bulk' it must "
-                "lie in [0.01, 0.499999]"
+                f"Poisson's ratio is {self.muscle.poisson_ratio:g}: with the load path 'bulk' it "
+                "must lie in [0.01, 0.499999]"
             )
         contact, design = meet_braid(self.muscle)
         object.__setattr__(self, "_contact", contact)
         object.__setattr__(self, "_design", design)
+        # A tube with closed ends, eq. (3.5), per MPa: it is linear.
+        object.__setattr__(self, "_free_strain", float(self.muscle.tube.deform(1.0).c3))
 
     @property
     def load_stiffness(self) -> float:
@@ -130,8 +140,17 @@ class ThesisMuscle(StaticModel):
         InputError
             If a pressure is not in [0, 10] MPa, if there is a load and ``load_path="none"``, if the
             load would stretch the braid beyond its strands, or if the model has no answer.
+        ConvergenceError
+            If the solver stops short of its tolerance; `solve` tells where.
         """
-        return self.solve(pressure, load, direction=direction).contraction
+        state = self.solve(pressure, load, direction=direction)
+        demand_convergence(
+            np.broadcast_to(np.asarray(pressure, dtype=np.float64), state.iterations.shape),
+            state.iterations,
+            _thesis_kernels.MAX_ITERATIONS,
+            model=self.name,
+        )
+        return state.contraction
 
     def force(
         self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
@@ -144,9 +163,14 @@ class ThesisMuscle(StaticModel):
             If an argument is outside its legal range, or ``load_path="none"``.
         """
         pressures, contractions = self._take_contraction(pressure, contraction, direction)
-        return np.asarray((self._solve_free(pressures)[0] - contractions) * self.load_stiffness)
+        free, _, _, iterations = self._solve_free(pressures)
+        limit = _thesis_kernels.MAX_ITERATIONS
+        demand_convergence(pressures, iterations, limit, model=self.name)
+        return np.asarray((free - contractions) * self.load_stiffness)
 
-    def stiffness(self, pressure: ArrayLike, contraction: ArrayLike) -> Floats:
+    def stiffness(
+        self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
+    ) -> Floats:
         """Return the stiffness of the load path [N/mm], the same everywhere.
 
         Raises
@@ -154,7 +178,7 @@ class ThesisMuscle(StaticModel):
         InputError
             As `force` does.
         """
-        pressures, _ = self._take_contraction(pressure, contraction, None)
+        pressures, _ = self._take_contraction(pressure, contraction, direction)
         return np.full(pressures.shape, self.load_stiffness)
 
     def dead_band(self) -> float:
@@ -167,7 +191,8 @@ class ThesisMuscle(StaticModel):
         """Return everything the model says about the muscle under `pressure` and `load`.
 
         `MuscleState.contact_pressure` counts from contact and is that without load;
-        `MuscleState.residual` is that of eq. (3.23).
+        `MuscleState.residual` is that of eq. (3.23). Where the solver stops short of its tolerance,
+        `MuscleState.converged` is false.
 
         Raises
         ------
@@ -180,9 +205,9 @@ class ThesisMuscle(StaticModel):
             index = int(np.argmax(loads != 0.0))
             raise InputError(
                 f"{name_at('load', loads, index)} is {loads.flat[index]:g} N: it must be 0 N, the "
-                "thesis's equations have no response to a load (load_path='bulk' adds one)"
+                "thesis's equations have no response to a load (the load path 'bulk' adds one)"
             )
-        check_range("load", loads, 0.0, 1e12, "N", slack=1e-9 * self.load_stiffness)
+        check_range("load", loads, 0.0, LOAD_LIMIT, "N", slack=1e-9 * self.load_stiffness)
         pressures, loads, _ = broadcast(
             ("pressure", pressures), ("load", loads), ("direction", parse_direction(direction))
         )
@@ -200,16 +225,17 @@ class ThesisMuscle(StaticModel):
                     "strands are straight"
                 )
         length = np.asarray(self.muscle.length - contraction)
+        converged = iterations < _thesis_kernels.MAX_ITERATIONS
         return MuscleState(
             contraction=contraction,
             length=length,
             braid_angle=self.muscle.braid.angle_at(length),
             contact_pressure=contact,
             force=np.array(loads),
-            converged=np.ones(free.shape, dtype=np.bool_),
+            converged=np.asarray(converged),
             residual=residual,
             iterations=iterations,
-            reason=np.zeros(free.shape, dtype="<U1"),
+            reason=np.where(converged, "", describe_stop(_thesis_kernels.MAX_ITERATIONS)),
         )
 
     def _solve_free(self, pressures: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
@@ -238,9 +264,7 @@ class ThesisMuscle(StaticModel):
             )
         out[1:, above] = part[1:]
         iterations[above] = taken
-        # A tube with closed ends, eq. (3.5); at 1 MPa, for it is linear.
-        stretch = muscle.tube.deform(1.0).c3
-        out[0] = -muscle.length * stretch * np.minimum(flat, self._contact)
+        out[0] = -muscle.length * self._free_strain * np.minimum(flat, self._contact)
         ratio = np.cos(part[0]) / cosine
         out[0, above] = muscle.length - self._design[4] * ratio
         shape = pressures.shape

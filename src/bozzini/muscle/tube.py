@@ -8,9 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number
+from ..checks import broadcast, check_array, check_number, check_range
 
 __all__ = ["Tube", "TubeState"]
+
+STRESS_LIMIT = 1e6
+"""Largest legal pressure or stress on a tube [MPa], either way: a limit of the arithmetic."""
+
+THINNEST = 1.0001
+"""Smallest legal outer radius over the inner one: the wall's area is the difference of squares."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +37,15 @@ class TubeState:
     c3: NDArray[np.float64]
 
     def radial_displacement(self, radius: ArrayLike) -> NDArray[np.float64]:
-        """Return the outward displacement [mm] of the wall at `radius` [mm]."""
-        r = np.asarray(radius, dtype=np.float64)
-        return np.asarray(self.c1 * r + self.c2 / r, dtype=np.float64)
+        """Return the outward displacement [mm] of the wall at `radius` [mm].
+
+        Raises
+        ------
+        InputError
+            If a radius is outside the wall, or the shapes do not go together.
+        """
+        r, c1, c2, _ = self._place(radius)
+        return np.asarray(c1 * r + c2 / r, dtype=np.float64)
 
     @property
     def elongation(self) -> NDArray[np.float64]:
@@ -43,15 +55,28 @@ class TubeState:
     def stresses(
         self, radius: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the radial, hoop and axial stress [MPa] at `radius` [mm], tension positive."""
-        r = np.asarray(radius, dtype=np.float64)
+        """Return the radial, hoop and axial stress [MPa] at `radius` [mm], tension positive.
+
+        Raises
+        ------
+        InputError
+            If a radius is outside the wall, or the shapes do not go together.
+        """
+        r, c1, c2, c3 = self._place(radius)
         first, second = self.tube.lame_constants
-        swell = first * (2.0 * self.c1 + self.c3)
-        bend = self.c2 / r**2
-        radial = swell + 2.0 * second * (self.c1 - bend)
-        hoop = swell + 2.0 * second * (self.c1 + bend)
-        axial = swell + 2.0 * second * self.c3 + 0.0 * r
+        swell = first * (2.0 * c1 + c3)
+        bend = c2 / r**2
+        radial = swell + 2.0 * second * (c1 - bend)
+        hoop = swell + 2.0 * second * (c1 + bend)
+        axial = swell + 2.0 * second * c3
         return np.asarray(radial), np.asarray(hoop), np.asarray(axial)
+
+    def _place(self, radius: ArrayLike) -> tuple[NDArray[np.float64], ...]:
+        """Radii in the wall and the constants, of one shape."""
+        radii = check_array("radius", radius)
+        low, high = self.tube.inner_radius, self.tube.outer_radius
+        check_range("radius", radii, low, high, "mm", slack=1e-9 * high)
+        return broadcast(("radius", radii), ("c1", self.c1), ("c2", self.c2), ("c3", self.c3))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,11 +86,11 @@ class Tube:
     Parameters
     ----------
     length : float
-        Length [mm].
+        Length, in [1e-6, 1e6] mm.
     inner_radius, outer_radius : float
-        Radii of the wall [mm].
+        Radii of the wall, in [1e-6, 1e6] mm; the outer one is 1.0001 times the inner one or more.
     modulus : float
-        Young's modulus [MPa].
+        Young's modulus, in [1e-12, 1e6] MPa.
     poisson_ratio : float
         Poisson's ratio, in [0, 0.499999]: the linear tube needs a finite bulk modulus.
 
@@ -82,13 +107,20 @@ class Tube:
     poisson_ratio: float = 0.499
 
     def __post_init__(self) -> None:
-        check_number("tube length", self.length, low=0.0, low_open=True, unit="mm")
-        check_number("tube inner radius", self.inner_radius, low=0.0, low_open=True, unit="mm")
-        check_number(
-            "tube outer radius", self.outer_radius, low=self.inner_radius, low_open=True, unit="mm"
-        )
-        check_number("tube modulus", self.modulus, low=0.0, low_open=True, unit="MPa")
-        check_number("Poisson's ratio", self.poisson_ratio, low=0.0, high=0.499999)
+        inner = check_number("tube inner radius", self.inner_radius, low=1e-6, high=1e6, unit="mm")
+        taken = {
+            "length": check_number("tube length", self.length, low=1e-6, high=1e6, unit="mm"),
+            "inner_radius": inner,
+            "outer_radius": check_number(
+                "tube outer radius", self.outer_radius, low=THINNEST * inner, high=1e6, unit="mm"
+            ),
+            "modulus": check_number("tube modulus", self.modulus, low=1e-12, high=1e6, unit="MPa"),
+            "poisson_ratio": check_number(
+                "Poisson's ratio", self.poisson_ratio, low=0.0, high=0.499999
+            ),
+        }
+        for name, number in taken.items():
+            object.__setattr__(self, name, number)
 
     @property
     def lame_constants(self) -> tuple[float, float]:
@@ -129,15 +161,34 @@ class Tube:
         end_stress : array_like, optional
             Axial stress in the wall [MPa], tension positive; None means closed ends under the
             inner pressure.
+
+        Raises
+        ------
+        InputError
+            If a pressure or stress is not in [-1e6, 1e6] MPa, or the shapes do not go together.
         """
         first, second = self.lame_constants
-        inner = np.asarray(inner_pressure, dtype=np.float64)
-        outer = np.asarray(outer_pressure, dtype=np.float64)
         bore = self.bore_share
+        inner, outer = (
+            _take_stress(name, values)
+            for name, values in (
+                ("inner pressure", inner_pressure),
+                ("outer pressure", outer_pressure),
+            )
+        )
+        axial = inner * bore if end_stress is None else _take_stress("end stress", end_stress)
+        inner, outer, axial = broadcast(
+            ("inner pressure", inner), ("outer pressure", outer), ("end stress", axial)
+        )
         across = inner * bore - outer * (bore + 1.0)
-        axial = inner * bore if end_stress is None else np.asarray(end_stress, dtype=np.float64)
         bulk = second * (3.0 * first + 2.0 * second)
         c1 = ((first + 2.0 * second) * across - first * axial) / (2.0 * bulk)
         c2 = (inner - outer) * bore * self.outer_radius**2 / (2.0 * second)
         c3 = ((first + second) * axial - first * across) / bulk
         return TubeState(self, np.asarray(c1), np.asarray(c2), np.asarray(c3))
+
+
+def _take_stress(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    stresses = check_array(name, values)
+    check_range(name, stresses, -STRESS_LIMIT, STRESS_LIMIT, "MPa")
+    return stresses

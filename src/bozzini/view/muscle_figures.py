@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number
+from ..checks import check_array, check_integer, check_number
 from ..errors import InputError
 from .palette import AMBER, GREEN, INK, RED
 
@@ -40,13 +40,21 @@ _GRID = "#e3e8ed"
 _PRESSURE = "pressure [kPa]"
 _CONTRACTION = "contraction [mm]"
 _FINE = 201
+_PHASES: tuple[dict[str, Any], ...] = (
+    {"color": "#d7e3ee", "label": "gap: the tube grows alone"},
+    {"color": "#fbe7c6", "label": "contact, longer than at rest"},
+)
 
 
-def draw_phases(model: MuscleModel, *, pressure: float, load: float = 0.0) -> Figure:
-    """Return a figure of the phases of deformation, the dead band on the left enlarged.
+def draw_phases(
+    model: MuscleModel, *, pressure: float, load: float = 0.0, direction: str | None = None
+) -> Figure:
+    """Return a figure of the phases of deformation, the beginning enlarged on the left.
 
-    Up to the dead band the tube grows in the gap alone. Where the model says so, it gets longer
-    meanwhile, and has to contract to its length at rest first.
+    While the tube grows in the gap alone, it does not press on the braid: that is the dead band of
+    a muscle without load. A load can stretch the tube until the braid grips it, and close the gap.
+    Where the model says so, the muscle gets longer, and has to contract to its length at rest
+    first. The phases are those of `MuscleState.in_contact`.
 
     Parameters
     ----------
@@ -55,6 +63,8 @@ def draw_phases(model: MuscleModel, *, pressure: float, load: float = 0.0) -> Fi
         Largest pressure [MPa].
     load : float
         Tension that the muscle holds [N].
+    direction : str, optional
+        ``"inflating"`` or ``"deflating"`` for a branch of friction.
 
     Raises
     ------
@@ -64,28 +74,59 @@ def draw_phases(model: MuscleModel, *, pressure: float, load: float = 0.0) -> Fi
     band = float(model.dead_band())
     check_number("pressure", pressure, low=band, low_open=True, unit="MPa")
     figure, (left, right) = _make_panels(2, ratios=(1.0, 1.5))
-    for axes, top in ((left, min(2.5 * band, pressure)), (right, pressure)):
+    near = min(2.5 * band, pressure) if band > 0.0 else 0.2 * pressure
+    for axes, top in ((left, near), (right, pressure)):
         over = np.linspace(0.0, top, _FINE)
-        line = _contract(model, over, load)
-        axes.axvspan(0.0, 1e3 * band, color="#d7e3ee", lw=0, label="gap: the tube grows alone")
-        longer = (over >= band) & (line < 0.0)
-        if longer.any():
-            axes.axvspan(
-                1e3 * band, 1e3 * over[longer].max(), color="#fbe7c6", lw=0,
-                label="contact, longer than at rest",
-            )  # fmt: skip
+        state = model.solve(over, load, direction=direction)
+        line = np.asarray(state.contraction, dtype=np.float64)
+        phases = np.where(state.in_contact, np.where(line < 0.0, 1, 2), 0)
+        for phase, low, high in _list_phases(model, over, phases, load, direction):
+            if phase < 2:
+                axes.axvspan(1e3 * low, 1e3 * high, lw=0, **_PHASES[phase])
         axes.axhline(0.0, color=INK, linewidth=0.8)
         axes.plot(1e3 * over, line, color=_COLORS[0], linewidth=1.8)
         axes.set(xlabel=_PRESSURE, xlim=(0.0, 1e3 * top))
     left.set_ylabel(_CONTRACTION)
-    right.legend(frameon=False, fontsize=9, loc="center right")
-    left.set_title(f"dead band: {1e3 * band:.1f} kPa", fontsize=10, loc="left")
+    if right.get_legend_handles_labels()[1]:
+        right.legend(frameon=False, fontsize=9, loc="center right")
+    left.set_title(f"dead band without load: {1e3 * band:.1f} kPa", fontsize=10, loc="left")
     right.set_title(f"{model.name}, {load:g} N", fontsize=10, loc="left")
     return figure
 
 
+def _list_phases(
+    model: MuscleModel,
+    over: NDArray[np.float64],
+    phases: NDArray[np.int64],
+    load: float,
+    direction: str | None,
+) -> list[tuple[int, float, float]]:
+    """Return the phases and between which pressures they last; contact is found by bisection."""
+    ends = [float(over[0])]
+    changes = np.flatnonzero(np.diff(phases))
+    for index in changes:
+        low, high = float(over[index]), float(over[index + 1])
+        if 0 in phases[[index, index + 1]]:
+            touches = phases[index + 1] > 0
+            for _ in range(50):
+                middle = 0.5 * (low + high)
+                state = model.solve(middle, load, direction=direction)
+                if bool(state.in_contact) == touches:
+                    high = middle
+                else:
+                    low = middle
+        ends.append(high)
+    ends.append(float(over[-1]))
+    kinds = phases[np.append(changes, len(phases) - 1)].tolist()
+    return list(zip(kinds, ends[:-1], ends[1:], strict=True))
+
+
 def draw_contraction(
-    models: Mapping[str, MuscleModel], *, pressure: float, load: float = 0.0
+    models: Mapping[str, MuscleModel],
+    *,
+    pressure: float,
+    load: float = 0.0,
+    direction: str | None = None,
 ) -> Figure:
     """Return a figure of contraction over pressure, a line for each model, length or angle.
 
@@ -97,6 +138,8 @@ def draw_contraction(
         Largest pressure [MPa].
     load : float
         Tension that the muscle holds [N].
+    direction : str, optional
+        ``"inflating"`` or ``"deflating"`` for a branch of friction.
 
     Raises
     ------
@@ -107,7 +150,8 @@ def draw_contraction(
     figure, (axes,) = _make_panels(1)
     over = np.linspace(0.0, pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
-        axes.plot(1e3 * over, _contract(model, over, load), label=name, **style)
+        line = model.contraction(over, load, direction=direction)
+        axes.plot(1e3 * over, np.asarray(line, dtype=np.float64), label=name, **style)
     axes.axhline(0.0, color=INK, linewidth=0.8)
     axes.set(xlabel=_PRESSURE, ylabel=_CONTRACTION, xlim=(0.0, 1e3 * pressure))
     axes.set_title(f"load {load:g} N", fontsize=10, loc="left")
@@ -115,7 +159,9 @@ def draw_contraction(
     return figure
 
 
-def draw_force(model: MuscleModel, pressures: ArrayLike, *, count: int = 101) -> Figure:
+def draw_force(
+    model: MuscleModel, pressures: ArrayLike, *, count: int = 101, direction: str | None = None
+) -> Figure:
     """Return a figure of force over contraction, a line for each pressure, blocked to free.
 
     Parameters
@@ -125,6 +171,8 @@ def draw_force(model: MuscleModel, pressures: ArrayLike, *, count: int = 101) ->
         Pressures [MPa].
     count : int
         Points of a line.
+    direction : str, optional
+        ``"inflating"`` or ``"deflating"`` for a branch of friction.
 
     Raises
     ------
@@ -136,9 +184,9 @@ def draw_force(model: MuscleModel, pressures: ArrayLike, *, count: int = 101) ->
     figure, (axes,) = _make_panels(1)
     shades = np.linspace(0.25, 1.0, len(levels))
     for level, shade in zip(levels, shades, strict=True):
-        free = max(0.0, float(model.free_contraction(float(level))))
+        free = max(0.0, float(model.contraction(float(level), direction=direction)))
         over = np.linspace(0.0, free, count)
-        force = np.asarray(model.force(np.full(count, level), over), dtype=np.float64)
+        force = np.asarray(model.force(float(level), over, direction=direction), dtype=np.float64)
         axes.plot(
             over, force, color=_COLORS[0], alpha=float(shade), linewidth=1.6,
             label=f"{1e3 * level:.0f} kPa",
@@ -151,7 +199,11 @@ def draw_force(model: MuscleModel, pressures: ArrayLike, *, count: int = 101) ->
 
 
 def draw_braid_angle(
-    models: Mapping[str, MuscleModel], *, pressure: float, load: float = 0.0
+    models: Mapping[str, MuscleModel],
+    *,
+    pressure: float,
+    load: float = 0.0,
+    direction: str | None = None,
 ) -> Figure:
     """Return a figure of the braid angle over a wide range of pressure, and where it locks.
 
@@ -166,6 +218,8 @@ def draw_braid_angle(
         Largest pressure [MPa]; the axis is logarithmic over four decades.
     load : float
         Tension that the muscle holds [N].
+    direction : str, optional
+        ``"inflating"`` or ``"deflating"`` for a branch of friction.
 
     Raises
     ------
@@ -176,7 +230,8 @@ def draw_braid_angle(
     figure, (axes,) = _make_panels(1)
     over = np.geomspace(1e-4 * pressure, pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
-        angle = np.asarray(model.braid_angle(over, load), dtype=np.float64)
+        state = model.solve(over, load, direction=direction)
+        angle = np.asarray(state.braid_angle, dtype=np.float64)
         axes.semilogx(1e3 * over, np.degrees(angle), label=name, **style)
     axes.axhline(LOCKING_ANGLE, color=INK, linewidth=1.0, linestyle=(0, (1, 1.5)))
     axes.text(
@@ -258,12 +313,8 @@ def _draw_line(
     axes.plot(1e3 * over, line, **style)
 
 
-def _contract(model: MuscleModel, pressure: NDArray[np.float64], load: float) -> NDArray[Any]:
-    return np.asarray(model.contraction(pressure, load), dtype=np.float64)
-
-
 def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
-    levels = np.unique(np.asarray(pressures, dtype=np.float64))
+    levels = np.unique(check_array("pressures", pressures))
     if not len(levels):
         raise InputError("there are 0 pressures to draw: give 1 or more")
     return levels

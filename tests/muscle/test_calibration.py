@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 
@@ -12,10 +13,8 @@ from hypothesis import strategies as st
 from scipy.stats import t as student
 
 from bozzini.errors import InputError
-from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle, preset
+from bozzini.muscle import EnergyMuscle, Measurements, Muscle, ThesisMuscle, calibrate, preset
 from bozzini.muscle import _fit as fitting
-from bozzini.muscle.calibrate import calibrate
-from bozzini.muscle.dataset import Measurements
 from bozzini.muscle.identify import (
     CONDITION_LIMIT,
     CORRELATION_LIMIT,
@@ -134,19 +133,55 @@ def test_blocked_forces_tell_the_angle():
         calibrate(EnergyMuscle, start, measure(), free=free)
 
 
-def test_intervals_hold_the_truth_in_90_to_99_percent_of_200_draws():
-    clean = measure()
+COVERED = {
+    "default": (TRUTH, ("modulus", "dead_length"), MEAN),
+    "gap": (TRUTH, ("modulus", "gap", "dead_length"), MEAN),
+    "friction": (RUBBING, ("modulus", "dead_length", "friction_length"), BOTH),
+}
+
+
+@pytest.mark.parametrize("name", COVERED)
+def test_intervals_hold_the_truth_in_90_to_99_percent_of_200_draws(name):
+    """From a start far from the truth. Of 1000 draws it is 93 to 97 %, see the guide."""
+    truth, free, branches = COVERED[name]
+    clean = measure(*branches, muscle=truth)
     draws = 200
     random = np.random.default_rng(7)
-    held = dict.fromkeys(("modulus", "dead_length"), 0)
+    held = dict.fromkeys(free, 0)
     for _ in range(draws):
         error = NOISE * random.normal(size=len(clean))
-        data = Measurements(pressure=clean.pressure, contraction=clean.contraction + error)
-        found = calibrate(EnergyMuscle, START, data)
-        assert found.trusted
-        for name, (low, high) in found.intervals.items():
-            held[name] += low <= getattr(TRUTH, name) <= high
+        data = dataclasses.replace(clean, contraction=clean.contraction + error)
+        found = calibrate(EnergyMuscle, START, data, free=free)
+        assert found.converged
+        for parameter, (low, high) in found.intervals.items():
+            held[parameter] += low <= getattr(truth, parameter) <= high
     assert all(0.90 * draws <= count <= 0.99 * draws for count in held.values()), held
+
+
+def test_the_minimum_does_not_depend_on_the_start():
+    """Moving contact past a measured pressure is a kink that could catch the search."""
+    free = ("modulus", "gap", "dead_length")
+    starts = (TRUTH, START, START.replace(gap=0.1), START.replace(modulus=1.0, gap=0.005))
+    for seed in range(15):
+        data = measure(noise=NOISE, seed=seed)
+        sigmas = [calibrate(EnergyMuscle, start, data, free=free).sigma for start in starts]
+        assert sigmas == pytest.approx([min(sigmas)] * len(starts), rel=1e-6)
+
+
+def test_the_gap_needs_pressures_where_it_acts():
+    """Three of them; rows without pressure, and repeats, do not count."""
+    contact = EnergyMuscle(TRUTH).dead_band()
+    high = np.linspace(4.0 * contact, 0.8, 12)
+    for low, warned in (
+        ([0.0] * 4, True),
+        ([1.5 * contact] * 4, True),
+        ([0.8 * contact, 1.5 * contact], True),
+        ([0.8 * contact, 1.5 * contact, 2.2 * contact], False),
+    ):
+        pressure = np.concatenate([low, high])
+        data = measure(pressures=pressure, noise=0.01)
+        found = calibrate(EnergyMuscle, START, data, free=("modulus", "gap", "dead_length"))
+        assert any(line.startswith("gap has") for line in found.warnings) == warned
 
 
 @settings(max_examples=15)
@@ -271,7 +306,7 @@ def test_it_warns_at_a_bound_and_of_a_gap_without_rows():
     assert any("dead_length is at its bound" in line for line in found.warnings)
     high = measure(pressures=np.linspace(0.2, 0.8, 20))
     found = calibrate(EnergyMuscle, START, high, free=("modulus", "gap"))
-    assert any("gap has 0 row(s)" in line for line in found.warnings)
+    assert any("gap has 0 pressure(s)" in line for line in found.warnings)
 
 
 def test_a_model_that_does_not_fit_is_told_by_repeats():
@@ -323,10 +358,21 @@ def test_rules_before_the_fit():
         ({"free": ()}, "no parameter is free"),
         ({"free": ("colour",)}, "'colour' is not known"),
         ({"free": ("strands",)}, "'strands' is not known"),
+        ({"free": ("modulus", "length")}, "'length' is not known"),
         ({"free": ("strand_modulus",)}, "no effect"),
         ({"free": ("friction_length",)}, "no effect"),
         ({"bounds": {"gap": (0.0, 0.1)}}, "bounds are given for gap"),
         ({"bounds": {"modulus": (1.0, 0.5)}}, "upper bound of modulus"),
+        ({"bounds": {"modulus": 3.0}}, "bounds of modulus is 3.0: it must be a pair"),
+        ({"bounds": {"modulus": None}}, "bounds of modulus is None: it must be a pair"),
+        ({"bounds": {"modulus": (0.1, 0.5, 1.0)}}, "it must be a pair"),
+        ({"bounds": {"modulus": ("0.1", 0.5)}}, "lower bound of modulus is '0.1'"),
+        (
+            {"bounds": {"dead_length": (-5.0, 60.0)}},
+            r"lower bound of dead_length is -5 mm: .*\[0, 44",
+        ),
+        ({"bounds": {"dead_length": (0.0, 60.0)}}, "upper bound of dead_length is 60 mm"),
+        ({"bounds": [("modulus", (0.1, 0.5))]}, "bounds must be a mapping"),
         ({"bounds": {"modulus": (math.nan, 0.5)}}, "lower bound of modulus"),
     ],
 )
@@ -339,9 +385,35 @@ def test_too_few_rows_and_rows_that_no_muscle_holds():
     two = Measurements(pressure=[0.4, 0.6], contraction=[7.0, 8.0])
     with pytest.raises(InputError, match="2 row"):
         calibrate(EnergyMuscle, START, two)
-    heavy = Measurements(pressure=[0.4, 0.5, 0.6], contraction=[7.0, 8.0, 8.5], load=1e6)
-    with pytest.raises(InputError, match="load"):
+    heavy = Measurements(
+        pressure=[0.4, 0.5, 0.6],
+        contraction=[7.0, 8.0, 8.5],
+        load=[0.0, 1e6, 0.0],
+        numbers=[2, 4, 5],
+    )
+    with pytest.raises(InputError, match=r"^row 4: load is 1e\+06 N: at a pressure of 0.5 MPa"):
         calibrate(EnergyMuscle, START, heavy)
+
+
+@pytest.mark.parametrize("contraction", [200.0, 2e5, 6e200, -12.0])
+def test_lengths_that_no_strand_allows_are_refused(contraction):
+    data = Measurements(pressure=[0.4, 0.5, 0.6], contraction=[7.0, contraction, 8.5])
+    with pytest.raises(InputError, match="^row 2: length is "):
+        calibrate(EnergyMuscle, START, data)
+
+
+def test_a_longer_strand_is_legal_where_the_angle_is_fitted():
+    start = START.replace(braid_angle=math.radians(30.0))
+    length = 1.02 * start.braid.strand_length  # the strands of a braid of 40 degrees reach so far
+    data = Measurements(
+        pressure=[0.0, 0.2, 0.4, 0.6],
+        contraction=[45.0 - length, 3.0, 5.0, 6.0],
+        load=[50, 0, 0, 0],
+    )
+    with pytest.raises(InputError, match="longer than the strand"):
+        calibrate(EnergyMuscle, start, data)
+    with pytest.raises(InputError, match="^row 1: load is 50 N"):  # its length is no reason
+        calibrate(EnergyMuscle, start, data, free=("modulus", "braid_angle"))
 
 
 def test_trials_that_have_no_answer_are_stepped_back_from():
@@ -353,9 +425,9 @@ def test_trials_that_have_no_answer_are_stepped_back_from():
         data=measure(),
         limits=np.array([[0.1, 1.0]]),
     )
-    bad = problem.miss(np.array([0.2]) / problem.scales)  # thinner than its bore
-    assert (bad > 1e4).all()
-    assert not problem.answers_all(bad)
+    _, held = problem.evaluate(np.array([0.2]) / problem.scales)  # thinner than its bore
+    assert not held.any()
+    assert problem.evaluate(np.array([0.5]) / problem.scales)[1].all()
     assert (problem.slope(np.array([0.2]) / problem.scales) == 0.0).all()
     data = measure(muscle=TRUTH.replace(outer_radius=0.5))
     found = calibrate(

@@ -1,9 +1,9 @@
-"""The models by name."""
+"""The models by name; a family of models is a module beside."""
 
 from __future__ import annotations
 
-from .energy import EnergyMuscle
-from .thesis import ThesisMuscle
+from ..energy import EnergyMuscle
+from ..thesis import ThesisMuscle
 
 __all__ = ["MODELS"]
 

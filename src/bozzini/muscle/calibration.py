@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ._fit import PARAMETER_UNITS, Problem, choose_bounds, predict_contraction
+from ._search import EVALUATIONS, find_minimum
 from .dataset import Measurements
 from .identify import judge_fit, judge_parameters, judge_repeats
 
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from .model import MuscleModel
 
 __all__ = ["Calibration", "calibrate"]
-
-_EVALUATIONS = 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,32 +124,18 @@ def calibrate(
         tell the parameters apart (unless `force`), or if the model has no answer for a row at
         the start.
     """
-    from scipy.optimize import least_squares
-
     names = _check_free(free, data)
     never, _ = judge_parameters(names, data)
     if never and not force:
         raise InputError("; ".join(never))
-    limits = choose_bounds(names, muscle, bounds or {})
+    limits = choose_bounds(names, muscle, {} if bounds is None else bounds)
+    widest = limits[names.index("braid_angle"), 1] if "braid_angle" in names else None
+    data.check_lengths(muscle, braid_angle=widest)
     problem = Problem(model_class=model_class, muscle=muscle, free=names, data=data, limits=limits)
     predict_contraction(model_class(muscle), data)  # one clear line, if it cannot hold a row
     start = problem.choose_start()
     _check_effect(names, problem.slope(start))
-    found = least_squares(
-        problem.miss,
-        start,
-        jac=problem.slope,
-        bounds=(limits[:, 0] / problem.scales, limits[:, 1] / problem.scales),
-        xtol=1e-10,
-        ftol=1e-12,
-        gtol=1e-12,
-        max_nfev=_EVALUATIONS,
-    )
-    found.x = np.where(
-        found.active_mask == 0,
-        found.x,
-        limits[range(len(names)), (found.active_mask + 1) // 2] / problem.scales,
-    )
+    found = find_minimum(problem, start)
     fitted = muscle.replace(**problem.name_values(found.x))
     contact = float(model_class(fitted).dead_band()) if "gap" in names else 0.0
     never, doubts = judge_parameters(names, data, contact_pressure=contact)
@@ -159,7 +144,7 @@ def calibrate(
         for name, active in zip(names, found.active_mask, strict=True)
         if active
     ]
-    answered = problem.answers_all(found.fun)
+    answered = bool(problem.evaluate(found.x)[1].all())
     return _conclude(
         problem,
         found,
@@ -197,7 +182,7 @@ def _tell_reason(status: int, *, answered: bool) -> str:
     if not answered:
         return "the model has no answer for some rows"
     if status <= 0:
-        return f"no minimum within {_EVALUATIONS} evaluations"
+        return f"no minimum within {EVALUATIONS} evaluations"
     reasons = {1: "the gradient vanished", 2: "the sum of squares settled"}
     return reasons.get(status, "the parameters settled")
 

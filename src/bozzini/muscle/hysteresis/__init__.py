@@ -1,4 +1,4 @@
-"""What a model asks of a hysteresis operator."""
+"""What a model asks of a hysteresis operator; operators are modules beside."""
 
 from __future__ import annotations
 

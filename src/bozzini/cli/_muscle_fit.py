@@ -1,0 +1,176 @@
+"""``bozzini muscle fit``: fields of a muscle from measurements."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ._muscle_data import (
+    FITTED,
+    check_friction,
+    data_argument,
+    mean_option,
+    note_data,
+    read_data,
+    units_option,
+)
+from ._muscle_options import (
+    FIELDS,
+    PICTURES,
+    check_fields,
+    check_target,
+    describe_choices,
+    describe_muscle,
+    design_options,
+    make_class,
+    make_muscle,
+    model_option,
+    model_options,
+    unit_of,
+)
+from .common import EXIT_NEGATIVE, emit, force_option, json_option, run_exit
+
+if TYPE_CHECKING:
+    from ..muscle.calibration import Calibration
+
+__all__ = ["fit_command"]
+
+
+@click.command("fit")
+@data_argument
+@model_option
+@click.option(
+    "--free",
+    help="Fields to fit, separated by commas; the options below are where they start (default: "
+    "modulus,dead-length in energy, modulus,end-length in thesis).",
+)
+@click.option(
+    "--bound",
+    "bound_texts",
+    multiple=True,
+    metavar="FIELD=LOW:HIGH",
+    help="Bounds of a field that is fitted, e.g. modulus=0.1MPa:2MPa; can be repeated.",
+)
+@click.option("--anyway", is_flag=True, help="Fit also what the data cannot tell apart.")
+@units_option
+@mean_option
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="A picture.")
+@design_options
+@model_options
+@force_option
+@json_option
+def fit_command(
+    source: Path,
+    model_name: str,
+    free: str | None,
+    bound_texts: tuple[str, ...],
+    anyway: bool,
+    units: tuple[str, ...],
+    take_mean: bool,
+    out: Path | None,
+    preset: str,
+    ends: str | None,
+    load_path: str | None,
+    force: bool,
+    as_json: bool,
+    **fields: float | None,
+) -> None:
+    """Fit fields of a muscle to measurements.
+
+    DATA is a .csv or .parquet file, see 'bozzini muscle compare --help'.
+
+    Exit code 0: fitted, and nothing speaks against the estimates; 1: fitted, but with warnings,
+    or no minimum was found; 2: bad input.
+    """
+    from ..muscle import calibrate, compare_models
+
+    check_target(out, PICTURES, force=force)
+    muscle = make_muscle(preset, fields)
+    check_fields([model_name], fields)
+    make = make_class(model_name, ends=ends, load_path=load_path)
+    bounds = _parse_bounds(bound_texts)
+    data = read_data(source, muscle, units, take_mean)
+    names = FITTED[model_name]
+    if free is not None:
+        names = tuple(_name_field(part) for part in free.split(","))
+    check_friction(fields, data, free=names)
+    found = calibrate(make, muscle, data, free=names, bounds=bounds, force=anyway)
+    if out is not None:
+        from ..view import write_figure
+        from ..view.muscle_figures import draw_models
+
+        models = {model_name: make(found.muscle)}
+        comparison = compare_models(models, data, fitted={model_name: len(found.free)})
+        write_figure(draw_models(comparison, models), out)
+    result = {
+        "model": model_name,
+        "preset": preset,
+        **describe_choices(make(muscle)),
+        "mean": take_mean,
+        "anyway": anyway,
+        "bounds": bounds,
+        "rows": len(data),
+        "ignored_columns": data.ignored,
+        "notes": data.notes,
+        "estimates": {
+            name: {
+                "value": found.estimates[name],
+                "unit": unit_of(name),
+                "standard_error": found.standard_errors[name],
+                "interval_95": found.intervals[name],
+            }
+            for name in found.free
+        },
+        "correlations": found.correlations,
+        "condition": found.condition,
+        "sigma_mm": found.sigma,
+        "warnings": found.warnings,
+        "converged": found.converged,
+        "reason": found.reason,
+        "muscle": describe_muscle(found.muscle),
+        "file": out,
+    }
+    emit(result, as_json=as_json, text=note_data(data) + _format_fit(found))
+    if not found.trusted:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _name_field(text: str) -> str:
+    return text.strip().replace("-", "_")
+
+
+def _parse_bounds(texts: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    from ..errors import InputError
+    from ..units import parse_quantity
+
+    bounds: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        name, _, pair = text.partition("=")
+        field = _name_field(name)
+        ends = pair.split(":")
+        if field not in FIELDS or len(ends) != 2:
+            raise InputError(
+                f"--bound is '{text}': it must be FIELD=LOW:HIGH, such as modulus=0.1MPa:2MPa"
+            )
+        if field in bounds:
+            raise InputError(f"--bound names {name.strip()} more than once: give it once")
+        kind = FIELDS[field][0]
+        bounds[field] = (parse_quantity(ends[0], kind), parse_quantity(ends[1], kind))
+    return bounds
+
+
+def _format_fit(found: Calibration) -> str:
+    lines = []
+    for name in found.free:
+        low, high = found.intervals[name]
+        lines.append(
+            f"{name:<16}{found.estimates[name]:10.4g} {unit_of(name):<4} "
+            f"95 %: {low:.4g} to {high:.4g}"
+        )
+    lines.append(
+        f"residuals {found.sigma:.3g} mm, condition {found.condition:.1f}; "
+        f"{'converged' if found.converged else 'not converged'}: {found.reason}"
+    )
+    return "\n".join([*lines, *(f"warning: {text}" for text in found.warnings)])
