@@ -25,6 +25,8 @@ def test_every_example_is_tested():
     assert {path.stem for path in EXAMPLES.glob("*.py")} == {
         "bicycle_chain",
         "breathing",
+        "continuum_compare",
+        "effector_stick",
         "muscle_calibration",
     }
 
@@ -95,3 +97,51 @@ def test_muscle_calibration_finds_its_truth_and_refuses_the_rest(tmp_path, capsy
     assert out.stat().st_size < 150_000
     again = example.main([str(tmp_path / "muscle.csv"), "--out", str(tmp_path / "again.png")])
     assert again["both"].estimates == found["both"].estimates
+
+
+def test_effector_stick_follows_where_it_can(tmp_path, capsys):
+    example = load("effector_stick")
+    out = tmp_path / "stick.png"
+    found = example.main(["--out", str(out)])
+    exact, cubic = found["exact"], found["cubic"]
+    assert exact.error[exact.reachable].max() < 1e-8
+    assert 1e-3 < cubic.error[cubic.reachable].max() < 0.5
+    lost = ~exact.reachable
+    assert 0 < lost.sum() < len(lost)
+    directions = [np.arctan2(*path[lost].T[::-1]) for path in (exact.targets, exact.achieved)]
+    assert directions[0] == pytest.approx(directions[1], abs=1e-9)  # the direction is kept
+    assert np.all(exact.achieved[np.all(exact.targets == 0.0, axis=1)] == 0.0)
+    assert len(capsys.readouterr().out.splitlines()) == 5
+    assert out.read_bytes()[:4] == PNG
+    assert out.stat().st_size < 150_000
+    (tmp_path / "own.csv").write_text("512,512\n1023,512\n", encoding="utf-8")
+    own = example.main([str(tmp_path / "own.csv"), "--out", str(tmp_path / "own.png")])
+    assert own["exact"].targets == pytest.approx(
+        np.array([[0.0, 0.0], [found["scale"] * 491.0 / 492.0, 0.0]])
+    )
+
+
+def test_continuum_compare_converges_to_the_rod_and_routing_matters(tmp_path, capsys):
+    example = load("continuum_compare")
+    out = tmp_path / "robots.png"
+    found = example.main(["--out", str(out)])
+    said = capsys.readouterr().out
+    assert said.count(" changes its offset or angle on its way") == 4  # two robots, two models
+    assert out.read_bytes()[:4] == PNG
+    assert out.stat().st_size < 200_000
+    off = {
+        robot: {name: np.linalg.norm(s.tip - shapes["rod"].tip) for name, s in shapes.items()}
+        for robot, shapes in found.items()
+    }
+    for robot in off.values():
+        errors = np.array([robot[f"energy, {count} between"] for count in example.FINER])
+        orders = np.log2(errors[:-1] / errors[1:])
+        assert orders == pytest.approx([2.0, 2.0], abs=0.1)
+    parallel = off["two_sections"]
+    assert parallel["arc"] < 1e-4
+    assert parallel["straightened"] < 1e-9
+    assert parallel["linkage"] == pytest.approx(parallel["energy, 0 between"], rel=1e-3)
+    assert off["converging"]["straightened"] > 5.0
+    assert off["helical"]["straightened"] > 50.0
+    own = example.main([str(EXAMPLES / "colonoscope.yaml"), "--out", str(out)])
+    assert list(own) == ["colonoscope"]

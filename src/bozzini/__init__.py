@@ -10,7 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import anatomy, duct, errors, motion, muscle, study, units, view
+    from . import anatomy, continuum, duct, effector, errors, motion, muscle, study, units, view
     from .errors import BozziniError
     from .motion.plan import Plan
     from .motion.scope import Scope
@@ -23,7 +23,9 @@ __all__ = [
     "Scope",
     "__version__",
     "anatomy",
+    "continuum",
     "duct",
+    "effector",
     "errors",
     "motion",
     "muscle",
@@ -32,7 +34,20 @@ __all__ = [
     "view",
 ]
 
-_ROOMS = frozenset({"anatomy", "duct", "errors", "motion", "muscle", "study", "units", "view"})
+_ROOMS = frozenset(
+    {
+        "anatomy",
+        "continuum",
+        "duct",
+        "effector",
+        "errors",
+        "motion",
+        "muscle",
+        "study",
+        "units",
+        "view",
+    }
+)
 _NAMES = {
     "BozziniError": ".errors",
     "Plan": ".motion.plan",

@@ -27,6 +27,8 @@ COMMANDS = {
     "phantom": "Write a phantom upper gastro-intestinal tract to a file.",
     "data": "List and fetch public anatomy.",
     "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",
+    "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
+    "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
 }
 """Each command and its line in the help; its code is ``bozzini.cli.<name>.command``."""
 
