@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_points
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .field import SampledField
+    from .planar_field import PlanarField
 
 __all__ = ["AnalyticDuct", "freeze_array"]
 
@@ -21,6 +25,14 @@ class AnalyticDuct(ABC):
     """A duct given by formulas, without a sampling error."""
 
     dim: ClassVar[int]
+    inflation: float
+    wall: str
+    wall_error: float
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """``"exact"`` or ``"bound"`` (never more room than there is)."""
 
     @property
     def error(self) -> float:
@@ -79,6 +91,18 @@ class AnalyticDuct(ABC):
         slope = np.empty((len(flat), 3))
         evaluate_slope(self.pack(), flat, slope)
         return self.to_world(-slope).reshape(array.shape)
+
+    def erode(self, clearance: float) -> Any:
+        """Return the duct of all places with at least `clearance` mm to the wall."""
+        from .compose import Eroded
+
+        return Eroded(self, clearance)
+
+    def sample(self, voxel: float) -> SampledField | PlanarField:
+        """Sample the signed distance on a grid with nodes `voxel` mm apart (`compose.to_field`)."""
+        from .compose import to_field
+
+        return to_field(self, voxel)
 
     def _flatten(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         array = check_points("points", points, dim=self.dim)

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from numba import njit, types
 from numba.extending import overload
 
+from ._family_kernels import ShapesData, family_bound, family_estimate, family_slope
 from ._kernels import field_and_gradient, field_value
 from ._shape_kernels import cone_slope, nearest_cone, nearest_edge, polygon_slope
 
@@ -194,6 +195,8 @@ def _overload_bound(duct, x, y, z):
         return lambda duct, x, y, z: cones_bound(duct, x, y, z)
     if _is_packed(duct, PolygonData):
         return lambda duct, x, y, z: polygon_bound(duct, x, y, z)
+    if _is_packed(duct, ShapesData):
+        return lambda duct, x, y, z: family_bound(duct, x, y, z)
     return None
 
 
@@ -205,6 +208,8 @@ def _overload_estimate(duct, x, y, z):
         return lambda duct, x, y, z: cones_estimate(duct, x, y, z)
     if _is_packed(duct, PolygonData):
         return lambda duct, x, y, z: polygon_estimate(duct, x, y, z)
+    if _is_packed(duct, ShapesData):
+        return lambda duct, x, y, z: family_estimate(duct, x, y, z)
     return None
 
 
@@ -216,6 +221,8 @@ def _overload_slope(duct, x, y, z):
         return lambda duct, x, y, z: cones_slope(duct, x, y, z)
     if _is_packed(duct, PolygonData):
         return lambda duct, x, y, z: plane_slope(duct, x, y, z)
+    if _is_packed(duct, ShapesData):
+        return lambda duct, x, y, z: family_slope(duct, x, y, z)
     return None
 
 

@@ -45,6 +45,9 @@ class SampledField:
     reach : float
         Distances outside the lumen are exact up to this value [mm]; beyond it they are upper
         bounds.
+    exact_outside : bool
+        Whether distances outside the lumen are as `reach` says. Sampled from a duct that only has
+        lower bounds of them they are not, and `inflate` is refused: it would promise too much.
 
     Notes
     -----
@@ -60,6 +63,7 @@ class SampledField:
     wall: str = "sampled wall"
     wall_error: float | None = None
     reach: float = math.inf
+    exact_outside: bool = True
     _rounding: float = dataclass_field(init=False, repr=False, default=0.0)
 
     def __post_init__(self) -> None:
@@ -142,7 +146,18 @@ class SampledField:
         return result.reshape(array.shape[:-1])
 
     def inflate(self, distance: float) -> SampledField:
-        """Return the same lumen with its wall moved outwards by `distance` mm more."""
+        """Return the same lumen with its wall moved outwards by `distance` mm more.
+
+        Raises
+        ------
+        InputError
+            If distances outside the lumen are not exact: inflate the duct before it is sampled.
+        """
+        if not self.exact_outside and distance > 0.0:
+            raise InputError(
+                f"distance is {distance:g} mm: it must be 0 mm, because this field was sampled "
+                "from lower bounds of the distance; inflate the duct before it is sampled"
+            )
         return replace(self, inflation=self.inflation + distance)
 
     def _evaluate(

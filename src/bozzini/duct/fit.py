@@ -1,0 +1,292 @@
+"""Shapes for a duct: round cones, connected cylinders or super-ellipsoids in place of its wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..checks import check_integer, check_number
+from ..errors import InputError
+from ..progress import Progress, no_progress
+from ._fit_chain import Chain, choose_chain, measure_edges, place_chain
+from ._fit_measure import PERCENTS, FitReport, find_outside, measure_fit
+from ._fit_points import (
+    CircleFit,
+    SuperEllipseFit,
+    SuperEllipsoidFit,
+    fit_circle,
+    fit_super_ellipse,
+    fit_super_ellipsoid,
+)
+from .centreline import Centreline
+from .cones import RoundCones
+from .cylinders import ConnectedCylinders
+from .protocol import Duct, count_dimensions
+from .sections import Sections, cut_sections
+from .super_ellipsoid import SuperEllipsoids
+
+__all__ = [
+    "KINDS",
+    "PERCENTS",
+    "CircleFit",
+    "FitReport",
+    "FittedDuct",
+    "SuperEllipseFit",
+    "SuperEllipsoidFit",
+    "fit_circle",
+    "fit_duct",
+    "fit_super_ellipse",
+    "fit_super_ellipsoid",
+    "measure_fit",
+]
+
+KINDS = ("cones", "cylinders", "superellipsoids")
+"""What a duct can be fitted as."""
+
+Shapes = RoundCones | ConnectedCylinders | SuperEllipsoids
+
+PIECES_MAX = 500
+ALLOWANCES = (0.8, 0.5, 0.25, 0.0)
+"""Shares of the largest error that shapes may take up, tried in turn until it is kept."""
+
+LOSSES = (1.0, 0.6, 0.35, 0.2)
+"""Shares of the largest error that cylinders' balls may lose, tried in turn until it is kept."""
+
+POINTS = 3000
+"""Least squares of cones uses about this many wall points."""
+
+ROUNDS = 12
+"""How often blocks are drawn in where they reach outside."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedDuct:
+    """A duct made of shapes, and what they keep of the true one.
+
+    Attributes
+    ----------
+    duct : RoundCones, ConnectedCylinders or SuperEllipsoids
+    kind : str
+        One of `KINDS`.
+    inside : bool
+        Whether the shapes were to stay inside the wall.
+    max_error : float
+        How far they were allowed outside [mm].
+    report : FitReport
+    reached : bool
+        Whether it is proved that no point of the fitted lumen is farther outside than
+        `max_error`, and, where the number of cones or cylinders was free, that no more room than
+        that is lost on the centreline.
+    reason : str
+        What was not reached; empty if all was.
+    """
+
+    duct: Shapes
+    kind: str
+    inside: bool
+    max_error: float
+    report: FitReport
+    reached: bool
+    reason: str
+
+
+def fit_duct(
+    duct: Duct,
+    centreline: Centreline,
+    kind: str,
+    *,
+    max_error: float = 1.0,
+    pieces: int | None = None,
+    inside: bool = True,
+    draft: Duct | None = None,
+    progress: Progress = no_progress,
+) -> FittedDuct:
+    """Fit shapes to a duct along its centreline, and measure what they keep.
+
+    Parameters
+    ----------
+    duct : Duct
+        The true one, of three dimensions. Of a mesh (`TriangleMesh`) more is proved than of a
+        field sampled from it.
+    centreline : Centreline
+        Inside it.
+    kind : {"cones", "cylinders", "superellipsoids"}
+        Round cones are hulls of balls that touch the wall. Cylinders join circles across the
+        centreline. Super-ellipsoids are placed wherever in the lumen they are largest, after
+        enough of them cover the way.
+    max_error : float
+        How far outside the true lumen a point of the fitted one may be [mm].
+    pieces : int, optional
+        How many shapes at most, losing as little room as they can. By default the fewest cones or
+        cylinders that lose no more than `max_error` of the room that there is on the centreline;
+        super-ellipsoids until one more would add less than 0.3 % of the volume.
+    inside : bool
+        Keep the shapes inside. If not, the wall is fitted by least squares of distances (cones:
+        to the chain; cylinders: circles in their sections; super-ellipsoids: on rays, one for
+        each stretch of equal length, 20 where `pieces` does not say), and goes through the true
+        one: for looking at, not for planning.
+    draft : Duct, optional
+        The same duct as a sampled field, where many points are asked for super-ellipsoids.
+
+    Raises
+    ------
+    InputError
+        If an argument is not legal.
+    GeometryError
+        If so few shapes cannot go along the centreline, or there is no proved room on it.
+    """
+    if kind not in KINDS:
+        raise InputError(f"kind is '{kind}': it must be one of {', '.join(KINDS)}")
+    check_number("max error", max_error, low=0.0, low_open=True, unit="mm")
+    if pieces is not None:
+        check_integer("pieces", pieces, low=1, high=PIECES_MAX)
+    if count_dimensions(duct) != 3:
+        raise InputError("the duct has 2 dimensions: it must have 3")
+    cuts = cut_sections(duct, centreline)
+    if not inside:
+        shapes = _fit_wall(duct, centreline, kind, cuts, max_error, pieces, progress)
+    elif kind == "superellipsoids":
+        shapes = _inscribe_blocks(duct, centreline, max_error, pieces, draft or duct, progress)
+    else:
+        shapes = _inscribe_chain(duct, centreline, kind, max_error, pieces, progress)
+    report = measure_fit(
+        shapes,
+        duct,
+        centreline,
+        pieces=_count_pieces(shapes),
+        max_error=max_error if inside else 0.0,
+        sections=cuts,
+        progress=progress,
+    )
+    reason = _explain(report, max_error, free=pieces is None and kind != "superellipsoids")
+    return FittedDuct(
+        duct=shapes,
+        kind=kind,
+        inside=inside,
+        max_error=max_error,
+        report=report,
+        reached=not reason,
+        reason=reason,
+    )
+
+
+def _inscribe_chain(
+    duct: Duct,
+    centreline: Centreline,
+    kind: str,
+    max_error: float,
+    pieces: int | None,
+    progress: Progress,
+) -> Shapes:
+    from ._fit_tubes import inscribe_cylinders
+
+    chain = place_chain(duct, centreline)
+    shapes: Shapes | None = None
+    for share in ALLOWANCES:
+        allowance = share * max_error
+        edges = measure_edges(
+            duct, chain, allowance=allowance, cylinders=kind == "cylinders", progress=progress
+        )
+        for part in LOSSES:
+            places, _ = choose_chain(
+                edges, len(chain.radii), max_loss=part * max_error, pieces=pieces
+            )
+            if kind == "cones":
+                shapes = RoundCones(chain.centres[places], chain.radii[places])
+                break
+            # Circles that lean on each other leave less room than the balls in them.
+            shapes = inscribe_cylinders(duct, chain, places, allowance=allowance)
+            if pieces is not None or _lost(shapes, duct, chain) <= max_error:
+                break
+        highest = find_outside(shapes, duct, max_error=max_error)
+        if (highest.value if duct.kind == "sampled" else highest.bound) <= max_error:
+            break
+    return shapes
+
+
+def _lost(shapes: Shapes, duct: Duct, chain: Chain) -> float:
+    """Return the most room that is lost on the centreline, off its ends [mm]."""
+    room = -duct.signed_distance(chain.centres)
+    loss = room + shapes.signed_distance(chain.centres)
+    arc = chain.arc_length
+    inner = np.minimum(arc, arc[-1] - arc) >= room
+    return float(loss[inner].max()) if inner.any() else float(loss.max())
+
+
+def _inscribe_blocks(
+    duct: Duct,
+    centreline: Centreline,
+    max_error: float,
+    pieces: int | None,
+    draft: Duct,
+    progress: Progress,
+) -> Shapes:
+    from ._fit_blocks import cover_blocks, shrink_blocks
+
+    shapes = cover_blocks(
+        duct,
+        place_chain(duct, centreline),
+        pieces=pieces,
+        max_loss=max_error,
+        allowance=0.5 * max_error,
+        draft=draft,
+        progress=progress,
+    )
+    for _ in range(ROUNDS):
+        highest = find_outside(shapes, duct, max_error=max_error)
+        if len(highest.places) == 0:
+            break
+        shapes = shrink_blocks(shapes, highest.places)
+    return shapes
+
+
+def _fit_wall(
+    duct: Duct,
+    centreline: Centreline,
+    kind: str,
+    cuts: Sections,
+    max_error: float,
+    pieces: int | None,
+    progress: Progress,
+) -> Shapes:
+    from ._fit_blocks import fit_blocks
+    from ._fit_tubes import fit_cone_chain, fit_cylinder_chain
+
+    if kind == "superellipsoids":
+        return fit_blocks(cuts, 20 if pieces is None else pieces, progress=progress)
+    chain = place_chain(duct, centreline)
+    edges = measure_edges(
+        duct, chain, allowance=max_error, cylinders=kind == "cylinders", progress=progress
+    )
+    places, _ = choose_chain(edges, len(chain.radii), max_loss=max_error, pieces=pieces)
+    if kind == "cones":
+        wall = cuts.wall.reshape(-1, 3)
+        wall = wall[:: max(1, len(wall) // POINTS)]
+        return fit_cone_chain(wall, chain.centres[places], chain.radii[places])
+    walls = cut_sections(duct, centreline, stations=chain.arc_length[places]).wall
+    return fit_cylinder_chain(chain, places, walls)
+
+
+def _count_pieces(shapes: Shapes) -> int:
+    count = len(shapes.centres)
+    return count if isinstance(shapes, SuperEllipsoids) else max(1, count - 1)
+
+
+def _explain(report: FitReport, max_error: float, *, free: bool) -> str:
+    if report.outside > max_error:
+        return (
+            f"a point of the fitted lumen is {report.outside:.2f} mm outside, more than "
+            f"{max_error:g} mm"
+        )
+    if report.outside_bound > max_error:
+        return (
+            f"none is found more than {report.outside:.2f} mm outside, but only "
+            f"{report.outside_bound:.2f} mm is proved"
+        )
+    if free and report.room_loss[-1] > max_error:
+        return (
+            f"{report.room_loss[-1]:.2f} mm of the room on the centreline is lost at "
+            f"{report.room_loss_place:.1f} mm, more than {max_error:g} mm"
+        )
+    return ""

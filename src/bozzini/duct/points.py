@@ -1,0 +1,229 @@
+"""A cloud of points on the wall as a duct (thesis 5.3.3.3), without making a surface of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_number
+from ..errors import GeometryError, InputError
+from ._analytic import freeze_array
+from ._cloud import Cells, find_cells, find_opening, make_cells
+from ._measured import MeasuredDuct, Nearest, order_points
+
+if TYPE_CHECKING:
+    from .field import SampledField
+
+__all__ = ["PointCloud"]
+
+JITTER = 1e-6
+"""Samples are moved by this share of the spacing for their Delaunay cells, which are then never
+flat; the balls are larger by four times as much."""
+
+MAX_NODES = 40_000_000
+"""A sampled grid may have this many nodes."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud(MeasuredDuct):
+    """What samples of a wall enclose for certain.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Samples of the wall [mm].
+    spacing : float
+        No place of the wall is farther than this from a sample [mm].
+    seeds : (m, 3) float, optional
+        Places inside [mm]: the duct is what is connected with them.
+    normals : (n, 3) float, optional
+        Outward normals of the wall at the samples, instead of seeds: the duct is all closed
+        spaces on whose inner side most samples around them say they lie.
+    inflation : float
+        The wall is moved outwards by this much [mm].
+
+    Raises
+    ------
+    InputError
+        If neither or both of `seeds` and `normals` are given, or `spacing` is not positive.
+    GeometryError
+        If a seed is nearer than `spacing` to a sample, or connected with the outside through an
+        opening, with where it is and the spacing that closes it; or nothing is enclosed.
+
+    Notes
+    -----
+    The wall lies somewhere in balls of radius `spacing` about the samples, so these are taken for
+    it: inside, the distance is that to the nearest sample less the spacing (and 4e-6 of it). It
+    is exact to the balls, and never more than the distance to the wall. Places that the balls do
+    not part no wall parts; which these are is found from the samples' Delaunay cells (`_cloud`).
+    So with seeds nothing is inside that a wall parts from all of them. Normals only name the
+    side. `kind` is "bound".
+    """
+
+    points: NDArray[np.float64]
+    spacing: float
+    seeds: NDArray[np.float64] | None = field(default=None, kw_only=True)
+    normals: NDArray[np.float64] | None = field(default=None, kw_only=True)
+    inflation: float = field(default=0.0, kw_only=True)
+    wall: str = field(default="", init=False)
+    wall_error: float | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        points = freeze_array("points", self.points, (3,), least=4)
+        check_number("spacing", self.spacing, low=0.0, low_open=True, unit="mm")
+        check_number("inflation", self.inflation, low=0.0, unit="mm")
+        if (self.seeds is None) == (self.normals is None):
+            given = "both" if self.seeds is not None else "neither"
+            raise InputError(f"{given} of seeds and normals are given: it must be one of them")
+        object.__setattr__(self, "points", points)
+        wall = f"balls of {self.spacing:g} mm about {len(points)} samples"
+        object.__setattr__(self, "wall", wall)
+        object.__setattr__(self, "wall_error", float(self.spacing))
+        if self.seeds is not None:
+            object.__setattr__(self, "seeds", freeze_array("seeds", self.seeds, (3,)))
+        if self.normals is not None:
+            normals = freeze_array("normals", self.normals, (3,))
+            if len(normals) != len(points):
+                raise InputError(
+                    f"normals has {len(normals)} value(s): it must have one per point, "
+                    f"{len(points)}"
+                )
+            object.__setattr__(self, "normals", normals)
+        extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if extent[-1] <= 1e-9 * extent[0]:
+            raise GeometryError(
+                f"the {len(points)} points of the cloud lie in a plane: they enclose nothing"
+            )
+        if not self._lumen.any():
+            raise GeometryError(
+                f"the cloud encloses nothing with a spacing of {self.spacing:g} mm: its balls "
+                f"leave an opening or fill the lumen"
+            )
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) corners of the box around the samples [mm]."""
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        return np.stack([low - self.inflation, high + self.inflation])
+
+    def _measure(self, points: NDArray[np.float64], *, with_gradient: bool) -> Nearest:
+        far, index = self._tree.query(points)
+        inside = far > self._radius
+        inside[inside] = self._ask(points[inside])
+        # In a ball the lumen is at least as far as the ball's border.
+        value = np.where(inside, self._radius - far, np.abs(far - self._radius))
+        if not with_gradient:
+            return Nearest(value, points)
+        away = (points - self.points[index]) / np.where(far > 0.0, far, 1.0)[:, None]
+        falls = inside | (far < self._radius)
+        return Nearest(value, np.where(falls[:, None], -away, away))
+
+    def _ask(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether points farther than `spacing` from all samples are inside."""
+        order = order_points(points)
+        cell = find_cells(self._cells, points[order])
+        answer = np.empty(len(points), dtype=bool)
+        answer[order] = (cell >= 0) & self._lumen[self._cells.groups[np.maximum(cell, 0)]]
+        return answer
+
+    def _sample(self, voxel: float | None) -> SampledField:
+        from .field import SampledField
+
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        pad = self.inflation + 2.0 * self.spacing
+        low, size = low - pad, high - low + 2.0 * pad
+        if voxel is None:
+            voxel = max(self.spacing, float(np.cbrt(size.prod() / (0.5 * MAX_NODES))))
+        counts = np.ceil(size / voxel).astype(int) + 1
+        if math.prod(counts.tolist()) > MAX_NODES:
+            raise InputError(
+                f"voxel is {voxel:g} mm: the grid would have more than {MAX_NODES:,} nodes, it "
+                f"must be at least about {float(np.cbrt(size.prod() / MAX_NODES)) * 1.05:.2g} mm"
+            )
+        axes = [low[k] + voxel * np.arange(counts[k]) for k in range(3)]
+        values = np.empty(tuple(counts), dtype=np.float32)
+        sheet = np.stack(np.meshgrid(axes[1], axes[2], indexing="ij"), axis=-1).reshape(-1, 2)
+        for index, x in enumerate(axes[0]):
+            nodes = np.concatenate([np.full((len(sheet), 1), x), sheet], axis=1)
+            values[index] = self._measure(nodes, with_gradient=False).distance.reshape(counts[1:])
+        return SampledField(
+            values=values,
+            spacing=np.full(3, float(voxel)),
+            origin=low,
+            rotation=np.eye(3),
+            inflation=self.inflation,
+            wall=self.wall,
+            wall_error=self.wall_error,
+        )
+
+    @property
+    def _radius(self) -> float:
+        return float(self.spacing) * (1.0 + 4.0 * JITTER)
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.points)
+
+    @cached_property
+    def _cells(self) -> Cells:
+        random = np.random.default_rng(len(self.points))
+        moved = random.uniform(-1.0, 1.0, self.points.shape) * (JITTER * self.spacing)
+        # A moved ball of this radius holds that of the spacing, and is in that of `_radius`.
+        return make_cells(self.points + moved, self.spacing * (1.0 + 2.0 * JITTER))
+
+    @cached_property
+    def _lumen(self) -> NDArray[np.bool_]:
+        """Which groups of cells are the duct."""
+        cells = self._cells
+        chosen = np.zeros(int(cells.groups.max()) + 1, dtype=bool)
+        if self.seeds is not None:
+            self._choose_by_seeds(chosen)
+        elif self.normals is not None:
+            self._choose_by_normals(self.normals, chosen)
+        return chosen
+
+    def _choose_by_seeds(self, chosen: NDArray[np.bool_]) -> None:
+        seeds = np.asarray(self.seeds)
+        far = self._tree.query(seeds)[0]
+        for k, seed in enumerate(seeds):
+            where = ", ".join(f"{x:.1f}" for x in seed)
+            if far[k] <= self._radius:
+                raise GeometryError(
+                    f"seeds[{k}] at ({where}) mm is {far[k]:.3g} mm from a sample: it must be "
+                    f"farther than the spacing, {self.spacing:g} mm"
+                )
+            cell = int(find_cells(self._cells, seed[None])[0])
+            if cell < 0:
+                raise GeometryError(f"seeds[{k}] at ({where}) mm lies outside the cloud")
+            group = int(self._cells.groups[cell])
+            if group == 0:
+                width, gate = find_opening(self._cells, cell)
+                inner, outer = self._cells.gates[gate]
+                corners = self._cells.corners[inner]
+                # The triangle's corners: the cell's without the one opposite to it.
+                shared = corners[self._cells.neighbours[inner] != outer]
+                middle = ", ".join(f"{x:.1f}" for x in self.points[shared].mean(axis=0))
+                raise GeometryError(
+                    f"seeds[{k}] at ({where}) mm is connected with the outside, through an "
+                    f"opening of the samples near ({middle}) mm: the spacing must be at least "
+                    f"{width:.4g} mm to close it, it is {self.spacing:g} mm"
+                )
+            chosen[group] = True
+
+    def _choose_by_normals(self, normals: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
+        """Let the four samples nearest to each circumsphere's centre say on which side it lies."""
+        cells = self._cells
+        corners = cells.corners
+        free = np.isfinite(cells.radii) & (cells.radii > self.spacing)
+        away = np.where(free[:, None], cells.centres, 0.0)[:, None] - self.points[corners]
+        says = np.sign(-np.einsum("ijk,ijk->ij", normals[corners], away)).sum(axis=1)
+        votes = np.bincount(cells.groups, weights=np.where(free, says, 0.0), minlength=len(chosen))
+        chosen[votes > 0.0] = True
+        chosen[0] = False
