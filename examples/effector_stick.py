@@ -38,19 +38,28 @@ def turn_stick(count=120):
     return np.clip(np.rint(raw), 0.0, STICK.highest)
 
 
+def read_readings(path):
+    """Read two columns of raw readings."""
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    raw = np.loadtxt(lines or ["0"], delimiter=",", ndmin=2)
+    if raw.shape[1:] != (2,) or not len(raw):
+        raise ValueError(f"{path} has readings of shape {raw.shape}: give two columns")
+    return raw
+
+
 def main(arguments=None):
     """Run the example."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("readings", nargs="?", type=Path, help="your own readings (.csv)")
     parser.add_argument("--out", type=Path, default=Path("effector_stick.png"))
     given = parser.parse_args(arguments)
-    raw = turn_stick()
-    if given.readings is not None:
-        raw = np.loadtxt(given.readings, delimiter=",", ndmin=2)
-
     effector = Effector(preset("prototype"))
     scale = find_stick_scale(effector)
-    targets = scale * STICK.find_travel(raw)
+    try:
+        raw = turn_stick() if given.readings is None else read_readings(given.readings)
+        targets = scale * STICK.find_travel(raw)
+    except (OSError, ValueError) as error:  # one line, whatever the file has
+        parser.error(" ".join(str(error).split()))
     print(f"{len(raw)} readings; a full stick is {scale:.2f} mm")
 
     exact = trace_path(effector, targets)

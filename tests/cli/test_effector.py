@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -196,9 +197,9 @@ def test_workspace_is_a_table_and_a_picture(ask, run, tmp_path):
     edge = np.array([[float(row["x_mm"]), float(row["y_mm"])] for row in rows])
     assert edge == pytest.approx(found.boundary, abs=1e-6)
     assert said["design"]["conflicts"]
-    code, text, _ = run("workspace", "--out", "edge.png")
+    code, _, told = run("workspace", "--out", "edge.png")
     assert code == 0
-    assert "note: offset is 4 mm" in text
+    assert "note: offset is 4 mm" in told
     assert (tmp_path / "edge.png").read_bytes()[:4] == b"\x89PNG"
 
 
@@ -331,6 +332,153 @@ def test_model_of_the_muscles(ask):
     assert said["lateral_mm"] == pytest.approx(float(balance(effector, "R", 0.6894).lateral))
 
 
+NARROW = ("--offset", "1.5mm", "--beam", "2")
+
+
+def test_a_length_that_is_lost_is_told(run):
+    command = ("pose", "--method", "thesis", *THESIS, "--pressure")
+    _, shorter, _ = run(*command, "R=689.4kPa,G=413.6kPa")
+    assert "the eight steps make the backbone 1.35 mm shorter" in shorter
+    _, longer, _ = run(*command, "R=413.6kPa,B=689.4kPa")
+    assert re.search(r"the eight steps make the backbone 2.\d+ mm longer", longer)
+    _, neither, _ = run("pose", "--pressure", "R=689.4kPa,G=413.6kPa")
+    assert "eight steps" not in neither
+
+
+def test_a_linkage_that_ends_is_told(run, ask):
+    code, text, told = run("pose", "--pressure", "R=645.53274039634kPa", *NARROW)
+    assert code == 1
+    assert "segment 15 of 15 would come nearer than 1.5 mm" in text
+    assert "use more segments or a larger offset" in text
+    assert "not every segment closes" in told
+    said = ask("reach", "--to", "30mm,-30mm", *NARROW, "--pressure-limit", "2MPa", code=1)
+    assert "segment 15 of 15" in said["reason"]
+
+
+def test_muscles_that_cancel_have_no_direction(run):
+    pressed = ("--pressure", "A=400kPa,B=400kPa", "--angles", "A=90deg,B=270deg")
+    code, text, _ = run("pose", *pressed)
+    assert code == 0
+    assert "tip at 0.000, 0.000, 45.000 mm: on the axis" in text
+    assert "towards" not in text
+
+
+def test_a_table_that_fails_leaves_the_pose(run, ask, tmp_path):
+    command = ("pose", "--pressure", "R=689.4kPa", "--rigidity", "5000", "--table")
+    code, text, told = run(*command)
+    assert code == 0
+    assert "note: no table, muscle R, step 2 of the fixed point" in told
+    said = ask(*command)
+    assert said["tables"] == {} and said["tables_converged"] == {"R": False}
+    assert said["converged"] is True
+    code, out, err = run(*command, "--out", "x.csv")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "--table has nothing to write" in err
+    code, _, told = run("pose", "--pressure", "R=0", "--table")
+    assert code == 0 and "no table, no muscle is under pressure" in told
+    assert run("pose", "--pressure", "R=0", "--table", "--out", "x.csv")[0] == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("pose", "--pressure", "R=0"),
+        ("reach", "--to", "1mm,1mm"),
+        ("workspace",),
+        ("workspace", "--of", "force"),
+        ("curve", "--points", "2"),
+        ("trace", "line", "--from", "0,0", "--to", "1,1", "--points", "2"),
+        ("study", "sweep", "--vary", "offset=4", "--quiet"),
+        ("study", "least-pressure", "--between", "offset=3.9:4", "--deflection", "9", "--quiet"),
+    ],
+)
+def test_conflicts_are_told_by_every_command(run, ask, command):
+    code, _, told = run(*command)
+    assert code == 0
+    # least-pressure tells those of the design that it found
+    assert re.search(r"^note: offset is \S+ mm: a 9 mm holder", told, re.MULTILINE)
+    said = ask(*command)
+    assert any("9 mm holder" in line for line in said["design"]["conflicts"])
+
+
+STRONG = ("--beam", "2", "--muscle-preset", "effector-45", "--pressure-limit", "3MPa")
+
+
+def test_a_flat_curve_is_told(run, ask):
+    code, out, told = run("curve", *STRONG, "--points", "8", "--cubic-from", "100kPa")
+    assert code == 0
+    rows = list(csv.DictReader(line for line in out.splitlines() if not line.startswith("#")))
+    flat = [row["saturated_R"] == "1" for row in rows]
+    assert flat == [float(row["deflection_R_mm"]) > 27.7 for row in rows]
+    first = 1e3 * float(rows[flat.index(True)]["pressure_MPa"])
+    assert f"note: muscle R from {first:.4g} kPa on: saturated" in told
+    assert "flat beyond" in out
+    said = ask("curve", *STRONG, "--points", "8", "--cubic-from", "100kPa")
+    assert said["cubics"]["R"]["saturated"] is True
+    assert said["cubics"]["R"]["to_MPa"] < 1e-3 * first
+    assert any("muscle R from" in note for note in said["notes"])
+    said = ask("workspace", *STRONG)
+    assert said["saturated"] == {"R": True, "G": True, "B": True}
+    assert "saturated: R, G, B could go on" in run("workspace", *STRONG)[1]
+
+
+def test_a_place_out_of_reach_has_no_force(run, ask, tmp_path):
+    command = ("workspace", "--of", "force", "--at", "40mm,0", "--out", "force.csv")
+    code, text, _ = run(*command)
+    assert code == 1
+    assert "the tip cannot be at 40, 0 mm: muscle" in text
+    said = ask(*command, code=1)
+    assert said["reachable"] is False and said["file"] is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_errors_are_of_targets_in_reach(run, ask):
+    command = ("trace", "circle", "--radius", "10mm")
+    said = ask(*command, code=1)
+    assert said["largest_error_mm"] < 1e-9 < 1.0 < said["largest_distance_mm"]
+    _, _, told = run(*command)
+    away = said["targets"] - said["reachable"]
+    assert f"note: {away} of 73 targets are out of reach, the farthest by 1.57 mm" in told
+
+
+def test_reach_has_all_of_the_answer(ask, run):
+    said = ask("reach", "--to", "6mm,-8mm")
+    found = solve_inverse(EFFECTOR, (6.0, -8.0))
+    assert said["residual_mm"] == pytest.approx(float(found.residual))
+    for k, name in enumerate("RGB"):
+        assert said["muscles"][name]["force_N"] == pytest.approx(found.force[k])
+        assert said["muscles"][name]["contraction_mm"] == pytest.approx(found.contraction[k])
+    assert "force [N]" in run("reach", "--to", "6mm,-8mm")[1]
+
+
+def test_a_pressure_that_none_is_has_no_number(run, ask, tmp_path):
+    command = ("study", "sweep", "--quiet", "--vary", "offset=1mm,4mm,8mm", "--deflection", "24mm",
+               "--beam", "2", "--muscle-preset", "effector-45")  # fmt: skip
+    columns = ask(*command, "--out", "sweep.csv", code=1)["columns"]
+    assert columns["needed_pressure_MPa"][0] is None
+    assert columns["needed_pressure_MPa"][1] > 0.827
+    assert columns["needed_pressure_MPa"][2] is None
+    assert columns["area_mm2"][0] is None and columns["area_mm2"][2] > 0.0
+    rows = list(csv.DictReader((tmp_path / "sweep.csv").open(encoding="utf-8")))
+    assert [row["needed_pressure_MPa"] != "" for row in rows] == [False, True, False]
+    assert [row["area_mm2"] != "" for row in rows] == [False, True, True]
+
+
+def test_help_says_the_defaults_of_the_prototype(run):
+    _, text, _ = run("pose", "--help")
+    text = " ".join(text.split())
+    design = EFFECTOR.design
+    angles = ",".join(f"{p.name}={math.degrees(p.angle):g}deg" for p in design.muscles)
+    for value in (
+        f"{design.offset:g} mm", f"{design.backbone_length:g} mm", f"{design.holder_length:g} mm",
+        f"{design.segments}", f"{design.flexural_rigidity:g} N mm^2", f"{design.beam_factor:g}",
+        f"{design.catheter_rigidity:g}", f"{design.pressure_limit:g} MPa", angles, "fitted-45",
+    ):  # fmt: skip
+        assert f"(prototype: {value})" in text.replace("- ", "-")
+    assert design.muscles[0].muscle == muscle_preset("fitted-45")
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -367,7 +515,7 @@ def test_model_of_the_muscles(ask):
         (["reach", "--to", "1mm"], "1 part"),
         (["reach", "--to", "1mm,2kg"], "wrong kind of unit"),
         (["reach", "--to", "1mm,2mm", "--out", "a.csv"], ".png"),
-        (["workspace", "--of", "force", "--at", "40mm,0"], "lateral is (40, 0) mm"),
+        (["workspace", "--at", "1mm,0"], "--at has no effect without --of force"),
         (["curve", "--points", "1"], "points is 1"),
         (["curve", "--cubic-from", "2MPa"], "2 MPa"),
         (["trace", "circle", "--radius", "0mm"], "radius is 0 mm"),
@@ -379,6 +527,18 @@ def test_model_of_the_muscles(ask):
         (["study", "sweep", "--vary", "offset=1:2"], "NAME=LOW:HIGH:COUNT"),
         (["study", "sweep", "--vary", "offset=1:2:x"], "NAME=LOW:HIGH:COUNT"),
         (["study", "sweep", "--vary", "segments=a"], "segments is 'a'"),
+        (["study", "sweep", "--vary", "segments=0,15"], "whole numbers in [1, 1000]"),
+        (["study", "sweep", "--vary", "angles=0deg/120deg"], "give 3, one for each"),
+        (["study", "sweep", "--vary", "angles=0deg/9deg/9deg"], "(9 deg): angles must differ"),
+        (["study", "sweep", "--vary", "muscle.strands=20:30:4"], "this gives 23.3333 strands"),
+        (["study", "sweep", "--vary", "offset=3,2000"], "offset is 2000 mm"),
+        (["study", "sweep", "--vary", "offset=3,4", "--deflection", "0mm"], "deflection is 0 mm"),
+        (["study", "least-pressure", "--between", "pressure-limit=0.1:0.8", "--deflection", "12"],
+         "does not change the pressure"),
+        (["study", "least-pressure", "--between", "offset=3:4", "--deflection", "12",
+          "--choose-segments", "2000"], "whole numbers in [1, 1000]"),
+        (["study", "least-pressure", "--between", "offset=3:4", "--deflection", "12",
+          "--choose-segments", "0"], "whole numbers in [1, 1000]"),
         (["study", "sweep", "--vary", "offset=3,4", "--vary", "offset=5"], "more than once"),
         (["study", "sweep", "--vary", "flexural-rigidity=1N"], "not a flexural"),
         (["study", "sweep", "--vary", "offset=1:2:9999", "--vary", "length=1,2"], "19998 designs"),

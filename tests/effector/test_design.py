@@ -128,7 +128,7 @@ def test_conflicts_of_others():
     assert any("A and B are" in line for line in find_conflicts(close))
     inner = find_conflicts(preset("prototype", offset=2.5))
     assert any("touches the 4 mm coil from a contraction of 0 mm" in line for line in inner)
-    assert any("below 3 mm, the length of a segment" in line for line in inner)
+    assert any("offset is 2.5 mm: from a contraction of 6.306 mm on not every" in k for k in inner)
 
 
 def test_the_coil_is_touched_where_spacing_and_radius_meet():

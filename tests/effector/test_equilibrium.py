@@ -241,7 +241,7 @@ def test_the_measured_deflections():
         (lambda e: balance(e, "R", 0.9), r"muscle R is 0.9 MPa: it must lie in \[0, 0.827\] MPa"),
         (lambda e: balance(e, "R", [0.1, -0.1]), "muscle R is -0.1 MPa"),
         (lambda e: balance(e, "R", np.nan), "muscle R is nan MPa"),
-        (lambda e: balance(e, "R", "much"), "must be an array"),
+        (lambda e: balance(e, "R", "much"), "R is 'much': it must be"),
         (lambda e: balance(e, "R", 0.1, method="newton"), "method is 'newton'"),
         (lambda e: balance(e, "R", 0.1, method="fixed-point", tolerance=0.0), "tolerance is 0"),
         (lambda e: Effector(DESIGN, 3), "model is 3"),

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bozzini.effector.amplitudes import find_reach
 from bozzini.effector.design import PlacedMuscle
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
@@ -18,7 +19,6 @@ from bozzini.effector.forward import find_peak, lateral_deflection
 from bozzini.effector.inverse import solve_inverse
 from bozzini.effector.pose import pose
 from bozzini.effector.presets import preset
-from bozzini.effector.workspace import reach
 from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 from tests.effector.models import SpringMuscle
@@ -64,7 +64,7 @@ def test_the_pose_is_the_target_with_trellis_ends() -> None:
 @given(designs(), st.floats(0.0, 2.0), st.floats(-math.pi, math.pi))
 def test_any_design(design: Any, share: float, azimuth: float) -> None:
     effector = Effector(design)
-    known = reach(effector)
+    known = find_reach(effector)
     size = share * max(float(known.amplitudes.max()), 1e-6)
     target = size * np.array([math.cos(azimuth), math.sin(azimuth)])
     found = solve_inverse(effector, target)
@@ -97,7 +97,7 @@ def test_one_muscle_gives_back_its_pressure(name: str) -> None:
 def test_pressure_rises_from_the_dead_band(name: str) -> None:
     effector = Effector(PROTOTYPE, MODELS[name])
     unit = np.array([math.cos(PROTOTYPE.angles[1]), math.sin(PROTOTYPE.angles[1])])
-    size = np.geomspace(1e-6, reach(effector).amplitudes[1], 200)
+    size = np.geomspace(1e-6, find_reach(effector).amplitudes[1], 200)
     pressure = solve_inverse(effector, size[:, np.newaxis] * unit).pressures[:, 1]
     assert np.all(np.diff(pressure) > 0.0)
     # Nothing to do is no pressure; the least there is to do needs the muscle to take hold.
@@ -130,8 +130,8 @@ def test_saturation_at_the_largest_deflection() -> None:
     # Strong muscles: the backbone is what limits, alone and together.
     effector = Effector(PROTOTYPE, partial(SpringMuscle, spring=50.0, gain=40.0))
     peak = find_peak(PROTOTYPE).lateral
-    assert reach(effector).saturated.all()
-    assert reach(effector).amplitudes == pytest.approx(peak)
+    assert find_reach(effector).saturated.all()
+    assert find_reach(effector).amplitudes == pytest.approx(peak)
     targets = draw_targets(200, radius=60.0)
     found = solve_inverse(effector, targets)
     far = np.hypot(*targets.T) > peak * (1.0 + 1e-9)
@@ -185,11 +185,11 @@ def test_shapes() -> None:
 
 def test_reach_is_the_balance_at_the_limit() -> None:
     effector = Effector(PROTOTYPE)
-    known = reach(effector)
+    known = find_reach(effector)
     for name, amplitude in zip(known.names, known.amplitudes, strict=True):
         assert amplitude == pytest.approx(
             float(balance(effector, name, PROTOTYPE.pressure_limit).lateral), abs=1e-12
         )
-    assert reach(effector) is known
+    assert find_reach(effector) is known
     with pytest.raises(ValueError, match="read-only"):
         known.amplitudes[0] = 1.0

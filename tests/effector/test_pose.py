@@ -141,7 +141,8 @@ def test_saturation_is_said():
     assert found.lateral[0] == peak.lateral
     assert np.hypot(*found.tip[0, :2]) == pytest.approx(peak.lateral, rel=1e-12)
     asked = (
-        f"saturated: the muscles ask for {found.demanded_lateral[0]:.4g} mm, 27.7 mm is the most"
+        f"saturated: the muscles ask for {found.demanded_lateral[0]:.4g} mm, at 27.7 mm, the most "
+        "there is"
     )
     assert found.reason.tolist() == [asked, ""]
     # It still points where the sum points.
@@ -211,7 +212,7 @@ def test_pressures_by_name():
         ({"R": -0.1}, "pressure of muscle R is -0.1 MPa"),
         ({"X": 0.1}, r"no muscle 'X': choose one of \['R', 'G', 'B'\]"),
         ({"R": [0.1, 0.2], "G": [0.1, 0.2, 0.3]}, "arrays of one shape"),
-        ("R", "must be an array"),
+        ("R", "must be a number or an array"),
     ],
 )
 def test_refused_pressures(pressures, message):

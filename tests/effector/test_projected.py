@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bozzini.effector.design import EffectorDesign, PlacedMuscle
 from bozzini.effector.presets import preset
-from bozzini.effector.projected import project_inverse
+from bozzini.effector.projected import INVERSE_OUTCOMES, project_inverse
 from bozzini.effector.sectors import find_sectors
 from bozzini.errors import InputError
 from bozzini.muscle import preset as muscle_preset
@@ -19,6 +19,7 @@ from bozzini.muscle import preset as muscle_preset
 PROTOTYPE = preset("prototype")
 
 coordinates = st.floats(-40.0, 40.0)
+AMPLITUDES = st.just(0.0) | st.floats(1e-6, 30.0)
 
 
 def place(degrees: list[float]) -> EffectorDesign:
@@ -104,9 +105,10 @@ def test_the_divider_is_the_corner_and_not_the_sum_of_unit_vectors() -> None:
     assert full(printed)[0] < 10.0
 
 
+@example([1, 0], [1.0, 1e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 2.0, 0.0)
 @given(
     st.lists(st.integers(0, 359), min_size=1, max_size=8, unique=True),
-    st.lists(st.floats(0.0, 30.0), min_size=8, max_size=8),
+    st.lists(AMPLITUDES, min_size=8, max_size=8),
     coordinates,
     coordinates,
 )
@@ -230,3 +232,21 @@ def test_batches_are_rows() -> None:
 def test_wrong_input(target: object, amplitudes: object, word: str) -> None:
     with pytest.raises(InputError, match=word):
         project_inverse(PROTOTYPE, target, amplitudes=amplitudes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("peak", [None, "x", -1.0, math.nan])
+def test_refused_peaks(peak) -> None:
+    with pytest.raises(InputError, match="peak is"):
+        project_inverse(PROTOTYPE, [1.0, 1.0], amplitudes=3.0, peak=peak)
+
+
+def test_codes_have_names() -> None:
+    gap = place([0.0, 90.0])
+    for target, peak, word in (
+        ([1.0, 1.0], math.inf, "reached"),
+        ([9.0, 1.0], math.inf, "muscle limit"),
+        ([4.0, 4.0], 3.0, "largest deflection"),
+        ([-1.0, -1.0], math.inf, "gap"),
+    ):
+        found = project_inverse(gap, target, amplitudes=5.0, peak=peak)
+        assert INVERSE_OUTCOMES[int(found.code)] == word

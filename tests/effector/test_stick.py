@@ -9,12 +9,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.effector.effector import Effector
+from bozzini.effector import (
+    Effector,
+    balance,
+    find_peak,
+    fit_cubic,
+    look_up_pressures,
+    pose,
+    trace_path,
+)
 from bozzini.effector.inverse import solve_inverse
 from bozzini.effector.presets import preset
 from bozzini.effector.stick import Stick, find_stick_scale, steer
 from bozzini.effector.workspace import workspace
 from bozzini.errors import InputError
+from bozzini.muscle import preset as muscle_preset
 
 EFFECTOR = Effector(preset("prototype"))
 
@@ -105,3 +114,61 @@ def test_wrong_sticks(changes: dict[str, float]) -> None:
 def test_wrong_scale() -> None:
     with pytest.raises(InputError, match="stick scale is 0 mm"):
         steer(EFFECTOR, [500, 500], scale=0.0)
+
+
+def test_steering_by_a_cubic_says_what_its_pressures_do():
+    effector = Effector(preset("prototype"))
+    cubics = {name: fit_cubic(effector, name, start=0.1) for name in "RGB"}
+    raw = [[700, 400], [600, 700], [512, 512], [1023, 512]]
+    exact, cubic = steer(effector, raw), steer(effector, raw, cubics=cubics)
+    assert (exact.pressure_map, cubic.pressure_map) == ("exact", "cubic")
+    assert np.array_equal(cubic.displacements, exact.displacements)
+    found = look_up_pressures(cubics, effector.design.names, exact.displacements)
+    assert np.array_equal(cubic.pressures, found)
+    posed = pose(effector, cubic.pressures)
+    assert cubic.delivered == pytest.approx(posed.lateral_vector)
+    away = np.linalg.norm(posed.lateral_vector - exact.delivered, axis=-1)
+    assert cubic.residual == pytest.approx(away)
+    assert 0.0 < cubic.residual.max() < 1.0 and cubic.residual[2] == 0.0
+
+
+def test_cubics_of_another_muscle_or_design_are_refused():
+    effector = Effector(preset("prototype"))
+    cubics = {name: fit_cubic(effector, name, start=0.1) for name in "RGB"}
+    other = Effector(preset("prototype", offset=3.0))
+    low = Effector(preset("prototype", pressure_limit=0.5))
+    for robot, fits, word in (
+        (effector, 3, "cubics is 3"),
+        (effector, {}, "muscle R has no cubic: there are some for none"),
+        (effector, {**cubics, "R": None}, "muscle R has no cubic"),
+        (effector, {**cubics, "R": 3}, "must be a CubicFit"),
+        (effector, {**cubics, "R": cubics["G"]}, "cubic of muscle R is that of G"),
+        (other, cubics, "that of another design"),
+        (low, cubics, "this design's limit is 0.5 MPa"),
+    ):
+        for call in (
+            lambda robot, fits: steer(robot, [600, 600], cubics=fits),
+            lambda robot, fits: trace_path(robot, [[1.0, 1.0]], cubics=fits),
+        ):
+            with pytest.raises(InputError, match=word):
+                call(robot, fits)
+    with pytest.raises(InputError, match="stick is 3"):
+        steer(effector, [600, 600], stick=3)
+
+
+def test_a_cubic_ends_where_the_backbone_does():
+    """Beyond, the curve is flat, and no pressure of it says anything of the muscle."""
+    muscle = muscle_preset("effector-45")
+    design = preset("prototype", beam_factor=2.0, pressure_limit=3.0)
+    placed = tuple(
+        type(one)(name=one.name, muscle=muscle, angle=one.angle) for one in design.muscles
+    )
+    effector = Effector(design.replace(muscles=placed))
+    cubic = fit_cubic(effector, "R", start=0.1)
+    peak = find_peak(design).lateral
+    assert cubic.saturated and 0.1 < cubic.limit < 3.0
+    assert cubic.lateral[-1] == pytest.approx(peak, rel=1e-9)
+    below, above = balance(effector, "R", [cubic.limit - 1e-6, cubic.limit + 1e-6]).saturated
+    assert above and not below
+    short = Effector(effector.design.replace(pressure_limit=0.827))
+    assert not fit_cubic(short, "R", start=0.1).saturated

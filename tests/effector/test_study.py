@@ -70,9 +70,20 @@ def test_changes() -> None:
         {"angles": 3.0},
         {"colour": 1},
         {"muscle.colour": 1},
+        {"length": None},
+        {"angles": None},
+        {"muscles": (1, 2)},
+        None,
     ):
         with pytest.raises(BozziniError):
             change_design(DESIGN, wrong)
+
+
+def test_muscles_can_be_changed_with_their_length() -> None:
+    other = DESIGN.resize(60.0).muscles[:2]
+    changed = change_design(DESIGN, {"muscles": other, "length": 50.0, "angles": [0.0, 1.0]})
+    assert changed.names == ("R", "G") and changed.backbone_length == 50.0
+    assert {placed.muscle.length for placed in changed.muscles} == {50.0}
 
 
 def test_sweep_has_every_design_and_tells_progress() -> None:
@@ -118,6 +129,20 @@ def test_sweeps_that_are_none() -> None:
         ({"offset": []}, "nothing to vary"),
         ({"colour": [1]}, "no parameter 'colour'"),
         ({"muscle.colour": [1]}, "no parameter 'muscle.colour'"),
+        ({"ofset": [1]}, "did you mean 'offset'"),
+        ({"offset": 4.0}, "values of offset is 4.0"),
+        ({"offset": [4.0, None]}, "offset is None"),
+        ({"offset": [4.0, -1.0]}, "offset is -1 mm"),
+        ({"length": [None]}, "length is None"),
+        ({"angles": [None]}, "angles is None"),
+        ({"angles": [(0.0, 1.0)]}, r"angles has 2 value\(s\): give 3, .* R, G, B"),
+        ({"angles": [(0.0, 1.0, 1.0)]}, "angles must differ"),
+        ({"segments": [0, 15]}, "segments is 0"),
+        ({"beam_factor": [2.5]}, "beam factor is 2.5"),
+        ({"muscle.strands": [23.3]}, "whole number"),
+        ({"muscle.braid_angle": [2.0]}, "muscle.braid angle is 2"),
+        ({"muscles": [(1, 2)]}, "muscles is"),
+        (3, "nothing to vary"),
     ):
         with pytest.raises(InputError, match=word):
             sweep(EFFECTOR, wrong)
@@ -166,10 +191,32 @@ def test_no_optimum() -> None:
     assert above.pressure > DESIGN.pressure_limit
 
 
+def test_a_design_over_its_own_limit_is_no_optimum() -> None:
+    """The least pressure is the same whether the limit lies just above it or far above."""
+    wide = optimise_design(EFFECTOR, 12.0, bounds={"offset": (1.6, 8.0)})
+    limit = 1.001 * wide.pressure
+    tight = Effector(DESIGN.replace(pressure_limit=limit))
+    found = optimise_design(tight, 12.0, bounds={"offset": (1.6, 8.0)})
+    assert found.success and found.pressure == pytest.approx(wide.pressure, rel=1e-6)
+    assert 0 < found.infeasible < found.evaluations
+    # Which design is within its limit may depend on what is varied.
+    stiff = optimise_design(EFFECTOR, 14.0, bounds={"flexural_rigidity": (150.0, 900.0)}, grid=4)
+    assert stiff.success and 0 < stiff.infeasible
+
+
+@pytest.mark.parametrize("wrong", [3, "12", [2000], [0], []])
+def test_wrong_segments_to_choose_from(wrong) -> None:
+    with pytest.raises(InputError, match="segments"):
+        optimise_design(EFFECTOR, 12.0, bounds={"offset": (3.0, 4.0)}, segments=wrong)
+
+
 @pytest.mark.parametrize(
     ("bounds", "word"),
     [
         ({}, "0 parameters"),
+        (None, "bounds is None"),
+        ({"pressure_limit": (0.1, 0.8)}, "does not change the pressure"),
+        ({"offset": (0.0, 0.8)}, "offset is 0 mm"),
         ({"angles": (0.0, 1.0)}, "'angles' has no range"),
         ({"offset": (4.0, 3.0)}, "upper bound of offset is 3"),
         ({"offset": 3.0}, "give two numbers"),

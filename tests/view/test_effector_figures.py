@@ -222,6 +222,54 @@ def test_sweep(tmp_path):
     assert is_written(figure, tmp_path / "a.png")
 
 
+def test_a_pressure_that_none_is_is_no_point(tmp_path):
+    found = sweep(EFFECTOR, {"offset": [3.0, 4.0, 8.0]}, deflection=20.0)
+    needed = [row.needed_pressure for row in found.rows]
+    assert needed[0] > 0.0 == needed[2]
+    figure = draw_sweep(found)
+    left, right = figure.axes
+    line = next(line for line in right.lines if len(line.get_xdata()) == 3)
+    drawn = np.asarray(line.get_ydata())
+    assert np.isnan(drawn[2]) and drawn[0] == pytest.approx(1e3 * needed[0])
+    for axes in (left, right):
+        top = max(np.nanmax(line.get_ydata()) for line in axes.lines if len(line.get_ydata()))
+        assert axes.get_ylim()[0] == 0.0 and axes.get_ylim()[1] > 1.03 * top
+    assert is_written(figure, tmp_path / "a.png")
+
+
+def test_no_force_is_no_disc(tmp_path):
+    weak = Effector(preset("prototype", pressure_limit=0.01))
+    figure = draw_force(weak)
+    force = figure.axes[0]
+    assert not force.patches and "no force" in force.texts[0].get_text()
+    assert force.get_ylim()[0] == 0.0
+    assert draw_force(EFFECTOR).axes[0].get_ylim()[0] == 0.0
+    assert is_written(figure, tmp_path / "a.png")
+
+
+def test_an_iteration_of_a_slack_muscle_says_that_nothing_changes(tmp_path):
+    figure = draw_iteration({"R": balance(EFFECTOR, "R", 0.01, method="fixed-point")})
+    assert "nothing changes" in figure.axes[1].texts[0].get_text()
+    assert is_written(figure, tmp_path / "a.png")
+
+
+def test_the_error_of_a_trace_is_that_of_what_is_in_reach():
+    found = trace_circle(EFFECTOR, 10.0)
+    title = draw_trace(found, EFFECTOR.design.names).axes[0].get_title(loc="left")
+    away = np.count_nonzero(~found.reachable)
+    assert title.startswith("largest error below 1e-06 mm\n")
+    assert title.endswith(f"{away} of 73 out of reach, by up to {found.largest_error:.2g} mm")
+    none = draw_trace(trace_line(EFFECTOR, (40.0, 0.0), (50.0, 0.0)), "RGB")
+    assert none.axes[0].get_title(loc="left").startswith("nothing in reach\n")
+
+
+def test_where_a_curve_is_flat_is_drawn():
+    strong = Effector(THESIS.design.replace(pressure_limit=3.0, beam_factor=2.0))
+    flat = get_lines(draw_deflection(strong).axes[0])["R, G, B saturated"]
+    assert flat[:, 1] == pytest.approx(np.full(len(flat), flat[0, 1]))
+    assert "R, G, B saturated" not in get_lines(draw_deflection(EFFECTOR).axes[0])
+
+
 def test_sweep_of_angles_has_names(tmp_path):
     found = sweep(EFFECTOR, {"angles": [(0.0, 2.1, 4.2), (0.0, 1.5, 3.0)]})
     figure = draw_sweep(found)

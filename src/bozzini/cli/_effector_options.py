@@ -12,7 +12,7 @@ import click
 
 from ..errors import BozziniError, InputError
 from ._muscle_options import describe_muscle, make_class, model_option, model_options
-from .common import QuantityType
+from .common import QuantityType, emit
 
 if TYPE_CHECKING:
     from ..effector import Effector, EffectorDesign
@@ -26,12 +26,13 @@ __all__ = [
     "make_design",
     "make_effector",
     "parse_pairs",
+    "tell",
 ]
 
 LENGTHS = {
-    "offset": "Distance of the muscles from the axis.",
-    "backbone_length": "Length of the backbone and of the muscles.",
-    "holder_length": "Length of the distal holder, straight beyond the backbone.",
+    "offset": "Distance of the muscles from the axis (prototype: 4 mm).",
+    "backbone_length": "Length of the backbone and of the muscles (prototype: 45 mm).",
+    "holder_length": "Length of the straight holder beyond the backbone (prototype: 10 mm).",
 }
 _RIGIDITY_UNITS = {"": 1.0, "nmm2": 1.0, "nm2": 1e6}
 
@@ -80,10 +81,15 @@ _OPTIONS = {
         help="Where the design begins: prototype.",
     ),
     "muscle_preset": click.option(
-        "--muscle-preset", metavar="NAME", help="The muscles, by a name of bozzini muscle."
+        "--muscle-preset",
+        metavar="NAME",
+        help="The muscles, by a name of bozzini muscle (prototype: fitted-45).",
     ),
     "angles": click.option(
-        "--angles", metavar="NAME=ANGLE,...", help="The muscles, such as A=0deg,B=120deg,C=240deg."
+        "--angles",
+        metavar="NAME=ANGLE,...",
+        help="The muscles, such as A=0deg,B=120deg,C=240deg "
+        "(prototype: R=307.5deg,G=219deg,B=75deg).",
     ),
     **{
         name: click.option(
@@ -92,24 +98,32 @@ _OPTIONS = {
         for name, text in LENGTHS.items()
     },
     "segments": click.option(
-        "--segments", type=int, help="Turns of the outer spring: part of the design, no mesh."
+        "--segments",
+        type=int,
+        help="Turns of the outer spring: part of the design, no mesh (prototype: 15).",
     ),
     "rigidity": click.option(
-        "--rigidity", type=RigidityType(), help="Flexural rigidity without a catheter."
+        "--rigidity",
+        type=RigidityType(),
+        help="Flexural rigidity without a catheter (prototype: 200 N mm^2).",
     ),
     "rigidity_test": click.option(
         "--rigidity-test", metavar="FORCE,DEFLECTION", help="The same, from a load across the tip."
     ),
     "catheter": click.option(
-        "--catheter", type=RigidityType(), help="Flexural rigidity of the catheter; adds."
+        "--catheter",
+        type=RigidityType(),
+        help="Flexural rigidity of the catheter; adds (prototype: 0).",
     ),
     "pressure_limit": click.option(
-        "--pressure-limit", type=QuantityType("pressure"), help="Largest pressure of a muscle."
+        "--pressure-limit",
+        type=QuantityType("pressure"),
+        help="Largest pressure of a muscle (prototype: 0.827 MPa).",
     ),
     "beam": click.option(
         "--beam",
         type=click.Choice(["2", "3"]),
-        help="Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived.",
+        help="Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (prototype: 3).",
     ),
 }
 _MODEL = ("model_name", "ends", "load_path")
@@ -230,8 +244,19 @@ def describe_design(design: EffectorDesign) -> dict[str, Any]:
     }
 
 
+def tell(result: Mapping[str, Any], *, as_json: bool, text: str, notes: Sequence[str] = ()) -> None:
+    """Write a result on stdout, and what is to be known of it and of its design on stderr.
+
+    With ``--json`` it is all in the object: ``notes``, and the design's ``conflicts``.
+    """
+    emit({**result, "notes": list(notes)}, as_json=as_json, text=text)
+    if not as_json:
+        for line in (*notes, *result["design"]["conflicts"]):
+            click.echo(f"note: {line}", err=True)
+
+
 def format_csv(columns: Mapping[str, Any]) -> str:
-    """Return columns of one length as the text of a CSV file."""
+    """Return columns of one length as the text of a CSV file; None is an empty cell."""
     import csv
     import io
 
@@ -256,6 +281,8 @@ def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _format_cell(cell: Any) -> str:
+    if cell is None:
+        return ""
     if isinstance(cell, str):
         return cell
     number = cell.item() if hasattr(cell, "item") else cell

@@ -9,18 +9,27 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..errors import InputError
 from ._effector_options import (
     describe_design,
     effector_options,
     format_csv,
     format_rows,
     make_effector,
+    tell,
 )
 from ._muscle_options import PICTURES, check_target
-from .common import QuantityType, VectorType, emit, force_option, json_option
+from .common import (
+    EXIT_NEGATIVE,
+    QuantityType,
+    VectorType,
+    force_option,
+    json_option,
+    run_exit,
+)
 
 if TYPE_CHECKING:
-    from ..effector import Effector, Workspace
+    from ..effector import Balance, Effector, Workspace
 
 __all__ = ["curve_command", "workspace_command"]
 
@@ -42,9 +51,7 @@ out_option = click.option(
     "--at",
     type=VectorType("length", size=2),
     metavar="X,Y",
-    default="0,0",
-    show_default=True,
-    help="With --of force: where something holds the tip.",
+    help="With --of force: where something holds the tip (default: 0,0).",
 )
 @out_option
 @effector_options
@@ -52,7 +59,7 @@ out_option = click.option(
 @json_option
 def workspace_command(
     kind: str,
-    at: tuple[float, ...],
+    at: tuple[float, ...] | None,
     out: Path | None,
     given: Mapping[str, Any],
     force: bool,
@@ -61,16 +68,22 @@ def workspace_command(
     """Find where the tip can go, and what it can press with.
 
     The table has the boundary, seen along the axis and in space, or the force over the direction.
+
+    Exit code 0: done; 1: the tip cannot be at --at; 2: bad input.
     """
+    if at is not None and kind != "force":
+        raise InputError("--at has no effect without --of force: leave it out")
     check_target(out, (".csv", *PICTURES), force=force)
     effector = make_effector(given)
     if kind == "force":
-        result, text = _find_force(effector, at, out)
+        result, text = _find_force(effector, at or (0.0, 0.0), out)
     else:
         result, text = _find_places(effector, out)
     result |= {"model": given["model_name"], "design": describe_design(effector.design)}
-    notes = "".join(f"\nnote: {line}" for line in result["design"]["conflicts"])
-    emit(result | {"of": kind, "file": out}, as_json=as_json, text=text + notes)
+    found = bool(result.get("reachable", True))
+    tell(result | {"of": kind, "file": out if found else None}, as_json=as_json, text=text)
+    if not found:
+        run_exit(EXIT_NEGATIVE)
 
 
 @click.command("curve")
@@ -94,7 +107,10 @@ def curve_command(
 ) -> None:
     """Compute the deflection by each muscle alone over its pressure.
 
-    The table goes to stdout, unless --out names a file.
+    The table goes to stdout, unless --out names a file. Where the backbone is at its largest
+    deflection the curve is flat: the column saturated is 1 there, and a note says from where on.
+
+    Exit code 0: done; 1: an equilibrium was not found; 2: bad input.
     """
     import numpy as np
 
@@ -108,18 +124,22 @@ def curve_command(
     names = effector.design.names
     over = np.linspace(0.0, effector.design.pressure_limit, points)
     found = {name: balance(effector, name, over) for name in names}
-    columns = {"pressure_MPa": over}
+    columns: dict[str, Any] = {"pressure_MPa": over}
     for name in names:
         columns[f"deflection_{name}_mm"] = found[name].lateral
         columns[f"contraction_{name}_mm"] = found[name].contraction
         columns[f"force_{name}_N"] = found[name].force
+        columns[f"saturated_{name}"] = found[name].saturated
+    notes, solved = _judge_curves(found)
     cubics = {}
     if cubic_from is not None:
         cubics = {name: fit_cubic(effector, name, start=cubic_from) for name in names}
     table = format_csv(columns)
     lines = [
         f"cubic of {name} from {1e3 * fit.start:g} kPa: {fit.rms_error:.3f} mm rms, "
-        f"{fit.largest_error:.3f} mm at most" + ("" if fit.monotone else "; falls in places")
+        f"{fit.largest_error:.3f} mm at most"
+        + (f"; fitted up to {1e3 * fit.limit:.4g} kPa, flat beyond" if fit.saturated else "")
+        + ("" if fit.monotone else "; falls in places")
         for name, fit in cubics.items()
     ]
     if out is None:
@@ -141,6 +161,7 @@ def curve_command(
                 "coefficients": fit.coefficients,
                 "from_MPa": fit.start,
                 "to_MPa": fit.limit,
+                "saturated": fit.saturated,
                 "rms_error_mm": fit.rms_error,
                 "largest_error_mm": fit.largest_error,
                 "monotone": fit.monotone,
@@ -150,7 +171,23 @@ def curve_command(
         "design": describe_design(effector.design),
         "file": out,
     }
-    emit(result, as_json=as_json, text="\n".join(lines))
+    tell(result, as_json=as_json, text="\n".join(lines), notes=notes)
+    if not solved:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _judge_curves(found: Mapping[str, Balance]) -> tuple[list[str], bool]:
+    """Return what there is to say of curves, and whether every equilibrium was found."""
+    notes, solved = [], True
+    for name, curve in found.items():
+        lost = curve.saturated | ~curve.converged
+        for which in (curve.saturated, lost & ~curve.saturated):
+            if which.any():
+                first = int(which.argmax())
+                over = 1e3 * float(curve.pressure[first])
+                notes.append(f"muscle {name} from {over:.4g} kPa on: {curve.reason[first]}")
+        solved &= not bool((lost & ~curve.saturated).any())
+    return notes, solved
 
 
 def _find_places(effector: Effector, out: Path | None) -> tuple[dict[str, Any], str]:
@@ -162,6 +199,7 @@ def _find_places(effector: Effector, out: Path | None) -> tuple[dict[str, Any], 
     names, amplitudes = effector.design.names, found.reach.amplitudes
     result = {
         "amplitudes_mm": dict(zip(names, amplitudes.tolist(), strict=True)),
+        "saturated": dict(zip(names, found.reach.saturated.tolist(), strict=True)),
         "largest_deflection_mm": found.reach.peak,
         "inner_radius_mm": found.inner_radius,
         "outer_radius_mm": found.outer_radius,
@@ -183,6 +221,12 @@ def _find_places(effector: Effector, out: Path | None) -> tuple[dict[str, Any], 
             ],
         ),
     ]
+    full = [name for k, name in enumerate(names) if found.reach.saturated[k]]
+    if full:
+        lines.append(
+            f"saturated: {', '.join(full)} could go on, but the backbone is at "
+            f"{found.reach.peak:.4g} mm, {found.reach.peak_reason}"
+        )
     if result["gaps"]:
         lines.append(f"not reached: {result['gaps']}")
     return result, "\n".join(lines)
@@ -211,10 +255,14 @@ def _find_force(
     from ..effector import passive_stiffness, solve_inverse, tip_force, tip_stiffness
     from ..files import write_text
 
+    held = solve_inverse(effector, at)
+    if not bool(held.reachable):
+        text = f"the tip cannot be at {at[0]:g}, {at[1]:g} mm: {held.reason}"
+        return {"at_mm": at, "reachable": False, "reason": str(held.reason)}, text
     angle = np.radians(np.arange(360.0))
     toward = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     found = tip_force(effector, toward, lateral=at)
-    stiffness = tip_stiffness(effector, solve_inverse(effector, at).pressures)
+    stiffness = tip_stiffness(effector, held.pressures)
     passive = passive_stiffness(effector.design)
     if out is not None and out.suffix.lower() == ".csv":
         write_text(out, format_csv({"direction_rad": angle, "force_N": found.force}))
@@ -226,6 +274,7 @@ def _find_force(
     names = effector.design.names
     result = {
         "at_mm": at,
+        "reachable": True,
         "direction_rad": angle,
         "force_N": found.force,
         "pulls_N": dict(zip(names, found.pulls.tolist(), strict=True)),

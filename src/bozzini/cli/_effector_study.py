@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..checks import check_number
 from ..errors import InputError
 from ._effector_options import (
     describe_design,
@@ -15,13 +16,13 @@ from ._effector_options import (
     format_csv,
     format_rows,
     make_effector,
+    tell,
 )
 from ._effector_values import MOST, add_unit, parse_range, parse_segments, parse_values
 from ._muscle_options import PICTURES, check_target
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
-    emit,
     force_option,
     json_option,
     progress_bar,
@@ -30,7 +31,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
-    from ..effector import Sweep
+    from ..effector import Sweep, SweepRow
 
 __all__ = ["study_command"]
 
@@ -92,8 +93,11 @@ def sweep_command(
         total *= len(choices)
     if total > MOST:
         raise InputError(f"--vary asks for {total} designs: at most {MOST} are tried at once")
+    wanted = 0.0
+    if deflection is not None:
+        wanted = check_number("deflection", deflection, low=0.0, low_open=True, unit="mm")
     with progress_bar(quiet=quiet) as progress:
-        found = sweep(effector, parameters, deflection=deflection or 0.0, progress=progress)
+        found = sweep(effector, parameters, deflection=wanted, progress=progress)
     columns = _list_columns(found)
     if out is not None:
         _write_sweep(found, columns, out)
@@ -109,9 +113,12 @@ def sweep_command(
     }
     text = f"{out}: {len(found.feasible)} of {len(found.rows)} designs work"
     if out is None:
-        rows = zip(*(map(_format_value, values) for values in columns.values()), strict=True)
-        text = format_rows(list(columns), [list(row) for row in rows])
-    emit(result, as_json=as_json, text=text)
+        *others, reason = columns
+        rows = zip(*(map(_format_value, columns[name]) for name in others), strict=True)
+        lines = format_rows(others, [list(row) for row in rows]).splitlines()
+        ends = [reason, *columns[reason]]
+        text = "\n".join(f"{a}  {b}".rstrip() for a, b in zip(lines, ends, strict=True))
+    tell(result, as_json=as_json, text=text)
     if not found.feasible:
         run_exit(EXIT_NEGATIVE)
 
@@ -182,7 +189,7 @@ def least_command(
     text += f"\nnote: {found.reason}" if found.reason else ""
     if not found.success:
         text = f"no design: {found.reason}"
-    emit(result, as_json=as_json, text=text)
+    tell(result, as_json=as_json, text=text)
     if not found.success:
         run_exit(EXIT_NEGATIVE)
 
@@ -197,15 +204,21 @@ def _list_columns(found: Sweep) -> dict[str, list[Any]]:
     }
     columns |= {
         "feasible": [row.feasible for row in found.rows],
-        "least_amplitude_mm": [row.least_amplitude for row in found.rows],
-        "largest_amplitude_mm": [row.largest_amplitude for row in found.rows],
-        "inner_radius_mm": [row.inner_radius for row in found.rows],
-        "area_mm2": [row.area for row in found.rows],
+        "least_amplitude_mm": [_blank(row, row.least_amplitude) for row in found.rows],
+        "largest_amplitude_mm": [_blank(row, row.largest_amplitude) for row in found.rows],
+        "inner_radius_mm": [_blank(row, row.inner_radius) for row in found.rows],
+        "area_mm2": [_blank(row, row.area) for row in found.rows],
     }
     if found.deflection > 0.0:
-        columns["needed_pressure_MPa"] = [row.needed_pressure for row in found.rows]
+        # 0 is no pressure that anything needs: none reaches it.
+        columns["needed_pressure_MPa"] = [row.needed_pressure or None for row in found.rows]
     columns["reason"] = [row.reason for row in found.rows]
     return columns
+
+
+def _blank(row: SweepRow, value: float) -> float | None:
+    """Return a number of a design, None if it cannot be built."""
+    return value if row.built else None
 
 
 def _tell_angles(angles: Sequence[float]) -> str:
@@ -217,6 +230,8 @@ def _tell_angles(angles: Sequence[float]) -> str:
 def _format_value(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if value is None:
+        return "-"
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 

@@ -8,26 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ._effector_options import describe_design, effector_options, format_csv, make_effector
+from ._effector_options import describe_design, effector_options, format_csv, make_effector, tell
 from ._muscle_options import PICTURES, check_target
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
     VectorType,
-    emit,
     force_option,
     json_option,
     run_exit,
 )
 
 if TYPE_CHECKING:
-    from ..effector import Effector, Trace
-    from ..effector.cubic import CubicFit
+    from ..effector import CubicFit, Effector, Trace
 
 __all__ = ["trace_command"]
 
 _PLACE = VectorType("length", size=2)
-_POINTS = "Targets along the way."
 
 cubic_option = click.option(
     "--cubic-from",
@@ -43,14 +40,14 @@ out_option = click.option(
 def trace_command() -> None:
     """Follow a line or a circle with the tip, seen along the axis.
 
-    Exit code 0: all of it; 1: parts are out of reach; 2: bad input.
+    Exit code 0: all of it; 1: parts are out of reach or not solved; 2: bad input.
     """
 
 
 @trace_command.command("line")
 @click.option("--from", "start", type=_PLACE, metavar="X,Y", required=True, help="Where it begins.")
 @click.option("--to", "end", type=_PLACE, metavar="X,Y", required=True, help="Where it ends.")
-@click.option("--points", default=51, show_default=True, help=_POINTS)
+@click.option("--points", default=51, show_default=True, help="Targets, both ends included.")
 @cubic_option
 @out_option
 @effector_options
@@ -73,7 +70,7 @@ def line_command(
     _check_points(points, low=2)
     effector = make_effector(given)
     found = trace_line(effector, start, end, steps=points, cubics=_fit(effector, cubic_from))
-    _tell(effector, found, given, out, as_json)
+    _show(effector, found, given, out, as_json)
 
 
 @trace_command.command("circle")
@@ -81,7 +78,12 @@ def line_command(
 @click.option(
     "--centre", type=_PLACE, metavar="X,Y", default="0,0", show_default=True, help="Centre."
 )
-@click.option("--points", default=72, show_default=True, help=_POINTS)
+@click.option(
+    "--points",
+    default=72,
+    show_default=True,
+    help="Targets round the circle; the first comes again at the end, to close it.",
+)
 @cubic_option
 @out_option
 @effector_options
@@ -106,7 +108,7 @@ def circle_command(
     found = trace_circle(
         effector, radius, centre=centre, steps=points, cubics=_fit(effector, cubic_from)
     )
-    _tell(effector, found, given, out, as_json)
+    _show(effector, found, given, out, as_json)
 
 
 def _check_points(points: int, *, low: int) -> None:
@@ -123,7 +125,7 @@ def _fit(effector: Effector, cubic_from: float | None) -> dict[str, CubicFit] | 
     return {name: fit_cubic(effector, name, start=cubic_from) for name in effector.design.names}
 
 
-def _tell(
+def _show(
     effector: Effector, found: Trace, given: Mapping[str, Any], out: Path | None, as_json: bool
 ) -> None:
     from ..files import write_text
@@ -144,7 +146,7 @@ def _tell(
     if out is not None:
         text = (
             f"{out}: {reached} of {count} targets in reach, largest error there "
-            f"{float(found.error[found.reachable].max(initial=0.0)):.3g} mm"
+            f"{found.reachable_error:.3g} mm"
         )
         if out.suffix.lower() == ".csv":
             write_text(out, table)
@@ -162,11 +164,21 @@ def _tell(
         "targets": count,
         "reachable": reached,
         "complete": found.complete,
-        "largest_error_mm": found.largest_error,
+        "converged": bool(found.converged.all()),
+        "largest_error_mm": found.reachable_error,
+        "largest_distance_mm": found.largest_error,
         "columns": columns,
         "design": describe_design(effector.design),
         "file": out,
     }
-    emit(result, as_json=as_json, text=text)
+    notes = []
     if not found.complete:
+        notes.append(
+            f"{count - reached} of {count} targets are out of reach, the farthest by "
+            f"{found.largest_error:.3g} mm"
+        )
+    if not found.converged.all():
+        notes.append(f"not converged at {int((~found.converged).sum())} of {count} targets")
+    tell(result, as_json=as_json, text=text, notes=notes)
+    if not (found.complete and found.converged.all()):
         run_exit(EXIT_NEGATIVE)

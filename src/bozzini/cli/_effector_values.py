@@ -21,6 +21,8 @@ KINDS = {
 """What has a range of numbers, and the kind of quantity."""
 UNITS = {"length": "mm", "rigidity": "Nmm2", "pressure": "MPa", "angle": "rad"}
 MOST = 10_000
+MOST_SEGMENTS = 1000
+_WHOLE = "muscle.strands"
 
 
 def _split(option: str, item: str, form: str) -> tuple[str, str]:
@@ -66,10 +68,17 @@ def parse_values(item: str) -> tuple[str, list[Any]]:
             f"--vary is '{item}': it must be NAME=LOW:HIGH:COUNT with a whole COUNT in [2, {MOST}]"
         )
     low, high = (_parse_number("--vary", name, part) for part in parts[:2])
-    return name, np.linspace(low, high, int(parts[2])).tolist()
+    steps = np.linspace(low, high, int(parts[2])).tolist()
+    if name == _WHOLE and not all(step == round(step) for step in steps):
+        raise InputError(
+            f"--vary is '{item}': this gives {steps[1]:g} {name.removeprefix('muscle.')}, where "
+            "only whole numbers are legal"
+        )
+    return name, steps
 
 
 def parse_range(item: str) -> tuple[str, float, float]:
+    """Return the name and the two ends of one ``--between``."""
     name, values = _split("--between", item, "NAME=LOW:HIGH")
     parts = values.split(":")
     if len(parts) != 2:
@@ -80,8 +89,13 @@ def parse_range(item: str) -> tuple[str, float, float]:
 
 def parse_segments(text: str) -> list[int]:
     parts = [part.strip() for part in text.split(",")]
-    if not all(part.isascii() and part.isdigit() for part in parts):
-        raise InputError(f"segments is '{text}': it must be whole numbers in [1, 1000], as 12,15")
+    if not all(
+        part.isascii() and part.isdigit() and len(part) < 9 and 1 <= int(part) <= MOST_SEGMENTS
+        for part in parts
+    ):
+        raise InputError(
+            f"segments is '{text}': it must be whole numbers in [1, {MOST_SEGMENTS}], as 12,15"
+        )
     return [int(part) for part in parts]
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..errors import InputError
 from ._effector_options import (
     describe_design,
     effector_options,
@@ -16,12 +17,13 @@ from ._effector_options import (
     format_rows,
     make_effector,
     parse_pairs,
+    tell,
 )
 from ._effector_space import curve_command, workspace_command
 from ._effector_study import study_command
 from ._effector_trace import trace_command
 from ._muscle_options import PICTURES, check_target
-from .common import EXIT_NEGATIVE, VectorType, emit, force_option, json_option, run_exit
+from .common import EXIT_NEGATIVE, VectorType, force_option, json_option, run_exit
 
 if TYPE_CHECKING:
     from ..effector import Balance, Effector, EffectorPose
@@ -30,6 +32,8 @@ __all__ = ["command"]
 
 SHOWN = 15
 """Rows of an iteration table that are shown to people; the files and --json have all."""
+ON_AXIS = 5e-4
+"""Deflection that is shown as none [mm]: it has no direction to speak of."""
 
 
 @click.group("effector")
@@ -93,7 +97,9 @@ def pose_command(
     )
     names_in_order = None if order is None else [word.strip() for word in order.split(",")]
     found = pose(effector, pressures, method=method, order=names_in_order)
-    tables = _iterate(effector, pressures) if with_table else {}
+    tables, notes = _iterate(effector, pressures) if with_table else ({}, {})
+    if with_table and out is not None and not tables:
+        raise InputError(f"--table has nothing to write into {out}: {'; '.join(notes.values())}")
     if out is not None:
         _write_pose(effector, found, tables, out)
     result = {
@@ -124,11 +130,15 @@ def pose_command(
     }
     if with_table:
         result["tables"] = {name: _list_rows(table) for name, table in tables.items()}
-        result["tables_converged"] = {name: bool(t.converged) for name, t in tables.items()}
+        result["tables_converged"] = {
+            name: name in tables and bool(tables[name].converged)
+            for name, value in pressures.items()
+            if value > 0.0
+        }
     text = _format_pose(effector, found)
     for name, table in tables.items():
         text += f"\n\n{_format_table(name, pressures[name], table)}"
-    emit(result, as_json=as_json, text=text)
+    tell(result, as_json=as_json, text=text, notes=list(notes.values()))
     if bool(found.saturated) or not bool(found.converged):
         run_exit(EXIT_NEGATIVE)
 
@@ -178,7 +188,7 @@ def reach_command(
         "delivered_mm": found.delivered,
         "reason": str(found.reason),
         "converged": bool(found.converged),
-        "residual": found.residual,
+        "residual_mm": found.residual,
         "iterations": found.iterations,
         "tip_mm": posed.tip,
         "holder_tip_mm": posed.holder_tip,
@@ -186,6 +196,8 @@ def reach_command(
             name: {
                 "pressure_MPa": found.pressures[k],
                 "displacement_mm": found.displacements[k],
+                "contraction_mm": found.contraction[k],
+                "force_N": found.force[k],
             }
             for k, name in enumerate(names)
         },
@@ -194,17 +206,26 @@ def reach_command(
         "file": out,
     }
     rows = [
-        [name, f"{1e3 * float(found.pressures[k]):.2f}", f"{float(found.displacements[k]):.3f}"]
+        [
+            name,
+            f"{1e3 * float(found.pressures[k]):.2f}",
+            f"{float(found.displacements[k]):.3f}",
+            f"{float(found.contraction[k]):.3f}",
+            f"{float(found.force[k]):.3f}",
+        ]
         for k, name in enumerate(names)
     ]
-    text = format_rows(["muscle", "pressure [kPa]", "displacement [mm]"], rows)
+    head = ["muscle", "pressure [kPa]", "displacement [mm]", "contraction [mm]", "force [N]"]
+    text = format_rows(head, rows)
     x, y = (float(value) for value in found.delivered)
-    if bool(found.reachable):
+    if not bool(found.converged):
+        text = f"not solved: {found.reason}\n{text}"
+    elif bool(found.reachable):
         text = f"reached: tip at {x:.3f}, {y:.3f} mm\n{text}"
     else:
         wanted = f"{target[0]:g}, {target[1]:g} mm"
         text = f"out of reach: {wanted}; delivered {x:.3f}, {y:.3f} mm: {found.reason}\n{text}"
-    emit(result, as_json=as_json, text=text)
+    tell(result, as_json=as_json, text=text)
     if not (bool(found.reachable) and bool(found.converged)):
         run_exit(EXIT_NEGATIVE)
 
@@ -213,15 +234,23 @@ for _command in (workspace_command, curve_command, trace_command, study_command)
     command.add_command(_command)
 
 
-def _iterate(effector: Effector, pressures: Mapping[str, float]) -> dict[str, Balance]:
-    """Return the thesis's iteration of every muscle under pressure."""
+def _iterate(
+    effector: Effector, pressures: Mapping[str, float]
+) -> tuple[dict[str, Balance], dict[str, str]]:
+    """Return the thesis's iteration of every muscle under pressure, or why there is none."""
     from ..effector import balance
 
-    return {
-        name: balance(effector, name, value, method="fixed-point")
-        for name, value in pressures.items()
-        if value > 0.0
-    }
+    tables: dict[str, Balance] = {}
+    notes: dict[str, str] = {}
+    for name, value in pressures.items():
+        if value > 0.0:
+            try:
+                tables[name] = balance(effector, name, value, method="fixed-point")
+            except InputError as error:  # the pose has its own root, which this does not touch
+                notes[name] = f"no table, {error}"
+    if not (tables or notes):
+        notes[""] = "no table, no muscle is under pressure"
+    return tables, notes
 
 
 def _write_pose(
@@ -258,13 +287,15 @@ def _list_rows(found: Balance) -> list[dict[str, float]]:
 
 def _format_pose(effector: Effector, found: EffectorPose) -> str:
     x, y, z = (float(value) for value in found.tip)
+    lateral, longer = float(found.lateral), float(found.length_error)
     azimuth = math.degrees(float(found.azimuth)) % 360.0
-    lines = [
-        f"tip at {x:.3f}, {y:.3f}, {z:.3f} mm: {float(found.lateral):.3f} mm from the axis, "
-        f"towards {azimuth:.2f} deg"
-    ]
-    if float(found.length_error) > 1e-6:
-        lines.append(f"the eight steps change the backbone's length by {found.length_error:.3g} mm")
+    where = f"{lateral:.3f} mm from the axis, towards {azimuth:.2f} deg"
+    if lateral < ON_AXIS:
+        x, y, where = 0.0, 0.0, "on the axis"
+    lines = [f"tip at {x:.3f}, {y:.3f}, {z:.3f} mm: {where}"]
+    if abs(longer) > 1e-6:
+        word = "longer" if longer > 0.0 else "shorter"
+        lines.append(f"the eight steps make the backbone {abs(longer):.3g} mm {word}")
     if str(found.reason):
         lines.append(str(found.reason))
     rows = [

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .amplitudes import Reach, reach
+from .amplitudes import Reach, find_reach
 from .combine import find_resultant
 from .conflicts import find_conflicts
-from .cubic import CubicFit, fit_cubic
+from .cubic import CubicFit, fit_cubic, look_up_pressures
 from .design import BEAM_FACTORS, EffectorDesign, PlacedMuscle, rigidity_from_test
 from .effector import Effector
 from .equilibrium import BALANCE_METHODS, Balance, balance
@@ -23,7 +23,7 @@ from .inverse import InverseResult, solve_inverse
 from .optimise import Optimum, optimise_design
 from .pose import POSE_METHODS, EffectorPose, pose
 from .presets import PRESETS, preset
-from .projected import ProjectedInverse, project_inverse
+from .projected import INVERSE_OUTCOMES, ProjectedInverse, project_inverse
 from .sectors import Sectors, find_sectors
 from .stick import Stick, find_stick_scale, steer
 from .study import Sweep, SweepRow, change_design, find_needed_pressure, sweep
@@ -34,6 +34,7 @@ from .workspace import Workspace, place_tips, workspace
 __all__ = [
     "BALANCE_METHODS",
     "BEAM_FACTORS",
+    "INVERSE_OUTCOMES",
     "POSE_METHODS",
     "PRESETS",
     "Balance",
@@ -62,12 +63,14 @@ __all__ = [
     "find_conflicts",
     "find_needed_pressure",
     "find_peak",
+    "find_reach",
     "find_resultant",
     "find_sectors",
     "find_stick_scale",
     "fit_cubic",
     "lateral_deflection",
     "lateral_slope",
+    "look_up_pressures",
     "optimise_design",
     "passive_stiffness",
     "place_curve",
@@ -75,7 +78,6 @@ __all__ = [
     "pose",
     "preset",
     "project_inverse",
-    "reach",
     "rigidity_from_test",
     "solve_inverse",
     "steer",

@@ -31,6 +31,14 @@ BALANCED, SLACK, SATURATED, NO_ANSWER, STOPPED = 0, 1, 2, 3, 4
 STEP = 1e-11
 """Newton's last step, relative to the backbone: the next one would be its square."""
 
+MISS = 1e-10
+"""What may be left over before that step, relative to the pull.
+
+Where the linkage ends its slope is endless and a step is short far from the root.
+"""
+
+ROUND_OFF = 2.3e-16
+
 MAX_ITERATIONS = 100
 
 
@@ -89,8 +97,8 @@ def find_balance(kind, numbers, linkage, compliance, peak, pressure):
         if kind == BLIND:
             code = SATURATED if free > peak else BALANCED
             x = min(free, peak)
-            lateral, _, _ = measure_lateral(linkage, x)
-            return x, lateral, 0.0, 1, code
+            lateral, _, failed = measure_lateral(linkage, x)
+            return x, lateral, 0.0, 1, STOPPED if failed > 0 else code
         high = min(peak, free)
         x = 0.75 * high
     low = 0.0
@@ -100,14 +108,14 @@ def find_balance(kind, numbers, linkage, compliance, peak, pressure):
     step_limit = STEP * linkage[1]
     for iteration in range(1, MAX_ITERATIONS):
         iterations = iteration
-        lateral, lateral_slope, _ = measure_lateral(linkage, x)
+        lateral, lateral_slope, failed = measure_lateral(linkage, x)
         if kind == ENERGY:
             pull, slope, _, _ = find_force(design, pressure, 1.0 - x / active, 0.0)
             slope /= -active
         else:
             pull = stiffness * (free - x)
             slope = -stiffness
-        miss = pull - lateral / compliance
+        miss = pull - lateral / compliance if failed == 0 else -math.inf
         if miss == 0.0:
             code = BALANCED
             break
@@ -119,9 +127,12 @@ def find_balance(kind, numbers, linkage, compliance, peak, pressure):
         else:
             high = x
             high_known = True
+        small = ROUND_OFF * linkage[1] * abs(slope)
         slope -= lateral_slope / compliance
+        small += MISS * abs(pull) + ROUND_OFF * x * abs(slope)
         following = x - miss / slope if slope < 0.0 else (peak if miss > 0.0 else -1.0)
-        if low <= following <= high and abs(following - x) <= step_limit:
+        near = abs(following - x) <= step_limit and abs(miss) <= small
+        if low <= following <= high and near:
             x = following
             code = BALANCED
             break
@@ -134,7 +145,9 @@ def find_balance(kind, numbers, linkage, compliance, peak, pressure):
                 code = BALANCED
                 break
         x = following
-    lateral, _, _ = measure_lateral(linkage, x)
+    lateral, _, failed = measure_lateral(linkage, x)
+    if failed > 0:
+        code = STOPPED
     if kind == ENERGY:
         pull, _, _, _ = find_force(design, pressure, 1.0 - x / active, 0.0)
     else:

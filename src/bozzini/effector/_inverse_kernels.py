@@ -210,8 +210,9 @@ def place_displacements(linkage, top, displacements, contractions, residuals, it
                 start = 0.8 * top * math.sqrt(wanted / highest)
                 contractions[n, k], steps = find_contraction(linkage, wanted, top, start)
                 iterations[n] += steps
-                reached, _, _ = measure_lateral(linkage, contractions[n, k])
-                residuals[n] = max(residuals[n], abs(reached - wanted))
+                reached, _, failed = measure_lateral(linkage, contractions[n, k])
+                miss = abs(reached - wanted) if failed == 0 else wanted
+                residuals[n] = max(residuals[n], miss)
 
 
 @njit(cache=True)

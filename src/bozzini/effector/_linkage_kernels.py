@@ -28,6 +28,7 @@ __all__ = [
     "fill_laterals",
     "fill_linkage",
     "fill_linkages",
+    "find_allowance",
     "find_contraction",
     "find_contractions",
     "find_end",
@@ -177,12 +178,24 @@ def fill_laterals(linkage, contractions, laterals, slopes):
 
 
 @njit(cache=True)
+def find_allowance(segments):
+    """By how much the largest sine of a lag must stay below 1.
+
+    Round-off grows with the segments. Nearer to 1 a contraction may close and one that is smaller
+    by its last bit not.
+    """
+    return 4e-16 * (segments + 8)
+
+
+@njit(cache=True)
 def find_end(linkage):
     """The contraction from which on a segment cannot close, just before it; else the length.
 
-    The last lag's sine has one maximum in the contraction: it grows, then falls.
+    Every contraction from 0 up to it closes. The last lag's sine is the largest, and has one
+    maximum in the contraction: it grows, then falls.
     """
     _, length, segments = linkage
+    most = 1.0 - find_allowance(segments)
     low, high = 0.0, 1.0
     for _ in range(MAX_ITERATIONS):
         share = 0.5 * (low + high)
@@ -194,7 +207,7 @@ def find_end(linkage):
             low = share
         else:
             high = share
-    if measure_lag(linkage, low * length, segments) < 1.0:
+    if measure_lag(linkage, low * length, segments) <= most:
         return length
     high = low
     low = 0.0
@@ -202,8 +215,7 @@ def find_end(linkage):
         share = 0.5 * (low + high)
         if not low < share < high:
             break
-        _, _, failed = measure_lateral(linkage, share * length)
-        if failed > 0:
+        if measure_lag(linkage, share * length, segments) > most:
             high = share
         else:
             low = share
@@ -220,7 +232,12 @@ def find_top(linkage, end):
     while low < end:
         following = min(low + step, end, length * (1.0 - 1e-12))
         _, slope, failed = measure_lateral(linkage, following)
-        if failed == 0 and slope <= 0.0:
+        for _ in range(MAX_ITERATIONS):
+            if failed == 0:
+                break
+            end = following = 0.5 * (low + following)
+            _, slope, failed = measure_lateral(linkage, following)
+        if slope <= 0.0:
             high = following
             break
         if following <= low or following >= end:
@@ -250,8 +267,8 @@ def find_contraction(linkage, lateral, top, start):
     guess = start if 0.0 < start <= top else 0.5 * top
     scale = 2.3e-16 * linkage[1]
     for iteration in range(1, MAX_ITERATIONS):
-        value, slope, _ = measure_lateral(linkage, guess)
-        miss = value - lateral
+        value, slope, failed = measure_lateral(linkage, guess)
+        miss = value - lateral if failed == 0 else math.inf
         if abs(miss) <= scale:
             return guess, iteration
         if miss > 0.0:

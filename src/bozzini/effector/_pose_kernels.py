@@ -22,6 +22,8 @@ def superpose(
 ):
     """Fill poses (k, ...) whose lateral deflection is the sum of those of each muscle alone.
 
+    Returns the case and the segment that cannot close; -1 and 0 where there is none.
+
     ``plane`` (2, n + 1) is room to work in; ``vectors`` (k, 4): lateral x and y, the deflection
     asked for, and the contraction of one muscle that would give it; ``backbones`` (k, n + 1, 3);
     ``ends`` (k, 3): unit vector of the last piece.
@@ -45,12 +47,14 @@ def superpose(
             shortened = top
         else:
             shortened, _ = find_contraction(linkage, asked, top, start)
-        _, sin, cos = fill_backbone(linkage, shortened, plane[0], plane[1])
+        failed, sin, cos = fill_backbone(linkage, shortened, plane[0], plane[1])
+        vectors[i, 3] = shortened
+        if failed > 0:
+            return i, failed
         given = asked if asked <= peak else peak
         vectors[i, 0] = given * x
         vectors[i, 1] = given * y
         vectors[i, 2] = asked
-        vectors[i, 3] = shortened
         backbones[i, 0, :] = 0.0
         for k in range(1, plane.shape[1]):
             backbones[i, k, 0] = plane[0, k] * x
@@ -59,12 +63,15 @@ def superpose(
         ends[i, 0] = sin * x
         ends[i, 1] = sin * y
         ends[i, 2] = cos
+    return -1, 0
 
 
 @njit(cache=True)
 def combine_steps(linkage, cosines, sines, contractions, forces, first, second, planes, backbones):
-    """Fill backbones (k, n + 1, 3) by the thesis's eight steps; case and node of a failure, or -1.
+    """Fill backbones (k, n + 1, 3) by the thesis's eight steps.
 
+    Returns the case of a failure, or -1; the node without an answer, or 0; the segment of a muscle
+    alone that cannot close, or 0.
     ``first`` and ``second`` (k,) are the places of the muscles in the order in which they are
     pressed, -1 for none; ``planes`` (4, n + 1) is room to work in.
     """
@@ -77,11 +84,15 @@ def combine_steps(linkage, cosines, sines, contractions, forces, first, second, 
         cos1, sin1, cos2, sin2 = 1.0, 0.0, 1.0, 0.0
         across, along = 0.0, 0.0
         if one >= 0:
-            fill_backbone(linkage, contractions[i, one], planes[0], planes[1])
+            failed, _, _ = fill_backbone(linkage, contractions[i, one], planes[0], planes[1])
+            if failed > 0:
+                return i, 0, failed
             cos1, sin1 = cosines[one], sines[one]
             across, along = forces[i, one] * cos1, forces[i, one] * sin1
         if two >= 0:
-            fill_backbone(linkage, contractions[i, two], planes[2], planes[3])
+            failed, _, _ = fill_backbone(linkage, contractions[i, two], planes[2], planes[3])
+            if failed > 0:
+                return i, 0, failed
             cos2, sin2 = cosines[two], sines[two]
             across += forces[i, two] * cos2
             along += forces[i, two] * sin2
@@ -117,8 +128,8 @@ def combine_steps(linkage, cosines, sines, contractions, forces, first, second, 
                 if abs(off2) > IN_PLANE * move:
                     share = -off1 / off2
                 elif abs(off1) > IN_PLANE * math.hypot(x1, y1):
-                    return i, k
+                    return i, k, 0
             backbones[i, k, 0] = x1 + share * x2
             backbones[i, k, 1] = y1 + share * y2
             backbones[i, k, 2] = base + z1 + share * z2
-    return -1, 0
+    return -1, 0, 0

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..muscle import MuscleModel
 from . import _equilibrium_kernels as kernels
-from . import _linkage_kernels
 from .effector import Effector
+from .forward import describe_end, lateral_deflection, measure_laterals
 
 __all__ = ["Settled", "describe", "settle_muscles"]
 
@@ -74,9 +74,8 @@ def describe(effector: Effector, code: int, contraction: float, residual: float)
     peak = effector.packed.peak
     if code == kernels.SATURATED:
         demanded = peak.lateral + effector.packed.compliance * residual
-        what = "the most there is" if peak.is_maximum else "as far as the linkage closes"
         more = f"the muscle could hold {demanded:.4g} mm" if residual > 0.0 else "it contracts more"
-        return f"saturated: {more}, at {peak.lateral:.4g} mm, {what}"
+        return f"saturated: {more}, at {peak.lateral:.4g} mm, {describe_end(effector.design)}"
     if code == kernels.STOPPED:
         return f"not converged: {residual:.3g} N is left over at {contraction:g} mm of contraction"
     return ""
@@ -113,9 +112,13 @@ def _settle_model(
         if not active.size:
             break
         here, pressure = x[active], pressures[active]
-        lateral, slope = _measure(effector, here)
-        miss = model.force(pressure, here) - lateral / packed.compliance
-        steep = model.stiffness(pressure, here) + slope / packed.compliance
+        lateral, slope = measure_laterals(effector.design, here)
+        pull, stiffness = model.force(pressure, here), model.stiffness(pressure, here)
+        miss = pull - lateral / packed.compliance
+        steep = stiffness + slope / packed.compliance
+        small = kernels.MISS * np.abs(pull) + kernels.ROUND_OFF * (
+            packed.linkage[1] * np.abs(stiffness) + here * np.abs(steep)
+        )
         low[active] = np.where(miss >= 0.0, here, low[active])
         high[active] = np.where(miss <= 0.0, here, high[active])
         bottom, top = low[active], high[active]
@@ -125,20 +128,14 @@ def _settle_model(
         middle = 0.5 * (bottom + top)
         x[active] = np.where(inside, following, middle)
         iterations[active] = iteration
-        ended = inside & (np.abs(following - here) <= tolerance)
+        ended = inside & (np.abs(following - here) <= tolerance) & (np.abs(miss) <= small)
         ended |= (miss == 0.0) | ~((bottom < middle) & (middle < top))
         codes[active[ended]] = kernels.BALANCED
         active = active[~ended]
     moved = free > 0.0
     out[0] = np.where(moved, x, 0.0)
-    out[1] = _measure(effector, out[0])[0]
+    out[1] = lateral_deflection(effector.design, out[0])
     if moved.any():
         pull = model.force(pressures[moved], out[0, moved])
         out[2, moved] = pull - out[1, moved] / packed.compliance
     return out, iterations, codes
-
-
-def _measure(effector: Effector, contractions: Floats) -> tuple[Floats, Floats]:
-    laterals, slopes = np.empty(contractions.shape), np.empty(contractions.shape)
-    _linkage_kernels.fill_laterals(effector.packed.linkage, contractions, laterals, slopes)
-    return laterals, slopes

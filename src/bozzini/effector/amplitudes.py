@@ -12,16 +12,17 @@ from ._equilibrium_kernels import SATURATED
 from ._pack import PackedEffector
 from ._settle import settle_muscles
 from .effector import Effector
+from .forward import describe_end
 from .sectors import Sectors, find_sectors
 
-__all__ = ["Reach", "reach"]
+__all__ = ["Reach", "find_reach"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reach:
     """What the muscles of an end-effector can do, each alone.
 
-    Parameters
+    Attributes
     ----------
     names : tuple of str
         The muscles, in the order of the design.
@@ -31,6 +32,8 @@ class Reach:
         Whether the muscle could go on, but the backbone's largest deflection is reached.
     peak : float
         The backbone's largest deflection [mm].
+    peak_reason : str
+        What ends it there, in words.
     pressure_limit : float
         The pressure limit [MPa].
     sectors : Sectors
@@ -41,6 +44,7 @@ class Reach:
     amplitudes: NDArray[np.float64]
     saturated: NDArray[np.bool_]
     peak: float
+    peak_reason: str
     pressure_limit: float
     sectors: Sectors
 
@@ -49,7 +53,7 @@ class Reach:
 _KNOWN: WeakKeyDictionary[PackedEffector, Reach] = WeakKeyDictionary()
 
 
-def reach(effector: Effector) -> Reach:
+def find_reach(effector: Effector) -> Reach:
     """Return how far each muscle alone takes the tip; computed once for an effector.
 
     It is what it does at the pressure limit, which is the most as long as more pressure contracts
@@ -74,6 +78,7 @@ def reach(effector: Effector) -> Reach:
         amplitudes=amplitudes,
         saturated=saturated,
         peak=effector.packed.peak.lateral,
+        peak_reason=describe_end(design),
         pressure_limit=design.pressure_limit,
         sectors=find_sectors(design),
     )

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
+from ..checks import check_array, check_points
 from ..errors import GeometryError, InputError
 from . import _pose_kernels
 from .effector import Effector
+from .forward import raise_open
 
 __all__ = ["combine_bends", "find_resultant", "take_order"]
 
@@ -40,11 +41,11 @@ def find_resultant(angles: ArrayLike, forces: ArrayLike) -> Floats:
     InputError
         If a value is not finite, a force is negative, or the shapes do not go together.
     """
-    places = np.asarray(angles, dtype=np.float64)
+    places = check_array("angles", angles)
     if places.ndim != 1:
         raise InputError(f"angles has shape {places.shape}: it must be (m,)")
     check_points("angles", places, dim=places.size)
-    pulls = check_points("forces", forces, dim=places.size)
+    pulls = check_points("forces", check_array("forces", forces), dim=places.size)
     if pulls.size and pulls.min() < 0.0:
         raise InputError(f"force is {pulls.min():g} N: it must lie in [0, inf) N")
     units = np.stack([np.cos(places), np.sin(places)], axis=-1)
@@ -60,6 +61,8 @@ def take_order(effector: Effector, order: Sequence[str] | None) -> NDArray[np.in
     InputError
         If a name is unknown or there twice.
     """
+    if order is not None and not isinstance(order, Sequence):
+        raise InputError(f"order is {order!r:.60}: it must be a sequence of names")
     named = [effector.design.index(name) for name in order or ()]
     if len(set(named)) != len(named):
         raise InputError(f"order is {list(order or ())}: each muscle may be there once")
@@ -109,7 +112,7 @@ def combine_bends(
         pair[i, there] = order[ranks[there, i]]
     joints = effector.design.segments + 1
     backbones = np.empty((contractions.shape[0], joints, 3))
-    case, node = _pose_kernels.combine_steps(
+    case, node, failed = _pose_kernels.combine_steps(
         packed.linkage,
         packed.cosines,
         packed.sines,
@@ -120,6 +123,8 @@ def combine_bends(
         np.empty((4, joints)),
         backbones,
     )
+    if failed > 0:
+        raise_open(effector.design, float(contractions[case].max()), failed)
     if case >= 0:
         first, second = (effector.design.names[place] for place in pair[:, case])
         raise GeometryError(

@@ -23,8 +23,8 @@ def find_conflicts(design: EffectorDesign) -> tuple[str, ...]:
 
     They are findings and not errors because the thesis's own tables need an offset of 4 mm, which
     its 9 mm holder has no room for. Looked at are the holes in the holder, neighbouring muscles at
-    rest, the muscle against the coil as it drifts inwards and gets thicker, and the condition under
-    which every segment closes at every contraction.
+    rest, the muscle against the coil as it drifts inwards and gets thicker, and whether every
+    segment closes at every contraction.
 
     Parameters
     ----------
@@ -57,12 +57,11 @@ def find_conflicts(design: EffectorDesign) -> tuple[str, ...]:
                 f"muscle {one.name} touches the {design.coil_diameter:g} mm coil from a "
                 f"contraction of {contraction:.3g} mm on"
             )
-    least = design.backbone_length / design.segments
-    if design.offset < least:
+    end = _linkage_kernels.find_end(take_linkage(design))
+    if end < design.backbone_length:
         found.append(
-            f"offset is {design.offset:g} mm: below {least:g} mm, the length of a segment, there "
-            f"are contractions at which no position exists; the section is used up to "
-            f"{find_peak(design).contraction:.4g} mm"
+            f"offset is {design.offset:g} mm: from a contraction of {end:.4g} mm on not every "
+            f"segment closes; the section is used up to {find_peak(design).contraction:.4g} mm"
         )
     return tuple(found)
 

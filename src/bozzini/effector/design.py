@@ -20,7 +20,9 @@ __all__ = ["BEAM_FACTORS", "EffectorDesign", "PlacedMuscle", "rigidity_from_test
 BEAM_FACTORS = (2.0, 3.0)
 """``k`` of the tip's deflection ``M L**2 / (k EI)`` under an end moment: derived, as printed."""
 
-_LIMITS = {
+MOST_SEGMENTS = 1000
+
+LIMITS = {
     "offset": (1e-3, 1e3, "mm"),
     "backbone_length": (1e-2, 1e4, "mm"),
     "flexural_rigidity": (1e-6, 1e12, "N mm^2"),
@@ -68,7 +70,9 @@ class PlacedMuscle:
             raise InputError(
                 f"muscle {self.name} is a {type(self.muscle).__name__}: it must be a Muscle"
             )
-        check_number(f"angle of muscle {self.name}", self.angle, low=-1e6, high=1e6, unit="rad")
+        name = f"angle of muscle {self.name}"
+        angle = check_number(name, self.angle, low=-1e6, high=1e6, unit="rad")
+        object.__setattr__(self, "angle", angle)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,11 +133,11 @@ class EffectorDesign:
     coil_diameter: float = 4.0
 
     def __post_init__(self) -> None:
-        for name, (low, high, unit) in _LIMITS.items():
+        for name, (low, high, unit) in LIMITS.items():
             words = name.replace("_", " ")
             number = check_number(words, getattr(self, name), low=low, high=high, unit=unit)
             object.__setattr__(self, name, number)
-        count = check_integer("segments", self.segments, low=1, high=1000)
+        count = check_integer("segments", self.segments, low=1, high=MOST_SEGMENTS)
         object.__setattr__(self, "segments", count)
         factor = check_number("beam factor", self.beam_factor, low=2.0, high=3.0)
         if factor not in BEAM_FACTORS:
@@ -163,8 +167,8 @@ class EffectorDesign:
                     raise InputError(f"two muscles are called '{placed.name}': names must differ")
                 if abs(math.remainder(placed.angle - other.angle, math.tau)) <= _SAME_ANGLE:
                     raise InputError(
-                        f"muscles {other.name} and {placed.name} are both at {placed.angle:g} rad: "
-                        "angles must differ"
+                        f"muscles {other.name} and {placed.name} are both at {placed.angle:g} rad "
+                        f"({math.degrees(placed.angle):g} deg): angles must differ"
                     )
             length = placed.muscle.length
             if abs(length - self.backbone_length) > 1e-9 * self.backbone_length:
@@ -251,9 +255,11 @@ def rigidity_from_test(force: float, deflection: float, length: float) -> float:
     Raises
     ------
     InputError
-        If an argument is not a positive number.
+        If an argument is not a positive number, or the rigidity is none that a design may have.
     """
-    check_number("force", force, low=0.0, low_open=True, unit="N")
-    check_number("deflection", deflection, low=0.0, low_open=True, unit="mm")
-    check_number("length", length, low=0.0, low_open=True, unit="mm")
-    return float(force) * float(length) ** 3 / (3.0 * float(deflection))
+    load = check_number("force", force, low=0.0, high=1e6, low_open=True, unit="N")
+    moved = check_number("deflection", deflection, low=0.0, high=1e4, low_open=True, unit="mm")
+    arm = check_number("length", length, low=0.0, high=1e4, low_open=True, unit="mm")
+    rigidity = load * arm * arm * arm / (3.0 * moved)
+    low, high, unit = LIMITS["flexural_rigidity"]
+    return check_number("flexural rigidity of the test", rigidity, low=low, high=high, unit=unit)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..checks import check_array
 from ..errors import InputError
 from ..muscle import EnergyMuscle, Muscle, MuscleModel
 from ._pack import PackedEffector, pack_effector
@@ -79,13 +80,16 @@ class Effector:
             if isinstance(pressures, Mapping):
                 for name in pressures:
                     self.design.index(name)
-                columns = [np.asarray(pressures.get(name, 0.0), np.float64) for name in names]
+                columns = [
+                    check_array(f"pressure of muscle {name}", pressures.get(name, 0.0))
+                    for name in names
+                ]
                 table = np.stack(np.broadcast_arrays(*columns), axis=-1)
             else:
-                table = np.array(pressures, dtype=np.float64, order="C")
+                table = np.array(check_array("pressures", pressures), order="C")
         except InputError:
             raise
-        except (TypeError, ValueError):
+        except ValueError:
             raise InputError(
                 f"pressures is {pressures!r:.60}: it must be an array (..., {len(names)}), or a "
                 "mapping from names to numbers or arrays of one shape"

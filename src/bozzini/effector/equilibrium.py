@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..checks import check_number
 from ..errors import InputError
 from ..muscle import MuscleModel, ThesisMuscle
 from . import _equilibrium_kernels as kernels
@@ -23,7 +24,7 @@ BALANCE_METHODS = ("root", "fixed-point")
 MAX_ITERATIONS = 300
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Balance:
     """One muscle and the section at rest under a pressure. Arrays of the pressures' shape.
 
@@ -116,8 +117,8 @@ def balance(
     Raises
     ------
     InputError
-        If there is no such muscle or method, a pressure is outside [0, pressure limit], or a model
-        has no answer.
+        If there is no such muscle or method, a pressure is outside [0, pressure limit], the
+        tolerance outside (0, 1000] mm, or a model has no answer.
     GeometryError
         If a step of the fixed point asks for a contraction at which a segment cannot close.
     """
@@ -125,6 +126,7 @@ def balance(
     if method not in BALANCE_METHODS:
         raise InputError(f"method is '{method}': it must be one of {list(BALANCE_METHODS)}")
     pressures = effector.take_pressures({name: pressure})[..., place]
+    tolerance = check_number("tolerance", tolerance, low=0.0, high=1e3, low_open=True, unit="mm")
     if method == "fixed-point":
         return _iterate(effector, place, pressures, tolerance)
     cases = np.zeros((pressures.size, len(effector.models)))
@@ -158,8 +160,6 @@ def _iterate(effector: Effector, place: int, pressures: Floats, tolerance: float
     """Solve by the thesis's fixed point."""
     name, model = effector.design.names[place], effector.models[place]
     packed = effector.packed
-    if not tolerance > 0.0:
-        raise InputError(f"tolerance is {tolerance:g} mm: it must lie in (0, inf) mm")
     flat = pressures.ravel()
     load = np.zeros(flat.size)
     rows: list[Floats] = []
@@ -188,7 +188,7 @@ def _iterate(effector: Effector, place: int, pressures: Floats, tolerance: float
         iterations[going] = step
         if step > 1:
             converged[going] = np.abs(lateral - previous) <= tolerance
-        converged[going] |= lateral == 0.0
+        converged[going] |= (lateral == 0.0) & (load[going] == 0.0)
         load[going] = needed
     table = np.stack(rows, axis=-2) if rows else np.zeros((flat.size, 0, 4))
     last = table[:, -1, :] if rows else np.zeros((flat.size, 4))

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..checks import check_array, check_points, check_range
 from ..errors import GeometryError, InputError
 from . import _linkage_kernels
 from .design import EffectorDesign
@@ -18,10 +20,13 @@ __all__ = [
     "Peak",
     "bend",
     "contraction_for_lateral",
+    "describe_end",
     "find_peak",
     "lateral_deflection",
     "lateral_slope",
+    "measure_laterals",
     "place_curve",
+    "raise_open",
     "take_linkage",
 ]
 
@@ -29,7 +34,7 @@ Floats = NDArray[np.float64]
 Linkage = tuple[float, float, int]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Bend:
     """The section bent by one muscle, in the plane of backbone and muscle.
 
@@ -71,7 +76,7 @@ class Bend:
     spacing: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Peak:
     """How far one muscle can deflect the section.
 
@@ -156,7 +161,7 @@ def lateral_deflection(design: EffectorDesign, contraction: ArrayLike) -> Floats
     InputError, GeometryError
         As `bend` does.
     """
-    return _measure(design, contraction)[0]
+    return measure_laterals(design, contraction)[0]
 
 
 def lateral_slope(design: EffectorDesign, contraction: ArrayLike) -> Floats:
@@ -167,7 +172,7 @@ def lateral_slope(design: EffectorDesign, contraction: ArrayLike) -> Floats:
     InputError, GeometryError
         As `bend` does.
     """
-    return _measure(design, contraction)[1]
+    return measure_laterals(design, contraction)[1]
 
 
 def find_peak(design: EffectorDesign) -> Peak:
@@ -199,13 +204,49 @@ def contraction_for_lateral(design: EffectorDesign, lateral: ArrayLike) -> Float
 
 
 def place_curve(points: ArrayLike, azimuth: ArrayLike) -> Floats:
-    """Turn planar curves (..., k, 2) of a `Bend` to azimuths (...) [rad]: (..., k, 3) [mm]."""
-    plane = np.asarray(points, dtype=np.float64)
-    turned = np.asarray(azimuth, dtype=np.float64)[..., np.newaxis]
+    """Turn planar curves (..., k, 2) of a `Bend` to azimuths (...) [rad]: (..., k, 3) [mm].
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, or the shapes do not go together.
+    """
+    plane = check_points("points", points, dim=2)
+    turned = check_array("azimuth", azimuth)
+    check_range("azimuth", turned, -1e6, 1e6, "rad")
+    turned = turned[..., np.newaxis]
+    try:
+        np.broadcast_shapes(plane.shape[:-1], turned.shape)
+    except ValueError:
+        raise InputError(
+            f"points {plane.shape} and azimuth {turned.shape[:-1]} do not go together: give one "
+            "azimuth for each curve"
+        ) from None
     across, along = np.broadcast_arrays(plane[..., 0], plane[..., 1])
     return np.stack(
         np.broadcast_arrays(across * np.cos(turned), across * np.sin(turned), along), axis=-1
     )
+
+
+def describe_end(design: EffectorDesign) -> str:
+    """Return what ends the rising branch of a design: its peak, or a segment that cannot close."""
+    peak, count = find_peak(design), design.segments
+    if peak.is_maximum:
+        return "the most there is"
+    if _linkage_kernels.find_end(take_linkage(design)) >= design.backbone_length:
+        return "with no muscle left to contract"
+    rest = design.backbone_length / count
+    return (
+        f"as far as the linkage closes: beyond {peak.contraction:.4g} mm of contraction the joint "
+        f"of segment {count} of {count} would come nearer than {abs(rest - design.offset):.4g} mm "
+        f"to the muscle, where [{abs(rest - design.offset):.4g}, {rest + design.offset:.4g}] mm is "
+        f"legal; use more segments or a larger offset: {_always_closes(design, peak.contraction)}"
+    )
+
+
+def raise_open(design: EffectorDesign, contraction: float, segment: int) -> NoReturn:
+    """Raise the `GeometryError` of a segment, from 1 on, that cannot close at a contraction."""
+    raise _cannot_close(design, contraction, segment)
 
 
 def take_linkage(design: EffectorDesign) -> Linkage:
@@ -217,10 +258,11 @@ def take_linkage(design: EffectorDesign) -> Linkage:
 def _find_peak(linkage: Linkage) -> Peak:
     end = _linkage_kernels.find_end(linkage)
     contraction, lateral, is_maximum = _linkage_kernels.find_top(linkage, end)
-    return Peak(float(contraction), float(lateral), bool(is_maximum))
+    return Peak(contraction=float(contraction), lateral=float(lateral), is_maximum=bool(is_maximum))
 
 
-def _measure(design: EffectorDesign, contraction: ArrayLike) -> tuple[Floats, Floats]:
+def measure_laterals(design: EffectorDesign, contraction: ArrayLike) -> tuple[Floats, Floats]:
+    """Return `lateral_deflection` and `lateral_slope`."""
     contractions = _take_contraction(design, contraction)
     laterals, slopes = np.empty(contractions.shape), np.empty(contractions.shape)
     index, failed = _linkage_kernels.fill_laterals(
@@ -232,10 +274,7 @@ def _measure(design: EffectorDesign, contraction: ArrayLike) -> tuple[Floats, Fl
 
 
 def _take_array(name: str, values: ArrayLike) -> Floats:
-    try:
-        return np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is {values!r}: it must be a number or an array") from None
+    return np.array(check_array(name, values), order="C")
 
 
 def _take_contraction(design: EffectorDesign, contraction: ArrayLike) -> Floats:
@@ -258,5 +297,10 @@ def _cannot_close(design: EffectorDesign, contraction: float, segment: int) -> G
         f"contraction is {contraction:g} mm: segment {segment} of {design.segments} cannot close, "
         f"its joint is D = {apart:g} mm from the muscle where [{abs(rest - design.offset):g}, "
         f"{rest + design.offset:g}] mm is legal; contract less, or use more segments or a larger "
-        f"offset: (l0 + l_a)/(2 n) = {0.5 * (rest + short):g} mm always closes"
+        f"offset: {_always_closes(design, contraction)}"
     )
+
+
+def _always_closes(design: EffectorDesign, contraction: float) -> str:
+    half = (design.backbone_length - 0.5 * contraction) / design.segments
+    return f"(l0 + l_a)/(2 n) = {half:g} mm always closes"

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _inverse_kernels
 from ._equilibrium_kernels import OTHER
-from ._linkage_kernels import fill_laterals
 from ._pressure import find_model_pressures
-from .amplitudes import Reach, reach
+from .amplitudes import Reach, find_reach
 from .effector import Effector
+from .forward import lateral_slope
 from .projected import ProjectedInverse, project_inverse, split, take_targets
 
 __all__ = ["InverseResult", "ProjectedInverse", "project_inverse", "solve_inverse"]
@@ -28,7 +28,7 @@ TOLERANCE = 1e-6
 class InverseResult:
     """Pressures for lateral targets, and what they deliver.
 
-    Parameters
+    Attributes
     ----------
     target : (..., 2) float
         Lateral position of the backbone's end that was wanted [mm].
@@ -43,17 +43,20 @@ class InverseResult:
     share : (...) float
         Length of `delivered` over that of the target; 1 for the target zero.
     reachable : (...) bool
-        Whether `delivered` is the target.
+        Whether the target can be had: `delivered` is the target, but for cubics.
     residual : (...) float
         By how much a muscle's equations miss its displacement, the largest, to first order [mm].
+        Of cubics: how far `delivered` is from what was asked of the muscles.
     converged : (...) bool
-        Whether `residual` is at most 1e-6 mm.
+        Whether `residual` is at most 1e-6 mm; of cubics, whether that of the exact inverse is.
     iterations : (...) int
         Steps of all solvers together.
     code : (...) int
         See `ProjectedInverse`.
     reach : Reach
         The amplitudes it was limited by.
+    pressure_map : {"exact", "cubic"}
+        Where the pressures come from; "cubic" by `steer` only.
     """
 
     target: Floats
@@ -70,6 +73,7 @@ class InverseResult:
     iterations: NDArray[np.int64]
     code: NDArray[np.int64]
     reach: Reach
+    pressure_map: str = "exact"
 
     @property
     def reason(self) -> NDArray[np.str_]:
@@ -89,7 +93,7 @@ class InverseResult:
         size = math.hypot(x, y)
         goes = f"the target is {size:.4g} mm away, {self.share.flat[index] * size:.4g} mm are given"
         if code == _inverse_kernels.PEAK:
-            return f"the backbone deflects by {known.peak:.4g} mm at most: {goes}"
+            return f"the backbone deflects by {known.peak:.4g} mm, {known.peak_reason}: {goes}"
         if code == _inverse_kernels.OUTSIDE:
             return (
                 f"direction {math.degrees(math.atan2(y, x)):.4g} deg lies in a gap of half a turn "
@@ -97,13 +101,15 @@ class InverseResult:
             )
         row = self.displacements.reshape(-1, len(known.names))[index]
         full = [
-            f"{known.names[k]} ({known.amplitudes[k]:.4g} mm)"
+            k
             for k in self.pair.reshape(-1, 2)[index]
             if k >= 0 and row[k] >= known.amplitudes[k] * (1.0 - 1e-12)
         ]
-        return (
-            f"muscle {' and '.join(full)} is at its most for {known.pressure_limit:g} MPa: {goes}"
-        )
+        who = " and ".join(f"{known.names[k]} ({known.amplitudes[k]:.4g} mm)" for k in full)
+        most = f"its most for {known.pressure_limit:g} MPa"
+        if all(known.saturated[k] for k in full):
+            most = f"the backbone's largest deflection, {known.peak_reason}"
+        return f"muscle {who} is at {most}: {goes}"
 
 
 def solve_inverse(effector: Effector, target: ArrayLike) -> InverseResult:
@@ -131,7 +137,7 @@ def solve_inverse(effector: Effector, target: ArrayLike) -> InverseResult:
         If the target has a wrong shape or is not finite, or a model has no answer.
     """
     targets = take_targets(target)
-    known = reach(effector)
+    known = find_reach(effector)
     found = split(known.sectors, targets, known.amplitudes, known.peak)
     shape, count = targets.shape[:-1], len(known.names)
     moves = found.displacements.reshape(-1, count)
@@ -203,8 +209,7 @@ def _find_miss(
     packed = effector.packed
     miss = np.zeros(contractions.size)
     used = np.flatnonzero(contractions > 0.0)
-    laterals, slopes = np.empty(used.size), np.empty(used.size)
-    fill_laterals(packed.linkage, contractions[used], laterals, slopes)
+    slopes = lateral_slope(effector.design, contractions[used])
     stiffness = np.zeros(used.size)
     if used.size:
         stiffness = effector.models[index].stiffness(pressures[used], contractions[used])

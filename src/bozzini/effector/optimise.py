@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from ..checks import check_integer, check_number
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
+from ._study_values import check_parameter, check_value, list_values
 from .effector import Effector
-from .study import change_design, check_parameter, find_needed_pressure
+from .study import change_design, find_needed_pressure
 
 __all__ = ["Optimum", "optimise_design"]
 
@@ -21,14 +22,16 @@ MOST_DESIGNS = 10_000
 """Designs that a grid may have."""
 
 _WORST = 1e3
-"""What a design that is not feasible counts as [MPa]: above any pressure that can be needed."""
+"""What a design that does not reach the deflection counts as [MPa]: above all others."""
+_BEYOND = 100.0
+"""What is added to a pressure above the design's limit [MPa]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Optimum:
     """The best design that was found.
 
-    Parameters
+    Attributes
     ----------
     success : bool
         Whether there is a design within the bounds that reaches the deflection at or below its
@@ -36,11 +39,12 @@ class Optimum:
     reason : str
         Why not; or, with success, which bounds it lies on; empty if none.
     effector : Effector
-        With the best design, or the one given if none is feasible.
+        With the best design, or the one given if none reaches the deflection.
     changes : dict
         Its parameters.
     pressure : float
-        Pressure that every muscle alone needs [MPa]; 0 if no design is feasible.
+        Pressure that every muscle alone needs [MPa]; without success the least that was found,
+        above the limit, or 0 if no design reaches the deflection at any.
     pressure_before : float
         The same of the design given [MPa]; 0 if that does not reach the deflection.
     deflection : float
@@ -48,7 +52,8 @@ class Optimum:
     evaluations : int
         Designs that were tried.
     infeasible : int
-        How many of these were not feasible.
+        How many of these cannot be built, do not reach the deflection, or need more than their
+        pressure limit.
     """
 
     success: bool
@@ -86,6 +91,11 @@ class _Search:
             self.infeasible += 1
             self.last_reason = str(error)
             return _WORST
+        limit = tried.design.pressure_limit
+        if needed > limit:
+            # Worse than any that is legal, and the less so the nearer it is.
+            self.infeasible += 1
+            needed += _BEYOND
         if needed < self.best:
             self.best, self.best_changes, self.best_effector = needed, changes, tried
         return needed
@@ -129,7 +139,9 @@ def optimise_design(
     from scipy.optimize import minimize
 
     wanted = check_number("deflection", deflection, low=0.0, low_open=True, high=1e6, unit="mm")
-    check_integer("grid", grid, low=2, high=50)
+    grid = check_integer("grid", grid, low=2, high=50)
+    if not isinstance(bounds, Mapping):
+        raise InputError(f"bounds is {bounds!r:.60}: it must map names to (low, high)")
     names = tuple(bounds)
     if not 1 <= len(names) <= 4:
         raise InputError(f"there are {len(names)} parameters to optimise: give 1 to 4")
@@ -137,7 +149,10 @@ def optimise_design(
         most = int(MOST_DESIGNS ** (1.0 / len(names)) + 1e-9)
         raise InputError(f"grid is {grid}: with {len(names)} parameters it must lie in [2, {most}]")
     box = np.array([_take_bounds(effector, name, bounds[name]) for name in names])
-    cases = [{"segments": check_integer("segments", s, low=1)} for s in segments or ()] or [{}]
+    cases: list[dict[str, Any]] = [{}]
+    if segments is not None:
+        counts = list_values(effector.design, "segments", segments)
+        cases = [{"segments": count} for count in counts]
     search = _Search(effector, wanted, names)
     try:
         before = find_needed_pressure(effector, wanted)
@@ -173,7 +188,7 @@ def optimise_design(
         reason=reason,
         effector=search.best_effector,
         changes=search.best_changes,
-        pressure=search.best if found else 0.0,
+        pressure=(search.best - (0.0 if success else _BEYOND)) if found else 0.0,
         pressure_before=before,
         deflection=wanted,
         evaluations=search.evaluations,
@@ -182,15 +197,21 @@ def optimise_design(
 
 
 def _take_bounds(effector: Effector, name: str, pair: tuple[float, float]) -> tuple[float, float]:
-    if name in ("angles", "muscles", "segments"):
-        raise InputError(f"parameter '{name}' has no range of numbers: it cannot be in bounds")
     check_parameter(effector.design, name)
+    if name in ("angles", "muscles", "segments", "beam_factor", "muscle.strands"):
+        raise InputError(f"parameter '{name}' has no range of numbers: it cannot be in bounds")
+    if name == "pressure_limit":
+        raise InputError(
+            "parameter 'pressure_limit' does not change the pressure that is needed: it cannot be "
+            "in bounds"
+        )
     try:
         low, high = pair
     except (TypeError, ValueError):
         raise InputError(f"bounds of {name} is {pair!r}: give two numbers (low, high)") from None
     low = check_number(f"lower bound of {name}", low)
-    return low, check_number(f"upper bound of {name}", high, low=low, low_open=True)
+    high = check_number(f"upper bound of {name}", high, low=low, low_open=True)
+    return check_value(effector.design, name, low), check_value(effector.design, name, high)
 
 
 def _start_simplex(
@@ -208,9 +229,10 @@ def _start_simplex(
 def _judge(search: _Search, box: NDArray[np.float64]) -> tuple[bool, str]:
     if search.best >= _WORST:
         return False, f"no design within the bounds is feasible; the last: {search.last_reason}"
-    limit = search.best_effector.design.pressure_limit
-    if search.best > limit:
-        return False, f"the least pressure is {search.best:.4g} MPa, above the limit of {limit:g}"
+    if search.best >= _BEYOND:
+        limit = search.best_effector.design.pressure_limit
+        least = search.best - _BEYOND
+        return False, f"the least pressure is {least:.4g} MPa, above the limit of {limit:g} MPa"
     on_bound = []
     for name, (low, high) in zip(search.names, box, strict=True):
         value, slack = search.best_changes[name], 1e-6 * (high - low)

@@ -14,6 +14,7 @@ from . import _pose_kernels
 from ._settle import Settled, describe, settle_muscles
 from .combine import combine_bends, take_order
 from .effector import Effector
+from .forward import describe_end, raise_open
 
 __all__ = ["POSE_METHODS", "EffectorPose", "pose"]
 
@@ -22,7 +23,7 @@ Floats = NDArray[np.float64]
 POSE_METHODS = ("superposition", "thesis")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class EffectorPose:
     """Poses of an end-effector, base at the origin and straight along +z.
 
@@ -147,7 +148,7 @@ def pose(
         size = settled.lateral.shape[0]
         vectors = np.empty((size, 4))
         backbone, ends = np.empty((size, joints, 3)), np.empty((size, 3))
-        _pose_kernels.superpose(
+        case, failed = _pose_kernels.superpose(
             packed.linkage,
             packed.peak.contraction,
             packed.peak.lateral,
@@ -160,6 +161,8 @@ def pose(
             backbone,
             ends,
         )
+        if failed > 0:
+            raise_open(effector.design, float(vectors[case, 3]), failed)
         vector, demanded = vectors[:, :2], vectors[:, 2]
         lateral = np.minimum(demanded, packed.peak.lateral)
         error = np.zeros(size)
@@ -206,7 +209,8 @@ def _explain(
                 parts.append(f"muscle {name} {said}")
         if beyond[i]:
             parts.append(
-                f"saturated: the muscles ask for {demanded[i]:.4g} mm, {peak:.4g} mm is the most"
+                f"saturated: the muscles ask for {demanded[i]:.4g} mm, at {peak:.4g} mm, "
+                f"{describe_end(effector.design)}"
             )
         reasons[i] = "; ".join(parts)
     return saturated, np.array(reasons, dtype=np.str_)

@@ -8,13 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_array, check_number, check_points, check_range
 from ..errors import InputError
 from . import _inverse_kernels
 from .design import EffectorDesign
 from .sectors import Sectors, find_sectors
 
-__all__ = ["ProjectedInverse", "project_inverse"]
+__all__ = ["INVERSE_OUTCOMES", "ProjectedInverse", "project_inverse"]
+
+INVERSE_OUTCOMES = ("reached", "muscle limit", "largest deflection", "gap")
+"""What the codes 0 to 3 of an inverse mean."""
 
 FURTHEST = 1e9
 """Largest legal coordinate of a target [mm]: a limit of the arithmetic."""
@@ -24,7 +27,7 @@ FURTHEST = 1e9
 class ProjectedInverse:
     """Displacements of the two muscles on either side of a target (thesis 4.10-4.16).
 
-    Parameters
+    Attributes
     ----------
     target : (..., 2) float
         Lateral position wanted [mm].
@@ -39,8 +42,8 @@ class ProjectedInverse:
     delivered : (..., 2) float
         ``share * target``: where the displacements lead [mm].
     code : (...) int
-        0: reached; 1: a muscle at its amplitude; 2: the largest deflection of the backbone; 3: a
-        direction in a gap between muscles of half a turn or more.
+        Index into `INVERSE_OUTCOMES`. 0: reached; 1: a muscle at its amplitude; 2: the largest
+        deflection of the backbone; 3: a direction in a gap between muscles of half a turn or more.
     """
 
     target: NDArray[np.float64]
@@ -88,17 +91,29 @@ def project_inverse(
     """
     targets = take_targets(target)
     sectors = find_sectors(design)
-    limit = check_number("peak", min(peak, 1e12), low=0.0, unit="mm")
+    limit = check_number("peak", 1e12 if peak == math.inf else peak, low=0.0, high=1e12, unit="mm")
     return split(sectors, targets, take_amplitudes(design, amplitudes)[sectors.order], limit)
 
 
 def take_targets(target: ArrayLike) -> NDArray[np.float64]:
     """Return lateral targets as (..., 2) floats, or raise `InputError`."""
-    targets = check_points("target", target, dim=2)
+    return _take_places("target", target)
+
+
+def take_place(name: str, place: ArrayLike) -> NDArray[np.float64]:
+    """Return one lateral place as (2,) floats, or raise `InputError`."""
+    point = _take_places(name, place)
+    if point.shape != (2,):
+        raise InputError(f"{name} has shape {point.shape}: it must be (2,)")
+    return point
+
+
+def _take_places(name: str, places: ArrayLike) -> NDArray[np.float64]:
+    targets = check_points(name, check_array(name, places), dim=2)
     if targets.size and not np.abs(targets).max() <= FURTHEST:
         index = int(np.argmax(np.abs(targets)))
         raise InputError(
-            f"target {'xy'[index % 2]} is {targets.flat[index]:g} mm: it must lie in "
+            f"{name} {'xy'[index % 2]} is {targets.flat[index]:g} mm: it must lie in "
             f"[{-FURTHEST:g}, {FURTHEST:g}] mm"
         )
     return targets
@@ -107,14 +122,10 @@ def take_targets(target: ArrayLike) -> NDArray[np.float64]:
 def take_amplitudes(design: EffectorDesign, amplitudes: ArrayLike) -> NDArray[np.float64]:
     """Return amplitudes as (m,) floats, or raise `InputError`."""
     count = len(design.muscles)
-    try:
-        values = np.asarray(amplitudes, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"amplitudes is {amplitudes!r}: give {count} numbers in mm") from None
+    values = check_array("amplitudes", amplitudes)
     if values.shape not in ((), (count,)):
         raise InputError(f"amplitudes has shape {values.shape}: it must be () or ({count},)")
-    for value in values.ravel():
-        check_number("amplitude", value, low=0.0, high=1e12, unit="mm")
+    check_range("amplitude", values, 0.0, 1e12, "mm")
     return np.array(np.broadcast_to(values, (count,)))
 
 

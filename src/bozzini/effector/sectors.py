@@ -20,7 +20,7 @@ HALF_TURN = math.pi - 1e-9
 class Sectors:
     """The sectors between neighbouring muscles, in the order of their angles.
 
-    Parameters
+    Attributes
     ----------
     order : (m,) int
         Indices of the muscles in the design, by angle in [0, 2 pi).

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_array, check_number, check_points
 from ..errors import InputError
+from .amplitudes import find_reach
+from .cubic import CubicFit, check_fit, look_up_pressures
 from .effector import Effector
 from .inverse import InverseResult, solve_inverse
+from .pose import pose
 from .projected import take_amplitudes
 from .sectors import find_sectors
-from .workspace import reach
 
 __all__ = ["Stick", "find_stick_scale", "steer"]
 
@@ -49,10 +52,14 @@ class Stick:
     dead_zone: float = 0.0
 
     def __post_init__(self) -> None:
-        check_number("stick highest", self.highest, low=0.0, high=1e9, low_open=True)
-        check_number("stick centre", self.centre, low=0.0, high=self.highest)
-        check_number("stick span", self.span, low=0.0, high=1e9, low_open=True)
-        check_number("stick dead zone", self.dead_zone, low=0.0, high=0.9 * self.span)
+        highest = check_number("stick highest", self.highest, low=0.0, high=1e9, low_open=True)
+        centre = check_number("stick centre", self.centre, low=0.0, high=highest)
+        span = check_number("stick span", self.span, low=0.0, high=1e9, low_open=True)
+        dead = check_number("stick dead zone", self.dead_zone, low=0.0, high=0.9 * span)
+        for name, value in (
+            ("highest", highest), ("centre", centre), ("span", span), ("dead_zone", dead)
+        ):  # fmt: skip
+            object.__setattr__(self, name, value)
 
     def find_travel(self, raw: ArrayLike) -> NDArray[np.float64]:
         """Return the travel from the centre, right and up, as a share of the span.
@@ -72,7 +79,7 @@ class Stick:
         InputError
             If a reading is outside ``[0, highest]``.
         """
-        readings = check_points("stick reading", raw, dim=2)
+        readings = check_points("stick reading", check_array("stick reading", raw), dim=2)
         if readings.size and not (readings.min() >= 0.0 and readings.max() <= self.highest):
             index = int(np.argmax((readings < 0.0) | (readings > self.highest)))
             raise InputError(
@@ -97,14 +104,14 @@ def find_stick_scale(effector: Effector, *, amplitudes: ArrayLike | None = None)
     ----------
     effector : Effector
     amplitudes : (m,) array_like, optional
-        Largest displacements [mm]; by default those of `reach`.
+        Largest displacements [mm]; by default those of `find_reach`.
 
     Raises
     ------
     InputError
         If the amplitudes are not numbers of 0 or more, one for each muscle.
     """
-    extent = reach(effector)
+    extent = find_reach(effector)
     values = extent.amplitudes if amplitudes is None else amplitudes
     sectors = find_sectors(effector.design)
     first = take_amplitudes(effector.design, values)[sectors.order]
@@ -120,6 +127,7 @@ def steer(
     *,
     stick: Stick | None = None,
     scale: float | None = None,
+    cubics: Mapping[str, CubicFit] | None = None,
 ) -> InverseResult:
     """Turn readings of a stick into pressures: the travel times the scale is the target.
 
@@ -135,14 +143,41 @@ def steer(
         By default one of 10 bits without dead zone.
     scale : float, optional
         Deflection of a full stick [mm]; by default `find_stick_scale`.
+    cubics : mapping of str to CubicFit, optional
+        A cubic for each muscle, by name, as in the thesis's controller: the pressures come from
+        these. `delivered`, `contraction` and `force` are then what these pressures do, by `pose`,
+        and `residual` is how far that is from what was asked of the muscles.
 
     Raises
     ------
     InputError
-        If a reading or the scale is outside its legal range.
+        If a reading or the scale is outside its legal range, or a cubic is missing or that of
+        another muscle or design.
     """
+    if stick is not None and not isinstance(stick, Stick):
+        raise InputError(f"stick is {stick!r:.60}: it must be a Stick")
     travel = (stick or Stick()).find_travel(raw)
     if scale is None:
         scale = find_stick_scale(effector)
     scale = check_number("stick scale", scale, low=0.0, high=1e6, low_open=True, unit="mm")
-    return solve_inverse(effector, scale * travel)
+    exact = solve_inverse(effector, scale * travel)
+    return exact if cubics is None else _use_cubics(effector, exact, cubics)
+
+
+def _use_cubics(
+    effector: Effector, exact: InverseResult, cubics: Mapping[str, CubicFit]
+) -> InverseResult:
+    check_fit(cubics, effector)
+    pressures = look_up_pressures(cubics, effector.design.names, exact.displacements)
+    posed = pose(effector, pressures)
+    away = posed.lateral_vector - exact.delivered
+    return replace(
+        exact,
+        pressures=pressures,
+        contraction=posed.contraction,
+        force=posed.force,
+        delivered=posed.lateral_vector,
+        residual=np.hypot(away[..., 0], away[..., 1]),
+        converged=np.asarray(exact.converged & (posed.converged | posed.saturated)),
+        pressure_map="cubic",
+    )

@@ -13,7 +13,8 @@ import numpy as np
 from ..checks import check_number
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
-from .amplitudes import reach
+from ._study_values import check_parameter, check_value, is_of_muscle, list_values
+from .amplitudes import find_reach
 from .design import EffectorDesign, PlacedMuscle
 from .effector import Effector
 from .inverse import TOLERANCE, solve_displacements
@@ -27,12 +28,14 @@ __all__ = [
     "sweep",
 ]
 
+MOST_DESIGNS = 1_000_000
+
 
 @dataclass(frozen=True, kw_only=True)
 class SweepRow:
     """One design of a sweep; numbers are 0 where the design cannot be built.
 
-    Parameters
+    Attributes
     ----------
     changes : dict
         What was changed, as in `change_design`.
@@ -49,6 +52,8 @@ class SweepRow:
     needed_pressure : float
         Pressure at which every muscle alone reaches the deflection asked for [MPa], the limit or
         not; 0 if none was, or if no pressure does.
+    built : bool
+        Whether the design can be built.
     """
 
     changes: dict[str, Any]
@@ -59,13 +64,14 @@ class SweepRow:
     inner_radius: float = 0.0
     area: float = 0.0
     needed_pressure: float = 0.0
+    built: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
     """Designs side by side.
 
-    Parameters
+    Attributes
     ----------
     parameters : tuple of str
         What was varied.
@@ -103,34 +109,35 @@ def change_design(design: EffectorDesign, changes: Mapping[str, Any]) -> Effecto
     GeometryError
         If the design is not feasible.
     """
-    rest = dict(changes)
+    if not isinstance(changes, Mapping):
+        raise InputError(f"changes is {changes!r:.60}: it must be a mapping from names to values")
+    for name in changes:
+        check_parameter(design, name)
+    rest: dict[str, Any] = dict(changes)
+    if "muscles" in rest:
+        # Angles are given for these muscles; what else does not fit them is told at the end.
+        muscles = check_value(design, "muscles", rest.pop("muscles"))
+        length = muscles[0].muscle.length if muscles else design.backbone_length
+        target = rest.get("backbone_length", design.backbone_length)
+        design = design.replace(muscles=muscles, backbone_length=length)
+        rest["backbone_length"] = target
     muscle_changes = {
-        name.removeprefix("muscle."): rest.pop(name) for name in changes if _is_of_muscle(name)
+        name.removeprefix("muscle."): rest.pop(name) for name in changes if is_of_muscle(name)
     }
-    muscles = rest.pop("muscles", design.muscles)
-    length, angles = rest.pop("length", None), rest.pop("angles", None)
-    if length is not None:
+    if "length" in rest:
+        length = rest.pop("length")
         for name in ("backbone_length", "muscle.length"):
             if name in changes:
                 raise InputError(f"'length' and '{name}' are both given: give one of them")
         muscle_changes["length"] = rest["backbone_length"] = length
-    if angles is not None:
-        try:
-            count = len(angles)
-        except TypeError:
-            count = 0
-        if count != len(muscles):
-            raise InputError(f"angles is {angles!r}: give {len(muscles)} numbers in rad")
+    angles = design.angles
+    if "angles" in rest:
+        angles = np.array(check_value(design, "angles", rest.pop("angles")))
     placed = []
-    for index, one in enumerate(muscles):
+    for one, angle in zip(design.muscles, angles, strict=True):
         muscle = one.muscle.replace(**muscle_changes) if muscle_changes else one.muscle
-        angle = one.angle if angles is None else angles[index]
-        placed.append(PlacedMuscle(name=one.name, muscle=muscle, angle=angle))
+        placed.append(PlacedMuscle(name=one.name, muscle=muscle, angle=float(angle)))
     return design.replace(muscles=tuple(placed), **rest)
-
-
-def _is_of_muscle(name: str) -> bool:
-    return name.startswith("muscle.")
 
 
 def find_needed_pressure(effector: Effector, deflection: float) -> float:
@@ -201,16 +208,17 @@ def sweep(
     Raises
     ------
     InputError
-        If there is nothing to vary, a name is unknown, or the deflection is negative.
+        If there is nothing to vary, a name is unknown, a value is legal in no design, or the
+        deflection is negative.
     """
     wanted = check_number("deflection", deflection, low=0.0, high=1e6, unit="mm")
+    if not isinstance(parameters, Mapping) or not parameters:
+        raise InputError("there is nothing to vary: give a mapping of parameters to their values")
     names = tuple(parameters)
-    choices = [tuple(parameters[name]) for name in names]
-    if not names or not all(choices):
-        raise InputError("there is nothing to vary: give a parameter with 1 value or more")
-    for name in names:
-        check_parameter(effector.design, name)
+    choices = [list_values(effector.design, name, parameters[name]) for name in names]
     total = math.prod(len(values) for values in choices)
+    if total > MOST_DESIGNS:
+        raise InputError(f"there are {total} designs to try: at most {MOST_DESIGNS} at once")
     rows = []
     for index, values in enumerate(itertools.product(*choices)):
         changes = dict(zip(names, values, strict=True))
@@ -219,25 +227,13 @@ def sweep(
     return Sweep(parameters=names, deflection=wanted, rows=tuple(rows))
 
 
-def check_parameter(design: EffectorDesign, name: str) -> None:
-    """Raise if a parameter is not one, rather than call every design of a sweep infeasible."""
-    fields = [*EffectorDesign.__dataclass_fields__, "length", "angles"]
-    own = design.muscles[0].muscle.__dataclass_fields__
-    known = name.removeprefix("muscle.") in own if _is_of_muscle(name) else name in fields
-    if not known:
-        raise InputError(
-            f"there is no parameter '{name}': choose one of {fields}, or 'muscle.' and one of "
-            f"{list(own)}"
-        )
-
-
 def _try_design(effector: Effector, changes: dict[str, Any], deflection: float) -> SweepRow:
     try:
         tried = Effector(change_design(effector.design, changes), effector.model)
-        known = reach(tried)
+        known = find_reach(tried)
         found = workspace(tried, directions=12, samples=1)
     except BozziniError as error:
-        return SweepRow(changes=changes, feasible=False, reason=str(error))
+        return SweepRow(changes=changes, feasible=False, built=False, reason=str(error))
     needed, reason = 0.0, ""
     if deflection > 0.0:
         limit = tried.design.pressure_limit

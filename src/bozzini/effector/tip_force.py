@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
+from ..checks import check_array, check_points
 from ..errors import InputError
 from ._settle import settle_muscles
 from .design import EffectorDesign
 from .effector import Effector
 from .forward import lateral_slope
 from .inverse import solve_inverse
+from .projected import take_place
 
 __all__ = ["TipForce", "passive_stiffness", "tip_force", "tip_stiffness"]
 
@@ -25,11 +26,11 @@ Floats = NDArray[np.float64]
 class TipForce:
     """The largest force with which the tip presses on something that holds it.
 
-    Parameters
+    Attributes
     ----------
     direction : (..., 2) float
         Unit vectors of the force that the tip exerts.
-    lateral : (2,) float
+    lateral_vector : (2,) float
         Where the tip is held [mm].
     force : (...) float
         The force [N]; 0 where there is no force exactly in this direction.
@@ -38,7 +39,7 @@ class TipForce:
     """
 
     direction: Floats
-    lateral: Floats
+    lateral_vector: Floats
     force: Floats
     pulls: Floats
 
@@ -123,14 +124,12 @@ def tip_force(
         pull.
     """
     design = effector.design
-    vectors = check_points("direction", direction, dim=2)
+    vectors = check_points("direction", check_array("direction", direction), dim=2)
     sizes = np.hypot(vectors[..., :1], vectors[..., 1:])
     if np.any(sizes == 0.0):
         raise InputError("direction is (0, 0): it must be a vector of any length but zero")
     toward = vectors / sizes
-    place = check_points("lateral", lateral, dim=2)
-    if place.shape != (2,):
-        raise InputError(f"lateral has shape {place.shape}: it must be (2,)")
+    place = take_place("lateral", lateral)
     held = solve_inverse(effector, place)
     if not held.reachable:
         raise InputError(
@@ -147,7 +146,7 @@ def tip_force(
     distance = ways.min(axis=-1)
     return TipForce(
         direction=toward,
-        lateral=place,
+        lateral_vector=place,
         force=np.asarray(passive_stiffness(design) * distance),
         pulls=pulls,
     )

@@ -9,21 +9,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points
+from ..checks import check_integer, check_number
 from ..errors import InputError
-from .cubic import CubicFit, look_up_pressures
+from .cubic import CubicFit, check_fit, look_up_pressures
 from .effector import Effector
 from .inverse import solve_inverse
 from .pose import pose
+from .projected import take_place, take_targets
 
 __all__ = ["Trace", "trace_circle", "trace_line", "trace_path"]
+
+MOST_STEPS = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
     """A path of the tip: what was wanted, the pressures, and where they lead.
 
-    Parameters
+    Attributes
     ----------
     kind : str
         ``"line"``, ``"circle"`` or ``"path"``.
@@ -40,7 +43,9 @@ class Trace:
     reachable : (n,) bool
         Whether the target lies in the workspace.
     error : (n,) float
-        Distance of `achieved` from `targets` [mm].
+        Distance of `achieved` from `targets` [mm], whether these are in reach or not.
+    converged : (n,) bool
+        Whether inverse and pose were found, in reach or not.
     pressure_map : {"exact", "cubic"}
         Where the pressures come from.
     """
@@ -54,12 +59,18 @@ class Trace:
     holder_tip: NDArray[np.float64]
     reachable: NDArray[np.bool_]
     error: NDArray[np.float64]
+    converged: NDArray[np.bool_]
     pressure_map: str
 
     @property
     def largest_error(self) -> float:
         """Largest distance from a target [mm], those out of reach included."""
         return float(self.error.max())
+
+    @property
+    def reachable_error(self) -> float:
+        """Largest distance from a target that is in reach [mm]; 0 if none is."""
+        return float(self.error[self.reachable].max(initial=0.0))
 
     @property
     def complete(self) -> bool:
@@ -90,14 +101,15 @@ def trace_path(
     Raises
     ------
     InputError
-        If the targets are not (n, 2) and finite, or a muscle has no cubic.
+        If the targets are not (n, 2) and finite, or a muscle has no cubic of its own.
     """
-    wanted = check_points("targets", targets, dim=2)
+    wanted = take_targets(targets)
     if wanted.ndim != 2 or not len(wanted):
         raise InputError(f"targets has shape {wanted.shape}: it must be (n, 2) with n of 1 or more")
     inverse = solve_inverse(effector, wanted)
     pressures = inverse.pressures
     if cubics is not None:
+        check_fit(cubics, effector)
         pressures = look_up_pressures(cubics, effector.design.names, inverse.displacements)
     posed = pose(effector, pressures)
     achieved = np.asarray(posed.lateral_vector)
@@ -111,6 +123,7 @@ def trace_path(
         holder_tip=np.asarray(posed.holder_tip),
         reachable=inverse.reachable,
         error=np.hypot(*(achieved - wanted).T),
+        converged=np.asarray(inverse.converged & (posed.converged | posed.saturated)),
         pressure_map="exact" if cubics is None else "cubic",
     )
 
@@ -140,11 +153,8 @@ def trace_line(
     InputError
         If an argument is outside its legal range.
     """
-    check_integer("steps", steps, low=2)
-    ends = [check_points(name, value, dim=2) for name, value in (("start", start), ("end", end))]
-    for name, point in zip(("start", "end"), ends, strict=True):
-        if point.shape != (2,):
-            raise InputError(f"{name} has shape {point.shape}: it must be (2,)")
+    steps = check_integer("steps", steps, low=2, high=MOST_STEPS)
+    ends = [take_place("start", start), take_place("end", end)]
     return trace_path(effector, np.linspace(ends[0], ends[1], steps), cubics=cubics, kind="line")
 
 
@@ -175,11 +185,9 @@ def trace_circle(
     InputError
         If an argument is outside its legal range.
     """
-    check_number("radius", radius, low=0.0, low_open=True, high=1e6, unit="mm")
-    check_integer("steps", steps, low=3)
-    middle = check_points("centre", centre, dim=2)
-    if middle.shape != (2,):
-        raise InputError(f"centre has shape {middle.shape}: it must be (2,)")
+    radius = check_number("radius", radius, low=0.0, low_open=True, high=1e6, unit="mm")
+    steps = check_integer("steps", steps, low=3, high=MOST_STEPS)
+    middle = take_place("centre", centre)
     angle = np.linspace(0.0, 2.0 * math.pi, steps + 1)
     ring = middle + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     ring[-1] = ring[0]

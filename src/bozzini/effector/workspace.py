@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_points
+from ..checks import check_array, check_integer, check_points
 from ._inverse_kernels import PEAK
-from .amplitudes import Reach, reach
+from .amplitudes import Reach, find_reach
 from .design import EffectorDesign
 from .effector import Effector
 from .forward import bend, contraction_for_lateral, find_peak
 from .projected import split
 from .sectors import Sectors
 
-__all__ = ["Reach", "Workspace", "place_tips", "reach", "workspace"]
+__all__ = ["Workspace", "place_tips", "workspace"]
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Workspace:
     make one convex hexagon, which is all that the three can reach. In space the tip has one height
     for each distance from the axis, so the workspace is a piece of a surface of revolution.
 
-    Parameters
+    Attributes
     ----------
     boundary : (k, 2) float
         Polygon round the workspace, counter-clockwise, not closed [mm]. Corners are exact; arcs of
@@ -91,10 +91,10 @@ def workspace(effector: Effector, *, directions: int = 360, samples: int = 2000)
     InputError
         If an argument is outside its legal range, or a model has no answer at the pressure limit.
     """
-    check_integer("directions", directions, low=12, high=1_000_000)
-    check_integer("samples", samples, low=1, high=10_000_000)
+    directions = check_integer("directions", directions, low=12, high=1_000_000)
+    samples = check_integer("samples", samples, low=1, high=10_000_000)
     design = effector.design
-    known = reach(effector)
+    known = find_reach(effector)
     sectors = known.sectors
     amplitudes = known.amplitudes[sectors.order]
     corners = _find_corners(sectors, amplitudes)
@@ -134,7 +134,7 @@ def place_tips(design: EffectorDesign, lateral: ArrayLike) -> tuple[Floats, Floa
     InputError
         If a position is further out than the backbone's largest deflection.
     """
-    positions = check_points("lateral position", lateral, dim=2)
+    positions = check_points("lateral position", check_array("lateral position", lateral), dim=2)
     radius = np.hypot(positions[..., 0], positions[..., 1])
     peak = find_peak(design).lateral
     # Round-off of a saturated target.

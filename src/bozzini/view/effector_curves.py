@@ -19,8 +19,7 @@ from .palette import AMBER, GREEN, INK, RED
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ..effector import Balance, Effector, Trace
-    from ..effector.cubic import CubicFit
+    from ..effector import Balance, CubicFit, Effector, Trace
 
 __all__ = ["draw_deflection", "draw_iteration", "draw_trace"]
 
@@ -80,19 +79,24 @@ def draw_deflection(
     """
     from ..effector import balance
 
-    check_integer("points", points, low=2)
+    points = check_integer("points", points, low=2, high=1_000_000)
     fits = dict(cubics or {})
     figure, panels = make_panels(2 if fits else 1)
     axes, limit = panels[0], effector.design.pressure_limit
     over = np.linspace(0.0, limit, points)
     colors = pick_colors(effector.design.names)
-    lines = {name: np.asarray(balance(effector, name, over).lateral) for name in colors}
+    curves = {name: balance(effector, name, over) for name in colors}
+    lines = {name: np.asarray(curve.lateral) for name, curve in curves.items()}
     for k, names in enumerate(_group_lines(lines)):
         line, style = lines[names[0]], DASHES[k % len(DASHES)]
         axes.plot(
             1e3 * over, line, color=colors[names[0]], linewidth=1.9, linestyle=style,
             label=", ".join(names),
         )  # fmt: skip
+        full = np.asarray(curves[names[0]].saturated)
+        if full.any():
+            axes.plot(1e3 * over[full], line[full], color=RED, linewidth=4.0, alpha=0.35,
+                      label=f"{', '.join(names)} saturated")  # fmt: skip
         fit = next((fits[name] for name in names if name in fits), None)
         if fit is None:
             continue
@@ -160,9 +164,16 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
         right.semilogy(
             np.flatnonzero(change > 0.0) + 1, change[change > 0.0], "o-", label=name, **style
         )
+    rows = max(len(np.asarray(found.table)) for found in balances.values())
     for axes in (left, right):
         axes.set_xlabel("row of the table")
+        axes.set_xlim(0.5, rows + 0.5)
         axes.xaxis.get_major_locator().set_params(integer=True)
+    if not any(len(line.get_xdata()) for line in right.lines):
+        right.set_yscale("linear")
+        right.set_yticks([])
+        right.text(0.5, 0.5, "nothing changes: no muscle pulls", transform=right.transAxes,
+                   ha="center", fontsize=9.5)  # fmt: skip
     left.set_ylabel("deflection δe [mm]")
     right.set_ylabel("change of the force |F* − F| [N]")
     left.legend(frameon=False, fontsize=9)
@@ -203,9 +214,15 @@ def draw_trace(trace: Trace, names: Sequence[str], *, outline: ArrayLike | None 
     plane.plot(*trace.achieved[0], "o", color=INK, markersize=5.5)
     plane.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     plane.set_adjustable("datalim")
-    plane.legend(frameon=False, fontsize=9, loc="upper right")
-    error = f"{trace.largest_error:.2g}" if trace.largest_error > _SMALL else f"below {_SMALL:g}"
-    plane.set_title(f"largest error {error} mm", fontsize=10, loc="left")
+    plane.legend(frameon=False, fontsize=9, loc="best")
+    worst = trace.reachable_error
+    title = f"largest error {f'{worst:.2g}' if worst > _SMALL else f'below {_SMALL:g}'} mm"
+    if lost.all():
+        title = "nothing in reach"
+    if lost.any():
+        title += f"\n{np.count_nonzero(lost)} of {len(lost)} out of reach, by up to "
+        title += f"{trace.largest_error:.2g} mm"
+    plane.set_title(title, fontsize=10, loc="left")
     steps = np.arange(len(pressures))
     for k, (name, color) in enumerate(pick_colors(names).items()):
         axes.plot(

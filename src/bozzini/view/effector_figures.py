@@ -102,7 +102,7 @@ def draw_pose(
         space.plot(*ring.T, color=_FAINT, linewidth=0.9)
     _fit_box(space, np.concatenate([backbone, end[None], *lines]))
     space.view_init(elev=20.0, azim=_turn_view(math.degrees(float(pose.azimuth)) - 65.0))
-    space.legend(frameon=False, fontsize=8.5, loc="upper left", bbox_to_anchor=(-0.3, 1.0))
+    _name_lines(space)
 
     if workspace is not None:
         _fill_workspace(plane, workspace)
@@ -167,7 +167,13 @@ def _turn_view(degrees: float) -> float:
     return degrees - beyond + min(max(beyond, 25.0), 65.0)
 
 
-def _fit_box(space: Any, points: Floats, *, least: float = 26.0) -> None:
+def _name_lines(space: Any) -> None:
+    """Give a 3-D panel a legend in its corner, which takes no room from it."""
+    legend = space.legend(frameon=False, fontsize=8.5, loc="upper left", bbox_to_anchor=(-0.2, 1.0))
+    legend.set_in_layout(False)
+
+
+def _fit_box(space: Any, points: Floats, *, least: float = 26.0, zoom: float = 1.0) -> None:
     """Give a 3-D panel equal scales, and sides of at least `least` mm."""
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * np.maximum(1.04 * (high - low), least)
@@ -176,7 +182,7 @@ def _fit_box(space: Any, points: Floats, *, least: float = 26.0) -> None:
         axis = getattr(space, f"{name}axis")
         axis.get_major_locator().set_params(nbins=5)
         axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-    space.set_box_aspect(2.0 * half, zoom=0.9)
+    space.set_box_aspect(2.0 * half, zoom=zoom)
     space.tick_params(labelsize=8.5)
     space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
 
@@ -232,9 +238,9 @@ def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     length = effector.design.backbone_length
     ends = np.array([length, length + effector.design.holder_length])
     space.plot(0.0 * ends, 0.0 * ends, ends, color=INK, linewidth=3.0, label="holder at rest")
-    _fit_box(space, np.concatenate([*surfaces]).reshape(-1, 3))
+    _fit_box(space, np.concatenate([*surfaces]).reshape(-1, 3), zoom=1.2)
     space.view_init(elev=28.0, azim=-60.0)
-    space.legend(frameon=False, fontsize=8.5, loc="upper left", bbox_to_anchor=(-0.25, 1.05))
+    _name_lines(space)
     return figure
 
 
@@ -252,9 +258,9 @@ def _fill_workspace(axes: Any, workspace: Workspace) -> None:
 
 def _draw_spokes(axes: Any, effector: Effector, workspace: Workspace | None) -> None:
     """Draw the direction of each muscle, as far as it deflects alone, and its name."""
-    from ..effector import reach
+    from ..effector import find_reach
 
-    amplitudes = reach(effector).amplitudes if workspace is None else workspace.reach.amplitudes
+    amplitudes = (find_reach(effector) if workspace is None else workspace.reach).amplitudes
     angles = effector.design.angles
     far = float(np.max(amplitudes, initial=effector.design.offset))
     for k, (name, color) in enumerate(pick_colors(effector.design.names).items()):

@@ -56,7 +56,7 @@ def draw_force(
     """
     from ..effector import solve_inverse, tip_force, tip_stiffness
 
-    check_integer("points", points, low=4)
+    points = check_integer("points", points, low=4, high=1_000_000)
     place = check_points("lateral", lateral, dim=2)
     angle = np.linspace(0.0, 2.0 * math.pi, points)
     toward = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -71,7 +71,13 @@ def draw_force(
     polar: list[Any] = [figure.add_subplot(1, 2, k, projection="polar") for k in (1, 2)]
     force, stiff = polar
     force.plot(angle, found.force, color=INK, linewidth=1.8)
-    force.fill(angle, found.force, color="#dfe8f1")
+    if found.force.max() > 0.0:
+        force.fill(angle, found.force, color="#dfe8f1")
+        force.set_ylim(bottom=0.0)
+    else:
+        force.set_ylim(0.0, 1.0)
+        force.text(0.5, 0.25, "no force in any direction", transform=force.transAxes, ha="center",
+                   fontsize=9.5, color=INK)  # fmt: skip
     for k, (name, color) in enumerate(pick_colors(effector.design.names).items()):
         place_of = float(effector.design.angles[k])
         tall = float(tip_force(effector, [math.cos(place_of), math.sin(place_of)],
@@ -98,6 +104,8 @@ def draw_force(
         axes.set_rlabel_position(_find_free_angle(effector))
         top = float(axes.get_ylim()[1])
         axes.set_rticks([r for r in MaxNLocator(4).tick_values(0.0, top) if 0.0 < r <= top])
+    if not found.force.max() > 0.0:
+        force.set_rticks([])
     return figure
 
 

@@ -52,7 +52,7 @@ def draw_sweep(sweep: Sweep) -> Figure:
     for k, (name, members) in enumerate(groups.items()):
         rows = [sweep.rows[i] for i in members]
         # A design that only needs more pressure than is legal has all its numbers.
-        shown = np.array([row.largest_amplitude > 0.0 for row in rows], dtype=np.bool_)
+        shown = np.array([row.built for row in rows], dtype=np.bool_)
         place = over[members]
         for axes, quantity, dash in (
             (left, "largest_amplitude", DASHES[0]),
@@ -60,14 +60,18 @@ def draw_sweep(sweep: Sweep) -> Figure:
             (right, "needed_pressure" if wanted else "area", DASHES[0]),
         ):
             values = _take(rows, quantity)
+            # 0 is no pressure: none reaches the deflection. The line ends there.
+            some = shown if axes is left else values > 0.0
+            heights = np.where(some, values, np.nan)
             axes.plot(
-                place[shown], values[shown], marker="o", linestyle=dash, markersize=3.5,
+                place[shown], heights[shown], marker="o", linestyle=dash, markersize=3.5,
                 color=PALETTE[k % len(PALETTE)], linewidth=1.5,
                 label=name if axes is right else None,
             )  # fmt: skip
     for axes in (left, right):
         axes.set_xlabel(f"{first} [{UNITS[first]}]" if first in UNITS else first)
-        axes.set_ylim(bottom=0.0)
+        top = float(axes.dataLim.y1)
+        axes.set_ylim(0.0, 1.06 * top if 0.0 < top < np.inf else 1.0)
         if failed.size:
             axes.plot(failed, 0.0 * failed, "x", color=RED, markersize=6.0, clip_on=False, zorder=4)
         if labels:
