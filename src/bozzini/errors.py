@@ -11,6 +11,7 @@ __all__ = [
     "GeometryError",
     "InputError",
     "MissingExtraError",
+    "MissingLawError",
     "OutputError",
     "UnitError",
 ]
@@ -26,6 +27,10 @@ class InputError(BozziniError, ValueError):
 
 class UnitError(InputError):
     """A quantity has an unknown unit, or a unit of the wrong dimension."""
+
+
+class MissingLawError(InputError):
+    """A model needs a law that only the cited paper holds, and was not given it."""
 
 
 class FileFormatError(InputError):

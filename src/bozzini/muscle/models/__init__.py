@@ -1,14 +1,30 @@
-"""The models by name; a family of models is a module beside."""
+"""The models by name. A family of models is a module beside, with its classes in ``FAMILY``."""
 
 from __future__ import annotations
 
 from ..energy import EnergyMuscle
 from ..thesis import ThesisMuscle
+from . import correction, correction_force, correction_friction, elastic, ideal
+from .base import CatalogueModel
+from .card import Card, Choice, Law, Parameter
 
-__all__ = ["MODELS"]
+__all__ = ["CATALOGUE", "MODELS", "Card", "CatalogueModel", "Choice", "Law", "Parameter"]
+
+_FAMILIES = (
+    ideal.FAMILY,
+    correction.FAMILY,
+    correction_friction.FAMILY,
+    correction_force.FAMILY,
+    elastic.FAMILY,
+)
+
+CATALOGUE: dict[str, type[CatalogueModel]] = {
+    kind.card.name: kind for family in _FAMILIES for kind in family
+}
+"""Models of the survey (thesis chapter 2) by name; each has a `Card`."""
 
 MODELS: dict[str, type[EnergyMuscle] | type[ThesisMuscle]] = {
     "energy": EnergyMuscle,
     "thesis": ThesisMuscle,
 }
-"""Model classes by name; each is built from a `Muscle`, with options of its own by keyword."""
+"""This package's own models by name, of a `Muscle` alone; `CATALOGUE` has those of the survey."""

@@ -1,0 +1,232 @@
+"""What is known of a model of the catalogue: source, equation, constants, errata."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ...errors import InputError
+
+__all__ = [
+    "BRAID_FIELDS",
+    "SOURCES",
+    "STATUSES",
+    "WALL_FIELDS",
+    "Card",
+    "Choice",
+    "Law",
+    "Parameter",
+]
+
+STATUSES = ("self-contained", "corrected", "fitted", "partial")
+"""How much of a model the survey holds, worst last.
+
+``self-contained``: all, right as printed. ``corrected``: all, once errata are mended. ``fitted``:
+the form, with constants that its users have to fit. ``partial``: something essential is in the
+cited paper only.
+"""
+
+SOURCES = ("measured", "fitted", "geometry", "material", "unit")
+"""Where the value of a parameter comes from; ``unit`` is the unit other constants are in."""
+
+BRAID_FIELDS = ("length", "outer_radius", "braid_angle", "gap", "dead_length")
+"""What every model takes from a `Muscle`: the braid, over the length that contracts."""
+
+WALL_FIELDS = (*BRAID_FIELDS, "inner_radius")
+"""The same, and the thickness of the wall."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number that a model takes beside the `Muscle`.
+
+    Parameters
+    ----------
+    name : str
+        Keyword of the model's constructor.
+    unit : str
+        Unit, empty for none.
+    what : str
+        What it is, in a few words.
+    source : str
+        One of `SOURCES`.
+    default : float, optional
+        Value if it is not given; None if it has to be given.
+    neutral : float, optional
+        Value at which it makes no difference, where a fit may start; None if there is none.
+    bounds : tuple of float
+        Smallest and largest legal value.
+    linear : bool
+        Whether the model's force is linear in it, the other parameters being as they are.
+    only_with : str
+        A parameter at whose 0 this one is not needed; empty if it always is.
+
+    Raises
+    ------
+    InputError
+        If the source is unknown, or default or neutral value lie outside the bounds.
+    """
+
+    name: str
+    unit: str
+    what: str
+    source: str
+    default: float | None = None
+    neutral: float | None = None
+    bounds: tuple[float, float]
+    linear: bool = False
+    only_with: str = ""
+
+    def __post_init__(self) -> None:
+        if self.source not in SOURCES:
+            raise InputError(f"source of {self.name} is '{self.source}': choose one of {SOURCES}")
+        low, high = self.bounds
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise InputError(f"bounds of {self.name} are {self.bounds}: low must be below high")
+        for word, value in (("default", self.default), ("neutral value", self.neutral)):
+            if value is not None and not low <= value <= high:
+                raise InputError(
+                    f"{word} of {self.name} is {value:g}: it must lie in [{low:g}, {high:g}]"
+                )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """A word that a model takes: one of several readings of its source.
+
+    Parameters
+    ----------
+    name : str
+        Keyword of the model's constructor.
+    what : str
+        What is chosen.
+    words : tuple of str
+        The choices; the first is the default.
+    printed : str
+        The default of ``as_printed=True``; empty for the same.
+    """
+
+    name: str
+    what: str
+    words: tuple[str, ...]
+    printed: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.words or (self.printed and self.printed not in self.words):
+            raise InputError(f"choice {self.name} is {self.words}: it must hold '{self.printed}'")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law:
+    """A function that a model takes, since the survey does not hold it.
+
+    Parameters
+    ----------
+    name : str
+        Keyword of the model's constructor.
+    arguments : tuple of str
+        Its arguments with their units, ``"radius [mm]"`` for example: arrays of one shape.
+    unit : str
+        Unit of its answer, an array of the same shape.
+    what : str
+        What it is.
+    paper : str
+        The paper that holds it.
+    required : bool
+        Whether the model needs it; if not, the term it makes is left out.
+    only_with : str
+        A parameter at whose 0 it is not needed; empty if it always is.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    unit: str
+    what: str
+    paper: str
+    required: bool = True
+    only_with: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card:
+    """What is known of a model of the catalogue.
+
+    Parameters
+    ----------
+    name : str
+        Name in `CATALOGUE`.
+    title : str
+        One line for a table.
+    authors : str
+    reference : str
+        The paper the model comes from.
+    equation : str
+        Number in the thesis, ``"(2.16)"`` for example.
+    status : str
+        One of `STATUSES`.
+    parameters : tuple of Parameter
+        What the constructor takes beside the `Muscle`.
+    choices : tuple of Choice
+        Words that the constructor takes.
+    laws : tuple of Law
+        Functions that the constructor takes.
+    uses : tuple of str
+        Fields of `Muscle` that make a difference; the others are the model's `unused`.
+    errata : tuple of str
+        What is wrong in the print and mended here, and what else to know.
+    latex : str
+        The equation as implemented.
+    latex_printed : str, optional
+        The equation as printed, where it differs.
+    unprintable : str
+        Why ``as_printed=True`` cannot be evaluated; empty if it can.
+    missing : str
+        What the survey does not hold, and which paper does; empty if nothing.
+
+    Raises
+    ------
+    InputError
+        If the status or a field is unknown, or a name is taken twice.
+    """
+
+    name: str
+    title: str
+    authors: str
+    reference: str
+    equation: str
+    status: str
+    parameters: tuple[Parameter, ...] = ()
+    choices: tuple[Choice, ...] = ()
+    laws: tuple[Law, ...] = ()
+    uses: tuple[str, ...] = BRAID_FIELDS
+    errata: tuple[str, ...] = ()
+    latex: str
+    latex_printed: str | None = None
+    unprintable: str = ""
+    missing: str = ""
+
+    def __post_init__(self) -> None:
+        if self.status not in STATUSES:
+            raise InputError(f"status of {self.name} is '{self.status}': choose one of {STATUSES}")
+        names = self.keywords
+        if len(set(names)) < len(names):
+            raise InputError(f"{self.name} has a parameter, choice or law twice: {names}")
+        partners = [item.only_with for item in self.parameters]
+        partners += [item.only_with for item in self.laws]
+        for partner in partners:
+            if partner and partner not in names:
+                raise InputError(f"{self.name} has no parameter '{partner}'")
+
+    @property
+    def keywords(self) -> tuple[str, ...]:
+        """What the constructor takes beside the muscle, ``as_printed`` and ``hysteresis``."""
+        return (
+            *(item.name for item in self.parameters),
+            *(item.name for item in self.choices),
+            *(item.name for item in self.laws),
+        )
+
+    @property
+    def fitted(self) -> tuple[Parameter, ...]:
+        """The parameters that a fit is for."""
+        return tuple(item for item in self.parameters if item.source == "fitted")
