@@ -266,6 +266,14 @@ def test_a_sampled_duct_keeps_its_bounds(duct):
     assert not np.any((field.clearance_bound(points) > 0.0) & (value >= 0.0))
 
 
+def test_what_a_duct_may_promise_too_much_is_taken_off_when_it_is_sampled():
+    # At a node the interpolant is the value, so that nothing else hides the error.
+    duct = Opaque(capsule(), kind="sampled", error=0.2)
+    field = to_field(duct, 0.8)
+    node = field.origin + 0.8 * np.array([6.0, 5.0, 6.0])
+    assert field.signed_distance(node) == pytest.approx(duct.signed_distance(node) + 0.2, abs=1e-5)
+
+
 def test_the_bound_of_a_sampled_duct_is_below_the_exact_room():
     # A straight capsule's depth is exact, so that the bound can be held against it.
     duct = Opaque(capsule())

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
-from bozzini.duct import BetweenCurves, Duct, Polygon
+from bozzini.duct import BetweenCurves, Circles, Duct, Polygon, without
 from bozzini.errors import GeometryError, InputError
 
 SPAN = (0.0, 2.0 * np.pi)
@@ -196,3 +196,18 @@ def test_it_is_a_planar_duct():
 def test_what_is_no_region_is_refused(first, second, options, error, message):
     with np.errstate(divide="ignore", invalid="ignore"), pytest.raises(error, match=message):
         BetweenCurves(first, second, **options)
+
+
+def test_among_shapes_the_error_is_taken_off():
+    duct = annulus(3.0, 7.0, 2.5, tolerance=0.3)
+    cut = without(duct, Circles([(0.0, 5.0)], [0.5]))
+    points = np.random.default_rng(0).uniform(-9.0, 9.0, (20_000, 2))
+    wanted = duct.signed_distance(points) + duct.error
+    wanted = np.maximum(wanted, 0.5 - np.linalg.norm(points - [0.0, 5.0], axis=1))
+    assert (cut.kind, cut.error) == ("bound", 0.0)
+    assert cut.signed_distance(points) == pytest.approx(wanted, abs=1e-9)
+    room = -arc_room(points, 3.0, 7.0, 2.5)
+    inside = cut.signed_distance(points) < 0.0
+    assert np.all(-cut.signed_distance(points)[inside] <= room[inside])
+    with pytest.raises(InputError, match="obstacle 0 is sampled"):
+        without(Circles([(0.0, 0.0)], [20.0]), duct)

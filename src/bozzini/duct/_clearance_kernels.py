@@ -190,7 +190,7 @@ def _is_packed(duct, kind):
 @overload(clearance_bound)
 def _overload_bound(duct, x, y, z):
     if _is_packed(duct, GridData):
-        return lambda duct, x, y, z: grid_bound(duct, x, y, z)
+        return grid_bound.py_func  # its body: one call less, which counts here
     if _is_packed(duct, ConesData):
         return lambda duct, x, y, z: cones_bound(duct, x, y, z)
     if _is_packed(duct, PolygonData):
@@ -203,7 +203,7 @@ def _overload_bound(duct, x, y, z):
 @overload(clearance_estimate)
 def _overload_estimate(duct, x, y, z):
     if _is_packed(duct, GridData):
-        return lambda duct, x, y, z: grid_estimate(duct, x, y, z)
+        return grid_estimate.py_func  # its body: one call less, which counts here
     if _is_packed(duct, ConesData):
         return lambda duct, x, y, z: cones_estimate(duct, x, y, z)
     if _is_packed(duct, PolygonData):
@@ -216,7 +216,7 @@ def _overload_estimate(duct, x, y, z):
 @overload(clearance_slope)
 def _overload_slope(duct, x, y, z):
     if _is_packed(duct, GridData):
-        return lambda duct, x, y, z: grid_slope(duct, x, y, z)
+        return grid_slope.py_func  # its body: one call less, which counts here
     if _is_packed(duct, ConesData):
         return lambda duct, x, y, z: cones_slope(duct, x, y, z)
     if _is_packed(duct, PolygonData):

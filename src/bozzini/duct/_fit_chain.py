@@ -222,7 +222,7 @@ def _lie_apart(chain: Chain, i: int, j: int) -> bool:
     if float(one @ other) <= 0.0:
         return False
     room = min(float(one @ d) - chain.radii[j] * sine, float(other @ d) - chain.radii[i] * sine)
-    return room > 1e-6 * float(np.linalg.norm(d))
+    return bool(room > 1e-6 * float(np.linalg.norm(d)))
 
 
 def _find_shortest(edges: Edges, count: int, most: float) -> list[int] | None:

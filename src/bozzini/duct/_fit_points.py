@@ -1,4 +1,4 @@
-"""Shapes fitted to points of a wall, by least squares of distances in mm."""
+"""A super-ellipsoid fitted to points of a wall, by least squares of distances in mm."""
 
 from __future__ import annotations
 
@@ -13,72 +13,20 @@ from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
 
 if TYPE_CHECKING:
-    from .super_ellipse import SuperEllipses
     from .super_ellipsoid import SuperEllipsoids
 
 __all__ = [
-    "CircleFit",
-    "SuperEllipseFit",
     "SuperEllipsoidFit",
-    "fit_circle",
-    "fit_super_ellipse",
+    "find_axes",
     "fit_super_ellipsoid",
+    "join_powers",
+    "mean_square_root",
+    "measure_radial",
+    "take_points",
 ]
 
-POWER_RANGE = (1.0, 20.0)
 EXPONENT_RANGE = (0.1, 2.0)
-EXACT: dict[str, Any] = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CircleFit:
-    """A circle in a plane, fitted to points.
-
-    Attributes
-    ----------
-    centre : (2,) float
-        [mm].
-    radius : float
-        [mm].
-    residual : float
-        Root mean square distance of the points from the circle [mm].
-    """
-
-    centre: NDArray[np.float64]
-    radius: float
-    residual: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SuperEllipseFit:
-    """A super-ellipse fitted to points in a plane.
-
-    Attributes
-    ----------
-    centre, half_axes : (2,) float
-        [mm].
-    power, angle : float
-        Power; angle of the first axis [rad], in [-pi/2, pi/2).
-    residual : float
-        Root mean square distance of the points from the curve, on rays from the centre [mm].
-    """
-
-    centre: NDArray[np.float64]
-    half_axes: NDArray[np.float64]
-    power: float
-    angle: float
-    residual: float
-
-    def to_duct(self) -> SuperEllipses:
-        """Return the super-ellipse as a duct."""
-        from .super_ellipse import SuperEllipses
-
-        return SuperEllipses(
-            self.centre[None],
-            self.half_axes[None],
-            powers=np.array([self.power]),
-            angles=np.array([self.angle]),
-        )
+EXACT: dict[str, Any] = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-14}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,99 +65,6 @@ class SuperEllipsoidFit:
         )
 
 
-def fit_circle(points: ArrayLike) -> CircleFit:
-    """Fit a circle to points (n, 2) by least squares of distances.
-
-    The algebraic fit (Kasa's), which is biased towards small circles on short arcs, is only where
-    the search begins.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than 3 points.
-    GeometryError
-        If they lie on a line.
-    """
-    from scipy.optimize import least_squares
-
-    array = _take_points(points, dim=2, least=3)
-    middle = array.mean(axis=0)
-    flat = array - middle
-    size = float(np.abs(flat).max())
-    table = np.concatenate([2.0 * flat / size, np.ones((len(flat), 1))], axis=1)
-    if np.linalg.svd(table[:, :2], compute_uv=False)[-1] < 1e-9 * len(flat) ** 0.5:
-        raise GeometryError("the points lie on a line: no circle goes through them")
-    answer = np.linalg.lstsq(table, (flat**2).sum(axis=1) / size**2, rcond=None)[0]
-    radius = np.sqrt(answer[2] + answer[0] ** 2 + answer[1] ** 2)
-
-    def residuals(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(np.hypot(*(flat / size - x[:2]).T) - x[2])
-
-    found = least_squares(residuals, [answer[0], answer[1], radius], method="lm", **EXACT)
-    return CircleFit(
-        centre=middle + size * found.x[:2],
-        radius=abs(size * float(found.x[2])),
-        residual=size * _rms(found.fun),
-    )
-
-
-def fit_super_ellipse(points: ArrayLike) -> SuperEllipseFit:
-    """Fit a super-ellipse to points (n, 2) by bounded least squares of radial distances.
-
-    The residual of a point is how far it is from the curve along the ray from the centre,
-    ``|y| (1 - 1/G)`` with the gauge G. The power lies in [1, 20]. The search begins at the
-    points' principal axes and at 45 deg to them.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than 6 points.
-    GeometryError
-        If they lie on a line.
-    """
-    from scipy.optimize import least_squares
-
-    array = _take_points(points, dim=2, least=6)
-    middle, axes, spread = _find_axes(array)
-    if spread[-1] < 1e-9 * spread[0]:
-        raise GeometryError("the points lie on a line: no super-ellipse goes through them")
-    start = float(np.arctan2(axes[1, 0], axes[0, 0]))
-    size = float(np.abs(array - middle).max())
-    flat = (array - middle) / size
-
-    def residuals(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        cosine, sine = np.cos(x[5]), np.sin(x[5])
-        local = (flat - x[:2]) @ np.array([[cosine, -sine], [sine, cosine]])
-        gauge = _join(np.abs(local[:, 0]) / x[2], np.abs(local[:, 1]) / x[3], x[4])
-        return _radial(local, gauge)
-
-    best: Any = None
-    for angle in (start, start + 0.25 * np.pi):
-        turned = flat @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        reach = np.abs(turned).max(axis=0)
-        for power in (2.0, 5.0):
-            found = least_squares(
-                residuals,
-                [0.0, 0.0, *reach, power, angle],
-                bounds=(
-                    [-2.0, -2.0, 1e-6, 1e-6, POWER_RANGE[0], angle - np.pi],
-                    [2.0, 2.0, 20.0, 20.0, POWER_RANGE[1], angle + np.pi],
-                ),
-                x_scale="jac",
-                **EXACT,
-            )
-            if best is None or found.cost < best.cost:
-                best = found
-    half, turn = best.x[2:4], float(best.x[5])
-    return SuperEllipseFit(
-        centre=middle + size * best.x[:2],
-        half_axes=size * half,
-        power=float(best.x[4]),
-        angle=(turn + 0.5 * np.pi) % np.pi - 0.5 * np.pi,
-        residual=size * _rms(best.fun),
-    )
-
-
 def fit_super_ellipsoid(
     points: ArrayLike,
     *,
@@ -243,8 +98,8 @@ def fit_super_ellipsoid(
     from scipy.optimize import least_squares
     from scipy.spatial.transform import Rotation
 
-    array = _take_points(points, dim=3, least=11)
-    middle, axes, spread = _find_axes(array)
+    array = take_points(points, dim=3, least=11)
+    middle, axes, spread = find_axes(array)
     if spread[-1] < 1e-9 * spread[0]:
         raise GeometryError("the points lie in a plane: no super-ellipsoid goes through them")
     axes = axes[:, [1, 2, 0]]
@@ -270,8 +125,8 @@ def fit_super_ellipsoid(
         shift, half, e1, e2, turn = split(x)
         own = (local - shift) @ turn
         scaled = np.abs(own) / half
-        flat = _join(scaled[:, 0], scaled[:, 1], 2.0 / e2)
-        return _radial(own, _join(flat, scaled[:, 2], 2.0 / e1))
+        flat = join_powers(scaled[:, 0], scaled[:, 1], 2.0 / e2)
+        return measure_radial(own, join_powers(flat, scaled[:, 2], 2.0 / e1))
 
     low = [-2.0] * 3 + [1e-3] * 3 + [EXPONENT_RANGE[0]] * 2 + [-np.pi] * 3
     high = [2.0] * 3 + [20.0] * 3 + [EXPONENT_RANGE[1]] * 2 + [np.pi] * 3
@@ -286,7 +141,7 @@ def fit_super_ellipsoid(
         e1=float(e1),
         e2=float(e2),
         rotation=_square(base @ turn),
-        residual=size * _rms(found.fun),
+        residual=size * mean_square_root(found.fun),
     )
 
 
@@ -304,7 +159,7 @@ def _search(
         for e1, e2 in ((1.0, 1.0), (0.4, 0.4)) if not along else ((0.5, 1.0), (0.5, 0.4)):
             start = [0.0, 0.0, 0.0, *reach, e1, e2, 0.0, 0.0, turn]
             found = least_squares(
-                residuals, start, bounds=(low, high), x_scale="jac", max_nfev=200, **EXACT
+                residuals, start, bounds=(low, high), x_scale="jac", max_nfev=100, **EXACT
             )
             if best is None or found.cost < best.cost:
                 best = found
@@ -313,7 +168,8 @@ def _search(
     return best
 
 
-def _take_points(points: ArrayLike, *, dim: int, least: int) -> NDArray[np.float64]:
+def take_points(points: ArrayLike, *, dim: int, least: int) -> NDArray[np.float64]:
+    """Return at least so many points (n, dim), or raise `InputError`."""
     array = check_points("points", points, dim=dim)
     if array.ndim != 2 or len(array) < least:
         raise InputError(
@@ -322,7 +178,7 @@ def _take_points(points: ArrayLike, *, dim: int, least: int) -> NDArray[np.float
     return array
 
 
-def _find_axes(
+def find_axes(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the mean, the principal axes as columns, and the spreads, most first."""
@@ -337,21 +193,23 @@ def _square(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(left @ right)
 
 
-def _join(
+def join_powers(
     a: NDArray[np.float64], b: NDArray[np.float64], power: NDArray[np.float64] | float
 ) -> NDArray[np.float64]:
-    """(a^p + b^p)^(1/p), without overflow."""
+    """Return (a^p + b^p)^(1/p), without overflow."""
     big = np.maximum(a, b)
     ratio = np.minimum(a, b) / np.where(big > 0.0, big, 1.0)
     return np.asarray(big * (1.0 + ratio**power) ** (1.0 / power))
 
 
-def _radial(local: NDArray[np.float64], gauge: NDArray[np.float64]) -> NDArray[np.float64]:
+def measure_radial(local: NDArray[np.float64], gauge: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far points (n, dim) lie outside a wall, on rays from its centre [mm]."""
     away = np.linalg.norm(local, axis=1)
     safe = np.where(gauge > 0.0, gauge, 1.0)
     # At the centre the wall is as far as along any ray: the mean is as good.
     return np.asarray(np.where(gauge > 0.0, away * (1.0 - 1.0 / safe), -1.0))
 
 
-def _rms(values: NDArray[np.float64]) -> float:
+def mean_square_root(values: NDArray[np.float64]) -> float:
+    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))

@@ -1,4 +1,4 @@
-"""The highest value of a 1-Lipschitz function over a region, by cutting cubes (branch and bound)."""
+"""The highest value of a 1-Lipschitz function over a region, by branch and bound."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def find_highest(
                 best, place = float(found[index]), cells[index]
             places.append(cells[inside & (found > ceiling)])
         most = most + reach
-        done = most <= max(ceiling, best + tolerance)
+        done = most <= (ceiling if best <= ceiling else best + tolerance)
         if done.any():
             settled = max(settled, float(most[done].max()))
         cells, most = cells[~done], most[~done]

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._fit_chain import Chain
-from ._fit_points import fit_circle
+from ._fit_planar import fit_circle
 from ._fit_rays import cast_rays
 from .cones import RoundCones
 from .cylinders import ConnectedCylinders
 from .protocol import Duct
-from .sections import carry_frames
+from .sections import carry_frames, share_wall
 
 __all__ = ["fit_cone_chain", "fit_cylinder_chain", "inscribe_cylinders", "measure_cone_chain"]
 
@@ -80,7 +80,7 @@ def fit_cylinder_chain(
     centres, normals, least = chain.centres[places], chain.tangents[places], chain.radii[places]
     frames = carry_frames(normals)
     flat = np.einsum("nkj,nji->nki", walls - centres[:, None], frames[:, :, :2])
-    fits = [fit_circle(points) for points in flat]
+    fits = [fit_circle(points, weights=share_wall(points)) for points in flat]
     shift = np.einsum("ni,nji->nj", np.array([fit.centre for fit in fits]), frames[:, :, :2])
     more = np.array([fit.radius for fit in fits]) - least
     share = np.ones(len(fits))
@@ -117,8 +117,8 @@ def fit_cone_chain(
 ) -> RoundCones:
     """Fit a chain of round cones to wall points (m, 3), by least squares of distances.
 
-    Centres move across the chain, not along it: along it a smooth wall does not tell where they
-    are. A radius stays positive.
+    Centres move across the chain, and along it by 0.4 of the way to the next at most: where the
+    chain neither bends nor tapers, the wall does not tell where they are. A radius stays positive.
 
     Parameters
     ----------
@@ -135,11 +135,11 @@ def fit_cone_chain(
     count = len(centres)
     steps = np.diff(centres, axis=0)
     ways = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
-    frames = carry_frames(ways / np.linalg.norm(ways, axis=1, keepdims=True))[:, :, :2]
+    frames = carry_frames(ways / np.linalg.norm(ways, axis=1, keepdims=True))
 
     def split(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        table = x.reshape(count, 3)
-        return centres + np.einsum("ni,nji->nj", table[:, :2], frames), table[:, 2]
+        table = x.reshape(count, 4)
+        return centres + np.einsum("ni,nji->nj", table[:, :3], frames), table[:, 3]
 
     def residuals(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return measure_cone_chain(points, *split(x))[0]
@@ -155,22 +155,25 @@ def fit_cone_chain(
         values, columns = [], []
         for end, weight in ((index, 1.0 - t), (index + 1, t)):
             across = np.einsum("mj,mji->mi", unit, frames[end])
-            values += [-weight * across[:, 0], -weight * across[:, 1], -weight]
-            columns += [3 * end, 3 * end + 1, 3 * end + 2]
-        rows = np.arange(0, 6 * len(points) + 1, 6)
+            values += [-weight * across[:, part] for part in range(3)] + [-weight]
+            columns += [4 * end + part for part in range(4)]
+        rows = np.arange(0, 8 * len(points) + 1, 8)
         flat = np.stack(values, axis=1).reshape(-1), np.stack(columns, axis=1).reshape(-1)
-        return csr_matrix((*flat, rows), shape=(len(points), 3 * count))
+        return csr_matrix((*flat, rows), shape=(len(points), 4 * count))
 
-    start = np.concatenate([np.zeros((count, 2)), radii[:, None]], axis=1).reshape(-1)
+    start = np.concatenate([np.zeros((count, 3)), radii[:, None]], axis=1).reshape(-1)
     wide = 2.0 * float(radii.max())
-    low = np.tile([-wide, -wide, RADIUS_MIN], count)
-    high = np.tile([wide, wide, 10.0 * wide], count)
+    sizes = np.linalg.norm(steps, axis=1)
+    along = 0.4 * np.minimum(np.append(sizes, np.inf), np.append(np.inf, sizes))
+    low = np.tile([-wide, -wide, 0.0, RADIUS_MIN], (count, 1))
+    high = np.tile([wide, wide, 0.0, 10.0 * wide], (count, 1))
+    low[:, 2], high[:, 2] = -along, along
     found = least_squares(
         residuals,
         start,
         jac=slopes,
         tr_solver="lsmr",
-        bounds=(low, high),
+        bounds=(low.reshape(-1), high.reshape(-1)),
         xtol=1e-13,
         ftol=1e-10,
         gtol=1e-13,

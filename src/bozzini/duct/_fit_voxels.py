@@ -41,7 +41,7 @@ def mesh_from_mask(mask: ArrayLike, affine: ArrayLike, *, inflation: float = 0.0
             corner = np.argwhere(change == sign)
             corner[:, axis] += 1
             # Corners of the face in order, out of the lumen by the right hand.
-            steps = [(0, 0), (1, 0), (1, 1), (0, 1)][:: -sign]
+            steps = [(0, 0), (1, 0), (1, 1), (0, 1)][::-sign]
             around = []
             for a, b in steps:
                 place = corner.copy()

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..checks import check_integer, check_number
-from ..errors import InputError
+from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
-from ._fit_chain import Chain, choose_chain, measure_edges, place_chain
+from ._fit_chain import Chain, Edges, choose_chain, measure_edges, place_chain
 from ._fit_measure import PERCENTS, FitReport, find_outside, measure_fit
-from ._fit_points import (
-    CircleFit,
-    SuperEllipseFit,
-    SuperEllipsoidFit,
-    fit_circle,
-    fit_super_ellipse,
-    fit_super_ellipsoid,
-)
+from ._fit_planar import CircleFit, SuperEllipseFit, fit_circle, fit_super_ellipse
+from ._fit_points import SuperEllipsoidFit, fit_super_ellipsoid
+from ._fit_voxels import mesh_from_mask
 from .centreline import Centreline
 from .cones import RoundCones
 from .cylinders import ConnectedCylinders
@@ -39,6 +34,7 @@ __all__ = [
     "fit_super_ellipse",
     "fit_super_ellipsoid",
     "measure_fit",
+    "mesh_from_mask",
 ]
 
 KINDS = ("cones", "cylinders", "superellipsoids")
@@ -50,11 +46,14 @@ PIECES_MAX = 500
 ALLOWANCES = (0.8, 0.5, 0.25, 0.0)
 """Shares of the largest error that shapes may take up, tried in turn until it is kept."""
 
-LOSSES = (1.0, 0.6, 0.35, 0.2)
+LOSSES = (0.6, 0.35, 0.2)
 """Shares of the largest error that cylinders' balls may lose, tried in turn until it is kept."""
 
 POINTS = 3000
 """Least squares of cones uses about this many wall points."""
+
+WALL_SHARE = 0.3
+"""Share of the usual radius by which cones may reach outside before least squares."""
 
 ROUNDS = 12
 """How often blocks are drawn in where they reach outside."""
@@ -179,29 +178,43 @@ def _inscribe_chain(
     pieces: int | None,
     progress: Progress,
 ) -> Shapes:
-    from ._fit_tubes import inscribe_cylinders
-
     chain = place_chain(duct, centreline)
-    shapes: Shapes | None = None
     for share in ALLOWANCES:
         allowance = share * max_error
         edges = measure_edges(
             duct, chain, allowance=allowance, cylinders=kind == "cylinders", progress=progress
         )
-        for part in LOSSES:
-            places, _ = choose_chain(
-                edges, len(chain.radii), max_loss=part * max_error, pieces=pieces
-            )
-            if kind == "cones":
-                shapes = RoundCones(chain.centres[places], chain.radii[places])
-                break
-            # Circles that lean on each other leave less room than the balls in them.
-            shapes = inscribe_cylinders(duct, chain, places, allowance=allowance)
-            if pieces is not None or _lost(shapes, duct, chain) <= max_error:
-                break
+        if kind == "cones":
+            places, _ = choose_chain(edges, len(chain.radii), max_loss=max_error, pieces=pieces)
+            shapes: Shapes = RoundCones(chain.centres[places], chain.radii[places])
+        else:
+            shapes = _join_circles(duct, chain, edges, allowance, max_error, pieces)
         highest = find_outside(shapes, duct, max_error=max_error)
         if (highest.value if duct.kind == "sampled" else highest.bound) <= max_error:
             break
+    return shapes
+
+
+def _join_circles(
+    duct: Duct, chain: Chain, edges: Edges, allowance: float, max_error: float, pieces: int | None
+) -> Shapes:
+    """Return cylinders; as circles that lean on each other leave less room, maybe more of them."""
+    from ._fit_tubes import inscribe_cylinders
+
+    places, _ = choose_chain(edges, len(chain.radii), max_loss=max_error, pieces=pieces)
+    shapes = inscribe_cylinders(duct, chain, places, allowance=allowance)
+    if pieces is not None:
+        return shapes
+    for part in LOSSES:
+        if _lost(shapes, duct, chain) <= max_error:
+            break
+        try:
+            places, _ = choose_chain(
+                edges, len(chain.radii), max_loss=part * max_error, pieces=None
+            )
+        except GeometryError:  # no chain loses so little
+            break
+        shapes = inscribe_cylinders(duct, chain, places, allowance=allowance)
     return shapes
 
 
@@ -225,20 +238,19 @@ def _inscribe_blocks(
     from ._fit_blocks import cover_blocks, shrink_blocks
 
     shapes = cover_blocks(
-        duct,
+        draft,
         place_chain(duct, centreline),
         pieces=pieces,
         max_loss=max_error,
         allowance=0.5 * max_error,
-        draft=draft,
         progress=progress,
     )
     for _ in range(ROUNDS):
-        highest = find_outside(shapes, duct, max_error=max_error)
+        highest = find_outside(shapes, duct, max_error=0.9 * max_error)
         if len(highest.places) == 0:
             break
         shapes = shrink_blocks(shapes, highest.places)
-    return shapes
+    return replace(shapes, connected=True)
 
 
 def _fit_wall(
@@ -254,10 +266,13 @@ def _fit_wall(
     from ._fit_tubes import fit_cone_chain, fit_cylinder_chain
 
     if kind == "superellipsoids":
-        return fit_blocks(cuts, 20 if pieces is None else pieces, progress=progress)
+        blocks = fit_blocks(cuts, 20 if pieces is None else pieces, progress=progress)
+        return replace(blocks, connected=True)
     chain = place_chain(duct, centreline)
+    # Least squares moves the wall anyhow: the places need not be so many that cones stay inside.
+    allowance = max(max_error, WALL_SHARE * float(np.median(chain.radii)))
     edges = measure_edges(
-        duct, chain, allowance=max_error, cylinders=kind == "cylinders", progress=progress
+        duct, chain, allowance=allowance, cylinders=kind == "cylinders", progress=progress
     )
     places, _ = choose_chain(edges, len(chain.radii), max_loss=max_error, pieces=pieces)
     if kind == "cones":

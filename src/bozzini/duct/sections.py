@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_integer, check_number, check_range
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
-from ._fit_points import fit_circle
+from ._fit_planar import fit_circle
 from ._fit_rays import cast_rays
 from ._fit_search import find_highest
 from .centreline import Centreline
@@ -91,11 +91,12 @@ class Sections:
         )
 
     def fit_circles(self) -> SectionCircles:
-        """Fit circles by least squares of the distances of the wall points (not of their squares).
+        """Fit circles by least squares of the distances of the wall (not of their squares).
 
+        Every mm of the polygon through the wall points counts the same, whether near or far.
         Such a circle reaches outside the wall: it is for looking at. Plan with the inscribed one.
         """
-        fits = [fit_circle(points) for points in self.flatten()]
+        fits = [fit_circle(points, weights=share_wall(points)) for points in self.flatten()]
         return SectionCircles(
             centres=self._lift(np.array([fit.centre for fit in fits])),
             radii=np.array([fit.radius for fit in fits]),
@@ -121,7 +122,7 @@ class Sections:
         )
 
     def _lift(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self.centres + np.einsum("ni,nji->nj", points, self.frames[:, :, :2])
+        return np.asarray(self.centres + np.einsum("ni,nji->nj", points, self.frames[:, :, :2]))
 
 
 def cut_sections(
@@ -158,9 +159,7 @@ def cut_sections(
     check_number("spacing", spacing, low=0.0, low_open=True, unit="mm")
     check_integer("rays", rays, low=8, high=10_000)
     if stations is None:
-        arc = np.linspace(
-            0.0, centreline.length, max(2, round(centreline.length / spacing) + 1)
-        )
+        arc = np.linspace(0.0, centreline.length, max(2, round(centreline.length / spacing) + 1))
     else:
         arc = check_array("stations", stations).copy()
         if arc.ndim != 1 or len(arc) == 0 or (np.diff(arc) <= 0.0).any():
@@ -224,6 +223,12 @@ def _look_up(centreline: Centreline, arc: NDArray[np.float64]) -> NDArray[np.flo
     return np.stack(
         [np.interp(arc, centreline.arc_length, column) for column in centreline.points.T], axis=1
     )
+
+
+def share_wall(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (k,) length of a closed polygon that each point (k, 2) stands for."""
+    sides = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    return np.asarray(0.5 * (sides + np.roll(sides, 1)))
 
 
 def _inscribe(points: NDArray[np.float64], index: int) -> tuple[NDArray[np.float64], float]:

@@ -201,7 +201,9 @@ def _build(kind: str, table: dict[str, NDArray[np.float64]], options: dict[str, 
     if kind == "cones":
         return RoundCones(table["centre"], table["radius"][:, 0], **options)
     if kind == "cylinders":
-        return ConnectedCylinders(table["centre"], table["normal"], table["radius"][:, 0], **options)
+        return ConnectedCylinders(
+            table["centre"], table["normal"], table["radius"][:, 0], **options
+        )
     return SuperEllipsoids(
         table["centre"],
         table["half_axes"],
