@@ -22,7 +22,8 @@ from benchmarks.ring import (
 from bozzini.duct import Centreline, SampledField
 from bozzini.duct.centreline import measure_arc_length, resample_polyline
 from bozzini.motion import Introducer, Scope
-from bozzini.motion._link_kernels import duct_value, place_tail
+from bozzini.motion._direction_kernels import duct_value
+from bozzini.motion._link_kernels import place_tail
 from bozzini.motion.thesis import move_by_thesis
 from tests.shapes import tube_lumen
 
@@ -33,12 +34,12 @@ def ring() -> SampledField:
 
 
 @njit
-def place_all(values, step, inflation, intro, heads, olds, length, room, tails, codes):
+def place_all(duct, intro, heads, olds, length, room, slope, tails, codes):
     """Every link of a batch: a compiled loop, so that no call from Python is timed."""
     work = np.empty((6, 5))
     for n in range(heads.shape[0]):
         codes[n], _ = place_tail(
-            values, step, inflation, intro, heads[n], olds[n], length, room, work, tails[n]
+            duct, intro, heads[n], olds[n], length, room, slope, False, work, tails[n]
         )
 
 
@@ -49,7 +50,7 @@ def solve_slsqp(field: SampledField, head: np.ndarray, old: np.ndarray, *, squar
     """
     from scipy.optimize import minimize
 
-    values, step, inflation = field.values, field.spacing, field.inflation
+    duct = field.pack()
 
     def objective(x: np.ndarray) -> float:
         away = x - old
@@ -60,7 +61,7 @@ def solve_slsqp(field: SampledField, head: np.ndarray, old: np.ndarray, *, squar
         return np.sqrt(away @ away) - LINK
 
     def keep_inside(x: np.ndarray) -> float:
-        return -ROOM - duct_value(values, step, inflation, NO_INTRODUCER, x[0], x[1], x[2])
+        return -ROOM - duct_value(duct, NO_INTRODUCER, x[0], x[1], x[2])
 
     constraints = [{"type": "eq", "fun": keep_length}, {"type": "ineq", "fun": keep_inside}]
     return minimize(objective, old, constraints=constraints, method="SLSQP")
@@ -86,10 +87,8 @@ def time_slsqp(
 def bench_link_step_against_slsqp(benchmark: Any, ring: SampledField, form: str) -> None:
     heads, olds = draw_links(ring, 2000)
     tails, codes = np.empty_like(heads), np.empty(len(heads), dtype=np.int64)
-    arguments = (ring.values, ring.spacing, ring.inflation, NO_INTRODUCER, heads, olds)
-    benchmark.pedantic(
-        place_all, args=(*arguments, LINK, ROOM, tails, codes), rounds=15, warmup_rounds=1
-    )
+    arguments = (ring.pack(), NO_INTRODUCER, heads, olds, LINK, ROOM, 3**0.5, tails, codes)
+    benchmark.pedantic(place_all, args=arguments, rounds=15, warmup_rounds=1)
     ours = benchmark.stats.stats.min / len(heads)
     some = slice(0, None, 10)
     theirs, answers = time_slsqp(ring, heads[some], olds[some], squared=form == "squared")

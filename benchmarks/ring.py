@@ -28,6 +28,9 @@ LINK = 8.0
 HEAD_STEP = 0.25
 """[mm]."""
 
+SLOPE = 3**0.5
+"""How fast the interpolant changes per mm at most."""
+
 NO_INTRODUCER = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
 
 
@@ -65,14 +68,14 @@ def advance(field: SampledField, chain: np.ndarray, angle: float, steps: int) ->
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     out = np.empty((steps + 2, len(chain), 3))
     code, rows = advance_chain(
-        field.values,
-        field.spacing,
-        field.inflation,
+        field.pack(),
         NO_INTRODUCER,
         path,
         arc,
         LINK,
         ROOM,
+        SLOPE,
+        False,
         HEAD_STEP,
         4.0 * HEAD_STEP,
         field.to_grid(chain),
@@ -109,7 +112,7 @@ def draw_links(field: SampledField, count: int) -> tuple[np.ndarray, np.ndarray]
     heads: list[np.ndarray] = []
     olds: list[np.ndarray] = []
     work, tail, start = np.empty((6, 5)), np.empty(3), np.empty(3)
-    given: Any = (field.values, field.spacing, field.inflation, NO_INTRODUCER)
+    given: Any = (field.pack(), NO_INTRODUCER)
     while len(heads) < count:
         turn = random.uniform(0.0, 2.0 * np.pi)
         radial, height = random.uniform(-LUMEN + ROOM, LUMEN - ROOM, size=2)
@@ -118,12 +121,12 @@ def draw_links(field: SampledField, count: int) -> tuple[np.ndarray, np.ndarray]
         if field.signed_distance(head) + ROOM > 0.0:
             continue
         head_g, old_g = field.to_grid(head), field.to_grid(old)
-        code, _ = place_tail(*given, head_g, old_g, LINK, ROOM, work, start)
+        code, _ = place_tail(*given, head_g, old_g, LINK, ROOM, SLOPE, False, work, start)
         if code == 3:
             continue
         step = random.normal(size=3)
         moved = head_g + HEAD_STEP * step / np.linalg.norm(step)
-        code, _ = place_tail(*given, moved, start, LINK, ROOM, work, tail)
+        code, _ = place_tail(*given, moved, start, LINK, ROOM, SLOPE, False, work, tail)
         if code == 1:
             heads.append(moved)
             olds.append(start.copy())

@@ -25,6 +25,7 @@ def test_every_example_is_tested():
     assert {path.stem for path in EXAMPLES.glob("*.py")} == {
         "bicycle_chain",
         "breathing",
+        "duct_family",
         "continuum_compare",
         "effector_stick",
         "muscle_calibration",
@@ -145,3 +146,23 @@ def test_continuum_compare_converges_to_the_rod_and_routing_matters(tmp_path, ca
     assert off["helical"]["straightened"] > 50.0
     own = example.main([str(EXAMPLES / "colonoscope.yaml"), "--out", str(out)])
     assert list(own) == ["colonoscope"]
+
+
+def test_duct_family_takes_one_way_through_every_pipe(tmp_path, capsys):
+    example = load("duct_family")
+    out = tmp_path / "pipes.png"
+    names = ["polygon", "with obstacles", "round cones", "sampled field"]
+    found = example.main(["--only", *names, "--out", str(out)])
+    assert list(found) == names
+    for name, result in found.items():
+        plan = result["plan"]
+        assert (plan.links, plan.status) == (example.LINKS, "complete")
+        links = np.linalg.norm(result["tails"] - result["heads"], axis=1)
+        assert links == pytest.approx(np.full(len(links), example.LINK))
+        room = -result["duct"].signed_distance(result["tails"])
+        assert room.min() == pytest.approx(example.CHAIN.radius, abs=1e-6)
+        gap = plan.joints[-1][:, :2] - found["polygon"]["plan"].joints[-1]
+        assert (np.abs(gap).max() > 0.5) == (name == "with obstacles")
+    assert len(capsys.readouterr().out.splitlines()) == len(names)
+    assert out.read_bytes()[:4] == PNG
+    assert out.stat().st_size < 150_000

@@ -25,14 +25,14 @@ def tube():
 def solve(field, head, old, length, room):
     tail = np.empty(3)
     code, best = place_tail(
-        field.values,
-        field.spacing,
-        field.inflation,
+        field.pack(),
         NO_INTRODUCER,
         field.to_grid(head),
         field.to_grid(old),
         length,
         room,
+        3**0.5,
+        False,
         np.empty((6, 5)),
         tail,
     )

@@ -6,6 +6,7 @@ from .certify import Certificate, certify_motion, certify_plan
 from .insertion import METHODS, plan_insertion
 from .introducer import Introducer
 from .largest import Largest, find_largest
+from .link import LinkPlacement, place_tail
 from .passage import Passage, find_passage
 from .plan import Plan
 from .refusal import REASON_CODES, Refusal
@@ -13,14 +14,20 @@ from .replan import replan
 from .scope import Scope
 from .soft import plan_with_soft_wall
 from .tractrix import move_free_chain
+from .traverse import LinkLimits, find_link_limits
+from .traverse_bend import Bend
+from .traverse_diameter import find_diameter_limits
 from .tube import TubeOptions
 
 __all__ = [
     "METHODS",
     "REASON_CODES",
+    "Bend",
     "Certificate",
     "Introducer",
     "Largest",
+    "LinkLimits",
+    "LinkPlacement",
     "Passage",
     "Plan",
     "Refusal",
@@ -28,9 +35,12 @@ __all__ = [
     "TubeOptions",
     "certify_motion",
     "certify_plan",
+    "find_diameter_limits",
     "find_largest",
+    "find_link_limits",
     "find_passage",
     "move_free_chain",
+    "place_tail",
     "plan_insertion",
     "plan_with_soft_wall",
     "replan",

@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 
 from ..duct._clearance_kernels import clearance_estimate
-from ._link_kernels import duct_value, place_tail
+from ._direction_kernels import duct_value
+from ._link_kernels import INFEASIBLE, place_tail
 
 __all__ = ["advance_chain", "measure_body"]
 
@@ -34,14 +35,14 @@ def _point_on_path(path, arc, s, where, point):
 
 @njit(cache=True)
 def advance_chain(
-    values,
-    step,
-    inflation,
+    duct,
     intro,
     path,
     arc,
     length,
     room,
+    slope,
+    planar,
     head_step,
     jump,
     chain,
@@ -56,10 +57,15 @@ def advance_chain(
 
     Parameters
     ----------
+    duct : named tuple
+        The packed duct.
+    slope, planar
+        As for `place_tail`.
     chain : (joints, 3) float
         The chain, updated in place to the last accepted step.
     state : (4,) float
-        In and out: head arc length, link index, value (best room or jump), unused.
+        In and out: head arc length of the last accepted step, link index, value (how much room
+        lacks, or jump), and where the head was in the step that failed.
     out : (rows, joints, 3) float
         Filled with accepted steps.
     trail : (rows,) float
@@ -87,7 +93,7 @@ def advance_chain(
             return BUFFER_FULL, rows
         target = min(s + size, end)
         where = _point_on_path(path, arc, target, where, trial[0])
-        depth = duct_value(values, step, inflation, intro, trial[0, 0], trial[0, 1], trial[0, 2])
+        depth = duct_value(duct, intro, trial[0, 0], trial[0, 1], trial[0, 2])
         if depth + room > 0.0:
             if size > floor:
                 size *= 0.5
@@ -95,28 +101,29 @@ def advance_chain(
                 continue
             state[0] = s
             state[2] = depth
+            state[3] = target
             return HEAD_BLOCKED, rows
         code = 0
         value = 0.0
         link = 0
         for j in range(1, joints):
             code, value = place_tail(
-                values, step, inflation, intro, trial[j - 1], chain[j], length, room, work, trial[j]
+                duct, intro, trial[j - 1], chain[j], length, room, slope, planar, work, trial[j]
             )
             move = math.sqrt(
                 (trial[j, 0] - chain[j, 0]) ** 2
                 + (trial[j, 1] - chain[j, 1]) ** 2
                 + (trial[j, 2] - chain[j, 2]) ** 2
             )
-            if code == 3:
+            if code == INFEASIBLE:
                 link = j
                 break
             if move > jump:
-                code = 4
+                code = LINK_LOCKED
                 value = move
                 link = j
                 break
-        if code >= 3:
+        if code >= LINK_INFEASIBLE:
             if size > floor:
                 size *= 0.5
                 where = 0
@@ -124,6 +131,7 @@ def advance_chain(
             state[0] = s
             state[1] = link
             state[2] = value
+            state[3] = target
             return code, rows
         s = target
         for j in range(joints):

@@ -1,8 +1,7 @@
 """Numba kernels for one constrained link: the tail that moves least, at its distance, in the duct.
 
-All points are in the field's own frame. The duct is the sampled field united with the introducer,
-a ray from ``entry`` along ``outward`` with radius ``bore`` (a capsule, exact distance); a bore
-of 0 or less means no introducer. ``duct`` in comments is the minimum of both distances.
+All points are in the duct's own frame; a duct is packed for `duct._clearance_kernels`. A room that
+lacks is the signed distance to the free space (`_direction_kernels`) plus the room asked for.
 """
 
 from __future__ import annotations
@@ -12,56 +11,34 @@ import math
 import numpy as np
 from numba import njit
 
-from ..duct._kernels import field_and_gradient, field_value
+from ._direction_kernels import (
+    TOLERANCE,
+    duct_and_gradient,
+    duct_value,
+    find_roomiest,
+    march_circle,
+    point_tail,
+    search_sphere,
+)
 
-__all__ = ["duct_and_gradient", "duct_value", "place_tail"]
+__all__ = ["FREE", "INFEASIBLE", "SEARCHED", "WALL", "make_frame", "place_tail"]
 
-TOLERANCE = 1e-9
-"""Feasibility and convergence tolerance of the link step [mm]."""
+FREE = 0
+WALL = 1
+SEARCHED = 2
+INFEASIBLE = 3
 
 SMOOTH_ITERATIONS = 10
 MAX_ITERATIONS = 40
 
-
-@njit(cache=True)
-def duct_value(values, step, inflation, intro, x, y, z):
-    """Signed distance to the lumen united with the introducer.
-
-    ``step`` holds the three spacings; ``intro`` the entry, the outward unit vector and the bore.
-    """
-    s = field_value(values, step[0], step[1], step[2], inflation, x, y, z)
-    if intro[6] > 0.0:
-        dx = x - intro[0]
-        dy = y - intro[1]
-        dz = z - intro[2]
-        t = max(dx * intro[3] + dy * intro[4] + dz * intro[5], 0.0)
-        dx -= t * intro[3]
-        dy -= t * intro[4]
-        dz -= t * intro[5]
-        s = min(s, math.sqrt(dx * dx + dy * dy + dz * dz) - intro[6])
-    return s
-
-
-@njit(cache=True)
-def duct_and_gradient(values, step, inflation, intro, x, y, z):
-    """Signed distance to the lumen united with the introducer, and its gradient."""
-    s, gx, gy, gz = field_and_gradient(values, step[0], step[1], step[2], inflation, x, y, z)
-    if intro[6] > 0.0:
-        dx = x - intro[0]
-        dy = y - intro[1]
-        dz = z - intro[2]
-        t = max(dx * intro[3] + dy * intro[4] + dz * intro[5], 0.0)
-        dx -= t * intro[3]
-        dy -= t * intro[4]
-        dz -= t * intro[5]
-        distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if distance - intro[6] < s:
-            s = distance - intro[6]
-            scale = 1.0 / max(distance, 1e-12)
-            gx = dx * scale
-            gy = dy * scale
-            gz = dz * scale
-    return s, gx, gy, gz
+NEARBY = 0.3
+"""A local step that turns by more than this is held against a search of all directions [rad]."""
+GAP = 1e-3
+"""By how much the search may miss the least turn before it is polished [rad]."""
+FINEST = 1e-3
+"""Half the side of the smallest square of directions that the search looks at [rad]."""
+BUDGET = 200_000
+"""Values of the duct in a search at most."""
 
 
 @njit(cache=True)
@@ -124,7 +101,7 @@ def _frame(w, e, f):
 
 
 @njit(cache=True)
-def _local_step(values, step, inflation, intro, head, w, e, f, length, room, start_c, cuts, tail):
+def _local_step(duct, intro, head, frame, length, room, start, cuts, tail):
     """Minimise the turn from direction `w` subject to the duct; a bundle of linear cuts in 2-D.
 
     Unknown: the normal coordinates (a, b) of the direction around `w`, whose norm is the angle,
@@ -132,11 +109,13 @@ def _local_step(values, step, inflation, intro, head, w, e, f, length, room, sta
     newest cut alone converges. Where the iterates keep moving, at a kink of the trilinear field,
     up to three are kept as long as they were made near the iterate on the scale of its last move,
     which settles the kink as a corner of half-planes.
-    Returns (converged, angle).
+    `start` holds the first (a, b), and the last in the end. Returns (converged, angle).
     """
-    a = 0.0
-    b = 0.0
-    c = start_c
+    w = (frame[0, 0], frame[0, 1], frame[0, 2])
+    e = (frame[1, 0], frame[1, 1], frame[1, 2])
+    f = (frame[2, 0], frame[2, 1], frame[2, 2])
+    a = start[0]
+    b = start[1]
     count = 0
     last_move = np.inf
     for iteration in range(MAX_ITERATIONS):
@@ -154,7 +133,7 @@ def _local_step(values, step, inflation, intro, head, w, e, f, length, room, sta
             ub = 0.0
         for n in range(3):
             tail[n] = head[n] + length * (ca * w[n] + sinc * (a * e[n] + b * f[n]))
-        c, gx, gy, gz = duct_and_gradient(values, step, inflation, intro, tail[0], tail[1], tail[2])
+        c, gx, gy, gz = duct_and_gradient(duct, intro, tail[0], tail[1], tail[2])
         c += room
         # derivative along the radial direction and across it
         radial = 0.0
@@ -193,6 +172,8 @@ def _local_step(values, step, inflation, intro, head, w, e, f, length, room, sta
             return False, angle
         move = math.sqrt((na - a) ** 2 + (nb - b) ** 2)
         if move * length <= TOLERANCE and c <= TOLERANCE:
+            start[0] = a
+            start[1] = b
             return True, angle
         limit = 0.5
         if move > limit:
@@ -208,106 +189,95 @@ def _local_step(values, step, inflation, intro, head, w, e, f, length, room, sta
 
 
 @njit(cache=True)
-def _ring_search(values, step, inflation, intro, head, w, e, f, length, room, resolution, tail):
-    """Search the sphere ring by ring outwards from `w` for the nearest feasible direction.
+def make_frame(head, old, planar, frame):
+    """Fill `frame` (3, 3 or more) with the direction from `head` to `old`, and two normal to it.
 
-    A ring is passed over only as far as the field's slope (at most sqrt(3) for the interpolant)
-    and the distance of its samples allow, but at least by `resolution`.
-    Returns (found, angle, best): `best` is the smallest constraint value seen, and `tail` the
-    nearest feasible point, or the best one if none is feasible.
+    In the plane the second one lies in it. Where the points coincide, all tails are equally near:
+    the direction is along x then.
     """
-    slope = math.sqrt(3.0) * length
-    best = np.inf
-    bx, by, bz = 0.0, 0.0, 0.0
-    angle = 0.0
-    last = 0.0
-    while angle <= math.pi:
-        around = max(1, int(math.ceil(2.0 * math.pi * math.sin(angle) / resolution)))
-        ca = math.cos(angle)
-        sa = math.sin(angle)
-        ring = np.inf
-        for m in range(around):
-            phi = 2.0 * math.pi * m / around
-            cp = math.cos(phi) * sa
-            sp = math.sin(phi) * sa
-            x = head[0] + length * (ca * w[0] + cp * e[0] + sp * f[0])
-            y = head[1] + length * (ca * w[1] + cp * e[1] + sp * f[1])
-            z = head[2] + length * (ca * w[2] + cp * e[2] + sp * f[2])
-            c = duct_value(values, step, inflation, intro, x, y, z) + room
-            ring = min(ring, c)
-            if c < best:
-                best = c
-                bx, by, bz = x, y, z
-            if c <= 0.0:
-                # bisect back along this meridian to where it becomes feasible
-                low = last
-                high = angle
-                while high - low > 1e-12:
-                    mid = 0.5 * (low + high)
-                    sm = math.sin(mid)
-                    cm = math.cos(mid)
-                    cp = math.cos(phi) * sm
-                    sp = math.sin(phi) * sm
-                    mx = head[0] + length * (cm * w[0] + cp * e[0] + sp * f[0])
-                    my = head[1] + length * (cm * w[1] + cp * e[1] + sp * f[1])
-                    mz = head[2] + length * (cm * w[2] + cp * e[2] + sp * f[2])
-                    if duct_value(values, step, inflation, intro, mx, my, mz) + room <= 0.0:
-                        high = mid
-                        x, y, z = mx, my, mz
-                    else:
-                        low = mid
-                tail[0] = x
-                tail[1] = y
-                tail[2] = z
-                return True, high, c
-        last = angle
-        gap = ring / slope - 0.5 * resolution
-        angle += max(gap, resolution)
-    tail[0] = bx
-    tail[1] = by
-    tail[2] = bz
-    return False, math.pi, best
+    dx = old[0] - head[0]
+    dy = old[1] - head[1]
+    dz = old[2] - head[2]
+    size = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if size > 0.0:
+        frame[0, 0] = dx / size
+        frame[0, 1] = dy / size
+        frame[0, 2] = dz / size
+    else:
+        frame[0, 0] = 1.0
+        frame[0, 1] = 0.0
+        frame[0, 2] = 0.0
+    if planar:
+        frame[1, 0] = -frame[0, 1]
+        frame[1, 1] = frame[0, 0]
+        frame[1, 2] = 0.0
+        frame[2, 0] = 0.0
+        frame[2, 1] = 0.0
+        frame[2, 2] = 1.0
+    else:
+        _frame(frame[0], frame[1], frame[2])
 
 
 @njit(cache=True)
-def place_tail(values, step, inflation, intro, head, old, length, room, work, tail):
+def _search(duct, intro, head, length, room, slope, planar, known, work, tail):
+    """Search all directions, with a local step's turn `known` if it has converged."""
+    frame = work[:3]
+    start = work[0, 3:]
+    if planar:
+        found, _ = march_circle(duct, intro, head, frame, length, room, slope, tail)
+        if found:
+            return WALL, 0.0
+    else:
+        found, least, _, _ = search_sphere(
+            duct, intro, head, frame, length, room, slope, known, GAP, FINEST, BUDGET, start
+        )
+        if found:
+            a = start[0]
+            b = start[1]
+            ok, turn = _local_step(duct, intro, head, frame, length, room, start, work[3:6], tail)
+            if not ok or turn > least:
+                point_tail(head, frame, length, a, b, tail)
+            return SEARCHED, 0.0
+        if known < np.inf:
+            point_tail(head, frame, length, start[0], start[1], tail)
+            return WALL, 0.0
+    lack, _ = find_roomiest(duct, intro, head, frame, length, room, slope, planar, BUDGET, tail)
+    if lack <= 0.0:
+        return SEARCHED, 0.0
+    return INFEASIBLE, lack
+
+
+@njit(cache=True)
+def place_tail(duct, intro, head, old, length, room, slope, planar, work, tail):
     """One constrained link step (thesis eq. 5.15).
 
     Fill `tail` with the point at `length` from `head`, in the duct with at least `room` to the
-    wall, that is nearest to `old`. ``work`` is a (6, 5) scratch array.
+    wall, that is nearest to `old`: in the plane (`planar`) by marching both ways, in space by a
+    local step, and by a search of all directions where that fails or turns far. ``slope`` bounds
+    how fast the duct's value changes; ``work`` is a (6, 5) scratch array.
 
     Returns
     -------
     code : int
         0 free (the tractrix step is feasible), 1 at the wall, 2 found by the global search only,
         3 infeasible: no direction is feasible, `tail` is the best one.
-    best : float
-        For code 3 the smallest value of ``duct + room`` found on the sphere [mm], else 0.
+    lack : float
+        For code 3 the least value of ``duct + room`` on the sphere, to 0.01 mm or 1 %, else 0.
     """
-    w = work[0, :3]
-    e = work[1, :3]
-    f = work[2, :3]
-    dx = old[0] - head[0]
-    dy = old[1] - head[1]
-    dz = old[2] - head[2]
-    size = math.sqrt(dx * dx + dy * dy + dz * dz)
-    w[0] = dx / size
-    w[1] = dy / size
-    w[2] = dz / size
+    frame = work[:3]
+    make_frame(head, old, planar, frame)
     for n in range(3):
-        tail[n] = head[n] + length * w[n]
-    c = duct_value(values, step, inflation, intro, tail[0], tail[1], tail[2]) + room
-    if c <= 0.0:
-        return 0, 0.0
-    _frame(w, e, f)
-    ok, _ = _local_step(
-        values, step, inflation, intro, head, w, e, f, length, room, c, work[3:6], tail
-    )
-    if ok:
-        return 1, 0.0
-    found, _, best = _ring_search(
-        values, step, inflation, intro, head, w, e, f, length, room, 0.02, tail
-    )
-    if found:
-        return 2, 0.0
-    return 3, best
+        tail[n] = head[n] + length * frame[0, n]
+    if duct_value(duct, intro, tail[0], tail[1], tail[2]) + room <= 0.0:
+        return FREE, 0.0
+    known = np.inf
+    if not planar:
+        start = work[0, 3:]
+        start[0] = 0.0
+        start[1] = 0.0
+        ok, turn = _local_step(duct, intro, head, frame, length, room, start, work[3:6], tail)
+        if ok:
+            known = turn
+            if turn <= NEARBY:
+                return WALL, 0.0
+    return _search(duct, intro, head, length, room, slope, planar, known, work, tail)

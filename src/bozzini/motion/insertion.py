@@ -112,12 +112,6 @@ def plan_insertion(
     bore = max(float(duct.clearance_bound(line.points[0])), scope.radius)
     introducer = Introducer.at_start(line, bore=bore, along=scope.link_length)
     if method == "thesis":
-        if not isinstance(duct, SampledField):
-            raise InputError(
-                f"method 'thesis' works on a sampled field only, this duct is a "
-                f"{type(duct).__name__}: use one of "
-                f"{', '.join(m for m in METHODS if m != 'thesis')}, or sample it first"
-            )
         thesis = move_by_thesis(
             duct,
             line,

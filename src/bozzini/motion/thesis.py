@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..duct.centreline import Centreline
-from ..duct.field import SampledField
+from ..duct.protocol import Duct, count_dimensions
 from ..progress import Progress, no_progress
 from .introducer import Introducer
+from .link import bound_slope
 from .refusal import floor_mm
 from .scope import Scope
 
@@ -36,7 +37,7 @@ class Motion:
 
     Parameters
     ----------
-    joints : (steps, joints, 3) float
+    joints : (steps, joints, dim) float
         World frame [mm].
     head_arc_length : (steps,) float
         [mm].
@@ -52,7 +53,7 @@ class Motion:
 
 
 def move_by_thesis(
-    duct: SampledField,
+    duct: Duct,
     line: Centreline,
     *,
     scope: Scope,
@@ -61,7 +62,7 @@ def move_by_thesis(
     head_step: float,
     progress: Progress = no_progress,
 ) -> Motion:
-    """Move a chain along a centreline by the thesis's scheme.
+    """Move a chain along a centreline by the thesis's scheme, in any duct, in 2-D or 3-D.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def move_by_thesis(
     """
     from . import _chain_kernels as kernels
 
-    packed = introducer.pack(duct)
+    data, tube = duct.pack(), introducer.pack(duct)
     path = np.ascontiguousarray(duct.to_grid(line.points))
     chain = np.ascontiguousarray(duct.to_grid(introducer.place_chain(links + 1, scope.link_length)))
     state = np.zeros(4)
@@ -83,15 +84,15 @@ def move_by_thesis(
     code = kernels.BUFFER_FULL
     while code == kernels.BUFFER_FULL:
         code, rows = kernels.advance_chain(
-            duct.values,
-            duct.spacing,
-            duct.inflation,
-            packed,
+            data,
+            tube,
             path,
             line.arc_length,
-            scope.link_length,
-            scope.radius,
-            head_step,
+            float(scope.link_length),
+            float(scope.radius),
+            bound_slope(duct),
+            count_dimensions(duct) == 2,
+            float(head_step),
             JUMP_STEPS * head_step,
             chain,
             state,
@@ -101,10 +102,11 @@ def move_by_thesis(
         parts.append(out[:rows].copy())
         trails.append(trail[:rows].copy())
         progress("plan", float(state[0]) / line.length)
-    reason_code, reason = _explain(code, state, duct, line, scope)
+    made = np.concatenate(trails)
+    reason_code, reason = _explain(code, state, line, scope, step=len(made))
     return Motion(
         joints=duct.to_world(np.concatenate(parts)),
-        head_arc_length=np.concatenate(trails),
+        head_arc_length=made,
         status="complete" if code == kernels.DONE else "stopped",
         reason_code=reason_code,
         reason=reason,
@@ -112,11 +114,11 @@ def move_by_thesis(
 
 
 def _explain(
-    code: int, state: NDArray[np.float64], duct: SampledField, line: Centreline, scope: Scope
+    code: int, state: NDArray[np.float64], line: Centreline, scope: Scope, *, step: int
 ) -> tuple[str, str]:
     from . import _chain_kernels as kernels
 
-    at, link, value = float(state[0]), int(state[1]), float(state[2])
+    at, link, value, tried = float(state[0]), int(state[1]), float(state[2]), float(state[3])
     if code == kernels.HEAD_BLOCKED and at == 0.0:
         return "ENTRY_CLEARANCE", (
             f"does not fit at the entry: needs {scope.radius:.2f} mm from the wall, "
@@ -127,15 +129,18 @@ def _explain(
             f"does not fit at {at:.1f} mm: needs {scope.radius:.2f} mm from the wall, "
             f"the lumen offers {floor_mm(-value)} mm on the centreline"
         )
+    head = ", ".join(f"{np.interp(tried, line.arc_length, column):.1f}" for column in line.points.T)
+    where = f"in step {step}, with the head at {at:.1f} mm ({head})"
     if code == kernels.LINK_INFEASIBLE:
         return "LINK_INFEASIBLE", (
-            f"link {link} has no place with the head at {at:.1f} mm: no tail at "
+            f"link {link} has no place {where}: no tail at "
             f"{scope.link_length:g} mm has {scope.radius:.2f} mm from the wall, the best "
-            f"lacks {value:.2f} mm"
+            f"lacks {value:.2g} mm"
         )
     if code == kernels.LINK_LOCKED:
         return "LINK_LOCKED", (
-            f"link {link} locks with the head at {at:.1f} mm: its nearest feasible tail is a "
-            f"jump of {value:.2f} mm away, which does not shrink with the head's step"
+            f"link {link} locks {where}: its nearest tail at {scope.link_length:g} mm with "
+            f"{scope.radius:.2f} mm from the wall is a jump of {value:.2f} mm away, which does "
+            "not shrink with the head's step"
         )
     return "", ""

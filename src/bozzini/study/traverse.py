@@ -1,0 +1,162 @@
+"""From a tract to what limits links and diameters along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+
+from ..anatomy.findings import Finding
+from ..anatomy.tract import LabelTract, SurfaceTract
+from ..checks import check_number
+from ..duct import Centreline, Duct, SampledField, build_field, find_centreline, to_field
+from ..errors import InputError
+from ..motion.traverse import LinkLimits, find_link_limits
+from ..motion.traverse_diameter import DiameterLimits, find_diameter_limits
+from ..progress import Progress, no_progress
+from ._inputs import End, explain_scale, find_branches, sort_ends
+
+__all__ = ["LimitsStudy", "run_limits"]
+
+NODES = 300_000
+"""A duct is put on a grid of about this many nodes to find its centreline."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LimitsStudy:
+    """What limits links along a tract.
+
+    Parameters
+    ----------
+    duct : Duct
+    line : Centreline
+    links : LinkLimits
+        For bodies of the diameter asked for.
+    diameters : DiameterLimits
+        For links of any length, however short.
+    diameters_of_link : DiameterLimits, optional
+        For links of the length asked for.
+    findings : tuple of Finding
+    """
+
+    duct: Duct
+    line: Centreline
+    links: LinkLimits
+    diameters: DiameterLimits
+    diameters_of_link: DiameterLimits | None = None
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def link(self) -> float | None:
+        """The length asked for [mm]."""
+        return None if self.diameters_of_link is None else self.diameters_of_link.link
+
+    @property
+    def verdict(self) -> str:
+        """``"passes"``, ``"too wide"``, ``"too long"`` or ``"undecided"``.
+
+        Without a link: whether links short enough pass.
+        """
+        if self.links.diameter > self.diameters.high:
+            return "too wide"
+        if self.link is not None:
+            return self.links.judge(self.link)
+        return "passes" if self.links.link_low > 0.0 else "undecided"
+
+    def summarise(self) -> dict[str, Any]:
+        """Return JSON-able values; infinite numbers stay infinite."""
+        summary: dict[str, Any] = {
+            "verdict": self.verdict,
+            "link_mm": self.link,
+            "centreline_length_mm": self.line.length,
+            "wall": self.duct.wall,
+            "wall_error_mm": self.duct.wall_error,
+            **self.links.describe(),
+            **self.diameters.describe(),
+        }
+        if self.diameters_of_link is not None:
+            summary["with_link"] = self.diameters_of_link.describe()
+        summary["findings"] = [
+            {"code": item.code, "severity": item.severity, "message": item.message}
+            for item in self.findings
+        ]
+        return summary
+
+
+def run_limits(
+    source: LabelTract | SurfaceTract | Duct,
+    *,
+    diameter: float,
+    link: float | None = None,
+    start: End = None,
+    end: End = None,
+    reverse: bool = False,
+    voxel: float | None = None,
+    inflate: float = 0.0,
+    progress: Progress = no_progress,
+) -> LimitsStudy:
+    """Sample a lumen, find its centreline, and bound links and diameters along it.
+
+    Parameters
+    ----------
+    source : LabelTract, SurfaceTract or Duct
+        A duct must be 3-D and know how to move its wall if `inflate` is given. It is sampled only
+        to find the centreline.
+    diameter : float
+        Of the body [mm].
+    link : float, optional
+        A length to judge, and to find the largest diameter for [mm].
+    start, end, reverse, voxel, inflate, progress
+        See `run_insertion`.
+
+    Raises
+    ------
+    BozziniError
+        If an input is not legal; a body that does not fit is a result, not an error.
+    """
+    check_number("diameter", diameter, low=0.0, low_open=True, unit="mm")
+    if link is not None:
+        check_number("link", link, low=0.0, low_open=True, unit="mm")
+    check_number("inflation", inflate, low=0.0, high=100.0, unit="mm")
+    findings: tuple[Finding, ...] = ()
+    if isinstance(source, (LabelTract, SurfaceTract)):
+        points, regions = sort_ends(source, start, end)
+        with explain_scale(source):
+            field = build_field(source, voxel=voxel, inflate=inflate, progress=progress)
+            line = find_centreline(field, points, regions=regions, progress=progress)
+        duct: Duct = field
+        findings = source.findings
+    else:
+        duct, line = _prepare_duct(source, start, end, voxel, inflate, progress)
+    if reverse:
+        line = line.reverse()
+    return LimitsStudy(
+        duct=duct,
+        line=line,
+        links=find_link_limits(duct, line, diameter=diameter, progress=progress),
+        diameters=find_diameter_limits(duct, line, progress=progress),
+        diameters_of_link=None
+        if link is None
+        else find_diameter_limits(duct, line, link=link, progress=progress),
+        findings=(*findings, *find_branches(line)),
+    )
+
+
+def _prepare_duct(
+    duct: Duct, start: End, end: End, voxel: float | None, inflate: float, progress: Progress
+) -> tuple[Duct, Centreline]:
+    for name, chosen in (("start", start), ("end", end)):
+        if isinstance(chosen, Integral):
+            raise InputError(f"{name} is label {chosen}, but shapes have no labels: give a point")
+    if inflate > 0.0:
+        if not hasattr(duct, "inflate"):
+            raise InputError(f"inflation is {inflate:g} mm: this duct's wall cannot be moved")
+        duct = duct.inflate(inflate)
+    if voxel is None:
+        voxel = float(np.prod(duct.bounds[1] - duct.bounds[0]) / NODES) ** (1.0 / 3.0)
+    field = to_field(duct, voxel)
+    if not isinstance(field, SampledField):
+        raise InputError("the duct is planar: its centreline must be given (find_link_limits)")
+    return duct, find_centreline(field, (start, end), progress=progress)
