@@ -26,6 +26,7 @@ COMMANDS = {
     "plan": "Plan a scope's motion through your own scan or surface.",
     "phantom": "Write a phantom upper gastro-intestinal tract to a file.",
     "data": "List and fetch public anatomy.",
+    "duct": "Fit shapes to a tract, show them, find the longest link.",
     "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",
     "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",

@@ -16,7 +16,7 @@ from .centreline import Centreline
 from .protocol import Duct, count_dimensions
 from .sections import Sections, cut_sections
 
-__all__ = ["PERCENTS", "FitReport", "find_outside", "measure_fit"]
+__all__ = ["PERCENTS", "FitReport", "explain_shortfall", "find_outside", "measure_fit"]
 
 PERCENTS = (0, 5, 25, 50, 75, 95, 100)
 """The percentiles of a report."""
@@ -108,6 +108,12 @@ def measure_fit(
     ------
     InputError
         If a duct is planar, or an argument is not legal.
+
+    Notes
+    -----
+    How far outside a point lies is what `duct` says: exact for meshes, balls and round cones, and
+    within `error` for sampled fields. A union of super-ellipsoids as the true duct says less than
+    that.
     """
     check_number("max error", max_error, low=0.0, unit="mm")
     for name, one in (("fitted duct", fitted), ("duct", duct)):
@@ -144,6 +150,26 @@ def measure_fit(
         room_loss=np.percentile(loss, PERCENTS),
         room_loss_place=float(arc[int(np.argmax(loss))]),
     )
+
+
+def explain_shortfall(report: FitReport, max_error: float, *, free: bool) -> str:
+    """Return what an error is exceeded by, with `free` on the centreline too; else nothing."""
+    if report.outside > max_error:
+        return (
+            f"a point of the fitted lumen is {report.outside:.2f} mm outside, more than "
+            f"{max_error:g} mm"
+        )
+    if report.outside_bound > max_error:
+        return (
+            f"none is found more than {report.outside:.2f} mm outside, but only "
+            f"{report.outside_bound:.2f} mm is proved"
+        )
+    if free and report.room_loss[-1] > max_error:
+        return (
+            f"{report.room_loss[-1]:.2f} mm of the room on the centreline is lost at "
+            f"{report.room_loss_place:.1f} mm, more than {max_error:g} mm"
+        )
+    return ""
 
 
 def find_outside(fitted: Duct, duct: Duct, *, max_error: float) -> Highest:

@@ -78,7 +78,9 @@ class SuperEllipseFit:
         )
 
 
-def fit_circle(points: ArrayLike, *, weights: ArrayLike | None = None) -> CircleFit:
+def fit_circle(
+    points: ArrayLike, *, weights: ArrayLike | None = None, around: bool = False
+) -> CircleFit:
     """Fit a circle to points (n, 2) by least squares of distances.
 
     The algebraic fit (Kasa's), which is biased towards small circles on short arcs, is only where
@@ -90,6 +92,9 @@ def fit_circle(points: ArrayLike, *, weights: ArrayLike | None = None) -> Circle
         [mm].
     weights : (n,) float, optional
         How much each counts, positive: the length of wall that it stands for.
+    around : bool
+        The points go all around: keep the centre in their box. Without that, a slit is fitted
+        best by a circle so large that it is nearly a line.
 
     Raises
     ------
@@ -120,7 +125,14 @@ def fit_circle(points: ArrayLike, *, weights: ArrayLike | None = None) -> Circle
     def residuals(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(root * (np.hypot(*(flat / size - x[:2]).T) - x[2]))
 
-    found = least_squares(residuals, [answer[0], answer[1], radius], method="lm", **EXACT)
+    start = np.array([answer[0], answer[1], radius])
+    if around:
+        low, high = flat.min(axis=0) / size, flat.max(axis=0) / size
+        limits = np.append(low, 0.0), np.append(high, float(np.linalg.norm(high - low)))
+        start = np.clip(start, 0.99 * limits[0], 0.99 * limits[1])
+        found = least_squares(residuals, start, bounds=limits, **EXACT)
+    else:
+        found = least_squares(residuals, start, method="lm", **EXACT)
     return CircleFit(
         centre=middle + size * found.x[:2],
         radius=abs(size * float(found.x[2])),

@@ -64,7 +64,9 @@ def find_highest(
     ceiling : float
         Values below this need not be told apart.
     tolerance : float
-        How far the bound may be above the value, where that is above the ceiling.
+        How far the bound may be above the value, where that is above the ceiling. Farther, but
+        a bound still, if there are more cubes than `CELLS_MAX` before: where the function is
+        nearly highest over a wide surface.
     slack : float
         Error of `region`.
     """

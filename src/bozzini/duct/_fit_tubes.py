@@ -80,7 +80,7 @@ def fit_cylinder_chain(
     centres, normals, least = chain.centres[places], chain.tangents[places], chain.radii[places]
     frames = carry_frames(normals)
     flat = np.einsum("nkj,nji->nki", walls - centres[:, None], frames[:, :, :2])
-    fits = [fit_circle(points, weights=share_wall(points)) for points in flat]
+    fits = [fit_circle(points, weights=share_wall(points), around=True) for points in flat]
     shift = np.einsum("ni,nji->nj", np.array([fit.centre for fit in fits]), frames[:, :, :2])
     more = np.array([fit.radius for fit in fits]) - least
     share = np.ones(len(fits))

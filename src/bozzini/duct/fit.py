@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,13 @@ from ..checks import check_integer, check_number
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
 from ._fit_chain import Chain, Edges, choose_chain, measure_edges, place_chain
-from ._fit_measure import PERCENTS, FitReport, find_outside, measure_fit
+from ._fit_measure import (
+    PERCENTS,
+    FitReport,
+    explain_shortfall,
+    find_outside,
+    measure_fit,
+)
 from ._fit_planar import CircleFit, SuperEllipseFit, fit_circle, fit_super_ellipse
 from ._fit_points import SuperEllipsoidFit, fit_super_ellipsoid
 from ._fit_voxels import mesh_from_mask
@@ -19,6 +26,7 @@ from .cones import RoundCones
 from .cylinders import ConnectedCylinders
 from .protocol import Duct, count_dimensions
 from .sections import Sections, cut_sections
+from .shapes_file import count_pieces
 from .super_ellipsoid import SuperEllipsoids
 
 __all__ = [
@@ -66,6 +74,8 @@ class FittedDuct:
     Attributes
     ----------
     duct : RoundCones, ConnectedCylinders or SuperEllipsoids
+        Its `wall_error` is how far it may reach outside the true wall: what is proved of the
+        fit, and the true duct's own. Inside the wall it may be much farther away.
     kind : str
         One of `KINDS`.
     inside : bool
@@ -153,12 +163,19 @@ def fit_duct(
         shapes,
         duct,
         centreline,
-        pieces=_count_pieces(shapes),
+        pieces=count_pieces(shapes),
         max_error=max_error if inside else 0.0,
         sections=cuts,
         progress=progress,
     )
-    reason = _explain(report, max_error, free=pieces is None and kind != "superellipsoids")
+    told: dict[str, Any] = {
+        "wall": f"{shapes.wall}; fitted to {duct.wall}",
+        "wall_error": report.outside_bound + (duct.wall_error or 0.0),
+    }
+    if kind == "superellipsoids":
+        told["connected"] = True  # that they hang together is asked here, once
+    shapes = replace(shapes, **told)
+    reason = explain_shortfall(report, max_error, free=pieces is None and kind != "superellipsoids")
     return FittedDuct(
         duct=shapes,
         kind=kind,
@@ -250,7 +267,7 @@ def _inscribe_blocks(
         if len(highest.places) == 0:
             break
         shapes = shrink_blocks(shapes, highest.places)
-    return replace(shapes, connected=True)
+    return shapes
 
 
 def _fit_wall(
@@ -266,8 +283,7 @@ def _fit_wall(
     from ._fit_tubes import fit_cone_chain, fit_cylinder_chain
 
     if kind == "superellipsoids":
-        blocks = fit_blocks(cuts, 20 if pieces is None else pieces, progress=progress)
-        return replace(blocks, connected=True)
+        return fit_blocks(cuts, 20 if pieces is None else pieces, progress=progress)
     chain = place_chain(duct, centreline)
     # Least squares moves the wall anyhow: the places need not be so many that cones stay inside.
     allowance = max(max_error, WALL_SHARE * float(np.median(chain.radii)))
@@ -281,27 +297,3 @@ def _fit_wall(
         return fit_cone_chain(wall, chain.centres[places], chain.radii[places])
     walls = cut_sections(duct, centreline, stations=chain.arc_length[places]).wall
     return fit_cylinder_chain(chain, places, walls)
-
-
-def _count_pieces(shapes: Shapes) -> int:
-    count = len(shapes.centres)
-    return count if isinstance(shapes, SuperEllipsoids) else max(1, count - 1)
-
-
-def _explain(report: FitReport, max_error: float, *, free: bool) -> str:
-    if report.outside > max_error:
-        return (
-            f"a point of the fitted lumen is {report.outside:.2f} mm outside, more than "
-            f"{max_error:g} mm"
-        )
-    if report.outside_bound > max_error:
-        return (
-            f"none is found more than {report.outside:.2f} mm outside, but only "
-            f"{report.outside_bound:.2f} mm is proved"
-        )
-    if free and report.room_loss[-1] > max_error:
-        return (
-            f"{report.room_loss[-1]:.2f} mm of the room on the centreline is lost at "
-            f"{report.room_loss_place:.1f} mm, more than {max_error:g} mm"
-        )
-    return ""

@@ -96,7 +96,9 @@ class Sections:
         Every mm of the polygon through the wall points counts the same, whether near or far.
         Such a circle reaches outside the wall: it is for looking at. Plan with the inscribed one.
         """
-        fits = [fit_circle(points, weights=share_wall(points)) for points in self.flatten()]
+        fits = [
+            fit_circle(points, weights=share_wall(points), around=True) for points in self.flatten()
+        ]
         return SectionCircles(
             centres=self._lift(np.array([fit.centre for fit in fits])),
             radii=np.array([fit.radius for fit in fits]),

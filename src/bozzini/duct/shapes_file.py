@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,21 @@ from numpy.typing import NDArray
 
 from ..errors import FileFormatError, InputError, OutputError
 from ..files import write_text
+from ._shapes_text import format_json, format_yaml, parse_json, parse_yaml
 from .cones import RoundCones
 from .cylinders import ConnectedCylinders
 from .super_ellipsoid import SuperEllipsoids
 
-__all__ = ["SUFFIXES", "VERSION", "load_shapes", "read_shapes", "save_shapes", "write_shapes"]
+__all__ = [
+    "SUFFIXES",
+    "VERSION",
+    "check_shapes_target",
+    "count_pieces",
+    "load_shapes",
+    "read_shapes",
+    "save_shapes",
+    "write_shapes",
+]
 
 VERSION = 1
 """Version of the file format that is written."""
@@ -67,8 +76,8 @@ def save_shapes(
     check_shapes_target(target, force=force)
     data = write_shapes(duct, note=note)
     if target.suffix.lower() == ".json":
-        return write_text(target, _format_json(data))
-    return write_text(target, _format_yaml(data))
+        return write_text(target, format_json(data))
+    return write_text(target, format_yaml(data))
 
 
 def check_shapes_target(path: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -84,6 +93,12 @@ def check_shapes_target(path: str | os.PathLike[str], *, force: bool = False) ->
         raise OutputError(f"{target} is a directory: choose a file")
     if target.exists() and not force:
         raise OutputError(f"{target} exists already: choose another file or give --force")
+
+
+def count_pieces(duct: Shapes) -> int:
+    """Return how many shapes there are: cones and cylinders lie between two of their balls."""
+    count = len(duct.centres)
+    return count if isinstance(duct, SuperEllipsoids) else max(1, count - 1)
 
 
 def load_shapes(path: str | os.PathLike[str]) -> Shapes:
@@ -106,7 +121,7 @@ def load_shapes(path: str | os.PathLike[str]) -> Shapes:
         raise FileFormatError(f"cannot read {source}: {error.strerror or error}") from None
     except ValueError as error:
         raise FileFormatError(f"cannot read {source}: it is not UTF-8 text ({error})") from None
-    parse = _parse_json if source.suffix.lower() == ".json" else _parse_yaml
+    parse = parse_json if source.suffix.lower() == ".json" else parse_yaml
     try:
         return read_shapes(parse(text))
     except InputError as error:
@@ -252,67 +267,3 @@ def _is_number(value: Any) -> bool:
 def _show(value: Any) -> str:
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _format_json(data: Mapping[str, Any]) -> str:
-    """Return JSON with one shape a line."""
-    head = json.dumps({key: value for key, value in data.items() if key != "shapes"}, indent=2)
-    rows = ",\n".join(f"    {json.dumps(shape)}" for shape in data["shapes"])
-    return f'{head[:-2]},\n  "shapes": [\n{rows}\n  ]\n}}\n'
-
-
-def _format_yaml(data: Mapping[str, Any]) -> str:
-    import yaml
-
-    return str(
-        yaml.safe_dump(
-            dict(data), sort_keys=False, allow_unicode=True, default_flow_style=None, width=1000
-        )
-    )
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise InputError(f"the field '{key}' is given twice")
-        found[key] = value
-    return found
-
-
-def _parse_json(text: str) -> Any:
-    try:
-        return json.loads(text, object_pairs_hook=_once)
-    except InputError:
-        raise
-    except RecursionError:
-        raise InputError("not JSON that can be read: it is nested too deeply") from None
-    except ValueError as error:
-        raise InputError(f"not JSON: {error}") from None
-
-
-def _parse_yaml(text: str) -> Any:
-    import yaml
-
-    class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-        pass
-
-    def construct(loader: Any, node: Any) -> dict[str, Any]:
-        return _once(
-            [
-                (loader.construct_object(key, deep=True), loader.construct_object(value, deep=True))
-                for key, value in node.value
-            ]
-        )
-
-    Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, construct)
-    load: Callable[..., Any] = yaml.load
-    try:
-        return load(text, Loader=Loader)
-    except InputError:
-        raise
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise InputError(f"not YAML{where}: {problem}") from None

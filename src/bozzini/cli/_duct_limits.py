@@ -1,0 +1,189 @@
+"""``bozzini duct limits``: how long a link and how wide a body may be along a tract, and where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ._muscle_options import PICTURES, check_target
+from .common import (
+    EXIT_NEGATIVE,
+    LabelsType,
+    QuantityType,
+    emit,
+    force_option,
+    json_option,
+    progress_bar,
+    quiet_option,
+    run_exit,
+)
+from .plan import EndType, tell_findings
+
+if TYPE_CHECKING:
+    from ..anatomy.findings import Finding
+    from ..anatomy.tract import LabelTract, SurfaceTract
+    from ..duct.protocol import Duct
+    from ..study.traverse import LimitsStudy
+
+__all__ = ["limits_command"]
+
+_BY = {
+    "wall": "the wall at {place} limits them",
+    "turn": "a tail would go backwards in the bend at {place}",
+    "length": "longer ones are longer than the way",
+}
+
+
+@click.command("limits")
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option(
+    "--diameter",
+    type=QuantityType("length"),
+    default="9mm",
+    show_default=True,
+    help="Outer diameter of the body.",
+)
+@click.option("--link", type=QuantityType("length"), help="Length of a rigid link, to judge.")
+@click.option("--labels", type=LabelsType(), help="Labels that are lumen: 1,2,3 (default: all).")
+@click.option("--unit", default="mm", show_default=True, help="Unit of a surface file.")
+@click.option("--voxel", type=QuantityType("length"), help="Grid of the distance field.")
+@click.option(
+    "--inflate",
+    type=QuantityType("length"),
+    default="0mm",
+    show_default=True,
+    help="Move the wall outwards, as insufflation does.",
+)
+@click.option("--start", type=EndType(), help="Where links enter: a point or a label.")
+@click.option("--end", type=EndType(), help="Where they go: a point or a label.")
+@click.option("--reverse", is_flag=True, help="Enter at the other end.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="A picture of the limits along the tract (.png, .svg, .pdf).",
+)
+@force_option
+@json_option
+@quiet_option
+def limits_command(
+    source: Path,
+    diameter: float,
+    link: float | None,
+    labels: tuple[int, ...] | None,
+    unit: str,
+    voxel: float | None,
+    inflate: float,
+    start: tuple[float, ...] | int | None,
+    end: tuple[float, ...] | int | None,
+    reverse: bool,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Bound the longest link and the largest diameter along the lumen in INPUT, and say where.
+
+    INPUT is a label volume (.nii, .nii.gz), a surface (.stl, .ply, .obj, .glb) or fitted shapes
+    (.json, .yaml). All bounds are proved. Exit code 0: the link passes (without --link: short ones
+    do); 1: it does not, or these bounds do not decide it; 2: bad input.
+    """
+    check_target(out, PICTURES, force=force)
+    from ..study.traverse import run_limits
+
+    with progress_bar(quiet=quiet) as progress:
+        progress("read", 0.0)
+        given, known = _read(source, labels, unit)
+    tell_findings(known)
+    with progress_bar(quiet=quiet) as progress:
+        study = run_limits(
+            given,
+            diameter=diameter,
+            link=link,
+            start=start,
+            end=end,
+            reverse=reverse,
+            voxel=voxel,
+            inflate=inflate,
+            progress=progress,
+        )
+    tell_findings(study.findings[len(known) :])
+    if out is not None:
+        from ..view.figures import write_figure
+        from ..view.traverse_figures import draw_link_limits
+
+        write_figure(draw_link_limits(study.links, link=link), out)
+    result = study.summarise() | {"input": source.name, "file": out}
+    emit(result, as_json=as_json, text=_describe(study))
+    if study.verdict != "passes":
+        run_exit(EXIT_NEGATIVE)
+
+
+def _read(
+    source: Path, labels: tuple[int, ...] | None, unit: str
+) -> tuple[LabelTract | SurfaceTract | Duct, Sequence[Finding]]:
+    from ..anatomy import read_tract
+    from ..duct.shapes_file import SUFFIXES, load_shapes
+    from ..errors import InputError
+
+    if source.suffix.lower() not in SUFFIXES:
+        tract = read_tract(source, labels=labels, unit=unit)
+        return tract, tract.findings
+    if labels is not None:
+        raise InputError(f"{source} holds shapes: it has no labels to select")
+    if unit != "mm":
+        raise InputError(f"unit is '{unit}': a file of shapes is in mm, leave it out")
+    return load_shapes(source), ()
+
+
+def _describe(study: LimitsStudy) -> str:
+    links, widths = study.links, study.diameters
+    lines = [f"A body of {links.diameter:g} mm along {study.line.length:.0f} mm:"]
+    if links.link_low > 0.0:
+        by = _BY[links.link_low_by].format(place=f"{links.link_low_at:.0f} mm")
+        lines.append(
+            f"  links below {_floor(links.link_low)} mm pass with all joints on the centreline; "
+            f"{by}"
+        )
+    else:
+        lines.append(f"  the centreline has no room for it at {links.link_low_at:.0f} mm")
+    for bound, at, whose in (
+        (links.link_head, links.link_head_at, " with its head on the centreline"),
+        (links.link_high, links.link_high_at, " at all"),
+    ):
+        if bound == 0.0:
+            lines.append(f"  no link passes{whose}; there is no room at {at:.0f} mm")
+        elif math.isfinite(bound):
+            lines.append(
+                f"  none above {_ceil(bound)} mm passes{whose}; the bend at {at:.0f} mm limits it"
+            )
+        else:
+            lines.append(f"  no bend was found that limits links{whose}")
+    high = f", none above {_ceil(widths.high)} mm" if math.isfinite(widths.high) else ""
+    lines.append(f"Bodies below {_floor(widths.low)} mm pass by short links{high}.")
+    if study.diameters_of_link is not None:
+        narrow = study.diameters_of_link
+        high = f", none above {_ceil(narrow.high)} mm" if math.isfinite(narrow.high) else ""
+        lines.append(
+            f"With links of {narrow.link:g} mm: bodies below {_floor(narrow.low)} mm pass{high}."
+        )
+        verdict = {
+            "passes": "pass",
+            "too wide": "do not pass: the body is too wide",
+            "too long": "do not pass: they are too long",
+            "undecided": "are not decided by these bounds: plan their motion",
+        }[study.verdict]
+        lines.append(f"Links of {narrow.link:g} mm {verdict}.")
+    return "\n".join(lines)
+
+
+def _floor(value: float) -> str:
+    return f"{math.floor(10.0 * value) / 10.0:.1f}"
+
+
+def _ceil(value: float) -> str:
+    return f"{math.ceil(10.0 * value) / 10.0:.1f}"

@@ -1,0 +1,283 @@
+"""``bozzini duct``: fit shapes to a tract, look at them, and what limits links along it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ._duct_limits import limits_command
+from ._duct_options import read_with_options, tract_options
+from ._muscle_options import PICTURES, check_target
+from .common import (
+    EXIT_NEGATIVE,
+    QuantityType,
+    emit,
+    force_option,
+    json_option,
+    progress_bar,
+    quiet_option,
+    run_exit,
+)
+from .plan import tell_findings
+
+if TYPE_CHECKING:
+    from ..study.shapes import FitStudy, SectionStudy
+
+__all__ = ["command"]
+
+SHAPES = (".json", ".yaml", ".yml")
+KINDS = ("cones", "cylinders", "superellipsoids")
+
+
+@click.group("duct")
+def command() -> None:
+    """Fit shapes to a tract, draw them, and find what limits links along it."""
+
+
+command.add_command(limits_command)
+
+
+@command.command("fit")
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option(
+    "--as",
+    "kind",
+    type=click.Choice(KINDS),
+    default="cones",
+    show_default=True,
+    help="What shapes stand for the lumen.",
+)
+@click.option(
+    "--max-error",
+    type=QuantityType("length"),
+    default="1mm",
+    show_default=True,
+    help="How far outside the wall the shapes may reach.",
+)
+@click.option(
+    "--pieces",
+    type=int,
+    help="How many shapes at most (default: as few as lose no more room than --max-error).",
+)
+@click.option(
+    "--least-squares",
+    is_flag=True,
+    help="Fit the wall, through it too, and not only from inside: not for planning.",
+)
+@tract_options
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Where to write the shapes (.json, .yaml).",
+)
+@force_option
+@json_option
+@quiet_option
+def fit_command(
+    source: Path,
+    kind: str,
+    max_error: float,
+    pieces: int | None,
+    least_squares: bool,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Fit shapes to the lumen in INPUT, and say what they keep of it.
+
+    INPUT is a label volume (.nii, .nii.gz) or a surface (.stl, .ply, .obj, .glb). Exit code 0: no
+    point of the shapes is farther outside than --max-error, which is proved; 1: one is, or too
+    much room is lost (the file is written, and the report says what); 2: bad input.
+    """
+    from ..checks import check_integer, check_number
+    from ..duct.shapes_file import check_shapes_target, save_shapes
+    from ..study.shapes import run_fit
+
+    if out is not None:
+        check_shapes_target(out, force=force)
+    check_number("--max-error", max_error, low=0.0, low_open=True, unit="mm")
+    if pieces is not None:
+        check_integer("--pieces", pieces, low=1)
+    tract, ways = read_with_options(source, options, quiet=quiet)
+    with progress_bar(quiet=quiet) as progress:
+        study = run_fit(
+            tract,
+            kind,
+            max_error=max_error,
+            pieces=pieces,
+            inside=not least_squares,
+            progress=progress,
+            **ways,
+        )
+    tell_findings(study.findings[len(tract.findings) :])
+    if out is not None:
+        note = f"{study.fitted.report.pieces} {kind} fitted to {source.name}"
+        save_shapes(study.fitted.duct, out, note=note, force=force)
+    result = study.summarise() | {"input": source.name, "file": out}
+    emit(result, as_json=as_json, text=_describe_fit(study, out))
+    if not study.fitted.reached:
+        run_exit(EXIT_NEGATIVE)
+
+
+@command.command("show")
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option(
+    "--over",
+    type=click.Path(path_type=Path),
+    metavar="TRACT",
+    help="Draw shapes over the tract that they stand for.",
+)
+@click.option(
+    "--spacing", type=QuantityType("length"), help="Of a tract's sections (default: 2mm)."
+)
+@tract_options
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="A picture (.png, .svg, .pdf).",
+)
+@force_option
+@json_option
+@quiet_option
+def show_command(
+    source: Path,
+    over: Path | None,
+    spacing: float | None,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
+    """Show a file of shapes (.json, .yaml), or sections across the tract in INPUT.
+
+    Of a tract: its inscribed circles, circles by least squares, and areas along the centreline.
+    """
+    from ..errors import InputError
+
+    check_target(out, PICTURES, force=force)
+    if source.suffix.lower() not in SHAPES:
+        if over is not None:
+            raise InputError(f"--over has no effect: {source} is no file of shapes ({SHAPES[0]})")
+        result, text = _show_tract(source, out, spacing, options, quiet=quiet)
+    else:
+        if spacing is not None:
+            raise InputError("--spacing has no effect on a file of shapes: leave it out")
+        given = [f"--{name}" for name, value in options.items() if value not in (None, False)]
+        if given and over is None:
+            raise InputError(f"{given[0]} has no effect on a file of shapes: give --over too")
+        result, text = _show_shapes(source, over, out, options, quiet=quiet)
+    emit(result, as_json=as_json, text=text)
+
+
+def _show_tract(
+    source: Path, out: Path | None, spacing: float | None, options: dict[str, Any], *, quiet: bool
+) -> tuple[dict[str, Any], str]:
+    from ..study.shapes import run_sections
+
+    tract, ways = read_with_options(source, options, quiet=quiet)
+    with progress_bar(quiet=quiet) as progress:
+        study = run_sections(
+            tract, spacing=2.0 if spacing is None else spacing, progress=progress, **ways
+        )
+    tell_findings(study.findings[len(tract.findings) :])
+    if out is not None:
+        from ..view.duct_figures import draw_sections
+        from ..view.figures import write_figure
+
+        circles = {"inscribed circle": study.inscribed, "least squares": study.fitted}
+        figure = draw_sections(study.field, study.line, study.sections, circles, title=source.name)
+        write_figure(figure, out)
+    return study.summarise() | {"input": source.name, "file": out}, _describe_sections(study, out)
+
+
+def _show_shapes(
+    source: Path, over: Path | None, out: Path | None, options: dict[str, Any], *, quiet: bool
+) -> tuple[dict[str, Any], str]:
+    from ..duct.shapes_file import count_pieces, load_shapes, write_shapes
+
+    shapes = load_shapes(source)
+    data = write_shapes(shapes)
+    low, high = shapes.bounds
+    result = data | {"input": source.name, "pieces": count_pieces(shapes)}
+    result |= {"bounds_mm": [low, high], "file": out}
+    size = " x ".join(f"{value:.0f}" for value in high - low)
+    told = f"{count_pieces(shapes)} {data['kind']}"
+    text = f"{source}: {told} in {size} mm"
+    field = line = None
+    if over is not None:
+        from ..study.shapes import run_sections
+
+        tract, ways = read_with_options(over, options, quiet=quiet)
+        with progress_bar(quiet=quiet) as progress:
+            study = run_sections(tract, spacing=10.0, progress=progress, **ways)
+        tell_findings(study.findings[len(tract.findings) :])
+        field, line = study.field, study.line
+    if out is not None:
+        from ..view.duct_figures import draw_shapes
+        from ..view.figures import write_figure
+
+        write_figure(draw_shapes(shapes, field=field, line=line, title=told), out)
+        text += f"\n{out}"
+    return result, text
+
+
+def _describe_fit(study: FitStudy, out: Path | None) -> str:
+    from ..motion.refusal import floor_mm
+
+    fitted, report = study.fitted, study.fitted.report
+    share = 100.0 / report.volume_true
+    gained = share * report.volume_gained
+    lines = [
+        f"{report.pieces} {fitted.kind} keep {share * report.volume_kept:.1f} % of the volume "
+        f"({share * report.volume_lost:.1f} % lost, {gained:.2f} % gained, "
+        f"+-{share * report.volume_error:.2f} %)",
+        f"  no point is more than {_ceil(report.outside_bound)} mm outside the wall (proved); "
+        f"found {report.outside:.2f} mm",
+        f"  room lost on the centreline: {report.room_loss[3]:.2f} mm in the middle, "
+        f"{report.room_loss[-1]:.2f} mm at most, at {report.room_loss_place:.0f} mm; at least "
+        f"{floor_mm(_least_room(study))} mm is left",
+    ]
+    if not fitted.reached:
+        lines.append(f"Not reached: {fitted.reason}")
+    if out is not None:
+        lines.append(f"Shapes: {out}")
+    return "\n".join(lines)
+
+
+def _least_room(study: FitStudy) -> float:
+    """Return the least room of the shapes on the centreline, off its ends [mm]."""
+    line = study.line
+    inner = (line.arc_length > line.radius[0]) & (line.arc_length < line.length - line.radius[-1])
+    points = line.points[inner] if inner.any() else line.points
+    return float(-study.fitted.duct.signed_distance(points).max())
+
+
+def _describe_sections(study: SectionStudy, out: Path | None) -> str:
+    inscribed, fitted = study.inscribed.radii, study.fitted.radii
+    index = int(inscribed.argmin())
+    middle = len(inscribed) // 2
+    ratio = float(sorted(fitted / inscribed)[middle])
+    lines = [
+        f"{len(inscribed)} sections along {study.line.length:.0f} mm: inscribed radius "
+        f"{inscribed.min():.2f} mm at least, at {study.sections.arc_length[index]:.0f} mm, "
+        f"{float(sorted(inscribed)[middle]):.2f} mm in the middle",
+        f"  circles by least squares are {ratio:.2f} times as large in the middle: plan with the "
+        "inscribed ones",
+    ]
+    if out is not None:
+        lines.append(str(out))
+    return "\n".join(lines)
+
+
+def _ceil(value: float) -> str:
+    """Write a bound rounded up, so that what is written is a bound too."""
+    import math
+
+    return f"{math.ceil(100.0 * value - 1e-9) / 100.0:.2f}"

@@ -1,0 +1,227 @@
+"""From a tract to shapes that stand for it, and to sections across it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..anatomy.findings import Finding
+from ..anatomy.tract import LabelTract, SurfaceTract
+from ..checks import check_integer, check_number
+from ..duct import Centreline, SampledField, build_field, find_centreline
+from ..duct.fit import PERCENTS, FittedDuct, fit_duct, mesh_from_mask
+from ..duct.mesh import TriangleMesh
+from ..duct.sections import SectionCircles, Sections, cut_sections
+from ..progress import Progress, no_progress
+from ._inputs import End, explain_scale, find_branches, sort_ends
+
+__all__ = ["FitStudy", "SectionStudy", "run_fit", "run_sections"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitStudy:
+    """Shapes fitted to a tract.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The true wall: triangles of a surface, or faces of voxels.
+    field : SampledField
+        The same, sampled.
+    line : Centreline
+    fitted : FittedDuct
+    findings : tuple of Finding
+    """
+
+    mesh: TriangleMesh
+    field: SampledField
+    line: Centreline
+    fitted: FittedDuct
+    findings: tuple[Finding, ...] = ()
+
+    def summarise(self) -> dict[str, Any]:
+        """Return JSON-able values."""
+        fitted, report = self.fitted, self.fitted.report
+        return {
+            "kind": fitted.kind,
+            "pieces": report.pieces,
+            "inside": fitted.inside,
+            "max_error_mm": fitted.max_error,
+            "reached": fitted.reached,
+            "reason": fitted.reason,
+            "outside_found_mm": report.outside,
+            "outside_proved_mm": report.outside_bound,
+            "outside_place_mm": report.outside_place.tolist(),
+            "volume_true_mm3": report.volume_true,
+            "volume_fitted_mm3": report.volume_fitted,
+            "volume_kept_mm3": report.volume_kept,
+            "volume_lost_mm3": report.volume_lost,
+            "volume_gained_mm3": report.volume_gained,
+            "volume_error_mm3": report.volume_error,
+            "kept": report.kept,
+            "percents": list(PERCENTS),
+            "wall_farther_mm": report.wall.tolist(),
+            "room_loss_mm": report.room_loss.tolist(),
+            "room_loss_place_mm": report.room_loss_place,
+            "centreline_length_mm": self.line.length,
+            "wall": self.mesh.wall,
+            "wall_error_mm": self.mesh.wall_error,
+            "inflation_mm": self.mesh.inflation,
+            "findings": _list_findings(self.findings),
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SectionStudy:
+    """Sections across a tract.
+
+    Parameters
+    ----------
+    field : SampledField
+    line : Centreline
+    sections : Sections
+    fitted, inscribed : SectionCircles
+        By least squares, and the largest inside.
+    findings : tuple of Finding
+    """
+
+    field: SampledField
+    line: Centreline
+    sections: Sections
+    fitted: SectionCircles
+    inscribed: SectionCircles
+    findings: tuple[Finding, ...] = ()
+
+    def summarise(self) -> dict[str, Any]:
+        """Return JSON-able values."""
+        room = -self.field.signed_distance(self.sections.centres)
+        return {
+            "centreline_length_mm": self.line.length,
+            "arc_length_mm": self.sections.arc_length.tolist(),
+            "room_mm": room.tolist(),
+            "inscribed_radius_mm": self.inscribed.radii.tolist(),
+            "fitted_radius_mm": self.fitted.radii.tolist(),
+            "fitted_residual_mm": self.fitted.residuals.tolist(),
+            "area_mm2": self.sections.areas.tolist(),
+            "wall": self.field.wall,
+            "wall_error_mm": self.field.wall_error,
+            "inflation_mm": self.field.inflation,
+            "findings": _list_findings(self.findings),
+        }
+
+
+def run_fit(
+    tract: LabelTract | SurfaceTract,
+    kind: str,
+    *,
+    max_error: float = 1.0,
+    pieces: int | None = None,
+    inside: bool = True,
+    start: End = None,
+    end: End = None,
+    reverse: bool = False,
+    voxel: float | None = None,
+    inflate: float = 0.0,
+    progress: Progress = no_progress,
+) -> FitStudy:
+    """Sample a lumen, find its centreline, and fit shapes to its wall.
+
+    Parameters
+    ----------
+    tract : LabelTract or SurfaceTract
+    kind, max_error, pieces, inside
+        See `bozzini.duct.fit.fit_duct`.
+    start, end, reverse, voxel, inflate, progress
+        See `run_insertion`.
+
+    Raises
+    ------
+    BozziniError
+        If an input is not legal, or no shapes follow the centreline.
+    """
+    check_number("max error", max_error, low=0.0, low_open=True, unit="mm")
+    if pieces is not None:
+        check_integer("pieces", pieces, low=1)
+    field, line = _find_line(tract, start, end, reverse, voxel, inflate, progress)
+    with explain_scale(tract):
+        if isinstance(tract, LabelTract):
+            mesh = mesh_from_mask(tract.mask, tract.affine, inflation=inflate)
+        else:
+            mesh = TriangleMesh(tract.vertices, tract.faces, inflation=inflate)
+        fitted = fit_duct(
+            mesh,
+            line,
+            kind,
+            max_error=max_error,
+            pieces=pieces,
+            inside=inside,
+            draft=field,
+            progress=progress,
+        )
+    return FitStudy(
+        mesh=mesh,
+        field=field,
+        line=line,
+        fitted=fitted,
+        findings=(*tract.findings, *find_branches(line)),
+    )
+
+
+def run_sections(
+    tract: LabelTract | SurfaceTract,
+    *,
+    spacing: float = 2.0,
+    start: End = None,
+    end: End = None,
+    reverse: bool = False,
+    voxel: float | None = None,
+    inflate: float = 0.0,
+    progress: Progress = no_progress,
+) -> SectionStudy:
+    """Sample a lumen, find its centreline, and cut sections across it.
+
+    Parameters
+    ----------
+    tract : LabelTract or SurfaceTract
+    spacing : float
+        Of the sections [mm].
+    start, end, reverse, voxel, inflate, progress
+        See `run_insertion`.
+
+    Raises
+    ------
+    BozziniError
+        If an input is not legal.
+    """
+    field, line = _find_line(tract, start, end, reverse, voxel, inflate, progress)
+    sections = cut_sections(field, line, spacing=spacing)
+    return SectionStudy(
+        field=field,
+        line=line,
+        sections=sections,
+        fitted=sections.fit_circles(),
+        inscribed=sections.inscribe_circles(progress=progress),
+        findings=(*tract.findings, *find_branches(line)),
+    )
+
+
+def _find_line(
+    tract: LabelTract | SurfaceTract,
+    start: End,
+    end: End,
+    reverse: bool,
+    voxel: float | None,
+    inflate: float,
+    progress: Progress,
+) -> tuple[SampledField, Centreline]:
+    points, regions = sort_ends(tract, start, end)
+    with explain_scale(tract):
+        field = build_field(tract, voxel=voxel, inflate=inflate, progress=progress)
+        line = find_centreline(field, points, regions=regions, progress=progress)
+    return field, line.reverse() if reverse else line
+
+
+def _list_findings(findings: tuple[Finding, ...]) -> list[dict[str, str]]:
+    return [
+        {"code": item.code, "severity": item.severity, "message": item.message} for item in findings
+    ]

@@ -1,0 +1,94 @@
+"""``bozzini duct limits``: its answer, its picture, its exit codes and its refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bozzini.cli._duct_limits import limits_command
+from bozzini.duct import RoundCones
+from bozzini.duct.shapes_file import save_shapes
+from bozzini.errors import BozziniError
+from tests.cli.plan_cases import Tracts
+
+
+def run(*words: object):
+    runner = CliRunner()
+    return runner.invoke(limits_command, [*map(str, words), "--quiet"])
+
+
+@pytest.fixture(scope="module")
+def answer(tracts: Tracts, tmp_path_factory: pytest.TempPathFactory):
+    picture = tmp_path_factory.mktemp("limits") / "limits.png"
+    words = ("--diameter", "6mm", "--link", "1cm", "--json", "--out", picture)
+    return run(tracts.volume, *words), picture
+
+
+def test_json(answer) -> None:
+    result = answer[0]
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["verdict"] == "passes"
+    assert found["link_mm"] == 10.0
+    assert found["diameter_mm"] == 6.0
+    high = found["link_high_mm"]
+    assert 10.0 < found["link_low_mm"] < (float("inf") if high is None else high)
+    assert 6.0 < found["diameter_low_mm"] < 16.0 < found["diameter_high_mm"] + 2.0
+    assert found["with_link"]["diameter_low_mm"] <= found["diameter_low_mm"] * 1.02
+    assert len(found["arc_length_mm"]) == len(found["rigid_mm"]) == len(found["on_line_mm"])
+    assert found["input"] == "tube.nii.gz"
+
+
+def test_picture(answer) -> None:
+    assert answer[1].read_bytes().startswith(b"\x89PNG")
+
+
+def test_surface_and_volume_agree(tracts: Tracts, answer) -> None:
+    result = run(tracts.surface, "--diameter", "6mm", "--json")
+    found, other = json.loads(result.stdout), json.loads(answer[0].stdout)
+    assert result.exit_code == 0
+    assert found["diameter_low_mm"] == pytest.approx(other["diameter_low_mm"], abs=2.5)
+
+
+def test_a_body_too_wide_is_a_negative_answer(tracts: Tracts) -> None:
+    result = run(tracts.volume, "--diameter", "30mm", "--link", "5mm")
+    assert result.exit_code == 1
+    assert "too wide" in result.stdout
+    assert "Traceback" not in result.output
+
+
+def test_shapes_from_a_file(tmp_path: Path) -> None:
+    centres = np.stack([np.linspace(0, 40, 13), np.zeros(13), np.zeros(13)], axis=1)
+    file = save_shapes(RoundCones(centres, np.full(13, 6.0)), tmp_path / "tube.json")
+    result = run(file, "--diameter", "5mm", "--link", "12mm")
+    assert result.exit_code == 0, result.output
+    assert "Links of 12 mm pass." in result.stdout
+    for words, match in ((("--labels", "1"), "no labels"), (("--unit", "cm"), "is in mm")):
+        error = run(file, *words).exception
+        assert isinstance(error, BozziniError)
+        assert match in str(error)
+
+
+@pytest.mark.parametrize(
+    ("words", "match"),
+    [
+        (("--diameter", "0mm"), r"diameter is 0 mm: it must lie in (0, inf) mm"),
+        (("--link", "-1mm"), "link is -1 mm"),
+        (("--inflate", "-1mm"), "inflation is -1 mm"),
+        (("--out", "limits.txt"), "ends in '.txt'"),
+        (("--start", "9"), "start is label 9"),
+    ],
+)
+def test_bad_options(tracts: Tracts, words: tuple[str, ...], match: str) -> None:
+    error = run(tracts.volume, *words).exception
+    assert isinstance(error, BozziniError)
+    assert match in str(error)
+    assert "\n" not in str(error)
+
+
+def test_no_file() -> None:
+    assert isinstance(run("nothing.stl").exception, BozziniError)
