@@ -31,6 +31,14 @@ KNOWN = [
     ("1 kN/m", "stiffness", 1.0),
     ("1 N / mm", "stiffness", 1.0),
     ("50%", "dimensionless", 0.5),
+    ("200Nmm^2", "rigidity", 200.0),
+    ("2e-4 N m²", "rigidity", 200.0),
+    ("2e-4 N·m^2", "rigidity", 200.0),
+    ("3 mN*mm^2", "rigidity", 3e-3),
+    ("5Nmm", "moment", 5.0),
+    ("2 cN m", "moment", 20.0),
+    ("1 kNm", "moment", 1e6),
+    ("1 N/m", "line force", 1e-3),
 ]
 
 
@@ -163,3 +171,16 @@ def test_vector_mixes_units() -> None:
     assert parse_vector("12mm, -0.5cm,0", "length") == pytest.approx((12.0, -5.0, 0.0))
     with pytest.raises(UnitError, match="'x'"):
         parse_vector("1,x,3", "length")
+
+
+@pytest.mark.parametrize("text", ["360 deg", "1 rad", "2 turn", "1 mm/mm", "1 sr"])
+def test_a_plain_number_has_no_unit_of_angle(text: str) -> None:
+    with pytest.raises(UnitError, match="has a unit: give a plain number"):
+        parse_quantity(text, "dimensionless")
+
+
+def test_messages_have_their_article() -> None:
+    with pytest.raises(UnitError, match="give an angle such as"):
+        parse_quantity("5 mm", "angle")
+    with pytest.raises(UnitError, match="give a length such as"):
+        parse_quantity("5 deg", "length")

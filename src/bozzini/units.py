@@ -25,6 +25,9 @@ INTERNAL_UNITS = {
     "angle": "rad",
     "time": "s",
     "stiffness": "N/mm",
+    "line force": "N/mm",
+    "moment": "N mm",
+    "rigidity": "N mm^2",
     "dimensionless": "",
 }
 """The unit that each kind of quantity has inside Bozzini."""
@@ -36,11 +39,18 @@ _EXAMPLES = {
     "angle": "36deg, 0.63 rad",
     "time": "2s, 50ms",
     "stiffness": "0.1N/mm",
+    "line force": "0.001N/mm, 1N/m",
+    "moment": "5Nmm, 0.02 N m",
+    "rigidity": "200Nmm^2, 2e-4 N m^2",
     "dimensionless": "0.5",
 }
 # One number, then at most one unit. The number is not left to pint, which reads 5,0mm as 50 mm.
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*([^\s0-9.,][^,]*)?")
+
+# Pint has no Nmm, and would not guess.
+_NEWTON_TIMES = re.compile(r"N[·⋅*\s]*(?=(?:[mck]?m)(?![A-Za-z]))")
+_PLAIN = ("%", "percent", "dimensionless")
 
 # A unit is arithmetic to pint, which would try to work out kPa**9**9**9.
 _LONGEST_UNIT = 40
@@ -81,7 +91,10 @@ def parse_quantity(text: str | float, kind: str) -> float:
         If the unit is unknown or of another dimension, or the number is not finite.
     """
     unit = INTERNAL_UNITS[kind]
-    hint = f"give a {kind} such as {_EXAMPLES[kind]} (a bare number is in {unit or 'no unit'})"
+    article = "an" if kind[0] in "aeiou" else "a"
+    hint = f"give {article} {kind} such as {_EXAMPLES[kind]} (a bare number is in {unit})"
+    if not unit:
+        hint = f"give a plain number such as {_EXAMPLES[kind]}, without a unit"
     if isinstance(text, str):
         match = _QUANTITY.fullmatch(text)
         if match is None:
@@ -90,6 +103,11 @@ def parse_quantity(text: str | float, kind: str) -> float:
         if match[2]:
             given = match[2].strip()
             _check_unit(given, text, hint)
+            if not unit and given not in _PLAIN:
+                # An angle has no dimension to pint: 360 deg would be 6.28.
+                raise UnitError(f"'{text}' has a unit: {hint}")
+            if kind in ("moment", "rigidity"):
+                given = _NEWTON_TIMES.sub("N*", given)
             value = _convert(value, given, unit, text, hint)
     else:
         value = _take_number(text, hint)

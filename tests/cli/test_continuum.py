@@ -189,7 +189,7 @@ def test_discs_that_meet_are_no_shape(ask, name):
     good, bad = (spell(robot, displacements_for(robot, [[bend, 0.0]])) for bend in bends)
     command = ("pose", "wide.yaml", "--model", name, "--displacement")
     assert ask(*command, good)["converged"] is True
-    assert "meet at 143.2 deg" in ask(*command, bad, code=1)["reason"]
+    assert "its discs, of radius 8 mm, meet" in ask(*command, bad, code=1)["reason"]
 
 
 def test_a_linkage_says_how_many_segments_it_needs(ask):
@@ -222,6 +222,24 @@ def test_reach_comes_back_by_pose(ask):
     for ours, theirs in zip(said["sections"], posed["sections"], strict=True):
         assert ours["bend_rad"] == pytest.approx(theirs["bend_rad"], abs=1e-6)
         assert ours["direction_rad"] == pytest.approx(theirs["direction_rad"], abs=1e-6)
+
+
+def test_nothing_is_told_as_minus_nought(run):
+    # Bends in the plane of x and z: round-off in y is of either sign.
+    for sign in (1.0, -1.0):
+        bent = spell(ROBOT, displacements_for(ROBOT, [[0.5 * sign, -1e-9], [-0.3, 1e-9]]))
+        for command in (("pose", TWO, "--displacement", bent), ("reach", TWO, "--to", "-0,-0,110")):
+            code, text, _ = run(*command)
+            assert code == 0
+            assert not re.search(r"-0(\.0*)?(?![.\d])", text), text
+
+
+@pytest.mark.parametrize("scale", ["1e300", "1e-13"])
+def test_a_direction_has_any_length(ask, scale):
+    said = ask("reach", TWO, "--to", "20mm,0,95mm", "--direction", f"{scale},0,{scale}", code=1)
+    same = ask("reach", TWO, "--to", "20mm,0,95mm", "--direction", "1,0,1", code=1)
+    assert said["tip_mm"] == pytest.approx(same["tip_mm"], abs=1e-5)
+    assert said["angle_rad"] == pytest.approx(same["angle_rad"], abs=1e-5)
 
 
 def test_reach_with_a_direction(ask):
@@ -322,6 +340,7 @@ def test_workspace_is_the_library(ask):
     assert said["map"]["from_axis_mm"] == pytest.approx(found.centres[:, 0].tolist())
     assert said["map"]["direction_share"] == pytest.approx(found.direction_share.tolist())
     assert sum(said["map"]["tips"]) == 3000
+    assert said["manipulability_unit"] == "mm^3/rad^3"
     for k, (name, row) in enumerate(said["tendons"].items()):
         assert name == ROBOT.tendon_names[k]
         assert row["low_mm"] == pytest.approx(sample.displacements[:, k].min())
@@ -425,7 +444,12 @@ def test_example_robots_bend_alike_by_energy_and_rod(path):
         (["compare", TWO, "--displacement", BENT, "--tip-force", "0,0,x"], "'x'"),
         (["workspace", HELICAL], "only pose and compare take others"),
         (["workspace", TWO, "--count", "0"], "count is 0"),
-        (["workspace", TWO, "--cell", "0mm"], "cell is 0"),
+        (["workspace", TWO, "--cell", "0mm"], "--cell is 0 mm: it must lie in [0.11, 1e+09] mm"),
+        (["workspace", TWO, "--cell", "1um", "--out", "map.png"],
+         "--cell is 0.001 mm: it must lie in [0.11, 1e+09] mm, at most 1000 cells along the robot"),
+        (["workspace", TWO, "--cell", "1e200mm"], "--cell is 1e+200 mm"),
+        (["workspace", TWO, "--at", "1e200,0,0"], "place has the value 1e+200 mm"),
+        (["reach", TWO, "--to", "1e200,0,1e200"], "target has the value 1e+200 mm"),
         (["workspace", TWO, "--bend-cap", "0"], "bend_cap is 0"),
         (["workspace", TWO, "--seed", "x"], "'x'"),
         (["workspace", TWO, "--directions", "0"], "directions is 0"),

@@ -15,14 +15,16 @@ LENGTH = 100.0
 BENDING, TORSION = 1000.0, 770.0
 
 
-def make_robot(tendons, *, discs=20, sections=1, stiffness=(BENDING, TORSION), **other):
+def make_robot(
+    tendons, *, discs=20, sections=1, stiffness=(BENDING, TORSION), radius=10.0, **other
+):
     """One section with these tendons, or several with one list of tendons each."""
     lists = [tendons] if sections == 1 else tendons
     return ContinuumRobot(
         tuple(
             Section(
                 length=LENGTH / sections,
-                radius=10.0,
+                radius=radius,
                 tendons=tuple(own),
                 discs=discs,
                 bending_stiffness=stiffness[0],
@@ -48,6 +50,48 @@ def helix(name, turns, angle=0.0, offset=4.0):
 
 def taper(name, angle=0.0, start=6.0, end=2.0):
     return Tendon(name=name, offset=((0.0, start), (LENGTH, end)), angle=angle)
+
+
+def draw_robot(rng, pushes):
+    """A robot of 1 to 3 sections with tendons of any routing, a share of them rods."""
+    sections, start = [], 0.0
+    for index in range(int(rng.integers(1, 4))):
+        length, tendons = float(rng.uniform(30.0, 70.0)), []
+        for number in range(int(rng.integers(2, 5))):
+            end = start + length * float(rng.choice([1.0, 1.0, 0.6]))
+            angle = float(rng.uniform(0.0, 7.0))
+            if rng.random() >= 0.4:
+                angle = ((0.0, angle), (end, angle + float(rng.uniform(-3.0, 3.0))))
+            places = (0.0, 0.5 * end, end)
+            offset = float(rng.uniform(2.0, 5.0)) if rng.random() < 0.5 else ()
+            if offset == ():
+                offset = tuple(zip(places, rng.uniform(2.0, 5.0, 3), strict=True))
+            tendons.append(
+                Tendon(
+                    name=f"t{index}{number}",
+                    offset=offset,
+                    angle=angle,
+                    end=end,
+                    pushes=bool(rng.random() < pushes),
+                    interpolation=str(rng.choice(["linear", "cubic"])),
+                )
+            )
+        sections.append(
+            Section(
+                length=length,
+                radius=6.0,
+                discs=int(rng.integers(10, 20)),
+                bending_stiffness=rng.uniform(100.0, 800.0),
+                tendons=tuple(tendons),
+            )
+        )
+        start += length
+    return ContinuumRobot(tuple(sections))
+
+
+def draw_command(rng, robot):
+    """Displacements of its tendons [mm], rather let out than pulled."""
+    return 1.5 * rng.normal(size=len(robot.tendons)) - 1.0
 
 
 ROUTINGS = {

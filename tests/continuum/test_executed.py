@@ -211,6 +211,7 @@ def test_in_the_introducer_nothing_is_proved_and_nothing_is_wrong(hall):
         ROBOT, np.zeros((3, 2, 2)), np.zeros(3), hall.field, introducer=hall.introducer
     )
     assert proof.clearance > 0.0
+    assert proof.section == 1 and proof.arc_length < ROBOT.length
     bent = np.full((3, 2, 2), 0.8)
     assert not certify_arcs(
         ROBOT, bent, np.zeros(3), hall.field, introducer=hall.introducer

@@ -422,8 +422,27 @@ def test_cables_that_cannot_push_are_only_pulled(seed: int) -> None:
 def test_robots_that_are_not_parallel_are_refused() -> None:
     helix = Tendon.helix("turning", 2.0, turns=1.0, end=30.0)
     robot = ContinuumRobot((Section(length=30.0, radius=2.5, tendons=(helix,)),))
-    with pytest.raises(GeometryError, match="'turning'"):
+    with pytest.raises(GeometryError, match="'turning'.*the inverse.*bend in arcs") as caught:
         solve_tip(robot, (0.0, 0.0, 30.0))
+    assert "take the energy" not in str(caught.value)  # they have no inverse
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-13, 1.0, 1e300])
+def test_the_length_of_a_direction_does_not_matter(scale: float) -> None:
+    robot = make_robot(3)
+    frame = tip_frames(robot, draw_bends(2, 1, 3, 1.0)[0])
+    result = solve_tip(robot, frame[:3, 3], direction=scale * frame[:3, 2])
+    assert result.success
+    np.testing.assert_allclose(result.tip_frame[:3, 2], frame[:3, 2], atol=1e-6)
+
+
+def test_the_farthest_target_is_pointed_at() -> None:
+    way = np.array([0.6, 0.0, 0.8])
+    far = solve_tip(make_robot(4), 1e9 * way)
+    assert not far.success and far.converged
+    np.testing.assert_allclose(
+        far.tip @ way, solve_tip(make_robot(4), 1e4 * way).tip @ way, rtol=1e-3
+    )
 
 
 # --- curves ----------------------------------------------------------------------------------
@@ -478,16 +497,41 @@ def test_weights_pull_the_curve() -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
+        (lambda r: solve_tip(r.sections[0], (1, 2, 3)), "robot is of type Section"),
         (lambda r: solve_tip(r, (1.0, 2.0)), r"target has shape \(2,\): it must be \(3,\)"),
         (lambda r: solve_tip(r, (1.0, 2.0, math.nan)), "target has values that are not finite"),
-        (lambda r: solve_tip(r, "abc"), "target must be an array of numbers"),
+        (lambda r: solve_tip(r, "abc"), "target is 'abc': it must be a number or an array"),
         (lambda r: solve_tip(r, (1, 2, 3), direction=(0, 0, 0)), "direction is .*not be zero"),
         (lambda r: solve_tip(r, (1, 2, 3), initial=[[0, 0]]), r"initial has shape \(1, 2\)"),
         (lambda r: solve_tip(r, (1, 2, 3), starts=0), r"starts is 0: it must lie in \[1, 256\]"),
         (lambda r: solve_tip(r, (1, 2, 3), tolerance=0.0), "tolerance is 0 mm"),
         (lambda r: solve_pose(r, np.eye(3)), r"target has shape \(3, 3\)"),
-        (lambda r: solve_pose(r, np.diag([1.0, 1.0, -1.0, 1.0])), "target is no frame"),
-        (lambda r: solve_pose(r, 2.0 * np.eye(4)), "target is no frame"),
+        (
+            lambda r: solve_pose(r, np.diag([1.0, 1.0, -1.0, 1.0])),
+            "no frame: its axes are left-handed",
+        ),
+        (
+            lambda r: solve_pose(r, np.diag([1.0, 1.0, 1.0, 2.0])),
+            r"its last row is \[0.0, 0.0, 0.0, 2",
+        ),
+        (
+            lambda r: solve_tip(r, ["30", "0", "60"]),
+            "target is .'30', '0', '60'.: it must be a num",
+        ),
+        (lambda r: solve_tip(r, [True, False, True]), "it must be a number or an array of numbers"),
+        (
+            lambda r: solve_tip(r, (1e200, 0, 1e200)),
+            r"value 1e\+200 mm: it must lie in \[-1e\+09, 1",
+        ),
+        (
+            lambda r: solve_tip(r, (1, 2, 3), initial=np.full((2, 2), 1e300)),
+            "initial has the value",
+        ),
+        (lambda r: solve_curve(r, [[0, 0, 1e200]]), r"points has the value 1e\+200 mm"),
+        (
+            lambda r: solve_pose(r, np.diag([2.0, 2.0, 2.0, 1.0])),
+            "orthonormal by 3: by 1e-06 they may",
+        ),
         (lambda r: solve_curve(r, np.zeros((0, 3))), r"points has shape \(0, 3\)"),
         (lambda r: solve_curve(r, [[0, 0, 99.0]]), r"spans \[99, 99\] mm.*\[0, 54\] mm"),
         (lambda r: solve_curve(r, [[0, 0, 9.0]], weights=[-1]), "weights has -1"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -215,8 +216,12 @@ def test_linkage_that_cannot_be_says_how_many_segments_it_needs(
     robot = ContinuumRobot((Section(length=100.0, radius=4.0, tendons=tendons),))
     assert needed == math.ceil(math.hypot(*pulled) / (2.0 * SPACING))
     for segments in range(1, needed):
-        with pytest.raises(GeometryError, match=f"has {segments} segments.* at least {needed}, "):
-            LinkageModel(robot, segments=segments).shape(pulled)
+        model = LinkageModel(robot, segments=segments)
+        shape = model.shape(pulled)
+        assert not shape.converged and np.isfinite(shape.frames).all()
+        assert re.search(f"has {segments} segments.* at least {needed}, ", str(shape.reason))
+        with pytest.raises(GeometryError, match=f"at least {needed}, "):
+            model.points(pulled)
     assert LinkageModel(robot, segments=needed).shape(pulled).converged
 
 
@@ -230,6 +235,10 @@ def test_the_missing_segments_are_told_by_section_and_place() -> None:
     pulled = displacements_for(model.robot, [[[0.1, 0.0]] * 2, [[0.1, 0.0], [3.0, 0.0]]])
     with pytest.raises(GeometryError, match=r"section 2 has 1 segments.*least 2.*\[1\]"):
         model.points(pulled)
+    shape = model.shape(pulled)
+    assert shape.converged.tolist() == [True, False]
+    assert "section 2 has 1 segments" in shape.reason[1]
+    assert np.allclose(shape.points[0], model.points(pulled[0]))
 
 
 def test_command_that_failed_already_does_not_stop_the_batch() -> None:

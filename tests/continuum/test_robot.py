@@ -125,7 +125,7 @@ def test_plain_data_round_trip(robot: ContinuumRobot) -> None:
         ("discs: 6", "discs: six", "discs is 'six'"),
         ("angle: 0 deg", "angle: 0 deg, angle: 1", "line 10.*'angle' is given twice"),
         ("[10 cm, 2 mm]", "[5 cm, 2 mm]", "from 0 to 50 mm: they must reach"),
-        ("1e-3 N m^2", "3 N", r"bending_stiffness is '3 N'"),
+        ("1e-3 N m^2", "3 N", r"bending_stiffness: '3 N' has the wrong kind of unit"),
         ("sections:", "section:", "unknown field 'section'"),
         ("- {name: a1", "- {nam: a1", r"sections\[0\]\.tendons\[0\] has an unknown field 'nam'"),
         ("name: two", "name: [two", "line 2: not YAML"),
@@ -135,6 +135,9 @@ def test_plain_data_round_trip(robot: ContinuumRobot) -> None:
         ("[-10 mm, null]", "5", "travel is 5: it must be a list"),
         ("end: 80", "end: 60", r"'b' end is 60 mm: .*section 2 and must lie in \(60, 100\] mm"),
         ("name: base", "name: 3", "name is 3"),
+        ("turns: 1", "turns: 1 mm", r"turns: '1 mm' has the wrong kind of unit: give an angle"),
+        ("discs: 6", "torsional_stiffness: 0", r"stiffness is 0 N mm\^2: .* leave it out"),
+        ("name: a1", "name: 'a=1'", "tendon name is 'a=1'"),
     ],
 )
 def test_wrong_file_is_refused_in_one_line(file: Path, old: str, new: str, words: str) -> None:
@@ -182,3 +185,33 @@ def test_tendon_must_stay_inside_every_section_it_passes() -> None:
     wide = Tendon(name="w", offset=((0.0, 2.0), (25.0, 3.5), (100.0, 5.0)))
     with pytest.raises(InputError, match=r"'w' offset is 4 mm in section 1"):
         ContinuumRobot((thin, Section(length=50.0, radius=5.0, tendons=(wide,))))
+
+
+@pytest.mark.parametrize("turns", ["360 deg", "1", "1 turn", "6.283185307179586 rad"])
+def test_turns_are_a_number_or_an_angle(file: Path, turns: str) -> None:
+    plain = ContinuumRobot.from_yaml(file)
+    file.write_text(TEXT.replace("turns: 1", f"turns: {turns}", 1), encoding="utf-8")
+    again = ContinuumRobot.from_yaml(file)
+    helix, wanted = again.tendons[3], plain.tendons[3]
+    assert helix.angle_at([0.0, 100.0]) == pytest.approx(wanted.angle_at([0.0, 100.0]))
+
+
+@pytest.mark.parametrize("text", ["1e-3 N m^2", "1000Nmm^2", "1000 N*mm^2", "1000", "1 mN m²"])
+def test_stiffness_takes_its_units(file: Path, text: str) -> None:
+    file.write_text(TEXT.replace("1e-3 N m^2", text, 1), encoding="utf-8")
+    assert ContinuumRobot.from_yaml(file).sections[0].bending_stiffness == pytest.approx(1000.0)
+
+
+def test_null_is_no_limit_of_travel(file: Path) -> None:
+    file.write_text(TEXT.replace("[-10 mm, null]", "null", 1), encoding="utf-8")
+    assert ContinuumRobot.from_yaml(file).tendons[0].travel == (-math.inf, math.inf)
+
+
+def test_names_of_other_kinds_of_text_can_be_written(tmp_path: Path) -> None:
+    tendon = Tendon(name=np.str_("a"), offset=1.0)
+    robot = ContinuumRobot(
+        (Section(length=10.0, radius=2.0, tendons=(tendon,), name=np.str_("s")),), name=np.str_("r")
+    )
+    assert ContinuumRobot.from_yaml(robot.to_yaml(tmp_path / "robot.yaml")) == robot
+    with pytest.raises(InputError, match="robot name is 5"):
+        ContinuumRobot(robot.sections, name=5)  # type: ignore[arg-type]

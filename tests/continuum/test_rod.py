@@ -261,3 +261,50 @@ def test_a_cable_cannot_push() -> None:
         RodModel(make_robot(cross_tendons(2))).shape_under_tensions([1.0, -1.0])
     rods = make_robot(cross_tendons(2, pushes=True))
     assert RodModel(rods).shape_under_tensions([1.0, -1.0]).converged
+
+
+def test_without_tendons_it_is_a_cantilever() -> None:
+    robot = ContinuumRobot((Section(length=LENGTH, radius=5.0, bending_stiffness=BENDING),))
+    sideways, axial = bend_cantilever(0.3)
+    model = RodModel(robot, tip_force=(0.3, 0.0, 0.0))
+    for shape in (model.shape([]), model.shape_under_tensions([])):
+        assert shape.converged, shape.reason
+        assert shape.tip == pytest.approx([sideways, 0.0, axial], abs=1e-6)
+    assert model.shape(np.zeros((3, 0))).tip.shape == (3, 3)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-5, 1e-4, 1e-3])
+def test_a_twist_that_tendons_lock_is_refused(tolerance) -> None:
+    # The tip moves by millimetres from one tolerance to the next: none of them is the answer.
+    robot = make_robot([cross_tendons(3), cross_tendons(3, angle=1.0, prefix="d")], sections=2)
+    commands = [3.0, -1.5, -1.5, 5.0, -1.0, -4.0]
+    load = {"tip_force": (0.0, 0.05, 0.0)}
+    shape = RodModel(robot, tolerance=tolerance, **load).shape(commands)
+    assert not shape.converged
+    assert "give a tendon_stiffness" in str(shape.reason)
+    stretchy = RodModel(robot, tolerance=tolerance, tendon_stiffness=1e4, **load).shape(commands)
+    assert stretchy.converged, stretchy.reason
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-4])
+def test_a_load_in_the_plane_of_the_bend_needs_no_stretch(tolerance) -> None:
+    robot = make_robot(cross_tendons())
+    tips = [
+        RodModel(robot, tip_force=(0.05, 0.0, -0.02), tolerance=tolerance, **options)
+        .shape([3.0, 0.0, -3.0, 0.0])
+        .require()
+        .tip
+        for options in ({}, {"tendon_stiffness": 1e7})
+    ]
+    assert tips[0] == pytest.approx(tips[1], abs=max(1e-3, 30.0 * tolerance))
+
+
+def test_what_converged_misses_no_more_than_the_tolerance() -> None:
+    # Redundant tendons that share their load must not lose the command for it.
+    tendons = [cross_tendons(4), cross_tendons(4, angle=0.3, prefix="d")]
+    robot = make_robot(tendons, sections=2)
+    for tolerance in (1e-6, 1e-4):
+        for force in ((0.02, 0.0, 0.0), (0.0, 0.0, 0.05)):
+            model = RodModel(robot, tip_force=force, tolerance=tolerance)
+            shape = model.shape([2.0, 0.0, -2.0, 0.0, 2.0, 0.0, -2.0, 0.0])
+            assert not shape.converged or shape.residual <= 1.1 * tolerance

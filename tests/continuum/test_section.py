@@ -47,6 +47,16 @@ def test_torsional_stiffness_is_that_of_a_round_rod_unless_given() -> None:
         ({"disc_positions": (10.0, 31.0)}, r"disc_positions\[1\] is 31 mm"),
         ({"tendons": ("a",)}, "each must be a Tendon"),
         ({"name": 3}, "name is 3"),
+        ({"bending_stiffness": 1e300}, r"is 1e\+300 N mm\^2: it must lie in \[1e-09, 1e\+15\]"),
+        ({"bending_stiffness": 1e-300}, r"is 1e-300 N mm\^2: it must lie in \[1e-09, 1e\+15\]"),
+        ({"torsional_stiffness": 1e16}, "torsional_stiffness is 1e"),
+        ({"torsional_stiffness": 1e-20}, "torsional_stiffness is 1e-20"),
+        ({"tendons": Tendon(name="a", offset=1.0)}, "it must be a sequence of Tendon"),
+        ({"tendons": None}, "tendons is None"),
+        ({"disc_positions": 5}, "disc_positions is 5"),
+        ({"disc_positions": None}, "disc_positions is None"),
+        ({"disc_positions": (True, 30.0)}, r"disc_positions\[0\] is True"),
+        ({"max_bend": np.ones(3)}, "max_bend is array"),
     ],
 )
 def test_bad_field_is_refused_in_one_line(fields: dict[str, Any], words: str) -> None:
@@ -59,4 +69,6 @@ def test_fields_are_plain_numbers() -> None:
     section = Section(length=30, radius=5, tendons=[Tendon(name="a", offset=1)])  # type: ignore[arg-type]
     assert isinstance(section.length, float)
     assert isinstance(section.tendons, tuple)
+    placed = Section(length=30, radius=5, disc_positions=(np.float32(10.0), 30))  # type: ignore[arg-type]
+    assert all(type(place) is float for place in placed.disc_positions)
     hash(section)

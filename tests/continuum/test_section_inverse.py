@@ -145,7 +145,44 @@ def test_fixed_section_gives_the_nearest_place(
         assert f"{result.residual:.6g} mm from the target" in result.reason
 
 
+@given(aside=st.floats(1e-6, 50.0), along=st.floats(-50.0, 50.0))
+def test_the_needed_length_leads_to_the_target(aside: float, along: float) -> None:
+    needed = solve_section(30.0, (aside, 0.0, along)).needed_length
+    assert math.hypot(aside, along) <= needed * (1.0 + 1e-12)
+    if needed < 1e4:  # near a full turn round-off in the bend moves the tip by the length's share
+        found = solve_section(needed, (aside, 0.0, along))
+        assert found.residual < 1e-9 * needed
+        arc = solve_extensible((aside, 0.0, along))
+        np.testing.assert_allclose(arc.lengths, needed, rtol=1e-6)
+
+
+@pytest.mark.parametrize("hair", [0.0, 5e-324, 1e-300, 1e-12])
+def test_straight_behind_no_length_is_named(hair: float) -> None:
+    result = solve_section(30.0, (hair, 0.0, -20.0))
+    assert math.isinf(result.needed_length) and not result.success
+    assert "which an arc of" not in result.reason
+    # The nearest tip is the same as without the hair.
+    assert math.isclose(result.residual, solve_section(30.0, (0.0, 0.0, -20.0)).residual)
+    ahead = solve_section(30.0, (hair, 0.0, 20.0))
+    assert math.isclose(ahead.needed_length, 20.0)
+    assert math.isinf(solve_section(30.0, (0.0, 0.0, 0.0)).needed_length)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-13, 1e300])
+def test_directions_of_any_length_count(scale: float) -> None:
+    way = np.array([0.6, -0.3, 0.2])
+    np.testing.assert_allclose(solve_direction(scale * way), solve_direction(way))
+
+
 def test_wrong_sections_get_one_line() -> None:
+    with pytest.raises(InputError, match=r"target has the value 1e\+200 mm: it must lie in"):
+        solve_section(1.0, (1e200, 0.0, 1e200))
+    with pytest.raises(InputError, match=r"length is 1e\+300 mm: it must lie in \(0, 1e\+09\] mm"):
+        solve_section(1e300, (0.0, 0.0, 1.0))
+    with pytest.raises(InputError, match="ratio is 'a': it must be a number"):
+        bend_for_ratio("a")  # type: ignore[arg-type]  # a wrong type is what is tested
+    with pytest.raises(InputError, match="tips has the value"):
+        solve_extensible((0.0, 0.0, 1e200))
     with pytest.raises(InputError, match="length is -1 mm"):
         solve_section(-1.0, (0.0, 0.0, 1.0))
     with pytest.raises(InputError, match="max_bend is 7 rad"):

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
-from bozzini.continuum import MODELS, ArcModel, LinkageModel, Shape, ShapeModel
+from bozzini.continuum import (
+    MODELS,
+    ArcModel,
+    ContinuumRobot,
+    LinkageModel,
+    Section,
+    Shape,
+    ShapeModel,
+    Tendon,
+)
 from bozzini.errors import GeometryError, InputError
 from tests.continuum.robots import THIRD, make_robot
 
@@ -78,3 +88,64 @@ def test_require_gives_the_first_reason() -> None:
     alone = ArcModel(make_robot(THIRD)).shape([1.0, 1.0, 1.0])
     with pytest.raises(GeometryError, match=r"on the other side\)$"):
         alone.require()
+
+
+@pytest.mark.parametrize("name", list(MODELS))
+def test_no_command_has_no_shape(name: str) -> None:
+    shape = MODELS[name](make_robot(THIRD, THIRD)).shape(np.zeros((0, 6)))
+    assert shape.frames.shape[0] == 0
+    assert shape.section_parameters.shape == (0, 2, 2)
+    assert shape.converged.shape == shape.reason.shape == (0,)
+    assert MODELS[name](make_robot(THIRD)).shape(np.zeros((2, 0, 3))).tip.shape == (2, 0, 3)
+
+
+@pytest.mark.parametrize("name", list(MODELS))
+def test_commands_are_kept_not_shared(name: str) -> None:
+    commands = PULLED.copy()
+    shape = MODELS[name](make_robot(THIRD, THIRD)).shape(commands)
+    commands[:] = 7.0
+    assert np.array_equal(shape.displacements, PULLED)
+
+
+@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("robot", [None, 3, make_robot(THIRD).sections[0]])
+def test_what_is_no_robot_is_refused(name: str, robot: Any) -> None:
+    with pytest.raises(InputError, match="must be a ContinuumRobot"):
+        MODELS[name](robot)
+
+
+@pytest.mark.parametrize("name", list(MODELS))
+def test_tolerance_is_above_zero(name: str) -> None:
+    with pytest.raises(InputError, match=r"tolerance is 0 mm: it must lie in \(0, 1\] mm"):
+        MODELS[name](make_robot(THIRD), tolerance=0.0)
+
+
+@pytest.mark.parametrize("name", list(MODELS))
+def test_every_model_keeps_the_limits(name: str) -> None:
+    def told(shape: Shape, words: str) -> bool:
+        return bool(shape.converged[0]) and words in shape.reason[1]
+
+    tendons = tuple(Tendon(name=f"t{k}", offset=4.0, angle=0.5 * np.pi * k) for k in range(4))
+    held = tuple(dataclasses.replace(tendon, travel=(-6.0, 5.0)) for tendon in tendons)
+    for fields, words in (
+        ({"tendons": held}, "tendon 't0' is moved 5.5 mm: its travel is [-6, 5] mm"),
+        ({"max_bend": 1.0}, "its largest bend is 57.3 deg"),
+        ({"radius": 90.0}, "its discs, of radius 90 mm, meet at 63.66 deg"),
+    ):
+        section = Section(**{"length": 100.0, "radius": 6.0, "tendons": tendons, **fields})
+        shape = MODELS[name](ContinuumRobot((section,))).shape(
+            [[2.0, 0.0, -2.0, 0.0], [5.5, 0.0, -5.5, 0.0]]
+        )
+        assert told(shape, words)
+        assert np.isfinite(shape.frames).all()
+
+
+@pytest.mark.parametrize("name", ["energy", "rod"])
+def test_discs_meet_where_an_uneven_bend_is_tightest(name: str) -> None:
+    # The moment of a tendon that comes nearer falls along the robot: so does the curvature.
+    tendon = Tendon(name="t", offset=((0.0, 6.0), (100.0, 1.0)))
+    for radius, converged in ((20.0, True), (45.0, False)):
+        robot = ContinuumRobot((Section(length=100.0, radius=radius, tendons=(tendon,)),))
+        shape = MODELS[name](robot).shape([6.0])
+        assert bool(shape.converged) == converged, shape.reason
+    assert "mm where it is tightest: its discs, of radius 45 mm, meet" in str(shape.reason)

@@ -90,7 +90,15 @@ def test_arc_length_outside_the_tendon_is_refused() -> None:
         ({"end": 20.0, "angle": ((0.0, 1.0), (9.0, 2.0))}, "from 0 to 9 mm: they must reach"),
         ({"end": 5.0, "angle": ((1.0, 1.0), (9.0, 2.0))}, "from 1 to 9 mm: they must reach"),
         ({"travel": (2.0, 1.0)}, r"travel is \(2.0, 1.0\)"),
-        ({"travel": (math.nan, 1.0)}, "travel is"),
+        ({"travel": (math.nan, 1.0)}, r"travel\[0\] is nan mm"),
+        ({"travel": "12"}, "travel is '12'"),
+        ({"travel": (False, True)}, r"travel\[0\] is False"),
+        ({"travel": (math.inf, math.inf)}, r"travel\[0\] is inf"),
+        ({"name": "a,b"}, "name is 'a,b'"),
+        ({"name": "a=1"}, "name is 'a=1'"),
+        ({"name": " a"}, "name is ' a'"),
+        ({"name": "a\nb"}, "name is"),
+        ({"interpolation": ["cubic"]}, "interpolation is"),
         ({"travel": 3.0}, "travel is 3.0"),
         ({"pushes": 1}, "pushes is 1"),
         ({"interpolation": "quintic"}, "interpolation is 'quintic'"),
@@ -100,3 +108,13 @@ def test_bad_field_is_refused_in_one_line(fields: dict[str, Any], words: str) ->
     with pytest.raises(InputError, match=words) as caught:
         Tendon(**{"name": "a", "offset": 4.0, **fields})
     assert "\n" not in str(caught.value)
+
+
+def test_a_helix_checks_its_angle() -> None:
+    with pytest.raises(InputError, match="'h' angle is 'x'"):
+        Tendon.helix("h", 4.0, turns=1.0, end=60.0, angle="x")  # type: ignore[arg-type]
+
+
+def test_a_drive_without_limits_is_free_both_ways() -> None:
+    assert Tendon(name="a", offset=1.0, travel=(-math.inf, 2)).travel == (-math.inf, 2.0)
+    assert Tendon(name="a", offset=1.0, travel=np.array([-1.0, math.inf])).travel[1] == math.inf

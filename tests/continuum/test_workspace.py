@@ -280,6 +280,8 @@ def test_the_map_counts_every_tip_once(half_plane: bool) -> None:
     mean = np.sum(found.manipulability * found.counts) / found.counts.sum()
     np.testing.assert_allclose(mean, measure.mean())
     assert found.condition.min() == manipulability(robot, sample.bends).condition.min()
+    assert found.rank == 3
+    assert map_dexterity(sample_workspace(make_robot((30.0,)), 9), cell=6.0).rank == 2
     if half_plane:
         assert np.all(found.centres[:, 1] == 0.0) and np.all(found.centres[:, 0] > 0.0)
 
@@ -327,13 +329,33 @@ def test_the_inverse_reaches_what_the_map_shows() -> None:
         (lambda r: manipulability(r, np.zeros((2, 2)), part="speed"), "part is 'speed'"),
         (lambda r: measure_dexterity(r, (1.0, 2.0)), "place has shape"),
         (lambda r: measure_dexterity(r, (1, 2, 3), directions=0), "directions is 0"),
+        (lambda r: measure_volume(np.zeros((4, 3)), cell=1e200), r"cell is 1e\+200 mm"),
+        (lambda r: measure_volume(np.full((4, 3), 1e200), cell=1.0), "tips has the value"),
+        (lambda r: measure_dexterity(r, (1e200, 0, 0)), r"place has the value 1e\+200 mm"),
         (lambda r: map_dexterity(sample_workspace(r, 5), cell=0.0), "cell is 0 mm"),
+        (
+            lambda r: map_dexterity(sample_workspace(r, 5), cell=1e-3),
+            r"cell is 0.001 mm: .*\[0.06, 1e\+09\] mm, at most 1000 cells along the robot's 60 mm",
+        ),
     ],
 )
 def test_wrong_inputs_get_one_line(call: object, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         call(make_robot((30.0, 30.0)))  # type: ignore[operator]  # a lambda of the table
     assert "\n" not in str(caught.value)
+
+
+def test_robots_without_arcs_are_refused_without_advice_that_does_not_help() -> None:
+    helix = Tendon.helix("h", 2.0, turns=0.5, end=30.0)
+    robot = ContinuumRobot((Section(length=30.0, radius=2.5, tendons=(helix,)),))
+    for call in (
+        lambda: sample_workspace(robot, 5),
+        lambda: tendon_travel(robot, np.zeros((1, 2))),
+        lambda: manipulability(robot, np.zeros((1, 2))),
+    ):
+        with pytest.raises(GeometryError, match="takes sections that bend in arcs") as caught:
+            call()
+        assert "take the energy" not in str(caught.value)
 
 
 def test_travel_that_leaves_no_shape_is_an_error() -> None:

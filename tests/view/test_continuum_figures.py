@@ -121,6 +121,15 @@ def test_target_and_direction_are_marked():
     assert arrow[:, 1] - arrow[:, 0] == pytest.approx([0.0, 0.15 * ROBOT.length])
 
 
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_the_length_of_a_direction_does_not_matter(scale):
+    top = draw_shape(SHAPE, direction=[0.0, scale, scale]).axes[2]
+    arrow = data(top.lines[-1])
+    assert np.hypot(*(arrow[:, 1] - arrow[:, 0])) == pytest.approx(
+        0.15 * ROBOT.length * math.sqrt(0.5)
+    )
+
+
 def test_many_tendons_get_no_legend():
     robot = make_robot(sections=4)
     figure = draw_shape(ArcModel(robot).shape(np.zeros(12)))
@@ -195,3 +204,10 @@ def test_map_in_space_has_a_point_for_each_cell():
     space = figure.axes[0]
     assert space.name == "3d"
     assert len(space.collections[0].get_array()) == len(cubes.centres)
+
+
+@pytest.mark.parametrize(("sections", "unit"), [(1, "mm²/rad²"), (2, "mm³/rad³")])
+def test_manipulability_has_its_unit(sections, unit):
+    sample = sample_workspace(make_robot(sections), 50)
+    figure = draw_workspace(map_dexterity(sample, cell=8.0, half_plane=True))
+    assert f"mean manipulability [{unit}]" in [axes.get_ylabel() for axes in figure.axes]

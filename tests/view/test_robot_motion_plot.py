@@ -51,3 +51,13 @@ def test_to_and_fro_is_drawn_over_the_steps():
     axes = draw_robot_motion(moved).axes[2]
     assert axes.get_xlabel() == "step"
     assert np.array_equal(find_lines(axes)[0].get_xdata(), np.arange(moved.steps))
+
+
+def test_the_limit_is_drawn_where_discs_meet_if_sections_come_near():
+    def limits(robot):
+        lines = draw_robot_motion(move(robot)).axes[0].lines
+        return [float(line.get_ydata()[0]) for line in lines if len(line.get_xdata()) == 2]
+
+    assert limits(make_robot(20.0, 6)) == []  # they meet at 10 rad
+    assert limits(make_robot(20.0, 6, max_bend=20.0)) == []
+    assert limits(make_robot(20.0, 6, max_bend=2.0)) == pytest.approx([np.degrees(2.0)])

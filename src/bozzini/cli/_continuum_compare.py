@@ -25,8 +25,7 @@ from ._continuum_options import (
     robot_argument,
 )
 from ._continuum_text import find_fault
-from ._effector_options import format_csv, format_rows
-from ._muscle_options import PICTURES, check_target
+from ._tables import PICTURES, check_target, format_csv, format_rows
 from .common import EXIT_NEGATIVE, emit, force_option, json_option, run_exit
 
 if TYPE_CHECKING:
@@ -189,7 +188,7 @@ def _format(robot: ContinuumRobot, rows: Mapping[str, dict[str, Any]]) -> str:
         lines.append(
             [
                 name,
-                ", ".join(f"{value:.3f}" for value in row["tip_mm"]),
+                ", ".join(f"{value:z.3f}" for value in row["tip_mm"]),
                 "-" if off is None else f"{off:.4f}",
                 "-" if aside is None else f"{math.degrees(aside):.4f}",
                 f"{1e3 * row['time_s']:.3g}",
@@ -204,7 +203,7 @@ def _format(robot: ContinuumRobot, rows: Mapping[str, dict[str, Any]]) -> str:
             [
                 tendon,
                 *(
-                    "slack" if tendon in rows[name]["slack"] else f"{value:.4f}"
+                    "slack" if tendon in rows[name]["slack"] else f"{value:z.4f}"
                     for name in pulled
                     for value in [rows[name]["tensions_N"][tendon]]
                 ),

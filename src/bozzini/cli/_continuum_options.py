@@ -106,7 +106,7 @@ _OPTIONS = {
     "distributed_force": click.option(
         "--line-force",
         "distributed_force",
-        type=VectorType("stiffness"),
+        type=VectorType("line force"),
         metavar="X,Y,Z",
         help="rod: force per length, weight for example, such as 0,-0.001N/mm,0; likewise.",
     ),
@@ -154,19 +154,15 @@ def read_parallel_robot(path: Path, command: str) -> ContinuumRobot:
     GeometryError
         If a tendon is not parallel to the backbone as far as its section's end.
     """
-    from ..continuum.coupling import coupling_matrix
+    from ..continuum.coupling import find_crooked
 
     robot = read_robot(path)
-    try:
-        coupling_matrix(robot)
-    except GeometryError as error:
-        what = str(error).partition(": the arc model")[0]
+    crooked = find_crooked(robot)
+    if crooked:
         raise GeometryError(
-            f"{what}: {command} takes sections that bend in arcs, by tendons parallel to the "
+            f"{crooked}: {command} takes sections that bend in arcs, by tendons parallel to the "
             "backbone; only pose and compare take others"
-            if robot.tendons
-            else what
-        ) from None
+        )
     return robot
 
 
@@ -231,16 +227,11 @@ def make_consistent(
 
 def choose_model(robot: ContinuumRobot, given: Mapping[str, Any]) -> str:
     """Return the model for a robot where none is asked for: by its loads and its routing."""
-    from ..continuum.coupling import coupling_matrix
+    from ..continuum.coupling import find_crooked
 
     if any(given[name] is not None for name in LOADS):
         return "rod"
-    if robot.tendons:
-        try:
-            coupling_matrix(robot)
-        except GeometryError:  # a tendon is not parallel, or ends inside its section
-            return "energy"
-    return "arc"
+    return "energy" if find_crooked(robot) else "arc"
 
 
 def take_options(name: str, given: Mapping[str, Any], *, strict: bool = True) -> dict[str, Any]:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..errors import InputError
 from ._continuum_options import describe_robot, read_parallel_robot, robot_argument
-from ._effector_options import format_csv, format_rows
-from ._muscle_options import PICTURES, check_target
+from ._tables import PICTURES, check_target, format_csv, format_rows
 from .common import (
     QuantityType,
     VectorType,
@@ -94,8 +94,11 @@ def workspace_command(
 
     check_target(out, (".csv", *PICTURES), force=force)
     robot = read_parallel_robot(robot_file, "workspace")
-    edge = robot.length / CELLS if cell is None else cell
-    sample = sample_workspace(robot, count, seed=seed, bend_cap=bend_cap)
+    edge = robot.length / CELLS if cell is None else _check_cell(cell, robot.length)
+    try:
+        sample = sample_workspace(robot, count, seed=seed, bend_cap=bend_cap)
+    except MemoryError:
+        raise InputError(f"--count is {count}: not enough memory for so many shapes") from None
     volume = measure_volume(sample.tips, cell=edge)
     travel = tendon_travel(robot, sample.bends)
     dexterity = map_dexterity(sample, cell=edge, directions=directions, half_plane=not in_space)
@@ -138,11 +141,12 @@ def workspace_command(
         else {"place_mm": looked.place, "share": looked.share},
         "notes": notes,
         "map": _list_columns(dexterity),
+        "manipulability_unit": f"mm^{dexterity.rank}/rad^{dexterity.rank}",
         "robot": describe_robot(robot),
         "file": out,
     }
     rows = [
-        [name, f"{travel.low[k]:.3f}", f"{travel.high[k]:.3f}", f"{travel.stroke[k]:.3f}"]
+        [name, f"{travel.low[k]:z.3f}", f"{travel.high[k]:z.3f}", f"{travel.stroke[k]:.3f}"]
         for k, name in enumerate(travel.names)
     ]
     x, _, z = dexterity.centres[best]
@@ -155,15 +159,24 @@ def workspace_command(
     if not in_space:
         lines.append(
             f"most directions, {100.0 * float(dexterity.direction_share[best]):.0f} %, about "
-            f"{x:.1f} mm from the axis at z = {z:.1f} mm"
+            f"{x:z.1f} mm from the axis at z = {z:z.1f} mm"
         )
     if looked is not None:
-        where = ", ".join(f"{value:g}" for value in looked.place)
+        where = ", ".join(f"{value:zg}" for value in looked.place)
         share = 100.0 * looked.share
         lines.append(f"at {where} mm the tip can look in {share:.0f} % of the directions")
         lines += [f"note: {line}" for line in notes]
     head = ["tendon", "let out [mm]", "pulled [mm]", "stroke [mm]"]
     emit(result, as_json=as_json, text="\n".join([*lines, format_rows(head, rows)]))
+
+
+def _check_cell(cell: float, length: float) -> float:
+    from ..continuum.dexterity import check_cell
+
+    try:
+        return check_cell(cell, length)
+    except InputError as error:
+        raise InputError(f"--{error}") from None
 
 
 def _list_columns(found: DexterityMap) -> dict[str, Any]:

@@ -1,11 +1,11 @@
-"""A shape in words and as plain values, and whether it keeps the robot's limits."""
+"""A shape in words and as plain values."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, Any
 
-from ._effector_options import format_rows
+from ._tables import format_rows
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,39 +15,13 @@ if TYPE_CHECKING:
 
 __all__ = ["describe_shape", "find_fault", "format_bends", "format_shape", "list_bends"]
 
-ROUND_OFF = 1e-9
-"""Share of a limit that is round-off."""
-
 STRAIGHT = 1e-6
 """Bend that counts as none in words [rad]."""
 
 
 def find_fault(shape: Shape) -> str:
-    """Return why a shape is none: the model's reason, or a limit that it passes; else empty.
-
-    The energy and the rod model know no limits of travel and bend: these are checked here.
-    """
-    robot = shape.robot
-    if not bool(shape.converged):
-        return str(shape.reason)
-    for index, name in enumerate(robot.tendon_names):
-        low, high = (float(value) for value in robot.tendon_travel[index])
-        moved = float(shape.displacements[index])
-        if not low <= moved <= high:
-            return f"tendon '{name}' is moved {moved:.4g} mm: its travel is [{low:g}, {high:g}] mm"
-    for index, bend in enumerate(shape.section_parameters):
-        section, angle = robot.sections[index], math.hypot(*bend)
-        meet = section.length / section.radius  # the curve is as tight as the body is thick
-        for most, words in (
-            (section.max_bend, "its largest bend is"),
-            (meet, f"its discs, of radius {section.radius:g} mm, meet at"),
-        ):
-            if angle > most * (1.0 + ROUND_OFF):
-                return (
-                    f"{robot.section_label(index)} would bend {math.degrees(angle):.4g} deg: "
-                    f"{words} {math.degrees(most):.4g} deg"
-                )
-    return ""
+    """Return why a shape is none, in the model's words; else empty."""
+    return "" if bool(shape.converged) else str(shape.reason)
 
 
 def describe_shape(
@@ -94,15 +68,15 @@ def format_bends(robot: ContinuumRobot, bends: NDArray[np.float64]) -> str:
     rows = []
     for k, row in enumerate(list_bends(robot, bends)):
         angle, towards = math.degrees(row["bend_rad"]), math.degrees(row["direction_rad"])
-        told = f"{towards:.2f}" if row["bend_rad"] > STRAIGHT else "-"
-        rows.append([robot.section_label(k), f"{angle:.2f}", told])
+        told = f"{towards:z.2f}" if row["bend_rad"] > STRAIGHT else "-"
+        rows.append([robot.section_label(k), f"{angle:z.2f}", told])
     return format_rows(["section", "bend [deg]", "towards [deg]"], rows)
 
 
 def format_shape(shape: Shape) -> str:
     """Return a shape for people: tip, sections, tendons."""
     robot = shape.robot
-    place = ", ".join(f"{value:.3f}" for value in shape.tip)
+    place = ", ".join(f"{value:z.3f}" for value in shape.tip)
     tangent = shape.tip_frame[:3, 2]
     aside = math.degrees(math.atan2(math.hypot(tangent[0], tangent[1]), tangent[2]))
     lines = [f"tip at {place} mm, looking {aside:.2f} deg away from the base's axis"]
@@ -113,9 +87,9 @@ def format_shape(shape: Shape) -> str:
         head.append("tension [N]")
     rows = []
     for k, name in enumerate(robot.tendon_names):
-        row = [name, f"{shape.displacements[k]:.4f}", f"{shape.tendon_lengths[k]:.3f}"]
+        row = [name, f"{shape.displacements[k]:z.4f}", f"{shape.tendon_lengths[k]:.3f}"]
         if shape.tensions.size:
-            row.append("slack" if shape.slack[k] else f"{shape.tensions[k]:.4f}")
+            row.append("slack" if shape.slack[k] else f"{shape.tensions[k]:z.4f}")
         elif shape.slack[k]:
             row.append("slack")
         rows.append(row)

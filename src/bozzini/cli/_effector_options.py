@@ -12,6 +12,7 @@ import click
 
 from ..errors import BozziniError, InputError
 from ._muscle_options import describe_muscle, make_class, model_option, model_options
+from ._tables import format_csv, format_rows
 from .common import QuantityType, emit
 
 if TYPE_CHECKING:
@@ -253,37 +254,3 @@ def tell(result: Mapping[str, Any], *, as_json: bool, text: str, notes: Sequence
     if not as_json:
         for line in (*notes, *result["design"]["conflicts"]):
             click.echo(f"note: {line}", err=True)
-
-
-def format_csv(columns: Mapping[str, Any]) -> str:
-    """Return columns of one length as the text of a CSV file; None is an empty cell."""
-    import csv
-    import io
-
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for row in zip(*columns.values(), strict=True):
-        writer.writerow([_format_cell(cell) for cell in row])
-    return text.getvalue()
-
-
-def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table for people, its columns aligned to the right but for the first."""
-    table = [list(head), *(list(row) for row in rows)]
-    widths = [max(len(line[i]) for line in table) for i in range(len(head))]
-    lines = []
-    for line in table:
-        others = zip(line[1:], widths[1:], strict=True)
-        cells = [line[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in others)]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
-
-
-def _format_cell(cell: Any) -> str:
-    if cell is None:
-        return ""
-    if isinstance(cell, str):
-        return cell
-    number = cell.item() if hasattr(cell, "item") else cell
-    return str(int(number)) if isinstance(number, (bool, int)) else f"{float(number):.9g}"

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ._tables import PICTURES, check_target
 from .common import QuantityType
 
 if TYPE_CHECKING:
@@ -58,7 +58,6 @@ FIELDS = {
 }
 """The fields of a muscle: the kind of quantity, and the help of the option."""
 UNITS = {"length": "_mm", "angle": "_rad", "pressure": "_MPa", "dimensionless": ""}
-PICTURES = (".png", ".svg", ".pdf")
 
 _Function = Callable[..., Any]
 
@@ -181,19 +180,6 @@ def _say_unused(option: str, names: Sequence[str]) -> str:
 def describe_choices(model: StaticModel) -> dict[str, str | None]:
     """Return what the model was told, None where it has no such choice."""
     return {option: getattr(model, option, None) for option in CHOICES}
-
-
-def check_target(out: Path | None, suffixes: tuple[str, ...], *, force: bool) -> None:
-    from ..errors import OutputError
-
-    if out is None:
-        return
-    if out.suffix.lower() not in suffixes:
-        raise OutputError(f"{out} ends in '{out.suffix}': it must end in {', '.join(suffixes)}")
-    if not out.parent.is_dir():
-        raise OutputError(f"cannot write {out}: {out.parent} is not a directory")
-    if out.exists() and not force:
-        raise OutputError(f"{out} exists already: choose another file or give --force")
 
 
 def describe_muscle(muscle: Muscle) -> dict[str, float]:

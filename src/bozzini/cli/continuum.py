@@ -31,8 +31,7 @@ from ._continuum_text import (
     format_shape,
     list_bends,
 )
-from ._effector_options import format_csv, format_rows
-from ._muscle_options import PICTURES, check_target
+from ._tables import PICTURES, check_target, format_csv, format_rows
 from .common import EXIT_NEGATIVE, VectorType, emit, force_option, json_option, run_exit
 
 if TYPE_CHECKING:
@@ -243,12 +242,12 @@ def _write_reach(
 
 
 def _format_reach(robot: ContinuumRobot, found: InverseResult, reason: str) -> str:
-    place = ", ".join(f"{value:.3f}" for value in found.tip)
+    place = ", ".join(f"{value:z.3f}" for value in found.tip)
     head = f"reached: tip at {place} mm, {found.iterations} iterations in {found.starts} start(s)"
     if not found.success:
         head = f"not reached: {reason}\nnearest: tip at {place} mm"
     moved = [
-        [name, f"{value:.4f}"]
+        [name, f"{value:z.4f}"]
         for name, value in zip(robot.tendon_names, found.displacements, strict=True)
     ]
     return "\n".join(

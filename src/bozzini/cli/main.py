@@ -124,7 +124,7 @@ class _Run:
         except BrokenPipeError:
             raise
         except MemoryError:
-            message = "not enough memory: give a larger --voxel or a smaller tract"
+            message = "not enough memory: ask for less (a larger --voxel or --cell)"
             return self._tell("MemoryError", message, EXIT_BAD_INPUT)
         except Exception as error:
             return self._tell_internal(error)

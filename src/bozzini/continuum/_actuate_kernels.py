@@ -12,8 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ._arc_kernels import put_arc
-from ._chain_arc_kernels import fill_arc
+from ._arc_kernels import fill_arc, put_arc
 from ._fit_kernels import add_row, chain_frames, find_room, project_on_path, solve, turn_rows
 
 __all__ = ["fit_motion", "measure_fit"]

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-__all__ = ["arc_factors", "fill_arc_frames", "fill_tip_jacobians", "put_arc"]
+__all__ = ["arc_factors", "fill_arc", "fill_arc_frames", "put_arc"]
 
 SERIES = 0.25
 """``theta^2`` below which series are used; their first term left out is below 1e-18."""
@@ -53,20 +53,26 @@ def arc_factors(square):
 
 
 @njit(cache=True)
+def _close_arc(length, bx, by, f1, f2):
+    """Place and upper half of the rotation at the end of an arc, ``1 + f1 [w] + f2 [w]^2``."""
+    return (
+        length * f2 * bx,
+        length * f2 * by,
+        length * f1,
+        1.0 - f2 * bx * bx,
+        -f2 * bx * by,
+        f1 * bx,
+        1.0 - f2 * by * by,
+        f1 * by,
+        1.0 - f2 * (bx * bx + by * by),
+    )
+
+
+@njit(cache=True)
 def put_arc(before, length, bend_x, bend_y, after):
     """Fill the frame `after` an arc that starts at the frame `before`."""
     f1, f2, _, _, _ = arc_factors(bend_x * bend_x + bend_y * bend_y)
-    axis_x, axis_y = -bend_y, bend_x
-    # exp([w]) = 1 + f1 [w] + f2 [w]^2 for w = (axis_x, axis_y, 0).
-    r00 = 1.0 - f2 * axis_y * axis_y
-    r01 = f2 * axis_x * axis_y
-    r02 = f1 * axis_y
-    r11 = 1.0 - f2 * axis_x * axis_x
-    r12 = -f1 * axis_x
-    r22 = 1.0 - f2 * (axis_x * axis_x + axis_y * axis_y)
-    x = length * f2 * bend_x
-    y = length * f2 * bend_y
-    z = length * f1
+    x, y, z, r00, r01, r02, r11, r12, r22 = _close_arc(length, bend_x, bend_y, f1, f2)
     for i in range(3):
         a = before[i, 0]
         b = before[i, 1]
@@ -79,6 +85,50 @@ def put_arc(before, length, bend_x, bend_y, after):
     after[3, 1] = 0.0
     after[3, 2] = 0.0
     after[3, 3] = 1.0
+
+
+@njit(cache=True)
+def fill_arc(length, bx, by, frame, slope, turn):
+    """Fill frame, derivatives and turns of one arc, in the frame of its start.
+
+    Parameters
+    ----------
+    length, bx, by : float
+        Length [mm] and bend [rad].
+    frame : (3, 4) float
+        Filled with rotation and place of the end.
+    slope : (2, 3) float
+        Filled with the derivative of the place with `bx` and `by` [mm/rad].
+    turn : (2, 3) float
+        Filled with the rotation of the end per change of `bx` and `by`:
+        ``(1 + f2 [w] + f3 [w]^2) dw``, the left Jacobian of SO(3).
+    """
+    f1, f2, f3, g1, g2 = arc_factors(bx * bx + by * by)
+    x, y, z, r00, r01, r02, r11, r12, r22 = _close_arc(length, bx, by, f1, f2)
+    frame[0, 0] = r00
+    frame[0, 1] = r01
+    frame[0, 2] = r02
+    frame[0, 3] = x
+    frame[1, 0] = r01
+    frame[1, 1] = r11
+    frame[1, 2] = r12
+    frame[1, 3] = y
+    frame[2, 0] = -r02
+    frame[2, 1] = -r12
+    frame[2, 2] = r22
+    frame[2, 3] = z
+    slope[0, 0] = length * (f2 + bx * bx * g2)
+    slope[0, 1] = length * bx * by * g2
+    slope[0, 2] = length * bx * g1
+    slope[1, 0] = slope[0, 1]
+    slope[1, 1] = length * (f2 + by * by * g2)
+    slope[1, 2] = length * by * g1
+    turn[0, 0] = -f3 * bx * by
+    turn[0, 1] = 1.0 - f3 * by * by
+    turn[0, 2] = -f2 * by
+    turn[1, 0] = f3 * bx * bx - 1.0
+    turn[1, 1] = f3 * bx * by
+    turn[1, 2] = f2 * bx
 
 
 @njit(cache=True)
@@ -105,51 +155,3 @@ def fill_arc_frames(lengths, owner, share, bends, frames):
                 part * bends[n, section, 1],
                 frames[n, k],
             )
-
-
-@njit(cache=True)
-def fill_tip_jacobians(lengths, bends, tips, jacobians):
-    """Fill tip frames (n, 4, 4) and geometric Jacobians (n, 6, 2 m) in the base frame.
-
-    Rows are velocity of the tip's point, then angular velocity, per unit of each bend.
-    """
-    sections = lengths.size
-    for n in range(bends.shape[0]):
-        frames = np.empty((sections + 1, 4, 4))
-        frames[0] = np.eye(4)
-        for i in range(sections):
-            put_arc(frames[i], lengths[i], bends[n, i, 0], bends[n, i, 1], frames[i + 1])
-        tip = frames[sections]
-        tips[n] = tip
-        for i in range(sections):
-            x = bends[n, i, 0]
-            y = bends[n, i, 1]
-            f1, f2, f3, g1, g2 = arc_factors(x * x + y * y)
-            for j in range(2):
-                along = x if j == 0 else y
-                dx = lengths[i] * (g2 * along * x + (f2 if j == 0 else 0.0))
-                dy = lengths[i] * (g2 * along * y + (f2 if j == 1 else 0.0))
-                dz = lengths[i] * g1 * along
-                # Left Jacobian of rotation: 1 + f2 [w] + f3 [w]^2 with w = (-y, x, 0).
-                vx = -1.0 if j == 1 else 0.0
-                vy = 1.0 if j == 0 else 0.0
-                wx = -y
-                wy = x
-                cross = wx * vy - wy * vx
-                ox = vx + f3 * wy * cross
-                oy = vy - f3 * wx * cross
-                oz = f2 * cross
-                frame = frames[i]
-                column = 2 * i + j
-                turn = np.empty(3)
-                move = np.empty(3)
-                arm = np.empty(3)
-                for r in range(3):
-                    move[r] = frame[r, 0] * dx + frame[r, 1] * dy + frame[r, 2] * dz
-                    turn[r] = frame[r, 0] * ox + frame[r, 1] * oy + frame[r, 2] * oz
-                    arm[r] = tip[r, 3] - frames[i + 1, r, 3]
-                jacobians[n, 0, column] = move[0] + turn[1] * arm[2] - turn[2] * arm[1]
-                jacobians[n, 1, column] = move[1] + turn[2] * arm[0] - turn[0] * arm[2]
-                jacobians[n, 2, column] = move[2] + turn[0] * arm[1] - turn[1] * arm[0]
-                for r in range(3):
-                    jacobians[n, 3 + r, column] = turn[r]

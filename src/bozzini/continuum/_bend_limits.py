@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError
-from .coupling import Coupling
+from .coupling import Coupling, require_arcs
 from .robot import ContinuumRobot
 
 __all__ = ["BendLimits", "find_limits"]
@@ -126,6 +126,7 @@ def find_limits(robot: ContinuumRobot) -> BendLimits:
     GeometryError
         If a tendon is not parallel, or there is none.
     """
+    require_arcs(robot, "the inverse, like the workspace,")
     coupling = Coupling(robot)
     sections = robot.sections
     blocks = [*_travel_rows(coupling), *_open_rows(coupling), *_tight_rows(coupling)]

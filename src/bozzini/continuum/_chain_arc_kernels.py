@@ -1,7 +1,6 @@
 """Numba kernels of a chain of arcs: any of its points, with the derivative by all bends.
 
-Notation of `_arc_kernels`: a section that bends by ``b`` turns about ``w = (-by, bx, 0)``; a change
-``db`` turns its end by ``(1 + f2 [w] + f3 [w]^2) dw``, the left Jacobian of SO(3).
+A section's change of bend moves and turns its end, and with it, like one rigid body, all beyond.
 """
 
 from __future__ import annotations
@@ -9,51 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ._arc_kernels import arc_factors
+from ._arc_kernels import fill_arc
 
-__all__ = ["fill_arc", "fill_chain", "place_point"]
-
-
-@njit(cache=True)
-def fill_arc(length, bx, by, frame, slope, turn):
-    """Fill frame, derivatives and turns of one arc, in the frame of its start.
-
-    Parameters
-    ----------
-    length, bx, by : float
-        Length [mm] and bend [rad].
-    frame : (3, 4) float
-        Filled with rotation and place of the end.
-    slope : (2, 3) float
-        Filled with the derivative of the place with `bx` and `by` [mm/rad].
-    turn : (2, 3) float
-        Filled with the rotation of the end per change of `bx` and `by`.
-    """
-    f1, f2, f3, g1, g2 = arc_factors(bx * bx + by * by)
-    frame[0, 0] = 1.0 - bx * bx * f2
-    frame[0, 1] = -bx * by * f2
-    frame[0, 2] = bx * f1
-    frame[1, 0] = frame[0, 1]
-    frame[1, 1] = 1.0 - by * by * f2
-    frame[1, 2] = by * f1
-    frame[2, 0] = -frame[0, 2]
-    frame[2, 1] = -frame[1, 2]
-    frame[2, 2] = 1.0 - (bx * bx + by * by) * f2
-    frame[0, 3] = length * bx * f2
-    frame[1, 3] = length * by * f2
-    frame[2, 3] = length * f1
-    slope[0, 0] = length * (f2 + bx * bx * g2)
-    slope[0, 1] = length * bx * by * g2
-    slope[0, 2] = length * bx * g1
-    slope[1, 0] = slope[0, 1]
-    slope[1, 1] = length * (f2 + by * by * g2)
-    slope[1, 2] = length * by * g1
-    turn[0, 0] = -f3 * bx * by
-    turn[0, 1] = 1.0 - f3 * by * by
-    turn[0, 2] = -f2 * by
-    turn[1, 0] = f3 * bx * bx - 1.0
-    turn[1, 1] = f3 * bx * by
-    turn[1, 2] = f2 * bx
+__all__ = ["fill_chain", "fill_tip_jacobians", "place_point"]
 
 
 @njit(cache=True)
@@ -141,3 +98,29 @@ def place_point(lengths, bends, frames, slopes, turns, section, share, point, ro
             rows[2 * i + k, 1] = slopes[i, k, 1] + wz * dx - wx * dz
             rows[2 * i + k, 2] = slopes[i, k, 2] + wx * dy - wy * dx
     rows[2 * section + 2 :] = 0.0
+
+
+@njit(cache=True)
+def fill_tip_jacobians(lengths, bends, tips, jacobians):
+    """Fill tip frames (n, 4, 4) and geometric Jacobians (n, 6, 2 m) in the base frame.
+
+    Rows are velocity of the tip's point, then angular velocity, per unit of each bend.
+    """
+    sections = lengths.size
+    frames = np.zeros((sections + 1, 3, 4))
+    slopes = np.empty((sections, 2, 3))
+    turns = np.empty((sections, 2, 3))
+    point = np.empty(3)
+    rows = np.empty((2 * sections, 3))
+    for r in range(3):
+        frames[0, r, r] = 1.0
+    for n in range(bends.shape[0]):
+        fill_chain(lengths, bends[n], frames, slopes, turns)
+        place_point(lengths, bends[n], frames, slopes, turns, sections - 1, 1.0, point, rows)
+        tips[n] = 0.0
+        tips[n, :3] = frames[sections]
+        tips[n, 3, 3] = 1.0
+        for column in range(2 * sections):
+            for r in range(3):
+                jacobians[n, r, column] = rows[column, r]
+                jacobians[n, 3 + r, column] = turns[column // 2, column % 2, r]

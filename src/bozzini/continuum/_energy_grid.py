@@ -106,9 +106,12 @@ class Grid:
 
     @cached_property
     def give(self) -> Floats:
-        """How much each tendon, alone and almost straight, gives way to tension, (t,) [mm/N]."""
+        """How much each tendon, alone and almost straight, gives way to tension, (t,) [mm/N].
+
+        If the backbone were as stiff everywhere as where it is stiffest.
+        """
         squares = self.reach[:, 1:] ** 2 * self._passed
-        return np.asarray(np.sum(squares / self.stiffness[:, 0], axis=1))
+        return np.asarray(np.sum(squares / self.stiffness[:, :2].max(), axis=1))
 
     @cached_property
     def counts(self) -> NDArray[np.int64]:

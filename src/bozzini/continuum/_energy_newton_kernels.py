@@ -32,6 +32,9 @@ TURN_LIMIT = math.pi
 STEP_TOLERANCE = 1e-10
 """Turn of every segment at which a solution counts as found [rad]."""
 
+ROUGH = 1e-6
+"""The same where steps do not get smaller any more: a stiff part pulls at a flexible one [rad]."""
+
 ROUND_OFF = 1e-11
 """Error of a tendon's length that is round-off, against the longest of them."""
 
@@ -69,7 +72,8 @@ def solve_command(
     psd, full, inverses = np.empty((n, 3, 3)), np.empty((n, 3, 3)), np.empty((n, 3, 3))
     matrix, vector, forces = np.empty((k, k)), np.empty(k), np.empty((n, 3))
     wanted, move = np.empty(k), np.empty((n, 3))
-    exact, replaced, error, size, overloaded = True, 0, 0.0, math.inf, 0
+    exact, replaced, error, overloaded = True, 0, 0.0, 0
+    size, before = math.inf, math.inf
     for count in range(most_steps + 1):
         measure_lengths(grid, turns, tensions, lengths, slopes, psd, full)
         error = 0.0
@@ -81,7 +85,8 @@ def solve_command(
             error = max(error, abs(gap))
             loaded = loaded and abs(tensions[m]) < high[m]
         fine = error <= tolerance + ROUND_OFF * limits.max()
-        if count > 0 and size <= STEP_TOLERANCE and fine and loaded:
+        rest = size <= STEP_TOLERANCE or (size <= ROUGH and size > 0.5 * before)
+        if count > 0 and rest and fine and loaded:
             return CONVERGED, count, error, replaced
         if count == most_steps:
             break
@@ -96,7 +101,9 @@ def solve_command(
             most = max(most, matrix[m, m])
         for m in range(k):
             if compliances[m] == 0.0:
+                # About the tensions there are, so that it goes away as they settle.
                 matrix[m, m] += RIDGE * most
+                vector[m] -= RIDGE * most * tensions[m]
             vector[m] += limits[m] - lengths[m]
             wanted[m] = tensions[m]
         if not solve_bounded(matrix, vector, low, high, wanted):
@@ -108,7 +115,7 @@ def solve_command(
         overloaded += 0 if loaded else 1
         if overloaded == MOST_OVERLOADED:
             return OVERLOADED, count, error, replaced
-        size = 0.0
+        before, size = size, 0.0
         for j in range(n):
             for i in range(3):
                 move[j, i] = -(
@@ -168,6 +175,7 @@ def follow_command(
     natural,
     displacement,
     tolerance,
+    first,
     smallest,
     compliances,
     low,
@@ -179,7 +187,7 @@ def follow_command(
 ):
     """One command from the straight rod, at once or else in parts, as far as it can be followed.
 
-    ``smallest`` is the smallest part of the command that is tried.
+    ``first`` is the part of the command that is tried at once, ``smallest`` the smallest one.
 
     Returns what `solve_command` does of the last part, the share of the command that was reached,
     and all steps taken.
@@ -188,9 +196,11 @@ def follow_command(
     tensions[:] = 0.0
     kept_turns, kept_tensions = turns.copy(), tensions.copy()
     limits = np.empty(displacement.size)
-    reached, part, steps = 0.0, 1.0, 0
+    reached, part, steps = 0.0, first, 0
     while True:
         share = min(1.0, reached + part)
+        if share > 1.0 - 1e-9:
+            share = 1.0
         for m in range(displacement.size):
             limits[m] = natural[m] - share * displacement[m]
             if low[m] == 0.0:
@@ -227,6 +237,7 @@ def solve_commands(
     grid,
     natural,
     displacements,
+    firsts,
     tolerance,
     compliances,
     pushes,
@@ -241,7 +252,9 @@ def solve_commands(
     shares,
     unstable,
 ):
-    """Solve a batch of commands (b, k), each from the straight rod; fills the arrays after it.
+    """Solve a batch of commands (b, k), each from the straight rod; fills the arrays from `turns`.
+
+    ``firsts`` (b,) are the parts of them that are tried at once.
 
     Where a command fails, ``shares`` tells how much of it can be followed, and the shape is that.
     """
@@ -259,12 +272,13 @@ def solve_commands(
         # As commanded to round-off; with the tolerance, and in parts, only where that cannot be.
         for attempt in range(3):
             allowed = tolerance if attempt > 0 else 1e-4 * tolerance
-            smallest = SMALLEST_SHARE if attempt == 2 else 1.0
+            smallest = SMALLEST_SHARE * firsts[b] if attempt == 2 else firsts[b]
             codes[b], errors[b], unstable[b], shares[b], count = follow_command(
                 grid,
                 natural,
                 displacements[b],
                 allowed,
+                firsts[b],
                 smallest,
                 compliances,
                 low,

@@ -100,7 +100,9 @@ class FitJob:
         self.introducer = introducer
         self.heads = plan.head_arc_length
         self.lengths = np.array([section.length for section in robot.sections])
-        self.limits = np.array([section.max_bend for section in robot.sections])
+        # Discs meet where the curve is as tight as the body is thick.
+        meet = [section.length / section.radius for section in robot.sections]
+        self.limits = np.minimum([section.max_bend for section in robot.sections], meet)
         self.samples = np.maximum(4, np.ceil(self.lengths / PITCH)).astype(np.int64)
         self.frame = find_base_frame(introducer, roll=roll)
         axes, entry = self.frame[:3, :3], introducer.entry

@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number
-from ..errors import GeometryError, InputError
+from ..errors import GeometryError
 from ._bend_limits import BendLimits, find_limits
 from ._inverse_kernels import REACHED, SETTLED, improve, move_inside, rank_starts, search
 from ._inverse_starts import CANDIDATES, bend_towards, guess_bends, spread_bends
+from ._places import check_values
 from .arc import arc_frames
 from .robot import ContinuumRobot
 from .tendon import GRAIN
 
-__all__ = ["InverseResult", "Search", "check_array"]
+__all__ = ["InverseResult", "Search"]
 
 Floats = NDArray[np.float64]
 
@@ -171,7 +172,7 @@ class Search:
         )
 
     def _make_starts(self, initial: ArrayLike | None, count: int) -> Floats:
-        given = [] if initial is None else [check_array("initial", initial, self.guess.shape)]
+        given = [] if initial is None else [check_values("initial", initial, self.guess.shape)]
         first = [*given, self.guess]
         room = count - len(first)
         if room <= 0:
@@ -282,16 +283,3 @@ class Search:
         if len(self.limits.basis) < bends.size:
             words.extend(self.limits.coupling.open_directions())
         return "; ".join([*words, *at_limits])
-
-
-def check_array(name: str, given: ArrayLike, shape: tuple[int, ...]) -> Floats:
-    """Return a copy of `given` as a finite array of one shape, or raise `InputError`."""
-    try:
-        array = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be an array of numbers of shape {shape}") from None
-    if array.shape != shape:
-        raise InputError(f"{name} has shape {array.shape}: it must be {shape}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} has values that are not finite (NaN or infinite)")
-    return array

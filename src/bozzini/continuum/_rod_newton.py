@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,21 +11,12 @@ from ._energy_tension_kernels import solve_bounded
 from ._rod_kernels import differentiate_piece, turn_quaternion
 from ._rod_state import Rod, Shot, Target
 
-__all__ = ["shoot"]
+__all__ = ["Shooting"]
 
 Floats = NDArray[np.float64]
 
 MOST_STEPS = 25
 """Newton steps for one part of a command."""
-
-SMALLEST_PART = 1.0 / 16.0
-"""Smallest part of a command by which it is raised where more of it fails."""
-
-STRONGEST = 1e4
-"""Tension at which a command counts as impossible, against one that bends the robot by 1 rad."""
-
-LOAD_STEP = 2.0
-"""Largest part of the loads that is put on at once, against those that bend it by 1 rad."""
 
 TURN_LIMIT = 0.5
 """Largest turn between two pieces in one step [rad]."""
@@ -41,54 +31,12 @@ DIFFERENCE = 1e-4
 """Step of the differences, against the size of what is changed."""
 
 
-def shoot(rod: Rod, target: Target) -> Shot:
-    """Find the rod's state, at once or else in parts, as far as the command can be followed."""
-    turns = np.zeros((rod.pieces, 4))
-    turns[:, 0] = 1.0
-    kept = Shot(
-        tensions=np.zeros(len(target.names)),
-        turns=turns,
-        moments=np.zeros((rod.pieces, 3)),
-        share=0.0,
-    )
-    # Heavy loads little by little: at once, Newton may end on another branch.
-    part, steps, reason = min(1.0, LOAD_STEP / max(rod.load, 1e-9)), 0, ""
-    smallest = SMALLEST_PART * part
-    # As commanded to round-off; with the tolerance, and in parts, only where that cannot be.
-    loose = 1e-3 * target.tolerance
-    while kept.share < 1.0:
-        share = min(1.0, kept.share + part)
-        if share > 1.0 - 1e-9:
-            share = 1.0
-        found = _Newton(rod, target, share, loose).improve(kept)
-        steps += found.iterations
-        if not found.reason:
-            kept = found
-            continue
-        reason = found.reason
-        if loose < target.tolerance:
-            loose = target.tolerance
-        else:
-            part *= 0.5
-        if part < smallest:
-            percent = math.floor(100.0 * kept.share)
-            reason = f"command and loads can be followed to {percent} % only: {reason}"
-            break
-    else:
-        reason = ""
-    return Shot(
-        tensions=kept.tensions,
-        turns=kept.turns,
-        moments=kept.moments,
-        share=kept.share,
-        iterations=steps,
-        reason=reason,
-    )
-
-
 @dataclass
-class _Newton:
-    """Newton's method for one share of command and loads."""
+class Shooting:
+    """Newton's method for one share of command and loads.
+
+    ``loose`` is by how much cables may be longer than asked [mm].
+    """
 
     rod: Rod
     target: Target
@@ -97,6 +45,7 @@ class _Newton:
     give: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     def improve(self, start: Shot) -> Shot:
+        """Return the state from `start` on, or where it stopped and why."""
         rod, target = self.rod, self.target
         tensions, turns, moments = start.tensions.copy(), start.turns.copy(), start.moments.copy()
         solves = target.command is not None
@@ -117,22 +66,19 @@ class _Newton:
         for count in range(MOST_STEPS + 1):
             system = self._linearise(tensions, turns, moments)
             if system is None:
-                return stop(count, "the rod's equations break down beyond it")
+                return stop(count, "Newton's method fails beyond it")
             off, matrix, by_tension, lengths, length_slope = system
             gaps = target.gaps(lengths, tensions, self.share, self.loose)
             scale = rod.moment_scale + float(np.abs(moments).max())
             size = float(np.abs(off).max()) / scale
             if size <= 1e-10 and np.abs(gaps).max(initial=0.0) <= self.loose:
-                if solves:
-                    self._share_tensions(tensions)
+                if solves and len(tensions):
+                    tensions = self._share_tensions(tensions, turns, moments, scale)
                 return stop(count, "")
             if count == MOST_STEPS:
                 break
-            # Turns in radians, moments in their own unit: one size for all.
-            units = self._units(scale)
-            try:
-                inverse = np.linalg.inv(matrix / units) / units[:, None]
-            except np.linalg.LinAlgError:
+            inverse = self._invert(matrix, scale)
+            if inverse is None:
                 return stop(count, "the rod is about to buckle beyond it")
             wanted = tensions
             if solves and len(tensions):
@@ -154,12 +100,16 @@ class _Newton:
         advice = "; give a tendon_stiffness" if stiff else ""
         return stop(MOST_STEPS, f"no equilibrium was found beyond it{where}{advice}")
 
-    def _units(self, scale: float) -> Floats:
+    def _invert(self, matrix: Floats, scale: float) -> Floats | None:
+        # Turns in radians, moments in their own unit: one size for all.
         units = np.ones(6 * self.rod.pieces - 3)
         units[:3] = scale
         for index in range(1, self.rod.pieces):
             units[6 * index : 6 * index + 3] = scale
-        return units
+        try:
+            return np.asarray(np.linalg.inv(matrix / units) / units[:, None])
+        except np.linalg.LinAlgError:
+            return None
 
     def _linearise(
         self, tensions: Floats, turns: Floats, moments: Floats
@@ -192,7 +142,7 @@ class _Newton:
                 bends,
                 turns[index] if final else turns[index + 1],
                 DIFFERENCE * rod.moment_scale,
-                DIFFERENCE * max(1.0, float(np.abs(tensions).max(initial=0.0))),
+                DIFFERENCE * max(rod.unit_tension, float(np.abs(tensions).max(initial=0.0))),
                 values,
                 local,
             )
@@ -235,7 +185,7 @@ class _Newton:
         give = 0.5 * (exact + exact.T)
         self.give = give
         largest = float(np.abs(np.diag(give)).max())
-        strongest = STRONGEST * float(np.abs(target.natural).max()) / largest
+        strongest = self.rod.strongest
         centred = lengths - target.compliances * tensions - length_slope[:, :size] @ straightened
         room = target.limit(self.share, self.loose) - centred
         vector = room - give @ tensions
@@ -278,10 +228,12 @@ class _Newton:
             turns[index] = out / np.linalg.norm(out)
         return part
 
-    def _share_tensions(self, tensions: Floats) -> None:
-        """Take the least tensions that do the same to first order, where redundant ones differ."""
+    def _share_tensions(
+        self, tensions: Floats, turns: Floats, moments: Floats, scale: float
+    ) -> Floats:
+        """Take the least tensions that do the same, where redundant ones differ."""
         if not self.give.size or self.target.compliances.any():
-            return
+            return tensions
         taut = tensions != 0.0
         shared = tensions.copy()
         size = float(np.abs(tensions).max())
@@ -292,6 +244,12 @@ class _Newton:
             low = np.where(self.target.pushes, -size, 0.0) * taut
             matrix = self.give + ridge * np.eye(len(taut))
             if not solve_bounded(matrix, right, low, size * taut, shared):
-                return
+                return tensions
             right = vector - ridge * shared
-        tensions[:] = shared
+        # The same to first order only: it must hold of the lengths and joints themselves.
+        shot = Shot(tensions=shared, turns=turns, moments=moments, share=self.share)
+        states, jumps, good = self.rod.trace_jumps(shot)
+        off, lengths = float(np.abs(jumps).max()), states[-1, 10:]
+        gaps = self.target.gaps(lengths, shared, self.share, self.loose)
+        fits = good and off <= 1e-9 * scale and np.abs(gaps).max(initial=0.0) <= self.loose
+        return shared if fits else tensions

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ._rod_kernels import integrate_rod
+from ._rod_kernels import find_turn, integrate_rod
 
 __all__ = ["Rod", "Shot", "Target"]
 
@@ -29,6 +29,8 @@ class Rod:
         Pieces of the shooting.
     moment_scale, load : float
         Moment that bends the robot by about 1 rad [N mm], and the loads against it.
+    unit_tension, strongest : float
+        Tension that bends it by about 1 rad, and the one at which a command is impossible [N].
     """
 
     grid: tuple[Floats, Floats, Floats, NDArray[np.bool_]]
@@ -38,6 +40,8 @@ class Rod:
     pieces: int
     moment_scale: float
     load: float
+    unit_tension: float
+    strongest: float
 
     @property
     def cuts(self) -> NDArray[np.int64]:
@@ -45,13 +49,41 @@ class Rod:
         cuts = np.linspace(0.0, len(self.grid[0]) - 1.0, self.pieces + 1)
         return np.round(cuts).astype(np.int64)
 
+    def rest(self, tendons: int, reason: str = "") -> Shot:
+        """Return the straight rod under none of its command."""
+        turns = np.zeros((self.pieces, 4))
+        turns[:, 0] = 1.0
+        return Shot(
+            tensions=np.zeros(tendons),
+            turns=turns,
+            moments=np.zeros((self.pieces, 3)),
+            share=0.0,
+            reason=reason,
+        )
+
     def trace(self, shot: Shot) -> tuple[Floats, Floats, bool]:
         """Return the states and bends at all places, and whether it got through."""
+        states, bends, _, good = self._pass(shot)
+        return states, bends, good
+
+    def trace_jumps(self, shot: Shot) -> tuple[Floats, Floats, bool]:
+        """Return the states, the jumps between pieces (pieces, 6), and whether it got through.
+
+        The last row is the end against the load on it, without a turn.
+        """
+        states, _, jumps, good = self._pass(shot)
+        return states, jumps, good
+
+    def _pass(self, shot: Shot) -> tuple[Floats, Floats, Floats, bool]:
         states = np.zeros((len(self.grid[0]), 10 + len(shot.tensions)))
         bends = np.zeros((len(self.grid[0]), 3))
+        jumps = np.zeros((self.pieces, 6))
         good = True
         cuts = self.cuts
         for index, (first, last) in enumerate(zip(cuts[:-1], cuts[1:], strict=True)):
+            if index > 0:
+                find_turn(shot.turns[index], states[first, 3:7], jumps[index - 1, :3])
+                jumps[index - 1, 3:] = states[first, 7:10] - shot.moments[index]
             states[first, 3:7], states[first, 7:10] = shot.turns[index], shot.moments[index]
             good = good and integrate_rod(
                 first,
@@ -62,7 +94,8 @@ class Rod:
                 states,
                 bends,
             )
-        return states, bends, bool(good)
+        jumps[-1, 3:] = states[-1, 7:10] - shot.share * self.tip_moment
+        return states, bends, jumps, bool(good)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +114,8 @@ class Target:
         Error of their lengths that is let through [mm].
     natural, command : (t,) ndarray
         Their lengths in the straight robot, and the displacements asked for [mm].
+    reaches : (t,) ndarray
+        Their least distances from the backbone [mm].
     tensions : (t,) ndarray
         Tensions [N], in place of displacements.
     """
@@ -90,6 +125,7 @@ class Target:
     compliances: Floats
     tolerance: float
     natural: Floats
+    reaches: Floats
     command: Floats | None = None
     tensions: Floats | None = None
 

@@ -86,8 +86,6 @@ def explain_end(job: FitJob, attempt: Attempt, kept: int) -> Shortfall:
     """Say why an attempt is not certified beyond its first `kept` steps."""
     travel = job.robot.tendon_travel
     wall = _explain_wall(job, attempt.fit, attempt.proof)
-    if not (np.isfinite(job.limits).any() or np.isfinite(travel).any()):
-        return wall
     free = job.fit(attempt.room, limited=False).cut(len(attempt.fit.heads))
     bend_over = free.angles - job.limits
     pull_over = np.maximum(free.displacements - travel[:, 1], travel[:, 0] - free.displacements)
@@ -112,11 +110,12 @@ def _explain_bend(job: FitJob, free: Fit, over: Floats) -> Shortfall:
     """Say which section would have to bend farthest beyond its limit."""
     step, section = np.unravel_index(int(np.argmax(over)), over.shape)
     needs, offers = float(free.angles[step, section]), float(job.limits[section])
+    meets = offers < job.robot.sections[int(section)].max_bend
     return Shortfall(
         code="BEND_LIMIT",
         what=f"{job.robot.section_label(int(section))} would have to bend "
-        f"{math.degrees(needs):.1f} deg with the head at {free.heads[step]:.1f} mm, its limit "
-        f"is {math.degrees(offers):.1f} deg",
+        f"{math.degrees(needs):.1f} deg with the head at {free.heads[step]:.1f} mm, "
+        f"{'its discs meet at' if meets else 'its limit is'} {math.degrees(offers):.1f} deg",
         head=float(free.heads[step]),
         section=int(section),
         needs=needs,

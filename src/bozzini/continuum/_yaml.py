@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from ..errors import FileFormatError, InputError, UnitError
 from ..files import write_text
 from ..units import parse_quantity
+from ._checks import TORSIONS
 from .section import Section
 from .tendon import Tendon
 
@@ -35,8 +36,6 @@ TENDON_FIELDS = ("name", "offset", "angle", "end", "pushes", "travel", "interpol
 HELIX_FIELDS = ("start", "turns")
 
 _Built = TypeVar("_Built", Section, Tendon)
-
-STIFFNESS_UNITS = {"N mm^2": 1.0, "N*mm^2": 1.0, "N m^2": 1e6, "N*m^2": 1e6}
 
 
 def load_robot(path: Path) -> ContinuumRobot:
@@ -128,7 +127,13 @@ def _read_section(item: Any, field: str, start: float) -> Section:
             values[key] = _quantity(data[key], f"{field}.{key}", kind)
     for key in ("bending_stiffness", "torsional_stiffness"):
         if key in data:
-            values[key] = _stiffness(data[key], f"{field}.{key}")
+            values[key] = _quantity(data[key], f"{field}.{key}", "rigidity")
+    if values.get("torsional_stiffness") == 0.0:
+        low, high = TORSIONS
+        raise InputError(
+            f"{field}.torsional_stiffness is 0 N mm^2: it must lie in [{low:g}, {high:g}] N mm^2; "
+            "leave it out for that of a round rod"
+        )
     for key in ("name", "discs"):
         if key in data:
             values[key] = data[key]
@@ -161,7 +166,7 @@ def _read_tendon(item: Any, field: str, section_end: float) -> Tendon:
         values["angle"] = _helix(angle, f"{field}.angle", values.get("end", section_end))
     else:
         values["angle"] = _profile(angle, f"{field}.angle", "angle")
-    if "travel" in data:
+    if data.get("travel") is not None:
         name = f"{field}.travel"
         pair = _take_list(data["travel"], name)
         if len(pair) != 2:
@@ -191,29 +196,27 @@ def _profile(value: Any, field: str, kind: str) -> Any:
 def _helix(value: Any, field: str, end: float) -> tuple[tuple[float, float], ...]:
     data = _take_mapping(value, field, HELIX_FIELDS, needed=("turns",))
     start = _quantity(data.get("start", 0.0), f"{field}.start", "angle")
-    turns = _quantity(data["turns"], f"{field}.turns", "dimensionless")
+    turns = _turns(data["turns"], f"{field}.turns")
     return ((0.0, start), (end, start + 2.0 * math.pi * turns))
+
+
+def _turns(value: Any, field: str) -> float:
+    """A plain number of turns, or an angle with its unit."""
+    try:
+        return _quantity(value, field, "dimensionless")
+    except InputError:
+        if not isinstance(value, str):
+            raise
+    return _quantity(value, field, "angle") / (2.0 * math.pi)
 
 
 def _quantity(value: Any, field: str, kind: str) -> float:
     if value is None or isinstance(value, (bool, list, Mapping)):
-        raise InputError(f"{field} is {value!r}: it must be one {kind}, a number or '1 unit'")
+        raise InputError(f"{field} is {value!r}: it must be one {kind}, such as 1 or '1 unit'")
     try:
         return parse_quantity(value, kind)
     except UnitError as error:
         raise InputError(f"{field}: {error}") from None
-
-
-def _stiffness(value: Any, field: str) -> float:
-    """A number in N mm^2, or text with a unit."""
-    number, unit = value, "N mm^2"
-    if isinstance(value, str):
-        parts = value.split(maxsplit=1)
-        number, unit = parts[0] if parts else "", parts[1] if len(parts) > 1 else unit
-    factor = STIFFNESS_UNITS.get(unit)
-    if factor is None:
-        raise InputError(f"{field} is '{value}': give N mm^2, such as '200 N mm^2' or '2e-4 N m^2'")
-    return factor * _quantity(number, field, "dimensionless")
 
 
 def _take_mapping(

@@ -18,11 +18,12 @@ from ..duct.protocol import Duct, count_dimensions
 from ..errors import GeometryError, InputError
 from ..motion import Introducer, Plan
 from ..progress import Progress, no_progress
+from ._actuation_checks import check_names
 from ._fit import Fit, FitJob
 from ._shortfall import Attempt, Shortfall, explain_end, explain_length
 from .actuation import Actuation
 from .arc_certificate import ArcCertificate
-from .coupling import Coupling
+from .coupling import Coupling, require_arcs
 from .robot import ContinuumRobot
 
 __all__ = ["actuate_plan", "check_robot"]
@@ -68,7 +69,8 @@ def actuate_plan(
     Raises
     ------
     InputError
-        If the duct is planar or the plan has no introducer.
+        If the duct is planar, the plan has no introducer, or a tendon is called like another
+        column of the time table.
     GeometryError
         If the tendons do not control all bends, or are not parallel.
     """
@@ -118,7 +120,11 @@ def check_robot(robot: ContinuumRobot) -> Coupling:
     ------
     GeometryError
         If they do not, or are not parallel.
+    InputError
+        If a tendon is called like another column of the time table.
     """
+    check_names(robot)
+    require_arcs(robot, "a motion along a plan")
     coupling = Coupling(robot)
     loose = coupling.open_directions()
     if loose:

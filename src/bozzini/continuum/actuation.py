@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import os
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,17 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import FileFormatError, InputError, MissingExtraError
+from ..checks import check_number
+from ..errors import MissingExtraError
 from ..files import write_atomically, write_text
+from ._actuation_checks import COLUMNS, check_arrays, check_names, check_words
 from .arc_certificate import ArcCertificate
 from .executed import place_bodies
 from .robot import ContinuumRobot
 
-__all__ = ["ACTUATION_FORMAT", "ACTUATION_CODES", "Actuation"]
+__all__ = ["ACTUATION_CODES", "Actuation"]
 
 Floats = NDArray[np.float64]
-
-ACTUATION_FORMAT = "bozzini-actuation-1"
 
 ACTUATION_CODES = {
     "PLAN_STOPPED": "the plan itself ends before the goal",
@@ -37,17 +35,6 @@ ACTUATION_CODES = {
     "CERTIFICATE_UNRESOLVED": "a motion was found, but its clearance could not be proved",
 }
 """Every reason code and what it says."""
-
-_ARRAYS = (
-    "head_arc_length",
-    "base_advance",
-    "bends",
-    "displacements",
-    "fit_rms",
-    "fit_max",
-    "clearance",
-    "frame",
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,6 +73,13 @@ class Actuation:
         A key of `ACTUATION_CODES` and one sentence; empty if complete.
     meta : dict
         JSON-able: plan, options, what was found on the part of the way that was cut off.
+
+    Raises
+    ------
+    InputError
+        If an array has another shape, is not finite (but for the clearance) or out of range,
+        displacements are not those of the bends, or the rest does not go with them; if a
+        tendon's column would be called like another one.
     """
 
     robot: ContinuumRobot
@@ -104,25 +98,10 @@ class Actuation:
     meta: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        steps = len(self.head_arc_length)
-        shapes = {
-            "base_advance": (steps,),
-            "bends": (steps, len(self.robot.sections), 2),
-            "displacements": (steps, len(self.robot.tendons)),
-            "fit_rms": (steps,),
-            "fit_max": (steps,),
-            "clearance": (steps,),
-            "frame": (4, 4),
-        }
-        for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise InputError(
-                    f"{name} has shape {getattr(self, name).shape}: it must be {shape}"
-                )
-        if steps < 1:
-            raise InputError("head_arc_length is empty: an actuation has at least 1 step")
-        if self.status not in ("complete", "stopped"):
-            raise InputError(f"status is {self.status!r}: it must be 'complete' or 'stopped'")
+        for name, array in check_arrays(self).items():
+            object.__setattr__(self, name, array)
+        check_names(self.robot)
+        check_words(self, ACTUATION_CODES)
 
     @property
     def steps(self) -> int:
@@ -143,7 +122,7 @@ class Actuation:
     def columns(self) -> tuple[str, ...]:
         """Names of the time table's columns."""
         names = (f"{name}_mm" for name in self.robot.tendon_names)
-        return ("step", "head_arc_length_mm", "base_advance_mm", *names)
+        return (*COLUMNS, *names)
 
     def place_body(self, times: ArrayLike, *, pitch: float = 2.0) -> Floats:
         """Return points of the backbone at any times.
@@ -153,13 +132,20 @@ class Actuation:
         times : (n,) array_like
             In steps, from 0 to ``steps - 1``; fractions are between steps.
         pitch : float
-            Distance between points at most [mm].
+            Distance between points at most [mm], at least 0.001 mm.
 
         Returns
         -------
         (n, k, 3) ndarray
             World frame [mm], tip first.
+
+        Raises
+        ------
+        InputError
+            If `times` has another shape or a time before the motion begins or after it ends, or
+            `pitch` is out of range.
         """
+        check_number("pitch", pitch, low=1e-3, unit="mm")
         chords = [max(1, math.ceil(section.length / pitch)) for section in self.robot.sections]
         return place_bodies(
             self.robot, self.bends, self.base_advance, self.frame, times=times, chords=chords
@@ -262,23 +248,9 @@ class Actuation:
         OutputError
             If the file cannot be written.
         """
-        record = {
-            "format": ACTUATION_FORMAT,
-            "robot": self.robot.to_dict(),
-            "certificate": self.certificate.describe(),
-            "status": self.status,
-            "reason_code": self.reason_code,
-            "reason": self.reason,
-            "meta": self.meta,
-        }
-        text = np.array(json.dumps(record, allow_nan=False))
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        from ._actuation_file import save_actuation
 
-        def write(temporary: Path) -> None:
-            with temporary.open("wb") as stream:
-                np.savez_compressed(stream, record=text, **arrays)
-
-        return write_atomically(path, write)
+        return save_actuation(self, Path(path))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Actuation:
@@ -287,32 +259,12 @@ class Actuation:
         Raises
         ------
         FileFormatError
-            If the file is missing, damaged, or something else.
+            If the file is missing, damaged, or something else. What it says is checked for being
+            whole and consistent, not proved anew: that takes the duct, and `certify_arcs`.
         """
-        source = Path(path)
-        try:
-            with np.load(source, allow_pickle=False) as data:
-                record = json.loads(str(data["record"]))
-                if not isinstance(record, dict) or record.get("format") != ACTUATION_FORMAT:
-                    raise FileFormatError(
-                        f"{source} is not an actuation of format {ACTUATION_FORMAT!r}"
-                    )
-                arrays: dict[str, Any] = {
-                    name: np.asarray(data[name], dtype=np.float64) for name in _ARRAYS
-                }
-            texts = {key: record[key] for key in ("status", "reason_code", "reason", "meta")}
-            return cls(
-                robot=ContinuumRobot.from_dict(record["robot"]),
-                certificate=ArcCertificate.from_description(record["certificate"]),
-                **arrays,
-                **texts,
-            )
-        except FileNotFoundError:
-            raise FileFormatError(f"no such file: {source}") from None
-        except FileFormatError:
-            raise
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise FileFormatError(f"{source} is not a Bozzini actuation: {error}") from None
+        from ._actuation_file import load_actuation
+
+        return load_actuation(Path(path))
 
     def _rows(self) -> Floats:
         return np.column_stack([self.head_arc_length, self.base_advance, self.displacements])

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array
 from ..errors import InputError
-from ._arc_kernels import fill_arc_frames, fill_tip_jacobians
+from ._arc_kernels import fill_arc_frames
+from ._chain_arc_kernels import fill_tip_jacobians
 from ._parallel import ParallelModel
 from .coupling import coupling_matrix
 from .robot import ContinuumRobot
@@ -34,7 +35,7 @@ class ArcModel(ParallelModel):
     robot : ContinuumRobot
         A robot of parallel tendons.
     tolerance : float
-        Displacement by which a command may miss being consistent [mm], in [0, 1].
+        Displacement by which a command may miss being consistent [mm], in (0, 1].
     between : int
         Stations between two discs.
 

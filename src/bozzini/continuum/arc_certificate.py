@@ -10,11 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import check_array, check_integer, check_number, check_points
 from ..errors import InputError
 
 __all__ = ["ArcCertificate"]
 
 Floats = NDArray[np.float64]
+
+ROUND_OFF = 1e-9
+"""Clearance that is round-off [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +51,11 @@ class ArcCertificate:
         How often the field was asked.
     wall : str
         The wall that the bound is for.
+
+    Raises
+    ------
+    InputError
+        If a value is no number or out of range, or the bound is larger than the value found.
     """
 
     clearance: float
@@ -61,6 +70,33 @@ class ArcCertificate:
     instants: int
     evaluations: int
     wall: str
+
+    def __post_init__(self) -> None:
+        for name in ("clearance", "found"):
+            bound = check_array(f"certificate {name}", getattr(self, name))
+            if bound.ndim or np.isnan(bound):
+                raise InputError(f"certificate {name} is {bound}: it must be a number")
+            object.__setattr__(self, name, float(bound))
+        if self.clearance > self.found + ROUND_OFF:
+            raise InputError(
+                f"certificate clearance is {self.clearance:g} mm: it cannot be more than the "
+                f"smallest value found, {self.found:g} mm"
+            )
+        for name in ("step", "arc_length", "deviation"):
+            value = check_number(f"certificate {name}", getattr(self, name), low=0.0)
+            object.__setattr__(self, name, value)
+        for name in ("section", "chords", "instants", "evaluations"):
+            whole = check_integer(f"certificate {name}", getattr(self, name), low=0)
+            object.__setattr__(self, name, whole)
+        place = check_points("certificate place", check_array("certificate place", self.place))
+        if place.shape != (3,):
+            raise InputError(f"certificate place has shape {place.shape}: it must be (3,)")
+        object.__setattr__(self, "place", place)
+        if not isinstance(self.resolved, (bool, np.bool_)):
+            raise InputError(f"certificate resolved is {self.resolved!r}: it must be true or false")
+        object.__setattr__(self, "resolved", bool(self.resolved))
+        if not isinstance(self.wall, str):
+            raise InputError(f"certificate wall is {self.wall!r}: it must be a text")
 
     @property
     def certified(self) -> bool:
@@ -85,15 +121,14 @@ class ArcCertificate:
             If a value is missing or has the wrong form.
         """
         try:
-            found = {
-                name: math.inf if description[f"{name}_mm"] is None else description[f"{name}_mm"]
-                for name in ("clearance", "found")
-            }
             values = {name: description[name] for name in _PLAIN}
-            place = np.asarray(description["place_mm"], dtype=np.float64)
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"not a certificate of arcs: {description!r} ({error})") from None
-        return cls(**values, clearance=found["clearance"], found=found["found"], place=place)
+            for name in ("clearance", "found"):
+                given = description[f"{name}_mm"]
+                values[name] = math.inf if given is None else given
+            values["place"] = description["place_mm"]
+        except (KeyError, TypeError) as error:
+            raise InputError(f"not a certificate of arcs, it lacks a value: {error}") from None
+        return cls(**values)
 
 
 _PLAIN = (

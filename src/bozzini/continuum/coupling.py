@@ -15,10 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
 from ..errors import GeometryError, InputError
-from .robot import ContinuumRobot
+from .robot import ContinuumRobot, check_robot
 from .tendon import GRAIN
 
-__all__ = ["BendSolution", "Coupling", "check_displacements", "coupling_matrix"]
+__all__ = [
+    "BendSolution",
+    "Coupling",
+    "check_displacements",
+    "coupling_matrix",
+    "find_crooked",
+    "require_arcs",
+]
 
 Floats = NDArray[np.float64]
 
@@ -78,24 +85,50 @@ def coupling_matrix(robot: ContinuumRobot, *, model: str = "arc") -> Floats:
     GeometryError
         If a tendon is not parallel to the backbone or does not end at its section's end.
     """
+    check_robot(robot)
     if not robot.tendons:
         raise GeometryError(f"robot '{robot.name}' has no tendons: nothing can move it")
+    crooked = find_crooked(robot)
+    if crooked:
+        raise GeometryError(
+            f"{crooked}: the {model} model takes tendons parallel to the backbone up to the end of "
+            "their section; take the energy or the rod model"
+        )
     matrix = np.zeros((len(robot.tendons), len(robot.sections), 2))
     for row, tendon in enumerate(robot.tendons):
-        last = int(robot.tendon_sections[row])
-        end = float(robot.section_ends[last])
-        if not tendon.is_parallel or robot.tendon_ends[row] < end - GRAIN:
-            what = (
-                f"ends at {robot.tendon_ends[row]:g} mm, before its section does at {end:g} mm"
-                if tendon.is_parallel
-                else "changes its offset or angle on its way"
-            )
-            raise GeometryError(
-                f"tendon '{tendon.name}' {what}: the {model} model takes tendons parallel to the "
-                "backbone up to the end of their section; take the energy or the rod model"
-            )
-        matrix[row, : last + 1] = tendon.path(0.0)
+        matrix[row, : int(robot.tendon_sections[row]) + 1] = tendon.path(0.0)
     return matrix.reshape(len(matrix), -1)
+
+
+def find_crooked(robot: ContinuumRobot) -> str:
+    """Return which tendon is not parallel to the backbone up to its section's end; else empty."""
+    for row, tendon in enumerate(robot.tendons):
+        end = float(robot.section_ends[int(robot.tendon_sections[row])])
+        if not tendon.is_parallel:
+            return f"tendon '{tendon.name}' changes its offset or angle on its way"
+        if robot.tendon_ends[row] < end - GRAIN:
+            where = f"{robot.tendon_ends[row]:g} mm, before its section does at {end:g} mm"
+            return f"tendon '{tendon.name}' ends at {where}"
+    return ""
+
+
+def require_arcs(robot: ContinuumRobot, user: str) -> None:
+    """Raise `GeometryError`, in the words of one who needs arcs, unless all tendons are parallel.
+
+    Parameters
+    ----------
+    robot : ContinuumRobot
+        The robot.
+    user : str
+        Who takes sections that bend in arcs only.
+    """
+    check_robot(robot)
+    crooked = find_crooked(robot)
+    if crooked:
+        raise GeometryError(
+            f"{crooked}: {user} takes sections that bend in arcs, by tendons parallel to the "
+            "backbone up to the end of their section"
+        )
 
 
 def reason_array(shape: tuple[int, ...], reasons: dict[tuple[int, ...], str]) -> NDArray[np.str_]:
@@ -117,7 +150,7 @@ class Coupling:
     model : str
         Model that messages speak of.
     tolerance : float
-        Displacement by which a command may miss being consistent [mm].
+        Displacement by which a command may miss being consistent [mm], in (0, 1].
 
     Raises
     ------
@@ -129,7 +162,9 @@ class Coupling:
         self, robot: ContinuumRobot, *, model: str = "arc", tolerance: float = 1e-6
     ) -> None:
         self.robot = robot
-        self.tolerance = check_number("tolerance", tolerance, low=0.0, high=1.0, unit="mm")
+        self.tolerance = check_number(
+            "tolerance", tolerance, low=0.0, high=1.0, low_open=True, unit="mm"
+        )
         self.matrix = coupling_matrix(robot, model=model)
         compliance = [section.length / section.bending_stiffness for section in robot.sections]
         self._scale = np.sqrt(np.repeat(compliance, 2))

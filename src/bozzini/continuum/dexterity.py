@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points
+from ..checks import check_integer, check_number
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from ._bend_limits import find_limits
+from ._places import check_cell, check_values
 from .arc import jacobian
 from .inverse import solve_tip
 from .robot import ContinuumRobot
@@ -21,6 +22,7 @@ __all__ = [
     "Dexterity",
     "DexterityMap",
     "Manipulability",
+    "check_cell",
     "manipulability",
     "map_dexterity",
     "measure_dexterity",
@@ -111,6 +113,8 @@ class DexterityMap:
         Smallest condition number for the position in the cell.
     half_plane : bool
         Whether cells are rings about the base's axis, told by distance from it (x) and z.
+    rank : int
+        ``r``, singular values that the measure is the product of.
     """
 
     cell: float
@@ -120,6 +124,7 @@ class DexterityMap:
     manipulability: Floats
     condition: Floats
     half_plane: bool
+    rank: int = 3
 
 
 def manipulability(
@@ -216,9 +221,7 @@ def measure_dexterity(
         If the tendons are not parallel, or the limits leave no shape at all.
     """
     check_integer("directions", directions, low=1, high=100_000)
-    target = check_points("place", place)
-    if target.shape != (3,):
-        raise InputError(f"place has shape {target.shape}: it must be (3,)")
+    target = check_values("place", place, (3,), unit="mm")
     ways = spread_directions(directions)
     reached = np.zeros(directions, dtype=bool)
     for index, way in enumerate(ways):
@@ -237,7 +240,7 @@ def map_dexterity(
     sample : WorkspaceSample
         Tips of a robot.
     cell : float
-        Edge of a cell [mm].
+        Edge of a cell [mm], at least a thousandth of the robot's length.
     directions : int
         Patches of the sphere that directions are sorted into, in [1, 100000].
     half_plane : bool
@@ -255,7 +258,7 @@ def map_dexterity(
     """
     from scipy.spatial import KDTree
 
-    edge = check_number("cell", cell, low=1e-6, unit="mm")
+    edge = check_cell(cell, sample.robot.length)
     check_integer("directions", directions, low=1, high=100_000)
     tips, tangents = sample.tips, sample.tangents
     if half_plane:
@@ -280,6 +283,7 @@ def map_dexterity(
         manipulability=np.bincount(where, values.measure, len(cells)) / counts,
         condition=condition,
         half_plane=half_plane,
+        rank=values.singular_values.shape[-1],
     )
 
 

@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number
 from ..errors import GeometryError, InputError
+from ._checks import check_limit
 from ._energy_grid import SEGMENTS, Grid
 from ._energy_kernels import fill_frames, measure_lengths
 from ._energy_newton_kernels import CONVERGED, FOLDED, solve_commands
+from ._limits import check_limits, check_numbers, explain_contrast
 from .coupling import check_displacements
-from .robot import ContinuumRobot
+from .robot import ContinuumRobot, check_robot
 from .shape import Shape
 
 __all__ = ["SEGMENTS", "EnergyModel"]
@@ -32,8 +34,17 @@ MOST_STEPS = 60
 STRONGEST = 1e4
 """Tension at which a command counts as impossible, against one that turns a segment by 1 rad."""
 
+PUSH_STEP = 0.5
+"""Largest turn that tendons ask for at once, where there may be several equilibria [rad]."""
+
 STIFF = 1e-3
 """Flexibility of the tendons that stand in for stiff ones in messages, against the backbone's."""
+
+FEWER = 0.1
+"""The same for a second try, by the first."""
+
+ROUND_OFF = 1e-6
+"""Share of a limit that is an error of the solver."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +67,21 @@ class EnergyModel:
       straight between the discs. What a robot with few discs on an elastic rod does. Tendons
       on both sides of a bend are then a little shorter than constant curvature has them.
     - ``"channel"``: the same backbone, tendons in smooth channels. For parallel tendons it is the
-      constant curvature of the arc model. The problem is convex: its shape is the only one.
+      constant curvature of the arc model. With cables only, or parallel tendons, the problem is
+      convex: its shape is the only one.
 
     In the limit of fine segments all are a Kirchhoff rod with frictionless tendons (Rucker and
     Webster 2011), with an error of second order. Redundant tendons share the load with the least
-    sum of squared tensions. Chords and arcs take the equilibrium that is reached from the straight
-    rod; there may be others.
+    sum of squared tensions.
+
+    Chords, arcs, and rods that push on other than parallel routings may have several equilibria.
+    The one that is reached from the straight rod is taken, in steps where rods push; where it
+    ceases to be one, another may be, or the reason says how far it went. It is checked to be
+    stable: among shapes of the same tendon lengths, and in channels in each segment by itself.
+
+    A shape beyond a tendon's travel or a section's `max_bend`, or so curved that discs meet, has
+    not converged. A section's bend is here the integral of its curvature. Stiffnesses of the
+    backbone may differ by a factor of 1e6.
 
     Parameters
     ----------
@@ -69,14 +89,13 @@ class EnergyModel:
         The robot; its sections' EI and GJ matter here.
     between : int
         Further cross-sections that guide the tendons, evenly between two discs.
-    backbone : {"chord", "arc"}
-        A segment's backbone: a straight link half-way between its end tangents, as in the thesis
-        (5.11), or the arc (helix, with twist) of the segment's length.
+    segment : {"chord", "arc", "channel"}
+        What a segment is, see above.
     tendon_stiffness : float
         EA of every tendon [N]; infinite unless given. With it, tendons that would contradict each
         other stretch instead.
     tolerance : float
-        Displacement by which a command may miss being consistent [mm].
+        Displacement by which a command may miss being consistent [mm], in (0, 1].
 
     Raises
     ------
@@ -95,14 +114,13 @@ class EnergyModel:
     name = "energy"
 
     def __post_init__(self) -> None:
+        check_robot(self.robot)
         check_integer("between", self.between, low=0, high=1000)
         check_number("tolerance", self.tolerance, low=0.0, high=1.0, low_open=True, unit="mm")
-        if self.segment not in SEGMENTS:
+        if not isinstance(self.segment, str) or self.segment not in SEGMENTS:
             raise InputError(f"segment is {self.segment!r}: choose one of {list(SEGMENTS)}")
-        if self.tendon_stiffness != math.inf:
-            check_number(
-                "tendon_stiffness", self.tendon_stiffness, low=0.0, low_open=True, unit="N"
-            )
+        stiffness = check_limit("tendon_stiffness", self.tendon_stiffness, unit="N")
+        object.__setattr__(self, "tendon_stiffness", stiffness)
         if not self.robot.tendons:
             raise GeometryError(f"robot '{self.robot.name}' has no tendons: nothing can move it")
 
@@ -148,25 +166,33 @@ class EnergyModel:
             if not self._is_stable(turns[index], tensions[index], ~slack[index]):
                 codes[index] = UNSTABLE
         converged = codes == CONVERGED
-        reason = np.full(len(flat), "", dtype=object)
+        words = np.full(len(flat), "", dtype=object)
         missed = lengths - (self.natural_lengths - flat) - self._compliances * tensions
         missed[slack] = 0.0
         for index in np.flatnonzero(~converged):
-            reason[index] = self._explain(flat[index], int(codes[index]), float(shares[index]))
+            words[index] = self._explain(flat[index], int(codes[index]), float(shares[index]))
+        residual = np.abs(missed).max(axis=1)
+        verdict = (converged, words.astype(np.str_))
+        verdict = check_numbers(self.robot, frames, residual, self.tolerance, verdict)
+        bends, curvatures = self._measure_bends(turns)
+        sums = self._sum_bends(turns)
+        converged, reason = check_limits(
+            self.robot, flat, bends, verdict, curvatures=curvatures, round_off=ROUND_OFF
+        )
         return Shape(
             robot=self.robot,
             model=self.name,
             arc_length=self.arc_length,
             frames=frames.reshape(*batch, *frames.shape[1:]),
-            displacements=commands,
+            displacements=commands.copy(),
             tendon_lengths=lengths.reshape(commands.shape),
-            section_parameters=self._sum_bends(turns).reshape(*batch, -1, 2),
+            section_parameters=sums.reshape(*batch, *sums.shape[1:]),
             tensions=tensions.reshape(commands.shape),
             slack=slack.reshape(commands.shape),
-            residual=np.abs(missed).max(axis=1).reshape(batch),
+            residual=residual.reshape(batch),
             iterations=steps.reshape(batch),
             converged=converged.reshape(batch),
-            reason=np.asarray(reason, dtype=np.str_).reshape(batch),
+            reason=reason.reshape(batch),
             disc_arc_length=self.robot.disc_arc_length,
         )
 
@@ -195,6 +221,7 @@ class EnergyModel:
             self._grid.packed,
             self.natural_lengths,
             commands,
+            self._first_parts(commands),
             self.tolerance,
             self._compliances if compliances is None else compliances,
             self._pushes,
@@ -211,6 +238,21 @@ class EnergyModel:
         )
         return turns, tensions, lengths, codes, steps, shares, suspects
 
+    @cached_property
+    def _convex(self) -> bool:
+        """Whether there is one equilibrium only, whatever the way to it."""
+        tendons = self.robot.tendons
+        return not self._pushes.any() or all(tendon.is_parallel for tendon in tendons)
+
+    def _first_parts(self, commands: Floats) -> Floats:
+        """Part of each command that is tried at once: little where that may end elsewhere."""
+        if self._convex:
+            return np.ones(len(commands))
+        reach = self._grid.reach.copy()
+        reach[reach == 0.0] = math.inf  # past a tendon's end
+        turns = np.max(np.abs(commands) / reach.min(axis=1), axis=1)
+        return np.asarray(PUSH_STEP / np.maximum(turns, PUSH_STEP))
+
     def _is_stable(self, turns: Floats, tensions: Floats, taut: NDArray[np.bool_]) -> bool:
         """Whether the energy is a minimum among the shapes of the same tendon lengths."""
         tendons, segments = len(taut), len(turns)
@@ -220,6 +262,10 @@ class EnergyModel:
             self._grid.packed, turns, tensions, np.empty(tendons), slopes, positive, whole
         )
         scale = 1.0 / np.sqrt(self._grid.stiffness)
+        if self.segment == "channel":
+            # In finer and finer segments, one that gives way alone is enough.
+            blocks = whole * scale[:, :, None] * scale[:, None, :] + np.eye(3)
+            return bool(np.linalg.eigvalsh(blocks).min() > -1e-9)
         hessian = np.zeros((segments, 3, segments, 3))
         index = np.arange(segments)
         hessian[index, :, index, :] = whole * scale[:, :, None] * scale[:, None, :]
@@ -256,6 +302,20 @@ class EnergyModel:
             bends[:, index] = np.stack([total[:, 1], -total[:, 0]], axis=-1)
         return bends
 
+    def _measure_bends(self, turns: Floats) -> tuple[Floats, Floats]:
+        """Angle by which each section bends, and its largest curvature, (b, m) [rad], [1/mm]."""
+        angles = np.hypot(turns[..., 0], turns[..., 1])
+        if self.segment == "chord":
+            # As a linkage's: what the tendons see of it.
+            angles = 2.0 * np.sin(0.5 * angles)
+        count = len(self.robot.sections)
+        bends, curvatures = np.zeros((2, len(turns), count))
+        for index in range(count):
+            own = self._grid.sections == index
+            bends[:, index] = angles[:, own].sum(axis=1)
+            curvatures[:, index] = (angles[:, own] / self._grid.spans[own]).max(axis=1)
+        return bends, curvatures
+
     def _explain(self, command: Floats, code: int, share: float) -> str:
         names = self.robot.tendon_names
         most = self._grid.most_pull
@@ -274,13 +334,14 @@ class EnergyModel:
             )
         followed = f"the command can be followed to {math.floor(100.0 * share)} % only: "
         stretches = self._measure_stretches(command)
-        if stretches.size == 0 or stretches.max() <= self.tolerance:
+        if stretches.size == 0:
             what = "a segment folds over" if code == FOLDED else "no equilibrium was found"
             worst = int(np.argmax(command if command.max() > 0.0 else -command))
             left = (1.0 - share) * command[worst]
             return followed + (
                 f"{what} beyond it, with tendon '{names[worst]}' {left:.3g} mm short of its "
                 f"{command[worst]:.3g} mm; pull less, or take more discs"
+                f"{explain_contrast(self.robot)}"
             )
         worst = int(np.argmax(stretches))
         others = [
@@ -295,9 +356,17 @@ class EnergyModel:
         )
 
     def _measure_stretches(self, command: Floats) -> Floats:
-        """How much tendons far stiffer than the backbone stretch [mm], (t,); empty if unknown."""
-        compliances = np.maximum(self._compliances, STIFF * self._grid.give)
-        answer = self._solve(command[None], compliances=compliances)
-        if answer[3][0] != CONVERGED:
-            return np.empty(0)
-        return np.asarray(np.abs(compliances * answer[1][0]))
+        """How much tendons far stiffer than the backbone stretch [mm], (t,); empty if unknown.
+
+        And if it depends on how stiff they are: then it is no contradiction.
+        """
+        found = []
+        for part in (1.0, FEWER):
+            compliances = np.maximum(self._compliances, part * STIFF * self._grid.give)
+            answer = self._solve(command[None], compliances=compliances)
+            if answer[3][0] != CONVERGED:
+                return np.empty(0)
+            found.append(np.abs(compliances * answer[1][0]))
+        first, second = (float(stretches.max()) for stretches in found)
+        kept = second > 0.5 * first and second > self.tolerance
+        return np.asarray(found[1]) if kept else np.empty(0)

@@ -42,7 +42,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_array, check_number, check_points, check_range
 from ..duct.protocol import Duct, count_dimensions
 from ..errors import InputError
 from ..motion import Introducer, certify_motion
@@ -114,13 +114,21 @@ def place_bodies(
     -------
     (n, sum of chords + 1, 3) ndarray
         World frame [mm], tip first.
+
+    Raises
+    ------
+    InputError
+        If `times` has another shape, or a time is outside the motion.
     """
     from ._executed_kernels import fill_bodies
 
     bend, advance = np.ascontiguousarray(bends, float), np.ascontiguousarray(advances, float)
     base, parts = np.asarray(frame, dtype=np.float64), np.asarray(chords, dtype=np.int64)
-    when = np.asarray(times, dtype=np.float64)
-    steps = np.clip(np.floor(when).astype(np.int64), 0, len(bend) - 1)
+    when = check_array("times", times)
+    if when.ndim != 1:
+        raise InputError(f"times has shape {when.shape}: it must be (n,)")
+    check_range("times", when, 0.0, len(bend) - 1.0, "steps")
+    steps = np.floor(when).astype(np.int64)
     lengths = np.array([section.length for section in robot.sections])
     joints = np.empty((len(when), int(parts.sum()) + 1, 3))
     fill_bodies(
@@ -220,7 +228,8 @@ def certify_arcs(
         resolved &= piece.resolved
         lowest = min(lowest, piece.clearance)
         if best is None or piece.found < best.found:
-            section, middle = _find_chord(chords, lengths, width - 1 - piece.link)
+            # Link 1 is the tip's; in the introducer nothing is found, and there is none.
+            section, middle = _find_chord(chords, lengths, width - 1 - max(piece.link, 1))
             best = ArcCertificate(
                 clearance=piece.clearance,
                 found=piece.found,

@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
 from ..errors import InputError
-from ._inverse_search import InverseResult, Search, check_array
+from ._inverse_search import InverseResult, Search
+from ._places import check_directions, check_frame, check_places, check_values
 from .robot import ContinuumRobot
 from .tendon import GRAIN
 
@@ -69,10 +69,13 @@ def solve_tip(
     GeometryError
         If the robot's tendons are not parallel, or its limits leave no shape at all.
     """
-    place = check_array("target", target, (3,))
+    place = check_values("target", target, (3,), unit="mm")
     axes = np.empty((0, 3))
     if direction is not None:
-        axes = _check_direction(direction)[None]
+        way = check_directions("direction", direction)
+        if way.shape != (3,):
+            raise InputError(f"direction has shape {way.shape}: it must be (3,)")
+        axes = way[None]
     return Search.of_tip(robot, place, axes).run(
         initial, starts, tolerance, angle_tolerance, smallest_bends=smallest_bends
     )
@@ -114,15 +117,9 @@ def solve_pose(
     GeometryError
         If the robot's tendons are not parallel, or its limits leave no shape at all.
     """
-    frame = check_array("target", target, (4, 4))
-    turn = frame[:3, :3]
-    miss = np.abs(turn.T @ turn - np.eye(3)).max()
-    if miss > 1e-6 or np.linalg.det(turn) < 0.0 or np.any(frame[3] != (0.0, 0.0, 0.0, 1.0)):
-        raise InputError(
-            f"target is no frame: its axes miss being right-handed and orthonormal by {miss:.3g}, "
-            f"and its last row is {frame[3].tolist()}; it must be [0, 0, 0, 1]"
-        )
-    axes = np.ascontiguousarray(turn.T[[2, 0, 1]])
+    frame = check_values("target", target, (4, 4))
+    check_frame("target", frame)
+    axes = np.ascontiguousarray(frame[:3, :3].T[[2, 0, 1]])
     return Search.of_tip(robot, frame[:3, 3], axes).run(
         initial, starts, tolerance, angle_tolerance, smallest_bends=smallest_bends
     )
@@ -172,14 +169,14 @@ def solve_curve(
     GeometryError
         If the robot's tendons are not parallel, or its limits leave no shape at all.
     """
-    places = np.ascontiguousarray(check_points("points", points))
+    places = np.ascontiguousarray(check_places("points", points))
     if places.ndim != 2 or not len(places):
         raise InputError(f"points has shape {places.shape}: it must be (k, 3), k at least 1")
     if arc_length is None:
         steps = np.diff(places, axis=0, prepend=np.zeros((1, 3)))
         along = np.cumsum(np.linalg.norm(steps, axis=1))
     else:
-        along = check_array("arc_length", arc_length, (len(places),))
+        along = check_values("arc_length", arc_length, (len(places),), unit="mm")
     if along.min() < -GRAIN or along.max() > robot.length * (1.0 + 1e-9):
         raise InputError(
             f"arc_length of the points spans [{along.min():.6g}, {along.max():.6g}] mm: it must "
@@ -187,17 +184,9 @@ def solve_curve(
         )
     heavy = np.ones(len(places))
     if weights is not None:
-        heavy = check_array("weights", weights, (len(places),))
+        heavy = check_values("weights", weights, (len(places),))
         if not (heavy.min() >= 0.0 and heavy.max() > 0.0):
             raise InputError(f"weights has {heavy.min():g}: none may be negative, nor all 0")
     return Search.of_curve(robot, places, along, heavy).run(
         initial, starts, tolerance, 1.0, smallest_bends=smallest_bends
     )
-
-
-def _check_direction(direction: ArrayLike) -> Floats:
-    axis = check_array("direction", direction, (3,))
-    size = float(np.linalg.norm(axis))
-    if size < 1e-12:
-        raise InputError(f"direction is {axis.tolist()}: it must not be zero")
-    return axis / size

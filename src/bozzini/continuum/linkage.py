@@ -8,8 +8,10 @@ for all its tendons at once. The last constraint of (5.10) then holds by itself.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,7 @@ from ..checks import check_integer
 from ..errors import GeometryError, InputError
 from ._linkage_kernels import fill_linkage_frames, fill_linkage_points
 from ._parallel import ParallelModel
-from .coupling import BendSolution
+from .coupling import BendSolution, reason_array
 from .robot import ContinuumRobot
 from .shape import Shape
 
@@ -46,7 +48,7 @@ class LinkageModel(ParallelModel):
     segments : int or sequence of int, optional
         Segments of equal length in each section; without it, a segment ends at each disc.
     tolerance : float
-        Displacement by which a command may miss being consistent [mm], in [0, 1].
+        Displacement by which a command may miss being consistent [mm], in (0, 1].
 
     Raises
     ------
@@ -99,17 +101,15 @@ class LinkageModel(ParallelModel):
         Returns
         -------
         Shape
-            Not converged, with a reason, where tendons would have to stretch or a limit is
-            passed.
+            Not converged, with a reason, where tendons would have to stretch, a limit is passed,
+            or linkages would need more segments to exist: the reason says how many.
 
         Raises
         ------
-        GeometryError
-            If a linkage would need more segments to exist; the message says how many.
         InputError
             If there is not one finite displacement for each tendon.
         """
-        found = self.solve(displacements)
+        found = self._check_segments(self.solve(displacements))
         bends = self._flat_bends(found)
         frames = np.empty((len(bends), len(self.arc_length), 4, 4))
         fill_linkage_frames(self._owner, self._shares, self._lengths, bends, frames)
@@ -131,41 +131,53 @@ class LinkageModel(ParallelModel):
         InputError
             If there is not one finite displacement for each tendon.
         """
-        found = self.solve(displacements)
+        found = self._check_segments(self.solve(displacements))
         if not found.converged.all():
-            raise GeometryError(str(found.reason.flat[int(np.argmin(found.converged))]))
+            place = np.unravel_index(int(np.argmin(found.converged)), found.converged.shape)
+            where = f" (displacements {[int(i) for i in place]})" if place else ""
+            raise GeometryError(f"{found.reason[place]}{where}")
         bends = self._flat_bends(found)
         points = np.empty((len(bends), len(self.arc_length), 3))
         fill_linkage_points(self._owner, self._shares, self._lengths, bends, points)
         return points.reshape(*found.residual.shape, *points.shape[1:])
 
-    def _flat_bends(self, found: BendSolution) -> Floats:
-        """Return bends of shape (n, m, 2) that the linkages can make, or raise."""
+    @cached_property
+    def _largest(self) -> Floats:
+        """Largest share of its section's bend that one segment takes, shape (m,)."""
         largest = np.zeros(len(self.segments))
         np.maximum.at(largest, self._owner, self._shares)
+        return largest
+
+    def _check_segments(self, found: BendSolution) -> BendSolution:
+        """Mark bends for which linkages do not exist."""
+        sizes = np.hypot(found.bends[..., 0], found.bends[..., 1])
+        over = 0.5 * sizes * self._largest
+        worst = over.max(axis=-1)
+        bad = found.converged & (worst > 1.0)
+        if not bad.any():
+            return found
+        reasons: dict[tuple[int, ...], str] = {}
+        for index in np.argwhere(bad):
+            place = tuple(int(i) for i in index)
+            section = int(np.argmax(over[place]))
+            bend, count = float(sizes[place][section]), self.segments[section]
+            even = self._largest[section] * count < 1.0 + 1e-9
+            reasons[place] = (
+                f"{self.robot.section_label(section)} has {count} segments: these displacements "
+                f"need at least {math.ceil(0.5 * bend)}{'' if even else ', evenly spaced'}, half "
+                f"of its bend of {bend:.4g} rad, for the linkages to exist"
+            )
+        reason = np.where(bad, reason_array(bad.shape, reasons), found.reason)
+        return dataclasses.replace(found, converged=found.converged & ~bad, reason=reason)
+
+    def _flat_bends(self, found: BendSolution) -> Floats:
+        """Return bends of shape (n, m, 2), those that are none folded at the most."""
         bends = found.bends
-        sizes = np.hypot(bends[..., 0], bends[..., 1])
-        over = 0.5 * sizes * largest
         failed = ~found.converged
-        if failed.any():  # these have their reason already: draw them folded at the most
-            bends = np.where(
-                failed[..., None, None], bends / np.maximum(over, 1.0)[..., None], bends
-            )
-            over = np.where(failed[..., None], 0.0, over)
-        if over.max(initial=0.0) > 1.0:
-            place = np.unravel_index(int(np.argmax(over)), over.shape)
-            section = int(place[-1])
-            label = self.robot.section_label(section)
-            needed = math.ceil(0.5 * float(sizes[place]))
-            spacing = (
-                "" if largest[section] * self.segments[section] < 1.0 + 1e-9 else ", evenly spaced"
-            )
-            where = f" (displacements {[int(i) for i in place[:-1]]})" if len(place) > 1 else ""
-            raise GeometryError(
-                f"{label} has {self.segments[section]} segments: these displacements need at least "
-                f"{needed}{spacing}, half of its bend of {float(sizes[place]):.4g} rad, for the "
-                f"linkages to exist{where}"
-            )
+        if failed.any():
+            over = 0.5 * np.hypot(bends[..., 0], bends[..., 1]) * self._largest
+            least = np.where(failed[..., None], np.maximum(over, 1.0), 1.0)
+            bends = bends / least[..., None]
         return np.ascontiguousarray(bends.reshape(-1, *bends.shape[-2:]))
 
 

@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer
 from ..errors import InputError
+from ._checks import take_items
 from .section import Section
 from .tendon import GRAIN, Tendon
 
-__all__ = ["ContinuumRobot"]
+__all__ = ["ContinuumRobot", "check_robot"]
 
 Floats = NDArray[np.float64]
 
@@ -44,10 +45,10 @@ class ContinuumRobot:
     name: str = "robot"
 
     def __post_init__(self) -> None:
-        try:
-            sections = tuple(self.sections)
-        except TypeError:
-            sections = ()
+        if not isinstance(self.name, str):
+            raise InputError(f"robot name is {self.name!r}: it must be a text")
+        object.__setattr__(self, "name", str(self.name))
+        sections = take_items("a robot's sections", self.sections, "a sequence of Section")
         if not sections:
             raise InputError("a robot needs at least 1 section, got none")
         for section in sections:
@@ -229,6 +230,12 @@ class ContinuumRobot:
                     f"{self.section_label(index)}: it must lie in (0, {section.radius:g}] mm, "
                     "inside the body's radius"
                 )
+
+
+def check_robot(robot: Any) -> None:
+    """Raise `InputError` unless `robot` is one."""
+    if not isinstance(robot, ContinuumRobot):
+        raise InputError(f"robot is of type {type(robot).__name__}: it must be a ContinuumRobot")
 
 
 def _end(tendon: Tendon) -> float:

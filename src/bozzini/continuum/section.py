@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_integer, check_number
 from ..errors import InputError
+from ._checks import STIFFNESSES, TORSIONS, check_limit, take_items
 from .tendon import GRAIN, Tendon
 
 __all__ = ["Section"]
@@ -37,10 +39,11 @@ class Section:
     disc_positions : sequence of float
         Their places from the section's start [mm], for uneven spacing; the last is `length`.
     bending_stiffness : float
-        EI of the backbone [N mm^2]. It does not change what tendon displacements do to one
-        section of parallel tendons; sections share a bend by it.
+        EI of the backbone, in [1e-9, 1e15] [N mm^2]. It does not change what tendon displacements
+        do to one section of parallel tendons; sections share a bend by it.
     torsional_stiffness : float
-        GJ [N mm^2]; 0 for that of a round rod with Poisson's ratio 0.3, ``EI / 1.3``.
+        GJ, in [1e-10, 1e15] [N mm^2]; 0 for that of a round rod with Poisson's ratio 0.3,
+        ``EI / 1.3``.
     max_bend : float
         Largest bend angle [rad].
     name : str
@@ -63,41 +66,53 @@ class Section:
     name: str = ""
 
     def __post_init__(self) -> None:
-        check_number("section length", self.length, low=0.0, high=1e5, low_open=True, unit="mm")
-        check_number("section radius", self.radius, low=0.0, high=1e4, low_open=True, unit="mm")
-        stiffness = check_number(
-            "section bending_stiffness",
-            self.bending_stiffness,
+        length = check_number(
+            "section length", self.length, low=0.0, high=1e5, low_open=True, unit="mm"
+        )
+        radius = check_number(
+            "section radius", self.radius, low=0.0, high=1e4, low_open=True, unit="mm"
+        )
+        low, high = STIFFNESSES
+        bending = check_number(
+            "section bending_stiffness", self.bending_stiffness, low=low, high=high, unit="N mm^2"
+        )
+        least, most = TORSIONS
+        torsion = check_number(
+            "section torsional_stiffness",
+            self.torsional_stiffness,
             low=0.0,
-            low_open=True,
+            high=most,
             unit="N mm^2",
         )
-        torsion = check_number(
-            "section torsional_stiffness", self.torsional_stiffness, low=0.0, unit="N mm^2"
-        )
-        if self.max_bend != math.inf:
-            check_number("section max_bend", self.max_bend, low=0.0, low_open=True, unit="rad")
+        # A round rod of Poisson's ratio nu has GJ = EI / (1 + nu).
+        torsion = torsion or bending / (1.0 + POISSON_RATIO)
+        if torsion < least:
+            raise InputError(
+                f"section torsional_stiffness is {torsion:g} N mm^2: it must be 0, for that of a "
+                f"round rod, or lie in [{least:g}, {most:g}] N mm^2"
+            )
+        largest = check_limit("section max_bend", self.max_bend, unit="rad")
         if not isinstance(self.name, str):
             raise InputError(f"section name is {self.name!r}: it must be a text")
-        places = tuple(self.disc_positions)
-        _check_places(places, self.length)
+        places = _check_places(self.disc_positions, length)
         discs = check_integer("section discs", self.discs, low=0, high=10000)
         if places and discs not in (0, len(places)):
             raise InputError(
                 f"section discs is {discs} but disc_positions has {len(places)}: leave one out"
             )
-        tendons = tuple(self.tendons)
+        tendons = take_items("section tendons", self.tendons, "a sequence of Tendon")
         for tendon in tendons:
             if not isinstance(tendon, Tendon):
                 raise InputError(f"section tendons holds {tendon!r}: each must be a Tendon")
         object.__setattr__(self, "disc_positions", places)
         object.__setattr__(self, "discs", discs or len(places) or DISCS)
         object.__setattr__(self, "tendons", tendons)
-        # A round rod of Poisson's ratio nu has GJ = EI / (1 + nu).
-        torsion = torsion or stiffness / (1.0 + POISSON_RATIO)
+        object.__setattr__(self, "name", str(self.name))
+        object.__setattr__(self, "length", length)
+        object.__setattr__(self, "radius", radius)
+        object.__setattr__(self, "bending_stiffness", bending)
         object.__setattr__(self, "torsional_stiffness", torsion)
-        for field in ("length", "radius", "bending_stiffness", "max_bend"):
-            object.__setattr__(self, field, float(getattr(self, field)))
+        object.__setattr__(self, "max_bend", largest)
 
     @property
     def disc_places(self) -> NDArray[np.float64]:
@@ -107,17 +122,23 @@ class Section:
         return self.length * np.arange(1, self.discs + 1) / self.discs
 
 
-def _check_places(places: tuple[float, ...], length: float) -> None:
+def _check_places(given: Any, length: float) -> tuple[float, ...]:
+    items = take_items("section disc_positions", given, "a sequence of arc lengths in mm")
+    places: list[float] = []
     before = 0.0
-    for index, place in enumerate(places):
-        check_number(f"section disc_positions[{index}]", place, low=0.0, high=length, unit="mm")
+    for index, item in enumerate(items):
+        place = check_number(
+            f"section disc_positions[{index}]", item, low=0.0, high=length, unit="mm"
+        )
         if place <= before + GRAIN:
             raise InputError(
                 f"section disc_positions[{index}] is {place:g} mm: it must lie after {before:g} mm"
             )
         before = place
+        places.append(place)
     if places and abs(places[-1] - length) > GRAIN:
         raise InputError(
             f"section disc_positions ends at {places[-1]:g} mm: "
             f"the last disc must stand at the section's end, {length:g} mm"
         )
+    return tuple(places)

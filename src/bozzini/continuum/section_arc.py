@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
 from ..errors import GeometryError, InputError
 from ._arc_kernels import put_arc
+from ._places import check_directions, check_places
 
 __all__ = ["SectionArc", "solve_direction", "solve_extensible", "solve_joints"]
 
@@ -72,7 +72,7 @@ def solve_extensible(tips: ArrayLike) -> SectionArc:
         If `tips` has another shape, is not finite, or holds a place at or straight behind the
         origin, where no arc leads.
     """
-    places = check_points("tips", tips)
+    places = check_places("tips", tips)
     across = np.hypot(places[..., 0], places[..., 1])
     bad = (across == 0.0) & (places[..., 2] <= 0.0)
     if bad.any():
@@ -110,7 +110,7 @@ def solve_joints(joints: ArrayLike) -> SectionArc:
     GeometryError
         If a joint lies straight behind the one before it; the message names the section.
     """
-    points = check_points("joints", joints)
+    points = check_places("joints", joints)
     if points.ndim != 2 or not len(points):
         raise InputError(f"joints has shape {points.shape}: it must be (m, 3), m at least 1")
     bends = np.empty((len(points), 2))
@@ -149,9 +149,7 @@ def solve_direction(tangents: ArrayLike) -> Floats:
     InputError
         If `tangents` has another shape, is not finite or holds a zero.
     """
-    axes = check_points("tangents", tangents)
-    if not np.all(np.linalg.norm(axes, axis=-1) > 0.0):
-        raise InputError("tangents holds (0, 0, 0): a direction must not be zero")
+    axes = check_directions("tangents", tangents)
     across = np.hypot(axes[..., 0], axes[..., 1])
     angle = np.arctan2(across, axes[..., 2])
     plane = np.arctan2(axes[..., 1], axes[..., 0])

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_array, check_number
 from ..errors import InputError
+from ._places import FARTHEST, check_values
 
 __all__ = ["LARGEST_RATIO", "SectionResult", "bend_for_ratio", "solve_section"]
 
@@ -41,7 +42,8 @@ class SectionResult:
     residual : float
         Its distance from the target [mm].
     needed_length : float
-        Length of the arc through the target [mm]; infinite if there is none.
+        Length of the arc through the target [mm]; infinite if there is none, or none shorter
+        than 1e9 mm, as straight behind the start.
     reason : str
         Why it did not succeed; empty on success.
     """
@@ -75,7 +77,7 @@ def bend_for_ratio(ratio: ArrayLike) -> Floats:
     InputError
         If a ratio is outside ``[0, 0.7246]``.
     """
-    wanted = np.asarray(ratio, dtype=np.float64)
+    wanted = check_array("ratio", ratio)
     if not np.all((wanted >= 0.0) & (wanted <= LARGEST_RATIO)):
         bad = wanted[~((wanted >= 0.0) & (wanted <= LARGEST_RATIO))].flat[0]
         raise InputError(
@@ -130,19 +132,14 @@ def solve_section(
     InputError
         If a value has another shape or is outside its range.
     """
-    check_number("length", length, low=0.0, low_open=True, unit="mm")
+    check_number("length", length, low=0.0, high=FARTHEST, low_open=True, unit="mm")
     check_number("max_bend", max_bend, low=0.0, high=2.0 * math.pi, low_open=True, unit="rad")
     check_number("tolerance", tolerance, low=0.0, low_open=True, unit="mm")
-    place = check_points("target", target)
-    if place.shape != (3,):
-        raise InputError(f"target has shape {place.shape}: it must be (3,)")
-    x, y, z = (float(value) for value in place)
+    x, y, z = (float(value) for value in check_values("target", target, (3,), unit="mm"))
     across = math.hypot(x, y)
     plane = np.array([x / across, y / across]) if across > 0.0 else np.array([1.0, 0.0])
     closed = 2.0 * math.atan2(across, z)
-    needed = math.inf
-    if across > 0.0 or z > 0.0:
-        needed = math.hypot(across, z) / float(np.sinc(0.5 * closed / math.pi))
+    needed = _needed_length(across, z)
     angle = min(closed, max_bend)
     if math.dist(_aside(length, angle), (across, z)) > tolerance:
         angle = _nearest_bend(length, across, z, max_bend)
@@ -173,6 +170,18 @@ def _aside(length: float, angle: float) -> tuple[float, float]:
     half = 0.5 * angle
     chord = length * float(np.sinc(half / math.pi))
     return chord * math.sin(half), chord * math.cos(half)
+
+
+def _needed_length(across: float, along: float) -> float:
+    """Return the length of the arc to a place in the plane; infinite beyond `FARTHEST`."""
+    away = math.hypot(across, along)
+    # The chord is the arc's length by sin(half) / half, and sin(half) is across / away.
+    half = math.atan2(across, along)
+    if half == 0.0:
+        return away if away > 0.0 else math.inf
+    sine = across / away
+    length = away * half / sine if sine > 0.0 else math.inf
+    return length if length <= FARTHEST else math.inf
 
 
 def _nearest_bend(length: float, across: float, along: float, most: float) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
 from ..errors import InputError
+from ._checks import check_name, check_travel
 from ._profile import INTERPOLATIONS, Knots, Profile, evaluate_profile, read_profile
 
 __all__ = ["Tendon"]
@@ -33,7 +34,7 @@ class Tendon:
     Parameters
     ----------
     name : str
-        Name, one of a kind in the robot.
+        Name, one of a kind in the robot; without ``,`` and ``=``.
     offset : float or sequence of (arc length, offset)
         Distance from the backbone [mm], positive; one number, or knots.
     angle : float or sequence of (arc length, angle)
@@ -44,7 +45,8 @@ class Tendon:
     pushes : bool
         Whether it is a rod that pushes as well; otherwise it can only pull, and goes slack.
     travel : (float, float)
-        Smallest and largest displacement that its drive allows [mm].
+        Smallest and largest displacement that its drive allows [mm]; ``-inf`` and ``inf`` for no
+        limit.
     interpolation : {"linear", "cubic"}
         How knots are joined; cubics are monotone between knots.
 
@@ -63,10 +65,9 @@ class Tendon:
     interpolation: str = "linear"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.strip():
-            raise InputError(f"tendon name is {self.name!r}: it must be a text that is not empty")
+        object.__setattr__(self, "name", check_name("tendon", self.name))
         label = f"tendon '{self.name}'"
-        if self.interpolation not in INTERPOLATIONS:
+        if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
             raise InputError(
                 f"{label} interpolation is {self.interpolation!r}: choose one of {INTERPOLATIONS}"
             )
@@ -78,7 +79,7 @@ class Tendon:
         )
         object.__setattr__(self, "offset", offset)
         object.__setattr__(self, "angle", angle)
-        object.__setattr__(self, "travel", _check_travel(label, self.travel))
+        object.__setattr__(self, "travel", check_travel(label, self.travel))
         if self.end is not None:
             end = check_number(f"{label} end", self.end, low=0.0, low_open=True, unit="mm")
             object.__setattr__(self, "end", end)
@@ -106,6 +107,7 @@ class Tendon:
             As `Tendon` does.
         """
         check_number(f"tendon '{name}' turns", turns)
+        check_number(f"tendon '{name}' angle", angle, unit="rad")
         last = angle + 2.0 * math.pi * turns
         return cls(name=name, offset=offset, angle=((0.0, angle), (end, last)), end=end, **other)
 
@@ -222,15 +224,3 @@ def _check_span(name: str, knots: Knots, end: float) -> None:
             f"{name} has knots from {first:g} to {last:g} mm: they must reach from 0 mm, the "
             f"robot's base, to {end:g} mm, the tendon's end"
         )
-
-
-def _check_travel(label: str, travel: Any) -> tuple[float, float]:
-    try:
-        low, high = (float(value) for value in travel)
-    except (TypeError, ValueError):
-        low = high = math.nan
-    if not low <= high:
-        raise InputError(
-            f"{label} travel is {travel!r}: it must be (smallest, largest) displacement in mm"
-        )
-    return low, high

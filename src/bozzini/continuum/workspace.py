@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points
+from ..checks import check_integer, check_number
 from ..errors import InputError
-from ._arc_kernels import fill_tip_jacobians
 from ._bend_limits import find_limits
+from ._chain_arc_kernels import fill_tip_jacobians
 from ._inverse_kernels import move_inside
+from ._places import FARTHEST, check_places
 from ._workspace_kernels import draw_bends
 from .arc import displacements_for
+from .coupling import require_arcs
 from .robot import ContinuumRobot
 
 __all__ = [
@@ -211,10 +213,10 @@ def measure_volume(tips: ArrayLike, *, cell: float) -> WorkspaceVolume:
     InputError
         If an input has another shape or is outside its range.
     """
-    points = check_points("tips", tips)
+    points = check_places("tips", tips)
     if points.ndim != 2 or not len(points):
         raise InputError(f"tips has shape {points.shape}: it must be (n, 3), n at least 1")
-    edge = check_number("cell", cell, low=1e-6, unit="mm")
+    edge = check_number("cell", cell, low=1e-6, high=FARTHEST, unit="mm")
     _, counts = np.unique(np.floor(points / edge).astype(np.int64), axis=0, return_counts=True)
     return WorkspaceVolume(
         hull=_hull_volume(points),
@@ -247,6 +249,7 @@ def tendon_travel(robot: ContinuumRobot, bends: ArrayLike) -> TendonTravel:
     GeometryError
         If the tendons are not parallel.
     """
+    require_arcs(robot, "a workspace")
     moved = displacements_for(robot, bends).reshape(-1, len(robot.tendons))
     return TendonTravel(
         names=robot.tendon_names,

@@ -77,6 +77,7 @@ def draw_shape(
         way = _check_vector("direction", direction)
         if not np.any(way):
             raise InputError("direction is (0, 0, 0): it must not be zero")
+        way = way / np.abs(way).max()  # its square might be out of a float's range
         begin = marks[0] if marks else shape.tip
         arrow = np.stack([begin, begin + 0.15 * shape.robot.length * way / np.linalg.norm(way)])
     for axes, views in (
@@ -103,7 +104,7 @@ def draw_shape(
         _style(axes)
         axes.set(xlabel=f"{across} [mm]", ylabel=f"{along} [mm]", aspect="equal")
         axes.margins(0.06)
-    place = ", ".join(f"{value:.2f}" for value in shape.tip)
+    place = ", ".join(f"{value:z.2f}" for value in shape.tip)
     told = f"{shape.robot.name}, {shape.model}: tip at {place} mm"
     loose = [
         name for name, slack in zip(shape.robot.tendon_names, shape.slack, strict=True) if slack
@@ -240,7 +241,7 @@ def _side_view(shape: Shape) -> tuple[Floats, str]:
         return np.eye(3)[:2], "x"
     cosine, sine = math.cos(angle), math.sin(angle)
     turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0]])
-    return turn, f"towards {math.degrees(angle):.0f}°"
+    return turn, f"towards {math.degrees(angle):z.0f}°"
 
 
 def _span(*values: Floats) -> tuple[float, ...]:

@@ -42,9 +42,10 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
     if length is not None:
         check_number("length", length, low=0.0, low_open=True, unit="mm")
     figure = Figure(figsize=(10.4, 5.2), facecolor="white", layout="constrained")
+    unit = {1: "mm/rad", 2: "mm²/rad²", 3: "mm³/rad³"}[found.rank]
     panels = (
         (found.direction_share, "share of directions", "viridis", 0.0),
-        (found.manipulability, "mean manipulability", "cividis", None),
+        (found.manipulability, f"mean manipulability [{unit}]", "cividis", None),
     )
     for place, (values, name, colors, low) in enumerate(panels, start=1):
         if found.half_plane:

@@ -24,6 +24,8 @@ __all__ = ["draw_robot_motion"]
 
 _BLUE = "#1f5fa8"
 _GRID = "#e3e8ed"
+NEAR = 1.5
+"""Ratio to the largest bend from which the place where discs meet is not shown."""
 _NAMED = 8
 """Sections or tendons that are told apart in a legend at most."""
 
@@ -69,7 +71,15 @@ def _draw_bends(axes: Axes, actuation: Actuation, across: NDArray[np.float64]) -
     colors = _spread_colors(len(sections))
     for index, color in enumerate(colors):
         axes.plot(across, angles[:, index], color=color, linewidth=1.2)
-    limits = sorted({math.degrees(item.max_bend) for item in sections if item.max_bend < math.inf})
+    limits = sorted(
+        {
+            min(math.degrees(item.max_bend), meet)
+            for item in sections
+            for meet in [math.degrees(item.length / item.radius)]
+            # Discs mostly meet far beyond: shown if a section comes near.
+            if math.degrees(item.max_bend) <= meet or meet < NEAR * float(angles.max())
+        }
+    )
     for limit in limits[:3]:
         axes.axhline(limit, color=RED, linewidth=1.4, linestyle=(0, (5, 2)))
     highest = max([float(angles.max()), 1.0, *limits])
