@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bozzini.continuum import ContinuumRobot, Section
@@ -116,6 +116,7 @@ def test_largest_ratio_is_largest() -> None:
 
 
 @given(length=lengths, angle=st.floats(0.0, 6.2), plane=planes)
+@example(length=18.38990643965334, angle=5e-324, plane=2.281920468786123)
 def test_fixed_section_reaches_its_surface(length: float, angle: float, plane: float) -> None:
     bend = angle * np.array([math.cos(plane), math.sin(plane)])
     result = solve_section(length, end_frame(length, bend)[:3, 3])

@@ -132,6 +132,42 @@ class Grid:
         ]
         return np.asarray(np.asarray(moduli)[self.sections] / self.spans[:, None])
 
+    def place_frames(self, turns: Floats) -> Floats:
+        """Frames at the stations, for turns (b, n, 3) of the segments, (b, n + 1, 4, 4)."""
+        count, stations = len(turns), len(self.arc_length)
+        frames = np.zeros((count, stations, 4, 4))
+        frames[:, :, 3, 3] = 1.0
+        rotations, points = np.empty((stations, 3, 3)), np.empty((stations, 3))
+        for index in range(count):
+            kernels.fill_frames(self.packed, turns[index], rotations, points)
+            frames[index, :, :3, :3] = rotations
+            frames[index, :, :3, 3] = points
+        return frames
+
+    def sum_bends(self, turns: Floats) -> Floats:
+        """Bend of each section; none unless all tendons are parallel."""
+        if not all(tendon.is_parallel for tendon in self.robot.tendons):
+            return np.zeros((len(turns), 0, 2))
+        bends = np.zeros((len(turns), len(self.robot.sections), 2))
+        for index in range(len(self.robot.sections)):
+            total = turns[:, self.sections == index].sum(axis=1)
+            bends[:, index] = np.stack([total[:, 1], -total[:, 0]], axis=-1)
+        return bends
+
+    def measure_bends(self, turns: Floats) -> tuple[Floats, Floats]:
+        """Angle by which each section bends, and its largest curvature, (b, m) [rad], [1/mm]."""
+        angles = np.hypot(turns[..., 0], turns[..., 1])
+        if self.segment == "chord":
+            # As a linkage's: what the tendons see of it.
+            angles = 2.0 * np.sin(0.5 * angles)
+        count = len(self.robot.sections)
+        bends, curvatures = np.zeros((2, len(turns), count))
+        for index in range(count):
+            own = self.sections == index
+            bends[:, index] = angles[:, own].sum(axis=1)
+            curvatures[:, index] = (angles[:, own] / self.spans[own]).max(axis=1)
+        return bends, curvatures
+
     @cached_property
     def _passed(self) -> NDArray[np.bool_]:
         return np.asarray(np.arange(len(self.spans)) < self.counts[:, None])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ._rod_kernels import find_turn, integrate_rod
 
-__all__ = ["Rod", "Shot", "Target"]
+__all__ = ["Rod", "Shot", "Target", "rotate"]
 
 Floats = NDArray[np.float64]
 
@@ -157,3 +157,14 @@ class Shot:
     share: float = 1.0
     iterations: int = 0
     reason: str = ""
+
+
+def rotate(quaternions: Floats) -> Floats:
+    """Return the rotation matrices (n, 3, 3) of unit quaternions (n, 4), scalar first."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.asarray(rows), -1, 0)

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ._rod_kernels import expand_potential, find_curvature, solve_three
+from ._rod_curvature_kernels import expand_potential, find_curvature, solve_three
 
 __all__ = ["measure_unloaded"]
 

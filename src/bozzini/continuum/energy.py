@@ -14,8 +14,8 @@ from ..checks import check_integer, check_number
 from ..errors import GeometryError, InputError
 from ._checks import check_limit
 from ._energy_grid import SEGMENTS, Grid
-from ._energy_kernels import fill_frames, measure_lengths
 from ._energy_newton_kernels import CONVERGED, FOLDED, solve_commands
+from ._energy_stability import is_stable
 from ._limits import check_limits, check_numbers, explain_contrast
 from .coupling import check_displacements
 from .robot import ContinuumRobot, check_robot
@@ -158,12 +158,14 @@ class EnergyModel:
         flat = np.ascontiguousarray(commands.reshape(-1, commands.shape[-1]))
         answer = self._solve(flat)
         turns, tensions, lengths, codes, steps, shares, suspects = answer
-        frames = self._place_frames(turns)
+        frames = self._grid.place_frames(turns)
         followed = self.natural_lengths - shares[:, None] * flat
         slack = ~self._pushes & (lengths < followed - self.tolerance)
         converged = codes == CONVERGED
         for index in np.flatnonzero(converged & (suspects > 0)):
-            if not self._is_stable(turns[index], tensions[index], ~slack[index]):
+            if not is_stable(
+                self._grid, turns[index], tensions[index], ~slack[index], self._compliances
+            ):
                 codes[index] = UNSTABLE
         converged = codes == CONVERGED
         words = np.full(len(flat), "", dtype=object)
@@ -174,8 +176,8 @@ class EnergyModel:
         residual = np.abs(missed).max(axis=1)
         verdict = (converged, words.astype(np.str_))
         verdict = check_numbers(self.robot, frames, residual, self.tolerance, verdict)
-        bends, curvatures = self._measure_bends(turns)
-        sums = self._sum_bends(turns)
+        bends, curvatures = self._grid.measure_bends(turns)
+        sums = self._grid.sum_bends(turns)
         converged, reason = check_limits(
             self.robot, flat, bends, verdict, curvatures=curvatures, round_off=ROUND_OFF
         )
@@ -252,69 +254,6 @@ class EnergyModel:
         reach[reach == 0.0] = math.inf  # past a tendon's end
         turns = np.max(np.abs(commands) / reach.min(axis=1), axis=1)
         return np.asarray(PUSH_STEP / np.maximum(turns, PUSH_STEP))
-
-    def _is_stable(self, turns: Floats, tensions: Floats, taut: NDArray[np.bool_]) -> bool:
-        """Whether the energy is a minimum among the shapes of the same tendon lengths."""
-        tendons, segments = len(taut), len(turns)
-        slopes = np.empty((tendons, segments, 3))
-        positive, whole = np.empty((2, segments, 3, 3))
-        measure_lengths(
-            self._grid.packed, turns, tensions, np.empty(tendons), slopes, positive, whole
-        )
-        scale = 1.0 / np.sqrt(self._grid.stiffness)
-        if self.segment == "channel":
-            # In finer and finer segments, one that gives way alone is enough.
-            blocks = whole * scale[:, :, None] * scale[:, None, :] + np.eye(3)
-            return bool(np.linalg.eigvalsh(blocks).min() > -1e-9)
-        hessian = np.zeros((segments, 3, segments, 3))
-        index = np.arange(segments)
-        hessian[index, :, index, :] = whole * scale[:, :, None] * scale[:, None, :]
-        size = 3 * segments
-        hessian = hessian.reshape(size, size) + np.eye(size)
-        rows = (slopes * scale).reshape(tendons, size)[taut]
-        if self.tendon_stiffness != math.inf:
-            # Lengths are not held, but cost energy.
-            hessian += rows.T @ (rows / self._compliances[taut, None])
-            rows = rows[:0]
-        _, sizes, ways = np.linalg.svd(rows, full_matrices=True)
-        rank = int(np.count_nonzero(sizes > 1e-9 * sizes.max(initial=0.0)))
-        free = ways[rank:]
-        return bool(np.linalg.eigvalsh(free @ hessian @ free.T).min(initial=1.0) > -1e-9)
-
-    def _place_frames(self, turns: Floats) -> Floats:
-        count, stations = len(turns), len(self.arc_length)
-        frames = np.zeros((count, stations, 4, 4))
-        frames[:, :, 3, 3] = 1.0
-        rotations, points = np.empty((stations, 3, 3)), np.empty((stations, 3))
-        for index in range(count):
-            fill_frames(self._grid.packed, turns[index], rotations, points)
-            frames[index, :, :3, :3] = rotations
-            frames[index, :, :3, 3] = points
-        return frames
-
-    def _sum_bends(self, turns: Floats) -> Floats:
-        """Bend of each section; none unless all tendons are parallel."""
-        if not all(tendon.is_parallel for tendon in self.robot.tendons):
-            return np.zeros((len(turns), 0, 2))
-        bends = np.zeros((len(turns), len(self.robot.sections), 2))
-        for index in range(len(self.robot.sections)):
-            total = turns[:, self._grid.sections == index].sum(axis=1)
-            bends[:, index] = np.stack([total[:, 1], -total[:, 0]], axis=-1)
-        return bends
-
-    def _measure_bends(self, turns: Floats) -> tuple[Floats, Floats]:
-        """Angle by which each section bends, and its largest curvature, (b, m) [rad], [1/mm]."""
-        angles = np.hypot(turns[..., 0], turns[..., 1])
-        if self.segment == "chord":
-            # As a linkage's: what the tendons see of it.
-            angles = 2.0 * np.sin(0.5 * angles)
-        count = len(self.robot.sections)
-        bends, curvatures = np.zeros((2, len(turns), count))
-        for index in range(count):
-            own = self._grid.sections == index
-            bends[:, index] = angles[:, own].sum(axis=1)
-            curvatures[:, index] = (angles[:, own] / self._grid.spans[own]).max(axis=1)
-        return bends, curvatures
 
     def _explain(self, command: Floats, code: int, share: float) -> str:
         names = self.robot.tendon_names

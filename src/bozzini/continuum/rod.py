@@ -15,7 +15,7 @@ from ._checks import check_limit
 from ._limits import check_limits, check_numbers, explain_contrast
 from ._rod_follow import follow
 from ._rod_grid import RodGrid
-from ._rod_state import Rod, Shot, Target
+from ._rod_state import Rod, Shot, Target, rotate
 from .coupling import check_displacements
 from .robot import ContinuumRobot, check_robot
 from .shape import Shape
@@ -245,7 +245,7 @@ class RodModel:
             if not good:
                 shots[row] = shot = self._rod.rest(tendons, "no curvature was found")
                 states, turned, _ = self._rod.trace(shot)
-            frames[row, :, :3, :3] = _rotate(states[index, 3:7])
+            frames[row, :, :3, :3] = rotate(states[index, 3:7])
             frames[row, :, :3, 3] = states[index, :3]
             lengths[row] = states[-1, 10:]
             parts = np.diff(turned[edges], axis=0)
@@ -306,14 +306,3 @@ class RodModel:
 def _rows(array: Floats) -> Floats:
     """Return (..., t) as (b, t), where b or t may be 0."""
     return array.reshape(math.prod(array.shape[:-1]), array.shape[-1])
-
-
-def _rotate(quaternions: Floats) -> Floats:
-    """Rotation matrices (n, 3, 3) of unit quaternions (n, 4), scalar first."""
-    w, x, y, z = quaternions.T
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.asarray(rows), -1, 0)

@@ -177,7 +177,7 @@ def _needed_length(across: float, along: float) -> float:
     away = math.hypot(across, along)
     # The chord is the arc's length by sin(half) / half, and sin(half) is across / away.
     half = math.atan2(across, along)
-    if half == 0.0:
+    if half < 1e-8:  # straight to the last bit; a denormal ratio would have no digits
         return away if away > 0.0 else math.inf
     sine = across / away
     length = away * half / sine if sine > 0.0 else math.inf
