@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ._muscle_options import PICTURES, check_target
+from ._tables import PICTURES, check_target
 from .common import (
     EXIT_NEGATIVE,
     LabelsType,

@@ -12,7 +12,6 @@ import click
 
 from ..errors import BozziniError, InputError
 from ._muscle_options import describe_muscle, make_class, model_option, model_options
-from ._tables import format_csv, format_rows
 from .common import QuantityType, emit
 
 if TYPE_CHECKING:
@@ -22,8 +21,6 @@ __all__ = [
     "RigidityType",
     "describe_design",
     "effector_options",
-    "format_csv",
-    "format_rows",
     "make_design",
     "make_effector",
     "parse_pairs",

@@ -10,15 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from ._effector_options import (
-    describe_design,
-    effector_options,
-    format_csv,
-    format_rows,
-    make_effector,
-    tell,
-)
-from ._muscle_options import PICTURES, check_target
+from ._effector_options import describe_design, effector_options, make_effector, tell
+from ._tables import PICTURES, check_target, format_csv, format_rows
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,

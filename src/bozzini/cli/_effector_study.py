@@ -10,16 +10,9 @@ import click
 
 from ..checks import check_number
 from ..errors import InputError
-from ._effector_options import (
-    describe_design,
-    effector_options,
-    format_csv,
-    format_rows,
-    make_effector,
-    tell,
-)
+from ._effector_options import describe_design, effector_options, make_effector, tell
 from ._effector_values import MOST, add_unit, parse_range, parse_segments, parse_values
-from ._muscle_options import PICTURES, check_target
+from ._tables import PICTURES, check_target, format_csv, format_rows
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ._effector_options import describe_design, effector_options, format_csv, make_effector, tell
-from ._muscle_options import PICTURES, check_target
+from ._effector_options import describe_design, effector_options, make_effector, tell
+from ._tables import PICTURES, check_target, format_csv
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,

@@ -18,9 +18,7 @@ from ._muscle_data import (
 )
 from ._muscle_options import (
     MODEL_NAMES,
-    PICTURES,
     check_fields,
-    check_target,
     describe_muscle,
     design_options,
     make_class,
@@ -28,6 +26,7 @@ from ._muscle_options import (
     model_options,
     select_choices,
 )
+from ._tables import PICTURES, check_target
 from .common import EXIT_NEGATIVE, emit, force_option, json_option, run_exit
 
 if TYPE_CHECKING:

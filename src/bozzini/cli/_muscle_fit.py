@@ -18,9 +18,7 @@ from ._muscle_data import (
 )
 from ._muscle_options import (
     FIELDS,
-    PICTURES,
     check_fields,
-    check_target,
     describe_choices,
     describe_muscle,
     design_options,
@@ -30,6 +28,7 @@ from ._muscle_options import (
     model_options,
     unit_of,
 )
+from ._tables import PICTURES, check_target
 from .common import EXIT_NEGATIVE, emit, force_option, json_option, run_exit
 
 if TYPE_CHECKING:

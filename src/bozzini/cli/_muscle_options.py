@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ._tables import PICTURES, check_target
 from .common import QuantityType
 
 if TYPE_CHECKING:
@@ -19,10 +18,8 @@ if TYPE_CHECKING:
 __all__ = [
     "FIELDS",
     "MODEL_NAMES",
-    "PICTURES",
     "check_direction",
     "check_fields",
-    "check_target",
     "describe_choices",
     "describe_muscle",
     "design_options",

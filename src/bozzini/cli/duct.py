@@ -9,7 +9,7 @@ import click
 
 from ._duct_limits import limits_command
 from ._duct_options import read_with_options, tract_options
-from ._muscle_options import PICTURES, check_target
+from ._tables import PICTURES, check_target
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,

@@ -10,19 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from ._effector_options import (
-    describe_design,
-    effector_options,
-    format_csv,
-    format_rows,
-    make_effector,
-    parse_pairs,
-    tell,
-)
+from ._effector_options import describe_design, effector_options, make_effector, parse_pairs, tell
 from ._effector_space import curve_command, workspace_command
 from ._effector_study import study_command
 from ._effector_trace import trace_command
-from ._muscle_options import PICTURES, check_target
+from ._tables import PICTURES, check_target, format_csv, format_rows
 from .common import EXIT_NEGATIVE, VectorType, force_option, json_option, run_exit
 
 if TYPE_CHECKING:

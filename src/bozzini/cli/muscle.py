@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +11,8 @@ import click
 from ._muscle_compare import compare_command
 from ._muscle_fit import fit_command
 from ._muscle_options import (
-    PICTURES,
     check_direction,
     check_fields,
-    check_target,
     describe_choices,
     describe_muscle,
     design_options,
@@ -25,6 +22,7 @@ from ._muscle_options import (
     model_option,
     model_options,
 )
+from ._tables import PICTURES, check_target, format_csv
 from .common import EXIT_NEGATIVE, QuantityType, emit, force_option, json_option, run_exit
 
 if TYPE_CHECKING:
@@ -165,7 +163,7 @@ def curve_command(
     model = make_class(model_name, ends=ends, load_path=load_path)(muscle)
     held = 0.0 if load is None else load
     columns = _compute_curve(model, kind, pressure, held, direction, rows)
-    table = _format_csv(columns)
+    table = format_csv(columns)
     text = table.rstrip("\n")
     if out is not None:
         text = f"{out}: {kind}, {rows} points"
@@ -247,13 +245,6 @@ def _draw_curve(
     else:
         figure = figures.draw_contraction(models, pressure=pressure, load=load, direction=direction)
     write_figure(figure, out)
-
-
-def _format_csv(columns: Mapping[str, Any]) -> str:
-    rows = [",".join(columns)]
-    for values in zip(*columns.values(), strict=True):
-        rows.append(",".join(f"{float(value):.9g}" for value in values))
-    return "\n".join(rows) + "\n"
 
 
 def _one(value: Any) -> Any:
