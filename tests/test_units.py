@@ -32,6 +32,8 @@ KNOWN = [
     ("1 N / mm", "stiffness", 1.0),
     ("50%", "dimensionless", 0.5),
     ("200Nmm^2", "rigidity", 200.0),
+    ("200Nmm2", "rigidity", 200.0),
+    ("2e-4 Nm2", "rigidity", 200.0),
     ("2e-4 N m²", "rigidity", 200.0),
     ("2e-4 N·m^2", "rigidity", 200.0),
     ("3 mN*mm^2", "rigidity", 3e-3),

@@ -48,8 +48,9 @@ _EXAMPLES = {
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*([^\s0-9.,][^,]*)?")
 
-# Pint has no Nmm, and would not guess.
+# Pint has no Nmm and no mm2, and would not guess.
 _NEWTON_TIMES = re.compile(r"N[·⋅*\s]*(?=(?:[mck]?m)(?![A-Za-z]))")
+_SQUARE = re.compile(r"(?<=m)2$")
 _PLAIN = ("%", "percent", "dimensionless")
 
 # A unit is arithmetic to pint, which would try to work out kPa**9**9**9.
@@ -107,7 +108,7 @@ def parse_quantity(text: str | float, kind: str) -> float:
                 # An angle has no dimension to pint: 360 deg would be 6.28.
                 raise UnitError(f"'{text}' has a unit: {hint}")
             if kind in ("moment", "rigidity"):
-                given = _NEWTON_TIMES.sub("N*", given)
+                given = _SQUARE.sub("^2", _NEWTON_TIMES.sub("N*", given))
             value = _convert(value, given, unit, text, hint)
     else:
         value = _take_number(text, hint)

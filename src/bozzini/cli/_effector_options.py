@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import wraps
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import BozziniError, InputError
+from ..errors import InputError
 from ._muscle_options import describe_muscle, make_class, model_option, model_options
 from .common import QuantityType, emit
 
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from ..effector import Effector, EffectorDesign
 
 __all__ = [
-    "RigidityType",
     "describe_design",
     "effector_options",
     "make_design",
@@ -32,42 +30,8 @@ LENGTHS = {
     "backbone_length": "Length of the backbone and of the muscles (prototype: 45 mm).",
     "holder_length": "Length of the straight holder beyond the backbone (prototype: 10 mm).",
 }
-_RIGIDITY_UNITS = {"": 1.0, "nmm2": 1.0, "nm2": 1e6}
-
-if TYPE_CHECKING:  # generic in newer versions of click only
-    _FloatType = click.ParamType[float]
-else:
-    _FloatType = click.ParamType
 
 _Function = Callable[..., Any]
-
-
-class RigidityType(_FloatType):
-    """A flexural rigidity such as ``200Nmm^2`` or ``2e-4 N m^2``, given on in N mm^2."""
-
-    name = "rigidity"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Return `value` in N mm^2."""
-        from ..units import parse_quantity
-
-        if not isinstance(value, str):
-            return float(value)
-        match = re.fullmatch(r"\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)(.*)", value)
-        unit = re.sub(r"[ *^·]", "", match[2]).replace("²", "2").lower() if match else "?"
-        try:
-            if match is not None and unit in _RIGIDITY_UNITS:
-                return parse_quantity(match[1], "dimensionless") * _RIGIDITY_UNITS[unit]
-        except BozziniError:
-            pass  # told below, in the words of this kind of quantity
-        self.fail(
-            f"'{value}' is not a flexural rigidity: give one such as 200Nmm^2, 2e-4Nm^2 "
-            "(a bare number is in N mm^2)",
-            param,
-            ctx,
-        )
 
 
 _OPTIONS = {
@@ -102,7 +66,7 @@ _OPTIONS = {
     ),
     "rigidity": click.option(
         "--rigidity",
-        type=RigidityType(),
+        type=QuantityType("rigidity"),
         help="Flexural rigidity without a catheter (prototype: 200 N mm^2).",
     ),
     "rigidity_test": click.option(
@@ -110,7 +74,7 @@ _OPTIONS = {
     ),
     "catheter": click.option(
         "--catheter",
-        type=RigidityType(),
+        type=QuantityType("rigidity"),
         help="Flexural rigidity of the catheter; adds (prototype: 0).",
     ),
     "pressure_limit": click.option(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from ..errors import InputError
-from ._effector_options import RigidityType
 from ._muscle_options import FIELDS
 
 __all__ = ["KINDS", "MOST", "add_unit", "parse_range", "parse_segments", "parse_values"]
@@ -38,8 +37,6 @@ def _parse_number(option: str, name: str, text: str) -> float:
 
     if name not in KINDS:
         raise InputError(f"{option} names '{name}': choose one of {', '.join(KINDS)}")
-    if KINDS[name] == "rigidity":
-        return RigidityType().convert(text, None, None)
     return parse_quantity(text, KINDS[name])
 
 

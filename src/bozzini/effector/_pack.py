@@ -53,20 +53,20 @@ def pack_effector(design: EffectorDesign, models: tuple[MuscleModel, ...]) -> Pa
     kinds = np.full(len(models), _equilibrium_kernels.OTHER, dtype=np.int64)
     rows = np.zeros((len(models), COLUMNS))
     for j, model in enumerate(models):
-        # Exact types: a subclass may answer differently. The models' own packed designs are taken.
+        # Exact types: a subclass may answer differently.
         if type(model) is EnergyMuscle and model.ends == "none":
             kinds[j] = _equilibrium_kernels.ENERGY
-            rows[j, :11] = model._equilibrium.design
+            rows[j, :11] = model.packed_design
             rows[j, 11] = model.muscle.active_length
         elif type(model) is ThesisMuscle:
             blind = model.load_path == "none"
             kinds[j] = _equilibrium_kernels.BLIND if blind else _equilibrium_kernels.BULK
-            rows[j, :11] = model._design
+            rows[j, :11] = model.packed_design
             rows[j, 11:] = (
                 model.dead_band(),
                 model.muscle.length,
                 model.muscle.tube.deform(1.0).c3,  # linear, so that the strain at 1 MPa scales
-                0.5 * math.acos(model._design[6]),
+                0.5 * math.acos(model.packed_design[6]),
                 ANGLE_LIMIT,
                 0.0 if blind else model.load_stiffness,
             )

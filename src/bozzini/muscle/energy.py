@@ -112,6 +112,11 @@ class EnergyMuscle(StaticModel):
         object.__setattr__(self, "_equilibrium", Equilibrium.of(self.muscle, tapered=tapered))
 
     @property
+    def packed_design(self) -> tuple[float, ...]:
+        """The design as the compiled equations take it."""
+        return self._equilibrium.design
+
+    @property
     def taper_length(self) -> float:
         """Length over which a taper falls to 1/e, of a soft wall held at its free length [mm].
 

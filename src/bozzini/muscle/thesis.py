@@ -118,6 +118,11 @@ class ThesisMuscle(StaticModel):
         object.__setattr__(self, "_free_strain", float(self.muscle.tube.deform(1.0).c3))
 
     @property
+    def packed_design(self) -> tuple[float, ...]:
+        """The design at contact as the compiled equations take it."""
+        return self._design
+
+    @property
     def load_stiffness(self) -> float:
         """Load per shortening lost [N/mm] with ``load_path="bulk"``."""
         tube = self.muscle.tube
