@@ -1,26 +1,33 @@
-"""What a model asks of a hysteresis operator; operators are modules beside."""
+"""Hysteresis: operators with memory, which a muscle model carries or which are fitted to loops.
+
+`Hysteresis` is what a model asks for; the operators of the thesis's section 2.2.10 are beside.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from .asymmetric import AsymmetricPrandtlIshlinskii
+from .bouc_wen import BoucWen
+from .fit import HysteresisFit
+from .friction_band import FrictionBand
+from .maxwell_slip import MaxwellSlip
+from .operator import HysteresisState, Operator
+from .prandtl_ishlinskii import PrandtlIshlinskii
+from .preisach import Preisach
+from .preisach_force import PreisachForce
+from .protocol import Hysteresis
+from .unparallel import UnparallelPrandtlIshlinskii
 
-import numpy as np
-from numpy.typing import NDArray
-
-__all__ = ["Hysteresis"]
-
-
-@runtime_checkable
-class Hysteresis(Protocol):
-    """An operator with memory, from a history of pressures to the pressures that act.
-
-    A model that carries one uses it in `StaticModel.trace_contraction` only; `force`, `contraction`
-    and `solve` have no history and leave it alone.
-    """
-
-    def apply(self, pressure: NDArray[np.float64], /) -> NDArray[np.float64]:
-        """Return the pressures (n,) [MPa] that act, given the pressures (n,) in order of time.
-
-        The operator starts anew at each call: its memory lives inside one history.
-        """
-        ...
+__all__ = [
+    "AsymmetricPrandtlIshlinskii",
+    "BoucWen",
+    "FrictionBand",
+    "Hysteresis",
+    "HysteresisFit",
+    "HysteresisState",
+    "MaxwellSlip",
+    "Operator",
+    "PrandtlIshlinskii",
+    "Preisach",
+    "PreisachForce",
+    "UnparallelPrandtlIshlinskii",
+]

@@ -4,7 +4,24 @@ from __future__ import annotations
 
 from ..energy import EnergyMuscle
 from ..thesis import ThesisMuscle
-from . import correction, correction_force, correction_friction, elastic, ideal
+from . import (
+    correction,
+    correction_force,
+    correction_friction,
+    detailed,
+    elastic,
+    empirical,
+    empirical_polynomials,
+    ends,
+    hyperelastic,
+    hyperelastic_tube,
+    ideal,
+    layers,
+    miniature,
+    miniature_fit,
+    miniature_hocking,
+    miniature_stress,
+)
 from .base import CatalogueModel
 from .card import Card, Choice, Law, Parameter
 
@@ -16,6 +33,17 @@ _FAMILIES = (
     correction_friction.FAMILY,
     correction_force.FAMILY,
     elastic.FAMILY,
+    hyperelastic.FAMILY,
+    hyperelastic_tube.FAMILY,
+    ends.FAMILY,
+    layers.FAMILY,
+    detailed.FAMILY,
+    miniature.FAMILY,
+    miniature_hocking.FAMILY,
+    miniature_stress.FAMILY,
+    miniature_fit.FAMILY,
+    empirical.FAMILY,
+    empirical_polynomials.FAMILY,
 )
 
 CATALOGUE: dict[str, type[CatalogueModel]] = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MAX_ITERATIONS", "STEPS", "Roots", "find_roots"]
+__all__ = ["MAX_ITERATIONS", "STEPS", "Roots", "find_between", "find_roots"]
 
 Floats = NDArray[np.float64]
 Excess = Callable[[NDArray[np.intp], Floats], Floats]
@@ -79,6 +79,8 @@ def find_roots(excess: Excess, start: Floats, low: Floats, high: Floats) -> Root
         near[open_ones[~crossed]], near_excess[open_ones[~crossed]] = at[~crossed], value[~crossed]
         open_ones = open_ones[~crossed]
     lengths[open_ones], residuals[open_ones] = far[open_ones], far_excess[open_ones]
+    flat = every[found & (first != 0.0) & (far_excess == 0.0)]
+    far[flat], far_excess[flat] = _find_edge(excess, flat, near[flat], near_excess[flat], far[flat])
     bracketed = every[found & (first != 0.0)]
     iterations = np.zeros(start.size, dtype=np.int64)
     scale = np.maximum(np.abs(near_excess), np.abs(far_excess))
@@ -91,6 +93,41 @@ def find_roots(excess: Excess, start: Floats, low: Floats, high: Floats) -> Root
     lengths[bracketed], residuals[bracketed], iterations[bracketed] = best, left, taken
     jumps = found & (np.abs(residuals) > _JUMP * scale)
     return Roots(lengths, residuals, iterations, found, jumps)
+
+
+def find_between(excess: Excess, one: Floats, other: Floats) -> Floats:
+    """Return the lengths (n,) between `one` and `other` at which `excess` changes its sign [mm].
+
+    NaN where it has the same sign at both. What `excess` takes and gives is as for `find_roots`.
+    """
+    every = np.arange(one.size)
+    first, last = excess(every, one), excess(every, other)
+    lengths = np.full(one.shape, np.nan)
+    index = every[np.sign(first) * np.sign(last) <= 0.0]
+    ends = ((one[index], first[index]), (other[index], last[index]))
+    lengths[index], _, taken = _polish(excess, index, *ends)
+    lengths[index[taken >= MAX_ITERATIONS]] = np.nan
+    return lengths
+
+
+def _find_edge(
+    excess: Excess, index: NDArray[np.intp], near: Floats, near_excess: Floats, far: Floats
+) -> tuple[Floats, Floats]:
+    """Return the first length at which the excess is gone, where it stays at zero, and the excess.
+
+    A pull that cannot fall below a threshold is flat there: the muscle stops where that begins.
+    """
+    near, far, left = near.copy(), far.copy(), np.zeros(far.shape)
+    rest = np.arange(index.size)
+    while rest.size:
+        middle = 0.5 * (near + far)[rest]
+        inside = (middle != near[rest]) & (middle != far[rest])
+        rest, middle = rest[inside], middle[inside]
+        value = excess(index[rest], middle)
+        gone = value * np.sign(near_excess[rest]) <= 0.0
+        far[rest[gone]], left[rest[gone]] = middle[gone], value[gone]
+        near[rest[~gone]] = middle[~gone]
+    return far, left
 
 
 def _polish(

@@ -20,7 +20,10 @@ from ._take import take_keywords
 from .card import Card
 from .explicit import ANGLES, PRESSURE_LIMIT, ExplicitModel
 
-__all__ = ["ANGLES", "PRESSURE_LIMIT", "CatalogueModel"]
+__all__ = ["ANGLES", "PRESSURE_LIMIT", "TYPICAL_PRESSURE", "CatalogueModel"]
+
+TYPICAL_PRESSURE = 0.5
+"""Pressure at which a first guess of fitted constants is Gaylord's [MPa]."""
 
 Floats = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from ...errors import InputError
 
 __all__ = [
     "BRAID_FIELDS",
+    "SHAPE_FIELDS",
     "SOURCES",
     "STATUSES",
     "WALL_FIELDS",
@@ -31,6 +32,9 @@ SOURCES = ("measured", "fitted", "geometry", "material", "unit")
 
 BRAID_FIELDS = ("length", "outer_radius", "braid_angle", "gap", "dead_length")
 """What every model takes from a `Muscle`: the braid, over the length that contracts."""
+
+SHAPE_FIELDS = ("length", "dead_length", "braid_angle")
+"""What makes a difference where forces are measured: strain, and the braid's angle with it."""
 
 WALL_FIELDS = (*BRAID_FIELDS, "inner_radius")
 """The same, and the thickness of the wall."""

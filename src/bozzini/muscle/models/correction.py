@@ -32,7 +32,7 @@ _FACTORS = (1e-6, 1e6)
 
 _ITTO = (
     "T. Itto, K. Kogiso, Hybrid modeling of McKibben pneumatic artificial muscle systems, IEEE "
-    "International Conference on Industrial Technology, 2011, 65-70"
+    "International Conference on Industrial Technology, 2011"
 )
 
 PRESSURE_UNIT = Parameter(
@@ -154,7 +154,7 @@ class TonduLopez(StrainCorrected):
         title="Strain factor that fades with pressure, friction of strands",
         authors="Tondu, Lopez",
         reference="B. Tondu, P. Lopez, Modeling and control of McKibben artificial muscle robot "
-        "actuators, IEEE Control Systems Magazine 20(2), 2000, 15-38",
+        "actuators, IEEE Control Systems Magazine 20(2), 2000",
         equation="(2.6)-(2.8)",
         status="fitted",
         parameters=(*TONDU_PARAMETERS, *FRICTION_PARAMETERS),

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ...checks import check_range
 from ..design import Muscle
-from .base import CatalogueModel
-from .card import BRAID_FIELDS, Card, Parameter
+from .base import TYPICAL_PRESSURE, CatalogueModel
+from .card import BRAID_FIELDS, SHAPE_FIELDS, Card, Parameter
 from .correction import FRICTION_PARAMETERS, StrainCorrected
 from .ideal import bracket
 
@@ -18,13 +18,9 @@ __all__ = ["FAMILY", "Andrikopoulos", "AndrikopoulosThermal", "Meller"]
 
 Floats = NDArray[np.float64]
 
-_TYPICAL = 0.5  # pressure at which a fit's first guess is Gaylord's [MPa]
-_SHAPE = ("length", "dead_length", "braid_angle")  # the radius cancels: the force is measured
-
 _ANDRIKOPOULOS = (
     "G. Andrikopoulos, G. Nikolakopoulos, S. Manesis, Novel considerations on static force "
-    "modeling of pneumatic muscle actuators, IEEE/ASME Transactions on Mechatronics 21(6), 2016, "
-    "2647-2659"
+    "modeling of pneumatic muscle actuators, IEEE/ASME Transactions on Mechatronics 21(6), 2016"
 )
 _MEASURED = (
     Parameter(
@@ -72,7 +68,7 @@ class Meller(StrainCorrected):
         authors="Meller, Bryant, Garcia",
         reference="M. A. Meller, M. Bryant, E. Garcia, Reconsidering the McKibben muscle: "
         "energetics, operating fluid, and bladder material, Journal of Intelligent Material "
-        "Systems and Structures 25(18), 2014, 2276-2293",
+        "Systems and Structures 25(18), 2014",
         equation="(2.13)",
         status="fitted",
         parameters=(
@@ -109,7 +105,7 @@ class Meller(StrainCorrected):
                 bounds=(1e-6, 1e3),
             ),
         ),
-        uses=_SHAPE,
+        uses=SHAPE_FIELDS,
         errata=("The logarithm is printed without the unit of P: it is an argument here.",),
         latex=r"F = \pi r_0^2 P k_f \left[q_1 (1 - k_\epsilon \epsilon)^2 - q_2\right], \quad "
         r"k_f = \frac{\kappa_1 P + \kappa_2}{\pi r_0^2 P (q_1 - q_2)}, \quad k_\epsilon = "
@@ -123,7 +119,7 @@ class Meller(StrainCorrected):
         braid = muscle.braid
         guess["kappa1"] = float(braid.ideal_force(1.0, braid.length))
         strain = braid.locking_contraction / braid.length
-        guess["kappa3"] = max(1e-6, strain / math.log(_TYPICAL / guess["pressure_unit"]))
+        guess["kappa3"] = max(1e-6, strain / math.log(TYPICAL_PRESSURE / guess["pressure_unit"]))
         return guess
 
     @property
@@ -165,7 +161,7 @@ class Andrikopoulos(StrainCorrected):
         equation="(2.14)",
         status="fitted",
         parameters=_MEASURED,
-        uses=_SHAPE,
+        uses=SHAPE_FIELDS,
         latex=r"F = \pi r_0^2 P k_f \left[q_1 (1 - k_\epsilon \epsilon)^2 - q_2\right], \quad "
         r"k_f = \frac{F_{max}}{\pi r_0^2 P_{test} (q_1 - q_2)}, \quad "
         r"k_\epsilon = \frac{l_0}{x_{max}} \left(1 - \sqrt{q_2 / q_1}\right)",
@@ -175,8 +171,8 @@ class Andrikopoulos(StrainCorrected):
     def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
         """Return the test that Gaylord's muscle would give at 0.5 MPa."""
         guess = super().guess_parameters(muscle)
-        guess["test_pressure"] = _TYPICAL
-        guess["largest_force"] = float(muscle.braid.ideal_force(_TYPICAL, muscle.length))
+        guess["test_pressure"] = TYPICAL_PRESSURE
+        guess["largest_force"] = float(muscle.braid.ideal_force(TYPICAL_PRESSURE, muscle.length))
         share = muscle.active_length / muscle.length
         guess["largest_contraction"] = share * muscle.braid.locking_contraction
         return guess

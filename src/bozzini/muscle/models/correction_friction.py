@@ -40,7 +40,7 @@ class DavisCaldwell(StrainCorrected):
         authors="Davis, Caldwell",
         reference="S. Davis, D. G. Caldwell, Braid effects on contractile range and friction "
         "modeling in pneumatic muscle actuators, International Journal of Robotics Research "
-        "25(4), 2006, 359-369",
+        "25(4), 2006",
         equation="(2.9)-(2.12)",
         status="fitted",
         parameters=(

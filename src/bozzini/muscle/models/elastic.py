@@ -80,7 +80,7 @@ class Schulte(ConstantThickness):
         authors="Schulte",
         reference="H. F. Schulte, The characteristics of the McKibben artificial muscle, in: The "
         "application of external power in prosthetics and orthotics, National Academy of Sciences, "
-        "Publication 874, 1961, 94-115",
+        "Publication 874, 1961",
         equation="(2.15)",
         status="partial",
         parameters=(
@@ -163,7 +163,7 @@ class Ferraresi(ConstantThickness):
         authors="Ferraresi, Franco, Manuello Bertetto",
         reference="C. Ferraresi, W. Franco, A. Manuello Bertetto, Flexible pneumatic actuators: a "
         "comparison between the McKibben and the straight fibres muscles, Journal of Robotics and "
-        "Mechatronics 13(1), 2001, 56-63",
+        "Mechatronics 13(1), 2001",
         equation="(2.16)",
         status="corrected",
         uses=(*WALL_FIELDS, "modulus"),
@@ -204,7 +204,7 @@ class KotheraBalance(ForceBalanceModel):
         authors="Kothera, Jangid, Sirohi, Wereley",
         reference="C. S. Kothera, M. Jangid, J. Sirohi, N. M. Wereley, Experimental "
         "characterization and static modeling of McKibben actuators, Journal of Mechanical Design "
-        "131(9), 2009, 091010",
+        "131(9), 2009",
         equation="(2.17)",
         status="self-contained",
         uses=(*WALL_FIELDS, "modulus"),

@@ -19,7 +19,7 @@ from ..model import (
     describe_stop,
     parse_direction,
 )
-from ._root import MAX_ITERATIONS, STEPS, find_roots
+from ._root import MAX_ITERATIONS, STEPS, Roots, find_roots
 from ._slope import find_slope
 
 __all__ = ["ANGLES", "PRESSURE_LIMIT", "ExplicitModel"]
@@ -140,20 +140,7 @@ class ExplicitModel(StaticModel):
         InputError
             If an argument is outside its legal range, or the muscle cannot hold the load.
         """
-        pressures, loads = check_array("pressure", pressure), check_array("load", load)
-        check_range("pressure", pressures, *self.pressure_limits, "MPa")
-        check_range("load", loads, 0.0, LOAD_LIMIT, "N")
-        pressures, loads, signs = broadcast(
-            ("pressure", pressures), ("load", loads), ("direction", parse_direction(direction))
-        )
-        low, high = self._limit(pressures)
-        flat = [x.ravel() for x in (pressures, loads, signs, low, high)]
-
-        def excess(index: NDArray[np.intp], lengths: Floats) -> Floats:
-            return self._total(flat[0][index], lengths, flat[2][index]) - flat[1][index]
-
-        start = np.clip(np.full(flat[0].shape, self.braid.length), flat[3], flat[4])
-        roots = find_roots(excess, start, flat[3], flat[4])
+        pressures, loads, signs, roots = self._find_roots(pressure, load, direction)
         if not roots.found.all():
             raise self._refuse_load(int(np.argmin(roots.found)), pressures, loads, signs)
         lengths = roots.lengths.reshape(pressures.shape)
@@ -174,6 +161,43 @@ class ExplicitModel(StaticModel):
             iterations=iterations,
             reason=np.where(jumps & ~stopped, "the force jumps past the load", reason),
         )
+
+    def try_contraction(
+        self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the contraction [mm], and where there is one: loads too large are no error.
+
+        Where there is none, the contraction is that of the last length tried.
+
+        Raises
+        ------
+        InputError
+            If an argument is outside its legal range.
+        """
+        pressures, _, _, roots = self._find_roots(pressure, load, direction)
+        good = roots.found & ~roots.jumps & (roots.iterations < MAX_ITERATIONS)
+        shape = pressures.shape
+        return (self.braid.length - roots.lengths).reshape(shape), good.reshape(shape)
+
+    def _find_roots(
+        self, pressure: ArrayLike, load: ArrayLike, direction: ArrayLike | None
+    ) -> tuple[Floats, Floats, Floats, Roots]:
+        """Pressures, loads and signs of friction, of one shape, and the lengths, flat."""
+        pressures, loads = check_array("pressure", pressure), check_array("load", load)
+        check_range("pressure", pressures, *self.pressure_limits, "MPa")
+        check_range("load", loads, 0.0, LOAD_LIMIT, "N")
+        pressures, loads, signs = broadcast(
+            ("pressure", pressures), ("load", loads), ("direction", parse_direction(direction))
+        )
+        low, high = self._limit(pressures)
+        flat = [x.ravel() for x in (pressures, loads, signs, low, high)]
+
+        def excess(index: NDArray[np.intp], lengths: Floats) -> Floats:
+            return self._total(flat[0][index], lengths, flat[2][index]) - flat[1][index]
+
+        start = np.clip(np.full(flat[0].shape, self.braid.length), flat[3], flat[4])
+        roots = find_roots(excess, start, flat[3], flat[4])
+        return pressures, loads, signs, roots
 
     def dead_band(self) -> float:
         """Return the pressure below which the muscle does not contract [MPa]; 0 if it has none."""

@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,20 +111,28 @@ class Wall:
         keeps_thickness : bool
             Whether the wall is as thick as at rest at every length, instead of keeping its volume.
         """
-        left = _OPEN * self.bore_at_rest**2
+        return _find_lengths(self, low, high, keeps_thickness)
 
-        def spare(length: float) -> float:
-            radius = float(find_radius(self.braid, np.asarray(length)))
-            if keeps_thickness:
-                return radius - self.thickness - math.sqrt(left)
-            return (radius**2 - left) * length - self.volume / math.pi
 
-        rest = self.braid.length
-        if spare(low) < 0.0:
-            low = bisect(spare, low, rest)
-        if spare(high) < 0.0:
-            high = bisect(lambda length: -spare(length), rest, high)
-        return low, high
+@lru_cache(maxsize=256)
+def _find_lengths(
+    wall: Wall, low: float, high: float, keeps_thickness: bool
+) -> tuple[float, float]:
+    """Return the answer of `Wall.find_lengths`, which a fit asks for again and again."""
+    left = _OPEN * wall.bore_at_rest**2
+
+    def spare(length: float) -> float:
+        radius = float(find_radius(wall.braid, np.asarray(length)))
+        if keeps_thickness:
+            return radius - wall.thickness - math.sqrt(left)
+        return (radius**2 - left) * length - wall.volume / math.pi
+
+    rest = wall.braid.length
+    if spare(low) < 0.0:
+        low = bisect(spare, low, rest)
+    if spare(high) < 0.0:
+        high = bisect(lambda length: -spare(length), rest, high)
+    return low, high
 
 
 def find_radius(braid: Braid, length: Floats) -> Floats:

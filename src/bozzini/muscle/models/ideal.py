@@ -86,7 +86,7 @@ class Chou(CatalogueModel):
         title="Ideal braid round a wall of constant thickness",
         authors="Chou, Hannaford",
         reference="C.-P. Chou, B. Hannaford, Measurement and modeling of McKibben pneumatic "
-        "artificial muscles, IEEE Transactions on Robotics and Automation 12(1), 1996, 90-102",
+        "artificial muscles, IEEE Transactions on Robotics and Automation 12(1), 1996",
         equation="(2.5)",
         status="self-contained",
         uses=WALL_FIELDS,

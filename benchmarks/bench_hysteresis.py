@@ -1,0 +1,57 @@
+"""Hysteresis operators: compiled, against the same recursion in plain Python; and fits.
+
+The plain Python is that of the tests, timed on the first samples of the same history. Bouc-Wen has
+no recursion as printed: there it is SciPy's `solve_ivp` from sample to sample, a general solver at
+a tolerance of its own, against a closed form for an exponent of 1. Nothing is required of either.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bozzini.muscle.hysteresis import PrandtlIshlinskii
+from tests.muscle.hysteresis.reference import OPERATORS, PLAIN
+
+COUNT = 100_000
+
+
+def draw_history() -> np.ndarray:
+    """Samples between 0 and 1 of a walk with some thousand return points."""
+    walk = np.cumsum(np.random.default_rng(1).normal(size=COUNT)) * 0.01
+    return np.asarray(0.5 + 0.5 * np.sin(walk))
+
+
+@pytest.mark.parametrize("name", OPERATORS)
+def bench_operator(benchmark: Any, name: str) -> None:
+    history = draw_history()
+    operator = OPERATORS[name]
+    few = 200 if name.startswith("bouc-wen") else 5000
+    begin = time.perf_counter()
+    expected = PLAIN[name](operator, history[:few])
+    plain = (time.perf_counter() - begin) / few
+    output = benchmark(operator.apply, history)
+    assert abs(output[:few] - expected).max() < 1e-7
+    each = benchmark.stats.stats.mean / COUNT
+    against = "SciPy's solve_ivp" if name.startswith("bouc-wen") else "plain Python"
+    benchmark.extra_info.update(
+        what=f"hysteresis: {name}, {operator.memory_size} inner variables",
+        measured=f"{1e9 * each:.0f} ns a sample, {against} {1e6 * plain:.1f} us: "
+        f"{plain / each:.0f} times",
+    )
+
+
+def bench_identify(benchmark: Any) -> None:
+    history = draw_history()[:10_000]
+    truth = OPERATORS["plays"]
+    noise = 0.01 * np.random.default_rng(2).normal(size=len(history))
+    response = truth.apply(history) + noise
+    fit = benchmark(PrandtlIshlinskii.identify, history, response, origin=0.05)
+    assert fit.converged
+    benchmark.extra_info.update(
+        what="hysteresis: 10 plays fitted to 10,000 samples",
+        measured=f"{1e3 * benchmark.stats.stats.mean:.0f} ms",
+    )

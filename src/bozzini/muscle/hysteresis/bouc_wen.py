@@ -1,0 +1,201 @@
+"""Bouc-Wen: a differential equation in the input, (2.52)-(2.53), integrated exactly enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...checks import check_number, name_at
+from ...errors import InputError
+from . import _bouc_wen_kernels as _kernels
+from ._loops import Loops, search
+from .fit import HysteresisFit
+from .operator import LIMIT, Operator
+
+__all__ = ["BoucWen"]
+
+Floats = NDArray[np.float64]
+
+_HIGHEST = 20.0
+_SHARE = 1e3
+_FLAT = 1e-8  # height of h, in spans of the response, below which there is no loop
+_LARGEST = 1e3  # height of h that a fit tries, in spans of the response
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoucWen(Operator):
+    """Hysteresis by a differential equation, thesis (2.52)-(2.53).
+
+    The output has a line and a bounded state h::
+
+        output = scale (slope P - h) + offset
+        dh = alpha dP - gamma dP |h|**n - beta h |dP| |h|**(n - 1)
+
+    Printed is an undefined z where h has to stand. From one input to the next the equation is
+    integrated to about 1e-9 of the bound (in closed form for n = 1), so that more samples on the
+    way change nothing. ``|h| <= (alpha / (beta + gamma))**(1/n)`` holds from rest; beta of 0 or
+    more is needed for it beside ``beta + gamma > 0``: with a negative one h runs away after a
+    return point. Without beta there is no loop.
+
+    Parameters
+    ----------
+    scale, slope, offset : float
+        k, k1 and rho of (2.52).
+    alpha : float
+        Change of h with the input where h = 0, above 0.
+    beta : float
+        0 or more.
+    gamma : float
+        Above -beta; beta / (beta + gamma) may be 1000 at most.
+    exponent : float
+        n, from 1 to 20: the larger, the sharper the knee.
+
+    Raises
+    ------
+    InputError
+        If they are no such numbers.
+    """
+
+    slope: float
+    alpha: float
+    beta: float
+    gamma: float
+    exponent: float = 1.0
+    scale: float = 1.0
+    offset: float = field(default=0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("slope", "scale", "offset", "gamma"):
+            value = check_number(name, getattr(self, name), low=-LIMIT, high=LIMIT)
+            object.__setattr__(self, name, value)
+        for name, low, high, low_open in (
+            ("alpha", 0.0, LIMIT, True),
+            ("beta", 0.0, LIMIT, False),
+            ("exponent", 1.0, _HIGHEST, False),
+        ):
+            value = check_number(name, getattr(self, name), low=low, high=high, low_open=low_open)
+            object.__setattr__(self, name, value)
+        both = self.beta + self.gamma
+        if both <= 0.0 or self.beta > _SHARE * both:
+            least = max(0.0, self.beta / _SHARE)
+            raise InputError(
+                f"beta + gamma is {both:g}: it must be above {least:g} for h to be bounded"
+            )
+        with np.errstate(all="ignore"):
+            ratio = np.float64(self.alpha) / self.bound
+        if not (np.isfinite(ratio) and 0.0 < self.bound and ratio > 0.0):
+            raise InputError(
+                f"alpha / (beta + gamma) is {self.alpha / both:g}: with an exponent of "
+                f"{self.exponent:g} the bound of h is not a number that can be used"
+            )
+
+    @property
+    def memory_size(self) -> int:
+        """One: h."""
+        return 1
+
+    @property
+    def bound(self) -> float:
+        """Largest size of h, to which it tends where the input goes on one way."""
+        return float((self.alpha / (self.beta + self.gamma)) ** (1.0 / self.exponent))
+
+    @classmethod
+    def identify(
+        cls,
+        history: ArrayLike,
+        response: ArrayLike,
+        *,
+        exponent: float | None = None,
+        skip: int = 0,
+    ) -> HysteresisFit[BoucWen]:
+        """Fit everything to measured loops.
+
+        Another scale of h gives the same outputs: it is chosen so that the bound is 1. The slope,
+        the offset and the height of the loop are linear and solved within a search for the rest,
+        begun at several widths; a height of more than 1000 times the span of the response is not
+        tried.
+
+        Parameters
+        ----------
+        history, response : array_like, shape (..., n)
+            Inputs in the order of time, each history from rest at 0, and the outputs measured.
+        exponent : float, optional
+            n where it is known; fitted, between 1 and 10, without.
+        skip : int
+            Samples at the beginning of each history that only move the memory.
+
+        Raises
+        ------
+        InputError
+            If history and response are not finite arrays of one shape, the history is constant, or
+            the exponent is out of its range.
+        """
+        loops = Loops.take(history, response, skip)
+        inputs = loops.inputs
+        span = float(inputs.max() - inputs.min())
+        tall = float(np.ptp(loops.target)) or 1.0
+        known = exponent is not None
+        if exponent is not None:
+            exponent = check_number("exponent", exponent, low=1.0, high=_HIGHEST)
+
+        def trace(point: Floats) -> Floats:
+            power = exponent if exponent is not None else float(point[2])
+            state = _run_normalised(inputs, power, float(point[1]), float(np.exp(point[0])))
+            return loops.pick(np.stack([inputs, -state], axis=-1))
+
+        widths = (-2.0, -1.0, -3.5)
+        starts = [[np.log(span) + width, 0.6] + [1.5] * (not known) for width in widths]
+        low, high = [np.log(span) - 7.0, 0.0], [np.log(span) + 3.0, 5.0]
+        point, found = search(
+            trace,
+            loops.target,
+            starts,
+            (low + [1.0] * (not known), high + [10.0] * (not known)),
+            names=("slope", "alpha"),
+            low=np.array([-_LARGEST * tall / span, 0.0]),
+            high=np.array([_LARGEST * tall / span, _LARGEST * tall]),
+        )
+        slope, height = found.values
+        power = exponent if exponent is not None else float(point[2])
+        lost: tuple[str, ...] = ()
+        if height <= _FLAT * tall:
+            height = _FLAT * tall
+            lost = ("beta", "gamma", *(() if known else ("exponent",)))
+        alpha, share = 1.0 / float(np.exp(point[0])), float(point[1])
+        operator = cls(
+            slope=slope / height,
+            scale=height,
+            alpha=alpha,
+            beta=share * alpha,
+            gamma=(1.0 - share) * alpha,
+            exponent=power,
+            offset=found.offset,
+        )
+        return loops.report(operator, found, lost=lost)
+
+    def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
+        share = self.beta / (self.beta + self.gamma)
+        normal = np.clip(memory / self.bound, -1.0, 1.0)
+        state = self.bound * _kernels.run_bouc_wen(
+            inputs, self.exponent, share, self.alpha / self.bound, last, normal
+        )
+        memory[...] = normal * self.bound
+        return np.asarray(self.scale * (self.slope * inputs - state) + self.offset)
+
+    def _check_memory(self, memory: Floats) -> None:
+        beyond = np.abs(memory) > self.bound * (1.0 + 1e-12)
+        if beyond.any():
+            index = int(np.argmax(beyond))
+            raise InputError(
+                f"{name_at('memory', memory, index)} of the initial state is "
+                f"{memory.flat[index]:g}: it must lie in [{-self.bound:g}, {self.bound:g}]"
+            )
+
+
+def _run_normalised(inputs: Floats, exponent: float, share: float, reach: float) -> Floats:
+    """Return h over its bound (m, n), from rest; `reach` is the input that would yield it."""
+    last, memory = np.zeros(len(inputs)), np.zeros((len(inputs), 1))
+    state = _kernels.run_bouc_wen(inputs, exponent, share, 1.0 / reach, last, memory)
+    return np.asarray(state)

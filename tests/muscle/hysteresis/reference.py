@@ -1,0 +1,171 @@
+"""Plain Python of the recursions as the thesis has them, one sample after the other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import strategies as st
+
+from bozzini.muscle.hysteresis import (
+    AsymmetricPrandtlIshlinskii,
+    BoucWen,
+    FrictionBand,
+    MaxwellSlip,
+    PrandtlIshlinskii,
+    Preisach,
+    UnparallelPrandtlIshlinskii,
+)
+
+LEVELS = tuple(np.linspace(0.0, 1.0, 9).tolist())
+WEIGHTS = tuple(np.random.default_rng(5).uniform(0.1, 1.0, 36).tolist())
+
+OPERATORS = {
+    "plays": PrandtlIshlinskii((0.0, 0.1, 0.25), (0.6, 0.3, 0.2), origin=0.05, offset=0.1),
+    "asymmetric": AsymmetricPrandtlIshlinskii(
+        1.0, (0.05, 0.2), (0.1, 0.2), (0.25, 0.1), (0.02, 0.7, 0.4), offset=0.2
+    ),
+    "unparallel": UnparallelPrandtlIshlinskii(
+        (0.0, 0.1, 0.3), (0.5, 0.3, 0.2), (1.0, 0.9, 1.1), (1.0, 1.2, 1.5)
+    ),
+    "slips": MaxwellSlip((2.0, 1.0, 0.5), (0.1, 0.2, 0.2)),
+    "bouc-wen": BoucWen(slope=2.0, alpha=0.9, beta=6.0, gamma=-2.0, exponent=1.5, offset=0.1),
+    "bouc-wen-1": BoucWen(slope=2.0, alpha=0.9, beta=3.0, gamma=1.0),
+    "relays": Preisach(LEVELS, WEIGHTS, offset=0.3),
+    "band": FrictionBand(-0.1, -0.05),
+}
+"""One of each; all are defined on inputs from 0 to 1."""
+
+PLAIN = {}
+
+
+def plain(name):
+    def keep(function):
+        PLAIN[name] = function
+        return function
+
+    return keep
+
+
+def list_histories(low=0.0, high=1.0, longest=30):
+    """Histories of numbers with up to three decimals, where levels are met exactly as well."""
+    steps = st.integers(round(1000 * low), round(1000 * high)).map(lambda i: i / 1000)
+    return st.lists(steps, min_size=1, max_size=longest).map(np.array)
+
+
+def refine(history, start, count=3):
+    """More samples on the way from each to the next, and where the old ones are."""
+    ends = np.concatenate([[start], history])
+    parts = [np.linspace(a, b, count + 1)[1:] for a, b in zip(ends, ends[1:], strict=False)]
+    for part, end in zip(parts, history, strict=True):
+        part[-1] = end
+    return np.concatenate(parts), np.arange(len(history)) * count + count - 1
+
+
+def play(before, low, high):
+    return max(low, min(high, before))
+
+
+@plain("plays")
+def run_plays(operator, history):
+    places, output = [0.0] * len(operator.weights), []
+    for value in history:
+        here = value - operator.origin
+        places = [
+            play(h, here - r, here + r) for h, r in zip(places, operator.thresholds, strict=True)
+        ]
+        pairs = zip(operator.weights, places, strict=True)
+        output.append(operator.offset + sum(w * h for w, h in pairs))
+    return np.array(output)
+
+
+@plain("asymmetric")
+def run_asymmetric(operator, history):
+    count = len(operator.thresholds)
+    rising, falling, output = [0.0] * count, [0.0] * count, []
+    a0, a1, a2 = operator.envelope
+    for p in history:
+        curve = a0 + a1 * p + a2 * p * p
+        total = operator.offset + operator.slope * p
+        for i, r in enumerate(operator.thresholds):
+            rising[i] = play(rising[i], p - r, p + r)
+            falling[i] = play(falling[i], p - r, curve + r)
+            total += operator.ascending_weights[i] * (rising[i] - p)
+            total += operator.descending_weights[i] * (falling[i] - p)
+        output.append(total)
+    return np.array(output)
+
+
+@plain("unparallel")
+def run_unparallel(operator, history):
+    places, output = [0.0] * len(operator.weights), []
+    for p in history:
+        for i, r in enumerate(operator.thresholds):
+            up, down = operator.ascending_slopes[i], operator.descending_slopes[i]
+            places[i] = play(places[i], up * (p - r), down * (p + r))
+        pairs = zip(operator.weights, places, strict=True)
+        output.append(operator.offset + sum(w * h for w, h in pairs))
+    return np.array(output)
+
+
+@plain("slips")
+def run_slips(operator, history):
+    forces, before, output = [0.0] * len(operator.limits), 0.0, []
+    for here in history:
+        for i, (k, w) in enumerate(zip(operator.stiffnesses, operator.limits, strict=True)):
+            forces[i] = min(max(forces[i] + k * (here - before), -w), w)
+        before = here
+        output.append(sum(forces))
+    return np.array(output)
+
+
+@plain("bouc-wen")
+def run_bouc_wen(operator, history):
+    """(2.53) by SciPy, from sample to sample."""
+    from scipy.integrate import solve_ivp
+
+    a, b, g, n = operator.alpha, operator.beta, operator.gamma, operator.exponent
+    h, before, output = 0.0, 0.0, []
+    for here in history:
+        way = math.copysign(1.0, here - before)
+
+        def slope(_, h, way=way):
+            return a - g * abs(h) ** n - b * h * way * abs(h) ** (n - 1.0)
+
+        if here != before:
+            h = solve_ivp(slope, (before, here), [h], rtol=1e-10, atol=1e-12).y[0, -1]
+        before = here
+        output.append(operator.scale * (operator.slope * here - h) + operator.offset)
+    return np.array(output)
+
+
+PLAIN["bouc-wen-1"] = run_bouc_wen
+
+
+@plain("relays")
+def run_relays(operator, history):
+    signs, output = [-1.0] * len(operator.weights), []
+    for here in history:
+        number, total = 0, operator.offset
+        for i in range(len(operator.levels) - 1):
+            for j in range(i + 1):
+                if here >= operator.levels[i + 1]:
+                    signs[number] = 1.0
+                elif here <= operator.levels[j]:
+                    signs[number] = -1.0
+                total += operator.weights[number] * signs[number]
+                number += 1
+        output.append(total)
+    return np.array(output)
+
+
+@plain("band")
+def run_band(operator, history):
+    way, before, output = 0.0, 0.0, []
+    for p in history:
+        if p != before:
+            way = math.copysign(1.0, p - before)
+        before = p
+        mu = -(operator.kappa1 + operator.kappa2 * p)
+        output.append(p * (1.0 - way * mu))
+    return np.array(output)

@@ -1,0 +1,77 @@
+"""Maxwell slip: elements against return points, Masing's rule, saturation, plays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bozzini.errors import InputError
+from bozzini.muscle.hysteresis import MaxwellSlip
+from tests.muscle.hysteresis.reference import list_histories
+
+NUMBERS = st.floats(0.05, 5.0)
+
+
+@st.composite
+def slips(draw):
+    count = draw(st.integers(1, 6))
+    pairs = [draw(st.lists(NUMBERS, min_size=count, max_size=count)) for _ in range(2)]
+    return MaxwellSlip(*pairs)
+
+
+@settings(max_examples=150, deadline=None)
+@given(slips(), list_histories(-3.0, 3.0, longest=60))
+def test_elements_and_return_points_agree(operator, history):
+    forces = operator.apply(history)
+    assert operator.trace_return_points(history) == pytest.approx(forces, abs=1e-10)
+    batch = np.stack([history, -history])
+    assert operator.trace_return_points(batch)[1] == pytest.approx(-forces, abs=1e-10)
+    assert np.all(np.abs(forces) <= operator.saturation + 1e-12)
+
+
+@settings(max_examples=50, deadline=None)
+@given(slips(), st.floats(0.1, 3.0))
+def test_branches_are_the_virgin_curve_twice_as_large(operator, top):
+    """Masing: after the return point at the top, until the mirror image of it."""
+    down = np.linspace(top, -top, 41)
+    forces = operator.apply(np.concatenate([[0.0], down]))[1:]
+    expected = operator.load_virgin(top) - 2.0 * operator.load_virgin(0.5 * (top - down))
+    assert forces == pytest.approx(expected, abs=1e-9)
+    assert forces[-1] == pytest.approx(-operator.load_virgin(top), abs=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(slips(), list_histories(-3.0, 3.0))
+def test_elements_are_input_less_plays(operator, history):
+    left = operator.to_plays(slope=2.0).apply(history)
+    assert left == pytest.approx(2.0 * history - operator.apply(history), abs=1e-9)
+
+
+def test_saturates_when_all_slip():
+    operator = MaxwellSlip((2.0, 1.0), (0.1, 0.4))
+    assert operator.apply([0.4, 5.0, 4.0]) == pytest.approx([0.5, 0.5, -0.5])
+    assert operator.saturation == 0.5
+
+
+@settings(max_examples=50, deadline=None)
+@given(slips())
+def test_virgin_curve_gives_the_elements_back(operator):
+    yields = np.unique(np.array(operator.limits) / operator.stiffnesses)
+    again = MaxwellSlip.from_virgin_curve(yields, operator.load_virgin(yields))
+    line = np.linspace(-2.0 * yields[-1], 2.0 * yields[-1], 101)
+    assert again.load_virgin(line) == pytest.approx(operator.load_virgin(line), abs=1e-8)
+
+
+def test_wrong_elements_are_refused():
+    with pytest.raises(InputError, match=r"^outputs\[0\] is 1: the slope there goes from 1 to 2"):
+        MaxwellSlip.from_virgin_curve([1.0, 2.0], [1.0, 3.0])
+    with pytest.raises(InputError, match=r"^inputs\[0\] is 0: it must lie in \(0, 1e\+12\]"):
+        MaxwellSlip.from_virgin_curve([0.0, 2.0], [1.0, 3.0])
+    with pytest.raises(InputError, match=r"^limits\[0\] is 0: it must lie in \(0, "):
+        MaxwellSlip((1.0,), (0.0,))
+    with pytest.raises(InputError, match=r"^limits has 1 number\(s\): it must have 2, as stiffn"):
+        MaxwellSlip((1.0, 2.0), (1.0,))
+    with pytest.raises(InputError, match="^slope is nan"):
+        MaxwellSlip((1.0,), (1.0,)).to_plays(slope=np.nan)
