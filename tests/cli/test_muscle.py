@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from bozzini.cli._muscle_options import CHOICES, MODEL_NAMES
+from bozzini.cli._muscle_options import CHOICES, OWN_MODELS
 from bozzini.cli.main import main
 from bozzini.muscle import (
     MODELS,
@@ -125,7 +125,7 @@ def test_a_field_without_effect_is_refused(run, table, name):
 
 
 def test_the_choices_of_the_options_are_those_of_the_library():
-    assert set(MODEL_NAMES) == set(MODELS)
+    assert set(OWN_MODELS) == set(MODELS)
     assert CHOICES == {"ends": ("energy", ENDS), "load_path": ("thesis", LOAD_PATHS)}
 
 
@@ -370,7 +370,7 @@ def test_units_and_the_mean_of_directions(run, tmp_path):
         (["solve", "--pressure=-1kPa"], "pressure is -0.001 MPa"),
         (["solve", "--pressure", "0.5MPa", "--load", "500N"], "load is 500 N"),
         (["solve", "--pressure", "0.5MPa", "--preset", "none-45"], "'none-45'"),
-        (["solve", "--pressure", "0.5MPa", "--model", "liu"], "'liu'"),
+        (["solve", "--pressure", "0.5MPa", "--model", "lee"], "no model 'lee'"),
         (["solve", "--pressure", "0.5MPa", "--ends", "round"], "'round'"),
         (["solve", "--pressure", "0.5MPa", "--braid-angle", "80deg"], "braid angle is 1.39626"),
         (["solve", "--pressure", "0.5MPa", "--strands", "30.5"], "30.5"),
@@ -405,7 +405,10 @@ def test_units_and_the_mean_of_directions(run, tmp_path):
         (["fit", "bad.csv", "--unit", "kPa"], "COLUMN=UNIT"),
         (["fit", "good.csv", "--free", "colour"], "'colour'"),
         (["fit", "good.csv", "--out", "fit.csv"], ".png"),
-        (["compare", "good.csv", "--model", "liu"], "'liu'"),
+        (
+            ["compare", "good.csv", "--model", "lee"],
+            "no model 'lee': choose one of energy, thesis, ",
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, arguments, said):

@@ -230,7 +230,8 @@ def test_the_thesis_model_is_fitted_by_what_it_has():
     assert found.estimates["modulus"] == pytest.approx(0.5, rel=1e-3)
     assert found.estimates["end_length"] == pytest.approx(4.0, rel=1e-2)
     with pytest.raises(InputError, match="dead_length has no effect"):
-        calibrate(ThesisMuscle, START, data)
+        calibrate(ThesisMuscle, START, data, free=("modulus", "dead_length"))
+    assert calibrate(ThesisMuscle, START, data).free == ("modulus", "end_length")
 
 
 @pytest.mark.parametrize("branches", [MEAN, BOTH, ((0.5, ""), (1.0, ""))])

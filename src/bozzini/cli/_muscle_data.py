@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from ..muscle.design import Muscle
 
 __all__ = [
-    "FITTED",
     "check_friction",
     "data_argument",
     "mean_option",
@@ -21,12 +20,6 @@ __all__ = [
     "read_data",
     "units_option",
 ]
-
-FITTED: dict[str, tuple[str, ...]] = {
-    "energy": ("modulus", "dead_length"),
-    "thesis": ("modulus", "end_length"),
-}
-"""What ``fit`` and ``compare --fit`` fit in each model."""
 
 data_argument = click.argument("source", metavar="DATA", type=click.Path(path_type=Path))
 units_option = click.option(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ._muscle_constants import find_card, parse_constant, parse_settings, set_option
 from ._muscle_data import (
-    FITTED,
     check_friction,
     data_argument,
     mean_option,
@@ -33,6 +33,7 @@ from .common import EXIT_NEGATIVE, emit, force_option, json_option, run_exit
 
 if TYPE_CHECKING:
     from ..muscle.calibration import Calibration
+    from ..muscle.models import Parameter
 
 __all__ = ["fit_command"]
 
@@ -42,8 +43,9 @@ __all__ = ["fit_command"]
 @model_option
 @click.option(
     "--free",
-    help="Fields to fit, separated by commas; the options below are where they start (default: "
-    "modulus,dead-length in energy, modulus,end-length in thesis).",
+    help="Fields of the muscle and constants of the model to fit, separated by commas; the options "
+    "below are where fields start (default: modulus,dead-length in energy, modulus,end-length in "
+    "thesis, in others what is unknown of them).",
 )
 @click.option(
     "--bound",
@@ -55,6 +57,7 @@ __all__ = ["fit_command"]
 @click.option("--anyway", is_flag=True, help="Fit also what the data cannot tell apart.")
 @units_option
 @mean_option
+@set_option
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="A picture.")
 @design_options
 @model_options
@@ -68,6 +71,7 @@ def fit_command(
     anyway: bool,
     units: tuple[str, ...],
     take_mean: bool,
+    settings: tuple[str, ...],
     out: Path | None,
     preset: str,
     ends: str | None,
@@ -76,7 +80,7 @@ def fit_command(
     as_json: bool,
     **fields: float | None,
 ) -> None:
-    """Fit fields of a muscle to measurements.
+    """Fit fields of a muscle, and constants of a model, to measurements.
 
     DATA is a .csv or .parquet file, see 'bozzini muscle compare --help'.
 
@@ -88,25 +92,27 @@ def fit_command(
     check_target(out, PICTURES, force=force)
     muscle = make_muscle(preset, fields)
     check_fields([model_name], fields)
-    make = make_class(model_name, ends=ends, load_path=load_path)
-    bounds = _parse_bounds(bound_texts)
+    constants = parse_settings([model_name], settings)[model_name]
+    make = make_class(model_name, ends=ends, load_path=load_path, constants=constants)
+    own = _list_constants(model_name)
+    bounds = _parse_bounds(bound_texts, own)
     data = read_data(source, muscle, units, take_mean)
-    names = FITTED[model_name]
-    if free is not None:
-        names = tuple(_name_field(part) for part in free.split(","))
-    check_friction(fields, data, free=names)
+    names = None if free is None else tuple(_name_field(part) for part in free.split(","))
+    check_friction(fields, data, free=names or ())
     found = calibrate(make, muscle, data, free=names, bounds=bounds, force=anyway)
     if out is not None:
         from ..view import write_figure
         from ..view.muscle_figures import draw_models
 
-        models = {model_name: make(found.muscle)}
+        models = {model_name: found.fitted}
         comparison = compare_models(models, data, fitted={model_name: len(found.free)})
         write_figure(draw_models(comparison, models), out)
     result = {
         "model": model_name,
         "preset": preset,
-        **describe_choices(make(muscle)),
+        **describe_choices(found.fitted),
+        "set": constants,
+        "held": found.held,
         "mean": take_mean,
         "anyway": anyway,
         "bounds": bounds,
@@ -116,7 +122,7 @@ def fit_command(
         "estimates": {
             name: {
                 "value": found.estimates[name],
-                "unit": unit_of(name),
+                "unit": _find_unit(name, own),
                 "standard_error": found.standard_errors[name],
                 "interval_95": found.intervals[name],
             }
@@ -131,7 +137,7 @@ def fit_command(
         "muscle": describe_muscle(found.muscle),
         "file": out,
     }
-    emit(result, as_json=as_json, text=note_data(data) + _format_fit(found))
+    emit(result, as_json=as_json, text=note_data(data) + _format_fit(found, own))
     if not found.trusted:
         run_exit(EXIT_NEGATIVE)
 
@@ -140,7 +146,18 @@ def _name_field(text: str) -> str:
     return text.strip().replace("-", "_")
 
 
-def _parse_bounds(texts: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+def _list_constants(name: str) -> dict[str, Parameter]:
+    card = find_card(name)
+    return {} if card is None else {item.name: item for item in card.parameters}
+
+
+def _find_unit(name: str, own: dict[str, Parameter]) -> str:
+    return own[name].unit if name in own else unit_of(name)
+
+
+def _parse_bounds(
+    texts: tuple[str, ...], own: dict[str, Parameter]
+) -> dict[str, tuple[float, float]]:
     from ..errors import InputError
     from ..units import parse_quantity
 
@@ -149,27 +166,35 @@ def _parse_bounds(texts: tuple[str, ...]) -> dict[str, tuple[float, float]]:
         name, _, pair = text.partition("=")
         field = _name_field(name)
         ends = pair.split(":")
-        if field not in FIELDS or len(ends) != 2:
+        if (field not in FIELDS and field not in own) or len(ends) != 2:
             raise InputError(
                 f"--bound is '{text}': it must be FIELD=LOW:HIGH, such as modulus=0.1MPa:2MPa"
             )
         if field in bounds:
             raise InputError(f"--bound names {name.strip()} more than once: give it once")
+        if field in own:
+            bounds[field] = (
+                parse_constant(own[field], ends[0]),
+                parse_constant(own[field], ends[1]),
+            )
+            continue
         kind = FIELDS[field][0]
         bounds[field] = (parse_quantity(ends[0], kind), parse_quantity(ends[1], kind))
     return bounds
 
 
-def _format_fit(found: Calibration) -> str:
+def _format_fit(found: Calibration, own: dict[str, Parameter]) -> str:
     lines = []
+    wide = max(16, *(len(name) + 1 for name in found.free))
     for name in found.free:
         low, high = found.intervals[name]
         lines.append(
-            f"{name:<16}{found.estimates[name]:10.4g} {unit_of(name):<4} "
+            f"{name:<{wide}}{found.estimates[name]:10.4g} {_find_unit(name, own):<4} "
             f"95 %: {low:.4g} to {high:.4g}"
         )
     lines.append(
         f"residuals {found.sigma:.3g} mm, condition {found.condition:.1f}; "
         f"{'converged' if found.converged else 'not converged'}: {found.reason}"
     )
+    lines += [f"{name}: {reason}" for name, reason in found.held.items()]
     return "\n".join([*lines, *(f"warning: {text}" for text in found.warnings)])

@@ -8,16 +8,22 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from .common import QuantityType
 
 if TYPE_CHECKING:
     from ..muscle.design import Muscle
-    from ..muscle.model import StaticModel
+    from ..muscle.model import MuscleModel, StaticModel
+
+    _NameType = click.ParamType[str]  # generic in newer versions of click only
+else:
+    _NameType = click.ParamType
 
 __all__ = [
     "FIELDS",
-    "MODEL_NAMES",
+    "OWN_MODELS",
+    "ModelType",
     "check_direction",
     "check_fields",
     "describe_choices",
@@ -25,6 +31,7 @@ __all__ = [
     "design_options",
     "direction_option",
     "make_class",
+    "list_kinds",
     "make_muscle",
     "model_option",
     "model_options",
@@ -32,7 +39,7 @@ __all__ = [
     "unit_of",
 ]
 
-MODEL_NAMES = ("energy", "thesis")
+OWN_MODELS = ("energy", "thesis")
 """The names in `bozzini.muscle.MODELS`, which is not loaded to write a help text."""
 CHOICES = {"ends": ("energy", ("none", "trellis")), "load_path": ("thesis", ("none", "bulk"))}
 """What a model can be told: the model, and the words; the first is the default."""
@@ -88,13 +95,32 @@ def model_options(function: _Function) -> _Function:
     )(function)
 
 
+class ModelType(_NameType):
+    """The name of a muscle model, of this package or of the catalogue."""
+
+    name = "name"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the name if there is such a model."""
+        kinds = list_kinds()
+        if value not in kinds:
+            self.fail(f"there is no model '{value}': choose one of {', '.join(kinds)}", param, ctx)
+        return str(value)
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Return the names that begin so."""
+        return [CompletionItem(name) for name in list_kinds() if name.startswith(incomplete)]
+
+
 model_option = click.option(
     "--model",
     "model_name",
-    type=click.Choice(MODEL_NAMES),
+    type=ModelType(),
     default="energy",
     show_default=True,
-    help="The model.",
+    help="The model: energy, thesis, or one that 'bozzini muscle models' lists.",
 )
 direction_option = click.option(
     "--direction",
@@ -113,14 +139,23 @@ def make_muscle(preset_name: str, fields: Mapping[str, float | None]) -> Muscle:
     return preset(preset_name, **changes)
 
 
+def list_kinds() -> dict[str, Any]:
+    """Return the classes of all models by name, those of this package first."""
+    from ..muscle import CATALOGUE, MODELS
+
+    return {**MODELS, **CATALOGUE}
+
+
 def make_class(
-    name: str, *, ends: str | None, load_path: str | None
+    name: str,
+    *,
+    ends: str | None,
+    load_path: str | None,
+    constants: Mapping[str, Any] | None = None,
 ) -> Callable[[Muscle], StaticModel]:
     """Return what makes the model from a muscle; a choice that it does not have is refused."""
-    from ..muscle import MODELS
-
     chosen: Mapping[str, Any] = select_choices([name], ends=ends, load_path=load_path)[name]
-    return partial(MODELS[name], **chosen)
+    return partial(list_kinds()[name], **chosen, **(constants or {}))
 
 
 def select_choices(
@@ -143,19 +178,23 @@ def select_choices(
 def check_fields(names: Sequence[str], fields: Mapping[str, float | None]) -> None:
     """Refuse a field of the muscle that was given and makes no difference to any of the models."""
     from ..errors import InputError
-    from ..muscle import MODELS
 
+    kinds = list_kinds()
     for field, value in fields.items():
-        if value is not None and all(field in MODELS[name].unused for name in names):
+        if value is not None and all(field in kinds[name].unused for name in names):
             raise InputError(_say_unused(f"--{field.replace('_', '-')}", names))
 
 
 def check_direction(
-    name: str, direction: str | None, muscle: Muscle, fields: Mapping[str, float | None]
+    model: StaticModel,
+    direction: str | None,
+    fields: Mapping[str, float | None],
+    *,
+    pressure: float,
 ) -> None:
     """Refuse a direction without friction, and friction without a direction."""
     from ..errors import InputError
-    from ..muscle import MODELS
+    from ..muscle import CATALOGUE
 
     if direction is None:
         if fields.get("friction_length") is not None:
@@ -163,9 +202,17 @@ def check_direction(
                 "--friction-length has no effect without --direction: give inflating or deflating"
             )
         return
-    if "friction_length" in MODELS[name].unused:
-        raise InputError(_say_unused("--direction", [name]))
-    if muscle.friction_length == 0.0 and fields.get("friction_length") is None:
+    if model.name in CATALOGUE:
+        up, down = (model.force(pressure, 0.0, direction=way) for way in ("inflating", "deflating"))
+        if up == down:
+            raise InputError(
+                f"--direction has no effect in the model {model.name} without friction: leave it "
+                "out, or --set the model's friction"
+            )
+        return
+    if "friction_length" in model.unused:
+        raise InputError(_say_unused("--direction", [model.name]))
+    if model.muscle.friction_length == 0.0 and fields.get("friction_length") is None:
         raise InputError("--direction has no effect on a muscle without --friction-length")
 
 
@@ -174,7 +221,7 @@ def _say_unused(option: str, names: Sequence[str]) -> str:
     return f"{option} has no effect in the model {models}: leave it out"
 
 
-def describe_choices(model: StaticModel) -> dict[str, str | None]:
+def describe_choices(model: MuscleModel) -> dict[str, str | None]:
     """Return what the model was told, None where it has no such choice."""
     return {option: getattr(model, option, None) for option in CHOICES}
 

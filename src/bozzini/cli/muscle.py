@@ -1,4 +1,4 @@
-"""``bozzini muscle``: solve a muscle, compute its curves; compare and fit are beside."""
+"""``bozzini muscle``: solve a muscle, compute its curves; compare, fit and models are beside."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ._muscle_compare import compare_command
+from ._muscle_constants import describe_constants, parse_settings, set_option
 from ._muscle_fit import fit_command
+from ._muscle_models import models_command
 from ._muscle_options import (
     check_direction,
     check_fields,
@@ -33,7 +35,7 @@ __all__ = ["command"]
 
 @click.group("muscle")
 def command() -> None:
-    """Solve a pneumatic muscle, draw its curves, and fit models to measurements."""
+    """Solve a pneumatic muscle, list its models, and fit them to measurements."""
 
 
 @command.command("solve")
@@ -43,6 +45,7 @@ def command() -> None:
     "--load", type=QuantityType("force"), default="0N", show_default=True, help="Tension held."
 )
 @direction_option
+@set_option
 @design_options
 @model_options
 @json_option
@@ -51,6 +54,7 @@ def solve_command(
     pressure: float,
     load: float,
     direction: str | None,
+    settings: tuple[str, ...],
     preset: str,
     ends: str | None,
     load_path: str | None,
@@ -63,8 +67,10 @@ def solve_command(
     """
     muscle = make_muscle(preset, fields)
     check_fields([model_name], fields)
-    check_direction(model_name, direction, muscle, fields)
-    model = make_class(model_name, ends=ends, load_path=load_path)(muscle)
+    constants = parse_settings([model_name], settings)[model_name]
+    make = make_class(model_name, ends=ends, load_path=load_path, constants=constants)
+    model = make(muscle)
+    check_direction(model, direction, fields, pressure=pressure)
     state = model.solve(pressure, load, direction=direction)
     band = float(model.dead_band())
     result = {
@@ -74,6 +80,7 @@ def solve_command(
         "load_N": load,
         "direction": direction,
         **describe_choices(model),
+        "constants": describe_constants(model),
         "contraction_mm": _one(state.contraction),
         "length_mm": _one(state.length),
         "braid_angle_rad": _one(state.braid_angle),
@@ -122,6 +129,7 @@ def solve_command(
 @click.option(
     "--out", type=click.Path(path_type=Path), metavar="FILE", help="A table (.csv) or a picture."
 )
+@set_option
 @design_options
 @model_options
 @force_option
@@ -134,6 +142,7 @@ def curve_command(
     direction: str | None,
     points: int | None,
     out: Path | None,
+    settings: tuple[str, ...],
     preset: str,
     ends: str | None,
     load_path: str | None,
@@ -159,8 +168,10 @@ def curve_command(
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
     muscle = make_muscle(preset, fields)
     check_fields([model_name], fields)
-    check_direction(model_name, direction, muscle, fields)
-    model = make_class(model_name, ends=ends, load_path=load_path)(muscle)
+    constants = parse_settings([model_name], settings)[model_name]
+    make = make_class(model_name, ends=ends, load_path=load_path, constants=constants)
+    model = make(muscle)
+    check_direction(model, direction, fields, pressure=pressure)
     held = 0.0 if load is None else load
     columns = _compute_curve(model, kind, pressure, held, direction, rows)
     table = format_csv(columns)
@@ -180,6 +191,7 @@ def curve_command(
         "load_N": None if kind == "force" else held,
         "direction": direction,
         **describe_choices(model),
+        "constants": describe_constants(model),
         "dead_band_MPa": float(model.dead_band()),
         "file": out,
         "columns": columns,
@@ -190,6 +202,7 @@ def curve_command(
 
 command.add_command(compare_command)
 command.add_command(fit_command)
+command.add_command(models_command)
 
 
 def _compute_curve(

@@ -10,12 +10,14 @@ from .design import Muscle
 from .energy import EnergyMuscle
 from .hysteresis import Hysteresis
 from .model import ConvergenceError, HistoryModel, MuscleModel, MuscleState, StaticModel
-from .models import MODELS
+from .models import CATALOGUE, MODELS
 from .presets import PRESETS, preset
+from .rank import RankedModel, Ranking, rank_models
 from .thesis import ThesisMuscle
 from .tube import Tube
 
 __all__ = [
+    "CATALOGUE",
     "LOCKING_ANGLE",
     "MODELS",
     "PRESETS",
@@ -31,6 +33,8 @@ __all__ = [
     "Muscle",
     "MuscleModel",
     "MuscleState",
+    "RankedModel",
+    "Ranking",
     "RepeatStatistics",
     "StaticModel",
     "ThesisMuscle",
@@ -38,6 +42,7 @@ __all__ = [
     "calibrate",
     "compare_models",
     "preset",
+    "rank_models",
     "read_measurements",
     "write_measurements",
 ]

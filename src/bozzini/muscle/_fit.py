@@ -1,98 +1,88 @@
-"""What a fit needs: predictions of a model, their derivatives, and what is known of a parameter."""
+"""What a fit needs: predictions of a model, and their derivatives by its unknowns."""
 
 from __future__ import annotations
 
-import contextlib
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number
-from ..errors import BozziniError, InputError
-from .braid import BRAID_ANGLES
+from ..errors import BozziniError
+from ._predict import (
+    answer_rows,
+    ask_contraction,
+    predict_contraction,
+    predict_force,
+    predict_stiffness,
+    try_contraction,
+)
+from ._unknowns import choose_scale
 from .dataset import Measurements
-from .model import StaticModel
 
 if TYPE_CHECKING:
     from .design import Muscle
     from .model import MuscleModel
 
-__all__ = ["PARAMETER_UNITS", "Problem", "choose_bounds", "differentiate", "predict_contraction"]
+__all__ = ["Problem", "differentiate", "predict_contraction"]
 
-PARAMETER_UNITS = {
-    "modulus": "MPa",
-    "dead_length": "mm",
-    "gap": "mm",
-    "braid_angle": "rad",
-    "friction_length": "mm",
-    "mooney_ratio": "",
-    "outer_radius": "mm",
-    "inner_radius": "mm",
-    "end_length": "mm",
-    "poisson_ratio": "",
-    "strand_radius": "mm",
-    "strand_modulus": "MPa",
-}
-"""The parameters of a `Muscle` that may be fitted, and their units.
-
-The free length is not one of them: a table of lengths becomes contractions by it, so it has to be
-measured.
-"""
-
-_SCALES = {
-    "modulus": 0.1,
-    "dead_length": 2.0,
-    "gap": 0.02,
-    "braid_angle": 0.03,
-    "friction_length": 0.02,
-    "mooney_ratio": 0.3,
-    "poisson_ratio": 0.01,
-}
 _MISS = 1e5  # what the search sees at a row that a trial has no answer for [mm]
+_STEEPEST = 1e9  # of a derivative, so that its square is finite [mm]
+_LITTLE = 1e-12  # keeps a quotient finite where a model has no stiffness [N/mm]
 _STEP = 1e-4  # of a difference, in scales: small against curvature, large against round-off
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """A least-squares problem whose unknowns are parameters of a muscle, each in its own scale.
+    """A least-squares problem whose unknowns are those of a muscle and a model, each in its scale.
 
     Parameters
     ----------
     model_class : callable
-        Makes the model from a `Muscle`.
+        Makes the model from a `Muscle`, and from constants by their names.
     muscle : Muscle
-        Start of the free parameters, and values of the others.
+        Start of the free fields, and values of the others.
     free : tuple of str
+        Fields of the muscle and constants of the model.
     data : Measurements
     limits : ndarray, shape (k, 2)
         Bounds of the free parameters.
+    constants : mapping of str to float
+        Start of those of the free parameters that are constants of the model.
     """
 
-    model_class: Callable[[Muscle], MuscleModel]
+    model_class: Callable[..., MuscleModel]
     muscle: Muscle
     free: tuple[str, ...]
     data: Measurements
     limits: NDArray[np.float64]
+    constants: Mapping[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def start(self) -> dict[str, float]:
+        """Where the free parameters start."""
+        return {
+            name: float(
+                self.constants[name] if name in self.constants else getattr(self.muscle, name)
+            )
+            for name in self.free
+        }
 
     @cached_property
     def scales(self) -> NDArray[np.float64]:
         """How much of each parameter matters, shape (k,)."""
-        start = [abs(float(getattr(self.muscle, name))) for name in self.free]
         return np.array(
             [
-                _SCALES.get(name, 0.1 * value or 0.1)
-                for name, value in zip(self.free, start, strict=True)
+                choose_scale(name, value, own=name in self.constants)
+                for name, value in self.start.items()
             ]
         )
 
     def choose_start(self) -> NDArray[np.float64]:
-        """Return the muscle's own values, off the bounds: a search hardly leaves one."""
-        start = np.array([float(getattr(self.muscle, name)) for name in self.free])
+        """Return where to start, off the bounds: a search hardly leaves one."""
+        start = np.array(list(self.start.values()))
         low, high = self.limits.T
         room = np.minimum(0.5 * self.scales, 0.25 * (high - low))
         inside: NDArray[np.float64] = np.clip(start, low + room, high - room)
@@ -105,37 +95,41 @@ class Problem:
 
     def build(self, values: Mapping[str, float]) -> MuscleModel:
         """Return the model with some parameters."""
-        return self.model_class(self.muscle.replace(**values))
+        own = {name: value for name, value in values.items() if name in self.constants}
+        fields = {name: value for name, value in values.items() if name not in own}
+        return self.model_class(self.muscle.replace(**fields), **own)
 
     def evaluate(self, point: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Return model less measurement [mm], and which rows the trial has an answer for."""
-        miss = np.zeros(len(self.data))
-        held = np.zeros(len(self.data), dtype=np.bool_)
         try:
             model = self.build(self.name_values(point))
         except BozziniError:  # each value is legal, but not all together
-            return miss, held
-        with contextlib.suppress(BozziniError):
-            return _predict(model, self.data) - self.data.contraction, ~held
-        for row in range(len(self.data)):
-            one = self.data.select([row])
-            with contextlib.suppress(BozziniError):
-                miss[row] = (_predict(model, one) - one.contraction)[0]
-                held[row] = True
-        return miss, held
+            return np.zeros(len(self.data)), np.zeros(len(self.data), dtype=np.bool_)
+        predicted, held = try_contraction(model, self.data)
+        return np.where(held, predicted - self.data.contraction, 0.0), held
 
     def miss(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the search makes small: `evaluate`, huge in rows without an answer."""
+        """Return what the search makes small: `evaluate`, huge in rows without an answer.
+
+        With constants of the model, which may start far off, it is `steps` there, moved away from
+        0, so that the search finds back.
+        """
         miss, held = self.evaluate(point)
-        return np.where(held, miss, _MISS)
+        if held.all() or not self.constants:
+            return np.where(held, miss, _MISS)
+        steps = self.steps(point)
+        return np.where(held, miss, steps + np.copysign(self.muscle.length, steps))
 
     def slope(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the derivatives of `miss`, shape (n, k); 0 in rows without an answer."""
+        """Return the derivatives of `miss`, shape (n, k).
+
+        In rows without an answer 0, or with constants of the model those of `steps`.
+        """
         residuals, held = self.evaluate(point)
         table = np.zeros((len(self.data), len(self.free)))
         if held.any():
             rows = self.data.select(held)
-            table[held] = differentiate(
+            table[held] = self.scales * differentiate(
                 self.build,
                 self.name_values(point),
                 bounds=self.limits,
@@ -143,88 +137,43 @@ class Problem:
                 data=rows,
                 predicted=residuals[held] + rows.contraction,
             )
-        return table * self.scales
+        if self.constants and not held.all():
+            here = self.steps(point)
+            for column, step in enumerate(self._choose_steps(point)):
+                there = point.copy()
+                there[column] += step
+                table[~held, column] = ((self.steps(there) - here) / step)[~held]
+        return np.clip(np.nan_to_num(table), -_STEEPEST, _STEEPEST)
 
+    def steps(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a step of Newton's method from each measured state, shape (n,) [mm].
 
-def choose_bounds(
-    free: Sequence[str], muscle: Muscle, bounds: Mapping[str, tuple[float, float]]
-) -> NDArray[np.float64]:
-    """Return the bounds of the free parameters, shape (k, 2): those given, or wide ones.
+        It is ``(force - load) / stiffness``, to first order the model's contraction less the
+        measured one, bent to stay below half the muscle's length; that length in rows without an
+        answer.
+        """
+        most = 0.5 * self.muscle.length
+        try:
+            model = self.build(self.name_values(point))
+        except BozziniError:
+            return np.full(len(self.data), most)
 
-    Raises
-    ------
-    InputError
-        If bounds are given for a parameter that is not free, are no pair, lie outside what the
-        muscle may have, or low is not below high.
-    """
-    radius = muscle.outer_radius
-    wide = {
-        "modulus": (0.01, 20.0),
-        "dead_length": (0.0, 0.8 * muscle.length),
-        "gap": (0.0, 0.5 * radius),
-        "braid_angle": (math.radians(15.0), BRAID_ANGLES[1]),
-        "friction_length": (0.0, 0.25 * radius),
-        "mooney_ratio": (0.0, 1.0),
-        "inner_radius": (0.05 * radius, 0.95 * radius),
-        "outer_radius": (1.05 * muscle.inner_radius, 3.0 * radius),
-        "end_length": (0.0, 0.4 * muscle.length),
-        "poisson_ratio": (0.3, 0.4999),
-    }
-    if not isinstance(bounds, Mapping):
-        raise InputError(
-            f"bounds must be a mapping from names to pairs: it is a {type(bounds).__name__}"
+        def answer(rows: Measurements) -> NDArray[np.float64]:
+            force = predict_force(model, rows, rows.contraction)
+            stiffness = predict_stiffness(model, rows, rows.contraction)
+            return np.stack([force - rows.load, stiffness], axis=1)
+
+        table, held = answer_rows(answer, self.data)
+        with np.errstate(all="ignore"):
+            steps = table[:, 0] / (np.abs(table[:, -1]) + _LITTLE)
+            bent = steps / np.hypot(1.0, steps / most)
+        return np.where(held & np.isfinite(bent), bent, most)
+
+    def _choose_steps(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return small steps that stay inside the bounds, in scales."""
+        return np.where(point + _STEP * 10.0 <= self.limits[:, 1] / self.scales, 1.0, -1.0) * (
+            _STEP * 10.0
         )
-    for name in bounds:
-        if name not in free:
-            raise InputError(f"bounds are given for {name}: the free ones are {', '.join(free)}")
-    table = []
-    for name in free:
-        value = float(getattr(muscle, name))
-        least, most = muscle.legal_range(name)
-        if name in bounds:
-            low, high = _take_pair(name, bounds[name], least, most)
-        else:
-            # Inside the legal range, with room for the steps of numeric differences.
-            low, high = wide.get(name, (0.2 * value, 5.0 * value))
-            low, high = max(low, least), min(high, most - 1e-4 * (most - least))
-        table.append((low, high))
-    return np.array(table, dtype=np.float64)
-
-
-def _take_pair(name: str, pair: object, least: float, most: float) -> tuple[float, float]:
-    if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
-        raise InputError(f"bounds of {name} is {pair!r:.60}: it must be a pair (low, high)")
-    unit = PARAMETER_UNITS[name]
-    low = check_number(f"lower bound of {name}", pair[0], low=least, high=most, unit=unit)
-    high = check_number(
-        f"upper bound of {name}", pair[1], low=low, high=most, low_open=True, unit=unit
-    )
-    return low, high
-
-
-def predict_contraction(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
-    """Return the model's contraction at the pressure, load and direction of each row [mm].
-
-    Raises
-    ------
-    InputError
-        If the model has no answer for a row; the row is named.
-    """
-    try:
-        return _predict(model, data)
-    except BozziniError as error:
-        for row in range(len(data)):
-            word = str(data.direction[row]) or None
-            try:
-                model.contraction(float(data.pressure[row]), float(data.load[row]), direction=word)
-            except BozziniError as at_row:
-                raise type(at_row)(f"{data.name_row(row)}: {at_row}") from None
-        raise error
-
-
-def _predict(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
-    answer = model.contraction(data.pressure, data.load, direction=_take_direction(data))
-    return np.array(answer, dtype=np.float64)
 
 
 def differentiate(
@@ -271,11 +220,11 @@ def _differentiate_implicitly(
     data: Measurements,
     predicted: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    stiffness = _predict_stiffness(build(values), data, predicted)
+    stiffness = predict_stiffness(build(values), data, predicted)
     columns = []
     for name, low, high in pairs:
         force = [
-            _predict_force(build({**values, name: value}), data, predicted) for value in (low, high)
+            predict_force(build({**values, name: value}), data, predicted) for value in (low, high)
         ]
         columns.append((force[1] - force[0]) / (high - low))
     with np.errstate(divide="raise", invalid="raise", over="raise"):
@@ -291,30 +240,6 @@ def _differentiate_directly(
 ) -> NDArray[np.float64]:
     columns = []
     for name, low, high in pairs:
-        ends = [_predict(build({**values, name: value}), data) for value in (low, high)]
+        ends = [ask_contraction(build({**values, name: value}), data) for value in (low, high)]
         columns.append((ends[1] - ends[0]) / (high - low))
     return np.stack(columns, axis=-1)
-
-
-def _predict_force(
-    model: MuscleModel, data: Measurements, contraction: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    answer = model.force(data.pressure, contraction, direction=_take_direction(data))
-    return np.asarray(answer, dtype=np.float64)
-
-
-def _predict_stiffness(
-    model: MuscleModel, data: Measurements, contraction: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    direction = _take_direction(data)
-    if direction is None:
-        return np.asarray(model.stiffness(data.pressure, contraction), dtype=np.float64)
-    if isinstance(model, StaticModel):
-        return np.asarray(model.stiffness(data.pressure, contraction, direction=direction))
-    step = 1e-5
-    ahead, behind = (_predict_force(model, data, contraction + s) for s in (step, -step))
-    return (behind - ahead) / (2.0 * step)
-
-
-def _take_direction(data: Measurements) -> NDArray[np.str_] | None:
-    return data.direction if (data.direction != "").any() else None

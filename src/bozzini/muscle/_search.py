@@ -24,9 +24,17 @@ EVALUATIONS = 200
 _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 
 
-def find_minimum(problem: Problem, start: NDArray[np.float64]) -> Any:
-    """Return SciPy's result of the best search; `nfev` counts all of them."""
-    best = _search(problem, start)
+def find_minimum(problem: Problem, start: NDArray[np.float64], *, limit: int = EVALUATIONS) -> Any:
+    """Return SciPy's result of the best search; `nfev` counts all of them.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : ndarray, shape (k,)
+    limit : int
+        Largest number of evaluations of one search.
+    """
+    best = _search(problem, start, limit)
     evaluations = best.nfev
     if "gap" in problem.free:
         levels = np.unique(np.append(problem.data.pressure, 0.0))
@@ -39,7 +47,7 @@ def find_minimum(problem: Problem, start: NDArray[np.float64]) -> Any:
             for place in fresh:
                 tried.add(place)
                 middle = 0.5 * (levels[place - 1] + levels[place])
-                found = _search(problem, _move_contact(problem, best.x, float(middle)))
+                found = _search(problem, _move_contact(problem, best.x, float(middle)), limit)
                 evaluations += found.nfev
                 if found.cost < (1.0 - _BETTER) * best.cost:
                     best = found
@@ -47,7 +55,7 @@ def find_minimum(problem: Problem, start: NDArray[np.float64]) -> Any:
     return best
 
 
-def _search(problem: Problem, start: NDArray[np.float64]) -> Any:
+def _search(problem: Problem, start: NDArray[np.float64], limit: int) -> Any:
     from scipy.optimize import least_squares
 
     low, high = problem.limits.T / problem.scales
@@ -59,7 +67,8 @@ def _search(problem: Problem, start: NDArray[np.float64]) -> Any:
         xtol=1e-10,
         ftol=1e-12,
         gtol=1e-12,
-        max_nfev=EVALUATIONS,
+        x_scale="jac" if problem.constants else 1.0,
+        max_nfev=limit,
     )
     found.x = np.choose(found.active_mask + 1, (low, found.x, high))
     return found

@@ -1,7 +1,7 @@
 """Fit the parameters of a muscle model to measurements, and say what the data do not tell.
 
-Bounded least squares in contraction. Which parameters can be told apart from which data is in
-`bozzini.muscle.identify`.
+Bounded least squares in contraction, of fields of the muscle and of a model's own constants. Which
+parameters can be told apart from which data is in `bozzini.muscle.identify`.
 """
 
 from __future__ import annotations
@@ -14,16 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ._fit import PARAMETER_UNITS, Problem, choose_bounds, predict_contraction
+from ._begin import choose_constants, choose_free
+from ._constants import list_own
+from ._fit import Problem
+from ._predict import predict_contraction
 from ._search import EVALUATIONS, find_minimum
+from ._start import find_starts
+from ._unknowns import choose_bounds
 from .dataset import Measurements
 from .identify import judge_fit, judge_parameters, judge_repeats
 
 if TYPE_CHECKING:
     from .design import Muscle
     from .model import MuscleModel
+    from .models.card import Parameter
 
 __all__ = ["Calibration", "calibrate"]
+
+
+_EVALUATIONS = 80  # of a search for constants, which starts near a minimum
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,7 +46,7 @@ class Calibration:
     free : tuple of str
         The parameters that were fitted, the order of `correlations`.
     estimates : dict
-        Their values, in mm, MPa, rad.
+        Their values, in mm, MPa, rad, or the unit on the model's card.
     standard_errors : dict
         Standard deviations of the estimates, linearised.
     intervals : dict
@@ -52,6 +61,10 @@ class Calibration:
         Measured less fitted contraction [mm].
     muscle : Muscle
         The muscle with the estimates in it.
+    fitted : MuscleModel
+        The model of that muscle, with the estimates of its own constants.
+    held : dict
+        Constants that were not fitted although nobody knows them, and why.
     warnings : tuple of str
         What the estimates suffer from; empty if nothing was found.
     converged : bool
@@ -72,6 +85,8 @@ class Calibration:
     sigma: float
     residuals: NDArray[np.float64]
     muscle: Muscle
+    fitted: MuscleModel
+    held: dict[str, str]
     warnings: tuple[str, ...]
     converged: bool
     reason: str
@@ -84,34 +99,46 @@ class Calibration:
 
 
 def calibrate(
-    model_class: Callable[[Muscle], MuscleModel],
+    model_class: Callable[..., MuscleModel],
     muscle: Muscle,
     data: Measurements,
     *,
-    free: Sequence[str] = ("modulus", "dead_length"),
+    free: Sequence[str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    start: Mapping[str, float] | None = None,
     force: bool = False,
+    seed: int = 0,
 ) -> Calibration:
     """Fit parameters of a muscle so that the model's contraction meets the measured one.
 
-    The default pair is well told by one curve of contraction over pressure. Free the gap only
-    with rows at low pressure, the braid angle only with rows under load or blocked, and the
-    friction length only with both directions.
+    The default pair of `EnergyMuscle`, modulus and dead length, is well told by one curve of
+    contraction over pressure. Free the gap only with rows at low pressure, the braid angle only
+    with rows under load or blocked, and the friction length only with both directions.
+
+    A model of the catalogue has constants of its own. By default those are free that its source
+    fitted or that it must be given and has not got, as far as the data tell them, and the modulus
+    if the model has one. The search for them starts from a few points: the model's own guess, and
+    others drawn about it; those that the force is linear in come from linear least squares.
 
     Parameters
     ----------
     model_class : callable
-        Makes the model from a `Muscle`: `EnergyMuscle`, `ThesisMuscle`, or for example
-        ``functools.partial(EnergyMuscle, ends="trellis")``.
+        Makes the model from a `Muscle`: `EnergyMuscle`, a class of `CATALOGUE`, or for example
+        ``functools.partial(EnergyMuscle, ends="trellis")``, ``functools.partial(TonduLopez,
+        kappa2=1.0)``.
     muscle : Muscle
         Where the fit starts, and the values of all that is not free.
     data : Measurements
-    free : sequence of str
-        Fields of `Muscle` to fit.
+    free : sequence of str, optional
+        Fields of `Muscle`, and constants of the model, to fit.
     bounds : mapping, optional
         ``(low, high)`` of a free parameter; there are wide ones by default.
+    start : mapping, optional
+        Where free constants of the model start; with all of them no other start is tried.
     force : bool
         Fit also what the data cannot tell; the warnings then say so.
+    seed : int
+        Of the starts.
 
     Returns
     -------
@@ -123,21 +150,31 @@ def calibrate(
         If a parameter is unknown or has no effect, if there are too few rows, if the data cannot
         tell the parameters apart (unless `force`), or if the model has no answer for a row at
         the start.
+    MissingLawError
+        If the model needs a law that is not given.
     """
-    names = _check_free(free, data)
+    own = list_own(model_class)
+    build, names, held = choose_free(free, model_class, muscle, data, own)
     never, _ = judge_parameters(names, data)
     if never and not force:
         raise InputError("; ".join(never))
-    limits = choose_bounds(names, muscle, {} if bounds is None else bounds)
+    limits = choose_bounds(names, muscle, {} if bounds is None else bounds, own)
     widest = limits[names.index("braid_angle"), 1] if "braid_angle" in names else None
     data.check_lengths(muscle, braid_angle=widest)
-    problem = Problem(model_class=model_class, muscle=muscle, free=names, data=data, limits=limits)
-    predict_contraction(model_class(muscle), data)  # one clear line, if it cannot hold a row
-    start = problem.choose_start()
-    _check_effect(names, problem.slope(start))
-    found = find_minimum(problem, start)
-    fitted = muscle.replace(**problem.name_values(found.x))
-    contact = float(model_class(fitted).dead_band()) if "gap" in names else 0.0
+    problem = Problem(
+        model_class=build,
+        muscle=muscle,
+        free=names,
+        data=data,
+        limits=limits,
+        constants=choose_constants(model_class, muscle, names, limits, own, start),
+    )
+    found, problem = _find_best(problem, own, start, seed)
+    values = problem.name_values(found.x)
+    constants = {name: values[name] for name in problem.constants}
+    fitted = muscle.replace(**{name: values[name] for name in names if name not in constants})
+    model = build(fitted, **constants)
+    contact = float(model.dead_band()) if "gap" in names else 0.0
     never, doubts = judge_parameters(names, data, contact_pressure=contact)
     at_bound = [
         f"{name} is at its bound, where its interval does not hold"
@@ -150,24 +187,31 @@ def calibrate(
         found,
         warnings=[*never, *doubts, *at_bound],
         converged=bool(found.status > 0 and answered),
-        reason=_tell_reason(found.status, answered=answered),
+        reason=_tell_reason(found.status, answered=answered, constants=bool(constants)),
         muscle=fitted,
+        fitted=model,
+        held=held,
     )
 
 
-def _check_free(free: Sequence[str], data: Measurements) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(free))
-    if not names:
-        raise InputError("no parameter is free: name one or more")
-    for name in names:
-        if name not in PARAMETER_UNITS:
-            raise InputError(f"parameter '{name}' is not known: use {', '.join(PARAMETER_UNITS)}")
-    if len(data) <= len(names):
-        raise InputError(
-            f"{len(data)} row(s) are too few for {len(names)} parameter(s): "
-            f"there must be {len(names) + 1} or more"
-        )
-    return names
+def _find_best(
+    problem: Problem, own: Mapping[str, Parameter], start: Mapping[str, float] | None, seed: int
+) -> tuple[Any, Problem]:
+    """Return the best of the searches from a few starts, and the problem as it was begun."""
+    if not problem.constants:
+        model = problem.build(problem.start)
+        predict_contraction(model, problem.data)  # one clear line, if it cannot hold a row
+        begin = problem.choose_start()
+        _check_effect(problem.free, problem.slope(begin))
+        return find_minimum(problem, begin), problem
+    starts = [problem]
+    if set(problem.constants) - set(start or {}):
+        linear = tuple(name for name in problem.constants if own[name].linear)
+        starts = find_starts(problem, linear=linear, seed=seed)
+    results = [(find_minimum(one, one.choose_start(), limit=_EVALUATIONS), one) for one in starts]
+    best = min(results, key=lambda result: float(result[0].cost))
+    best[0].nfev = sum(result.nfev for result, _ in results)
+    return best
 
 
 def _check_effect(free: Sequence[str], jacobian: NDArray[np.float64]) -> None:
@@ -178,11 +222,12 @@ def _check_effect(free: Sequence[str], jacobian: NDArray[np.float64]) -> None:
             )
 
 
-def _tell_reason(status: int, *, answered: bool) -> str:
+def _tell_reason(status: int, *, answered: bool, constants: bool) -> str:
     if not answered:
         return "the model has no answer for some rows"
     if status <= 0:
-        return f"no minimum within {EVALUATIONS} evaluations"
+        limit = _EVALUATIONS if constants else EVALUATIONS
+        return f"no minimum within {limit} evaluations"
     reasons = {1: "the gradient vanished", 2: "the sum of squares settled"}
     return reasons.get(status, "the parameters settled")
 
@@ -195,6 +240,8 @@ def _conclude(
     converged: bool,
     reason: str,
     muscle: Muscle,
+    fitted: MuscleModel,
+    held: dict[str, str],
 ) -> Calibration:
     """Put the statistics together from the residuals and the Jacobian at the minimum."""
     from scipy.stats import t as student
@@ -215,7 +262,7 @@ def _conclude(
     estimates = problem.name_values(found.x)
     condition = float(singular[0] / singular[-1])
     return Calibration(
-        model=problem.model_class(muscle).name,
+        model=fitted.name,
         free=free,
         estimates=estimates,
         standard_errors=errors,
@@ -228,6 +275,8 @@ def _conclude(
         sigma=sigma,
         residuals=residuals,
         muscle=muscle,
+        fitted=fitted,
+        held=held,
         warnings=(
             *warnings,
             *judge_fit(free, correlations, condition),

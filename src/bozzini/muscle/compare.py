@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from ..checks import check_integer
 from ..errors import BozziniError, InputError
-from ._fit import predict_contraction
+from ._predict import predict_contraction
 from .dataset import Measurements
 
 if TYPE_CHECKING:
     from .model import MuscleModel
 
-__all__ = ["Comparison", "ModelScore", "compare_models"]
+__all__ = ["Comparison", "ModelScore", "check_largest", "compare_models", "score_model"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,11 +115,7 @@ def compare_models(
     refused = dict(refusals or {})
     if not models and not refused:
         raise InputError("there are 0 models to compare: give 1 or more")
-    if not data.largest_contraction > 0.0:
-        raise InputError(
-            f"the largest contraction is {data.largest_contraction:g} mm: "
-            "it must be positive, since errors are percentages of it"
-        )
+    check_largest(data)
     scores = []
     for name, model in models.items():
         count = check_integer(
@@ -130,14 +126,34 @@ def compare_models(
         except BozziniError as error:
             refused[name] = str(error)
             continue
-        scores.append(_score(name, predicted, data, count))
+        scores.append(score_model(name, predicted, data, fitted=count))
     scores.sort(key=lambda score: score.standard_error)
     return Comparison(data=data, scores=tuple(scores), refusals=refused)
 
 
-def _score(
-    name: str, predicted: NDArray[np.float64], data: Measurements, fitted: int
+def check_largest(data: Measurements) -> None:
+    """Raise `InputError` if the largest contraction is not positive."""
+    if not data.largest_contraction > 0.0:
+        raise InputError(
+            f"the largest contraction is {data.largest_contraction:g} mm: "
+            "it must be positive, since errors are percentages of it"
+        )
+
+
+def score_model(
+    name: str, predicted: NDArray[np.float64], data: Measurements, *, fitted: int
 ) -> ModelScore:
+    """Return how near predicted contractions [mm] of shape (n,) come to the measured ones.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model.
+    predicted : ndarray, shape (n,)
+    data : Measurements
+    fitted : int
+        How many parameters were fitted to these data, less than n.
+    """
     error = predicted - data.contraction
     squares = float(error @ error)
     standard = float(np.sqrt(squares / (len(data) - fitted)))

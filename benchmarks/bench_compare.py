@@ -1,0 +1,34 @@
+"""Fit and rank all muscle models on a made-up table, cross-validation included."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from bozzini.muscle import CATALOGUE, Measurements, preset, rank_models
+
+REQUIRED = 60.0
+"""Longest time for all models [s]."""
+
+
+def bench_rank_all_models(benchmark: Any) -> None:
+    muscle = preset("effector-45")
+    pressure, load = np.repeat(np.linspace(0.15, 0.8, 20), 2), np.tile([0.0, 0.2], 20)
+    contraction = CATALOGUE["kothera-balance"](muscle).contraction(pressure, load)
+    error = 0.05 * np.random.default_rng(1).normal(size=pressure.size)
+    data = Measurements(pressure=pressure, contraction=contraction + error, load=load)
+
+    begin = time.perf_counter()
+    ranking = benchmark.pedantic(rank_models, args=(muscle, data), rounds=1)
+    took = time.perf_counter() - begin
+    assert ranking.models[0].name == "kothera-balance"
+    assert took < REQUIRED
+    benchmark.extra_info["what"] = (
+        f"fit, rank and cross-validate all muscle models on {len(data)} rows"
+    )
+    benchmark.extra_info["measured"] = (
+        f"{took:.0f} s: {len(ranking.models)} fitted, {len(ranking.refusals)} refused with a reason"
+    )
+    benchmark.extra_info["required"] = f"under {REQUIRED:.0f} s"

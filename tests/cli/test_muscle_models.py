@@ -1,0 +1,190 @@
+"""``bozzini muscle`` with the models of the catalogue: listed, solved, fitted, ranked."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from bozzini.cli.main import main
+from bozzini.muscle import CATALOGUE, Measurements, preset, write_measurements
+
+MUSCLE = preset("effector-45")
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        capsys.readouterr()
+        code = main(["muscle", *map(str, arguments)])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def table(tmp_path):
+    pressure, load = np.repeat(np.linspace(0.15, 0.8, 10), 2), np.tile([0.0, 0.2], 10)
+    contraction = CATALOGUE["kothera-balance"](MUSCLE).contraction(pressure, load)
+    error = 0.02 * np.random.default_rng(0).normal(size=20)
+    data = Measurements(pressure=pressure, contraction=contraction + error, load=load)
+    return write_measurements(tmp_path / "data.csv", data)
+
+
+def test_the_list_is_the_catalogue(run):
+    code, out, _ = run("models")
+    assert code == 0
+    lines = out.splitlines()
+    assert [line.split()[0] for line in lines[1:-1]] == list(CATALOGUE)
+    assert lines[-1].startswith(f"{len(CATALOGUE)} models of the survey: ")
+    said = json.loads(run("models", "--json")[1])
+    assert [item["name"] for item in said["models"]] == list(CATALOGUE)
+    assert sum(said["counts"].values()) == len(CATALOGUE)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_card_tells_all(run, name):
+    code, out, _ = run("models", name)
+    card = CATALOGUE[name].card
+    assert code == 0
+    for words in (card.title, card.reference, card.latex, *card.keywords, *card.errata):
+        assert words in out
+    said = json.loads(run("models", name, "--json")[1])
+    assert (said["equation"], said["status"]) == (card.equation, card.status)
+
+
+@pytest.mark.parametrize("name", ["gaylord-1", "kothera-balance"])
+def test_a_model_without_constants_is_solved(run, name):
+    code, out, err = run(
+        "solve", "--model", name, "--pressure", "0.5MPa", "--load", "0.1N", "--json"
+    )
+    said = json.loads(out)
+    assert (code, err) == (0, "")
+    expected = float(CATALOGUE[name](MUSCLE).contraction(0.5, 0.1))
+    assert said["contraction_mm"] == pytest.approx(expected)
+    assert said["constants"] == {}
+
+
+def test_constants_are_set_in_their_unit_or_as_quantities(run):
+    options = ("--set", "largest_force=2N", "--set", "largest-contraction=1cm",
+               "--set", "test_pressure=500kPa")  # fmt: skip
+    command = ("solve", "--model", "andrikopoulos", "--pressure", "0.3MPa", "--load", "0.2N")
+    code, out, _ = run(*command, *options, "--json")
+    said = json.loads(out)
+    assert code == 0
+    given = {"largest_force": 2.0, "largest_contraction": 10.0, "test_pressure": 0.5}
+    assert said["constants"] == pytest.approx(given)
+    model = CATALOGUE["andrikopoulos"](MUSCLE, **given)
+    assert said["contraction_mm"] == pytest.approx(float(model.contraction(0.3, 0.2)))
+    code, out, _ = run("curve", "--model", "andrikopoulos", *options, "--points", "3", "--json")
+    columns = json.loads(out)["columns"]
+    expected = model.contraction(columns["pressure_MPa"])
+    assert columns["contraction_mm"] == pytest.approx(expected)
+
+
+def test_friction_has_a_direction(run):
+    command = ("solve", "--model", "tondu-lopez", "--pressure", "0.5MPa", "--json",
+               "--set", "kappa1=0", "--set", "kappa2=1", "--load", "0.1N")  # fmt: skip
+    up, down = (
+        json.loads(run(*command, "--set", "friction=0.001", "--direction", way)[1])
+        for way in ("inflating", "deflating")
+    )
+    assert up["contraction_mm"] < down["contraction_mm"]
+    code, _, err = run(*command, "--direction", "inflating")
+    assert code == 2
+    assert "--direction has no effect in the model tondu-lopez without friction" in err
+
+
+def test_a_word_is_a_choice(run):
+    command = ("solve", "--model", "davis-caldwell", "--pressure", "0.5MPa", "--json",
+               "--set", "kappa1=0", "--set", "kappa2=1")  # fmt: skip
+    said = json.loads(run(*command, "--set", "scale=radii")[1])
+    assert said["constants"]["scale"] == "radii"
+
+
+def test_fit_finds_constants(run, table):
+    code, out, _ = run("fit", table, "--model", "kothera-balance", "--json")
+    said = json.loads(out)
+    assert code == 0
+    assert said["estimates"]["modulus"]["value"] == pytest.approx(MUSCLE.modulus, rel=0.02)
+    code, out, _ = run("fit", table, "--model", "tondu-lopez", "--free", "kappa1,kappa2",
+                       "--bound", "kappa2=0.5:0.6", "--set", "friction=0", "--json")  # fmt: skip
+    said = json.loads(out)
+    assert set(said["estimates"]) == {"kappa1", "kappa2"}
+    assert 0.5 <= said["estimates"]["kappa2"]["value"] <= 0.6
+    assert said["estimates"]["kappa1"]["unit"] == ""
+    _, text, _ = run("fit", table, "--model", "andrikopoulos")
+    assert "test_pressure: held" in text
+    assert "largest_force" in text and " N " in text
+
+
+def test_compare_ranks(run, table, tmp_path):
+    models = ("gaylord-1", "chou", "kothera-balance", "itto-b", "wang")
+    options = [word for name in models for word in ("--model", name)]
+    code, out, err = run("compare", table, *options, "--fit", "--out", "rank.png", "--json")
+    said = json.loads(out)
+    assert (code, err) == (0, "")
+    assert said["models"][0]["model"] == "kothera-balance"
+    assert said["models"][0]["fitted"]["modulus"] == pytest.approx(MUSCLE.modulus, rel=0.02)
+    assert (said["ranked_by"], said["folds"]) == ("aicc", 5)
+    values = [row["aicc"] for row in said["models"]]
+    assert values == sorted(values)
+    assert "it is in Wang" in said["refusals"]["wang"]
+    assert (tmp_path / "rank.png").read_bytes()[:4] == b"\x89PNG"
+    code, text, _ = run("compare", table, *options, "--fit", "--by", "cv", "--folds", "3")
+    assert code == 0
+    assert text.splitlines()[1].startswith("kothera-balance")
+    assert "wang: not fitted: " in text
+
+
+def test_compare_without_a_fit_takes_what_is_set(run, table):
+    options = ("--model", "chou", "--model", "tondu-lopez", "--set", "kappa1=0", "--json")
+    code, out, _ = run("compare", table, *options, "--set", "kappa2=1")
+    said = json.loads(out)
+    assert code == 0
+    assert {row["model"] for row in said["models"]} == {"chou", "tondu-lopez"}
+    said = json.loads(run("compare", table, *options)[1])
+    assert "must be given kappa2" in said["refusals"]["tondu-lopez"]
+
+
+SOLVE = ("solve", "--pressure", "0.5MPa", "--model")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["models", "lee"], "no model 'lee': choose one of energy, thesis, gaylord-1"),
+        (["models", "energy"], "has no card"),
+        ([*SOLVE, "lee"], "no model 'lee': choose one of energy, thesis, gaylord-1"),
+        ([*SOLVE, "tondu-lopez"], "must be given kappa1, kappa2: the survey has no values"),
+        ([*SOLVE, "tondu-lopez", "--set", "kappa1"], "--set is 'kappa1': it must be NAME=VALUE"),
+        ([*SOLVE, "tondu-lopez", "--set", "kappa1=x"], "kappa1 is 'x': it must be a number"),
+        ([*SOLVE, "tondu-lopez", "--set", "kappa1=nan", "--set", "kappa2=1"], "kappa1 of the"),
+        ([*SOLVE, "tondu-lopez", "--set", "kappa1=1e9", "--set", "kappa2=1"], "[-100, 100]"),
+        ([*SOLVE, "tondu-lopez", "--set", "kappa1=1", "--set", "kappa1=2"], "more than once"),
+        ([*SOLVE, "tondu-lopez", "--set", "colour=1"], "the model tondu-lopez takes kappa1, kapp"),
+        ([*SOLVE, "energy", "--set", "kappa1=1"], "the model energy takes no constants"),
+        ([*SOLVE, "andrikopoulos", "--set", "largest_force=2mm"], "2mm"),
+        ([*SOLVE, "schulte", "--set", "friction=0.1"], "must be given the law inflation_pressure"),
+        ([*SOLVE, "schulte", "--set", "inflation_pressure=1"], "is a law, a function of radius"),
+        ([*SOLVE, "davis-caldwell", "--set", "scale=big", "--set", "kappa1=0", "--set", "kappa2=1"],
+         "must be one of ['areas', 'radii']"),
+        ([*SOLVE, "chou", "--modulus", "1MPa"], "--modulus has no effect in the model chou"),
+        (["compare", "data.csv", "--by", "bic"], "--by has no effect without --fit"),
+        (["compare", "data.csv", "--folds", "3"], "--folds has no effect without --fit"),
+        (["compare", "data.csv", "--fit", "--folds", "1"], "folds is 1"),
+        (["compare", "data.csv", "--fit", "--folds", "99"], "there are 20 different"),
+        (["compare", "data.csv", "--fit", "--seed", "-1"], "seed is -1"),
+        (["fit", "data.csv", "--model", "itto-b", "--bound", "kappa1=a:b"], "kappa1 is 'a'"),
+        (["fit", "data.csv", "--model", "gaylord-1"], "no parameter is free"),
+        (["fit", "data.csv", "--model", "wang"], "it is in Wang"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_line(run, table, arguments, said):
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert said in err

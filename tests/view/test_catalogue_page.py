@@ -1,0 +1,61 @@
+"""The page of the catalogue is that of the models' cards, and so is the README's table."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+
+from bozzini.muscle import CATALOGUE
+from bozzini.view.catalogue_page import count_statuses, format_catalogue, format_counts
+
+ROOT = Path(__file__).resolve().parents[2]
+REMEDY = "run python docs/make_catalogue.py"
+
+
+def load_script():
+    spec = importlib.util.spec_from_file_location("make", ROOT / "docs" / "make_catalogue.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_is_up_to_date():
+    script = load_script()
+    assert script.PAGE.read_text("utf-8") == format_catalogue(), REMEDY
+
+
+def test_the_readme_is_up_to_date():
+    script = load_script()
+    assert script.README.read_text("utf-8") == script.make_readme(), REMEDY
+
+
+def test_every_model_has_a_section_with_its_equation_and_its_source():
+    page = format_catalogue()
+    for name, kind in CATALOGUE.items():
+        _, section = page.split(f"\n## {name}\n")
+        section = section.split("\n## ")[0]
+        card = kind.card
+        assert f"```latex\n{card.latex}\n```" in section
+        assert card.equation in section
+        assert card.reference.rstrip(".") in section
+        assert (card.latex_printed is not None) == ("As printed:" in section)
+        for word in (*card.keywords, *card.uses, *card.errata, card.missing):
+            assert word in section
+        assert f"(#{name})" in page
+
+
+def test_counts_add_up():
+    counts = count_statuses([kind.card for kind in CATALOGUE.values()])
+    assert sum(counts.values()) == len(CATALOGUE)
+    table = format_counts()
+    for status, count in counts.items():
+        (line,) = re.findall(rf"^\| {status} \|.*$", table, re.M)
+        assert f"| {count} |" in line
+        assert line.count("`") == 2 * count
+
+
+def test_tables_have_as_many_cells_as_their_head():
+    for table in re.findall(r"(?:^\|.*\n)+", format_catalogue(), re.M):
+        cells = {line.count("|") for line in table.splitlines()}
+        assert len(cells) == 1, table

@@ -1,0 +1,47 @@
+"""The figure of a ranking: a row for each model, curves of the best that differ."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bozzini.errors import InputError
+from bozzini.muscle import CATALOGUE, Measurements, preset, rank_models
+from bozzini.view import write_figure
+from bozzini.view.ranking_figures import draw_ranking
+
+MUSCLE = preset("effector-45")
+NAMES = ("gaylord-1", "gaylord-2", "chou", "ferraresi", "itto-b")
+
+
+@pytest.fixture(scope="module")
+def ranking():
+    pressure, load = np.repeat(np.linspace(0.2, 0.8, 8), 2), np.tile([0.0, 0.2], 8)
+    error = 0.05 * np.random.default_rng(0).normal(size=16)
+    contraction = CATALOGUE["chou"](MUSCLE).contraction(pressure, load) + error
+    data = Measurements(pressure=pressure, load=load, contraction=contraction)
+    models = {name: CATALOGUE[name] for name in NAMES}
+    return rank_models(MUSCLE, data, models={**models, "wang": CATALOGUE["wang"]})
+
+
+def test_it_shows_all_that_are_ranked(ranking, tmp_path):
+    figure = draw_ranking(ranking, curves=2)
+    left, right = figure.axes
+    shown = [label.get_text() for label in left.get_yticklabels()]
+    assert shown == [f"{entry.name} ({entry.parameters})" for entry in ranking.models]
+    assert set(NAMES) == {entry.name for entry in ranking.models}
+    dots = [line.get_xdata()[0] for line in left.lines if line.get_markersize() == 5.5]
+    scale = 100.0 / ranking.data.largest_contraction
+    assert dots == pytest.approx([scale * entry.score.rmse for entry in ranking.models])
+    named = [text.get_text() for text in right.get_legend().get_texts()]
+    assert named[1:] == [entry.name for entry in ranking.models if not entry.same_as][:2]
+    assert "gaylord-2" not in named  # it is the same curve as gaylord-1
+    write_figure(figure, tmp_path / "ranking.png")
+
+
+def test_bad_questions(ranking):
+    empty = rank_models(MUSCLE, ranking.data, models={"wang": CATALOGUE["wang"]})
+    with pytest.raises(InputError, match="0 models"):
+        draw_ranking(empty)
+    with pytest.raises(InputError, match="curves is 0"):
+        draw_ranking(ranking, curves=0)
