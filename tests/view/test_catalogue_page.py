@@ -36,7 +36,7 @@ def test_every_model_has_a_section_with_its_equation_and_its_source():
         _, section = page.split(f"\n## {name}\n")
         section = section.split("\n## ")[0]
         card = kind.card
-        assert f"```latex\n{card.latex}\n```" in section
+        assert f"```math\n{card.latex}\n```" in section
         assert card.equation in section
         assert card.reference.rstrip(".") in section
         assert (card.latex_printed is not None) == ("As printed:" in section)

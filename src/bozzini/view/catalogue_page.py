@@ -119,7 +119,7 @@ def _format_section(card: Card) -> list[str]:
 
 
 def _format_latex(text: str) -> list[str]:
-    return ["```latex", text, "```"]
+    return ["```math", text, "```"]
 
 
 def _take(cards: Sequence[Card] | None) -> tuple[Card, ...]:
