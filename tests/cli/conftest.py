@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from skimage.measure import marching_cubes
 
+from bozzini.cli import common
 from bozzini.cli.main import main
 from tests.cli.plan_cases import CURVE, Outcome, Run, Tracts, write_volume
 from tests.shapes import curve_distance
@@ -35,3 +36,9 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
         return Outcome(code, *capsys.readouterr())
 
     return call
+
+
+@pytest.fixture(autouse=True)
+def no_lines_of_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep a slow machine from adding lines of progress to what the tests read."""
+    monkeypatch.setattr(common._LineProgress, "interval", float("inf"))

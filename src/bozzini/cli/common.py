@@ -244,8 +244,9 @@ def _show_bar(delay: float) -> Iterator[Progress]:
 class _LineProgress:
     """Progress for a log file: a line at most every `interval` seconds."""
 
-    def __init__(self, interval: float = 10.0) -> None:
-        self.interval = interval
+    interval = 10.0
+
+    def __init__(self) -> None:
         self.last = time.monotonic()
 
     def __call__(self, stage: str, fraction: float) -> None:
