@@ -195,15 +195,12 @@ def run(ducts):
 
 
 def draw(results, path):
-    """Draw each duct twice: every tenth place of the link, and the chain at its end."""
+    """Draw each duct twice: every twentieth place of the link, and the chain at its end."""
     from matplotlib.figure import Figure
 
     names = list(results)
-    rows = (len(names) + 2) // 3
-    figure = Figure(figsize=(11.0, 1.12 * rows), layout="constrained")
-    panels = figure.subplots(rows, 6, sharex=True, sharey=True, squeeze=False).reshape(-1, 2)
-    for axes in panels[len(names) :].reshape(-1):
-        axes.set_visible(False)
+    figure = Figure(figsize=(11.0, 2.55 * len(names)), layout="constrained")
+    panels = figure.subplots(len(names), 2, sharex=True, sharey=True, squeeze=False)
     x, y = np.meshgrid(np.linspace(-10.0, 170.0, 361), np.linspace(-10.0, 70.0, 161))
     for name, (left, right) in zip(names, panels, strict=False):
         result = results[name]
@@ -215,12 +212,16 @@ def draw(results, path):
             axes.contour(x, y, value, [0.0], colors=[COLORS["wall"]], linewidths=0.8)
             axes.set(aspect="equal", xticks=[], yticks=[])
             axes.set_frame_on(False)
-        ends = np.stack([result["heads"], result["tails"]])[:, ::10]
-        left.plot(*ends[..., :2].transpose(2, 0, 1), color=COLORS["link"], linewidth=0.6)
+        ends = np.stack([result["heads"], result["tails"]])[:, ::20]
+        left.plot(*ends[..., :2].transpose(2, 0, 1), color=COLORS["link"], linewidth=1.1)
+        left.plot(*ends[0, :, :2].T, ".", color=COLORS["link"], markersize=6.0)
         chain = result["plan"].joints[-1]
-        right.plot(*chain.T[:2], ".-", color=COLORS["chain"], markersize=2.0, linewidth=0.8)
-        left.set_title(name, fontsize=8, loc="left")
-    figure.savefig(path, dpi=100)
+        right.plot(*chain.T[:2], ".-", color=COLORS["chain"], markersize=5.0, linewidth=1.1)
+        left.set_title(name, fontsize=12, loc="left")
+    bar = panels[0, 1]
+    bar.plot([120.0, 170.0], [-6.0, -6.0], color="#2b3640", linewidth=2.0, solid_capstyle="butt")
+    bar.text(145.0, -3.0, "50 mm", ha="center", va="bottom", fontsize=10)
+    figure.savefig(path, dpi=80)
 
 
 def main(arguments=None):

@@ -159,7 +159,13 @@ def test_one_bad_point_is_counted(array: np.ndarray, data: st.DataObject) -> Non
         check_points("start", array)
 
 
-@pytest.mark.parametrize("value", [1.0, [1.0, 2.0], np.zeros((3, 4)), "abc", [[1, 2, 3], [4, 5]]])
+@pytest.mark.parametrize(
+    "value",
+    [
+        *(1.0, [1.0, 2.0], np.zeros((3, 4)), "abc", [[1, 2, 3], [4, 5]]),
+        *(np.zeros(3, dtype=complex), ["1", "2", "3"], [True, False, True]),
+    ],
+)
 def test_points_of_a_wrong_shape_are_refused(value: object) -> None:
     with pytest.raises(InputError, match=r"^start .*\(\.\.\., 3\)"):
         check_points("start", value)  # type: ignore[arg-type]

@@ -9,7 +9,13 @@ from pathlib import Path
 import pytest
 
 from bozzini.errors import OutputError
-from bozzini.files import check_new_directory, new_directory, write_atomically, write_text
+from bozzini.files import (
+    check_new_directory,
+    check_new_file,
+    new_directory,
+    write_atomically,
+    write_text,
+)
 
 as_root = hasattr(os, "geteuid") and os.geteuid() == 0
 
@@ -127,3 +133,38 @@ def test_directory_without_permission_is_refused_at_once(tmp_path: Path) -> None
         check_new_directory(closed / "out")
     with pytest.raises(OutputError, match="cannot write"):
         write_text(closed / "plan", "x")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("a.txt", "ends in '.txt': it must end in .png, .svg"),
+        ("no/a.png", "no is not a directory"),
+        ("file/a.png", "file is not a directory"),
+        ("folder.png", "folder.png is a directory: choose a file"),
+        ("x" * 300 + ".png", "cannot write"),
+        ("a\0b.png", "cannot write"),
+    ],
+)
+def test_impossible_files_are_refused_at_once(tmp_path: Path, name: str, message: str) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(OutputError, match=message):
+        check_new_file(tmp_path / name, (".png", ".svg"), force=True)
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder.png"]
+
+
+def test_a_file_that_can_be_written_is_not_touched_by_asking(tmp_path: Path) -> None:
+    check_new_file(tmp_path / "a.PNG", (".png",))
+    assert os.listdir(tmp_path) == []
+    (tmp_path / "a.png").write_text("old")
+    check_new_file(tmp_path / "a.png", (".png",), force=True)
+    with pytest.raises(OutputError, match="exists already"):
+        check_new_file(tmp_path / "a.png", (".png",))
+    assert (tmp_path / "a.png").read_text() == "old"
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="a place that takes no file at all")
+def test_a_place_that_takes_no_file_is_refused_at_once() -> None:
+    with pytest.raises(OutputError, match="cannot write /proc/a.png"):
+        check_new_file("/proc/a.png", (".png",))

@@ -177,8 +177,8 @@ def broadcast(*named: tuple[str, NDArray[np.float64]]) -> tuple[NDArray[np.float
 def check_points(name: str, points: ArrayLike, *, dim: int = 3) -> NDArray[np.float64]:
     """Return `points` as a finite float array of shape `(..., dim)`, or raise `InputError`."""
     try:
-        array = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = check_array(name, points)
+    except InputError:
         raise InputError(f"{name} must be an array of numbers of shape (..., {dim})") from None
     if array.ndim == 0 or array.shape[-1] != dim:
         raise InputError(f"{name} has shape {array.shape}: it must be (..., {dim})")

@@ -11,7 +11,13 @@ from pathlib import Path
 
 from .errors import OutputError
 
-__all__ = ["check_new_directory", "new_directory", "write_atomically", "write_text"]
+__all__ = [
+    "check_new_directory",
+    "check_new_file",
+    "new_directory",
+    "write_atomically",
+    "write_text",
+]
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], None]) -> Path:
@@ -44,6 +50,49 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], None]
     finally:
         temporary.unlink(missing_ok=True)
     return target
+
+
+def check_new_file(
+    path: str | os.PathLike[str], suffixes: tuple[str, ...], *, force: bool = False
+) -> None:
+    """Raise `OutputError` at once if a file could not be written later, before any work is done.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to write.
+    suffixes : tuple of str
+        What it may end in, in small letters.
+    force : bool
+        Whether a file that exists may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If it ends otherwise, is a directory, exists and may not be replaced, or its place takes
+        no new file.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise OutputError(
+            f"{target} ends in '{target.suffix}': it must end in {', '.join(suffixes)}"
+        )
+    try:
+        if not target.parent.is_dir():
+            raise OutputError(f"cannot write {target}: {target.parent} is not a directory")
+        if target.is_dir():
+            raise OutputError(f"{target} is a directory: choose a file")
+        if target.exists() and not force:
+            raise OutputError(f"{target} exists already: choose another file or give --force")
+        # Whether a place takes a file is only known by trying: permissions do not tell all.
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        os.close(handle)
+        Path(name).unlink(missing_ok=True)
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:  # a name that is too long, a null byte
+        problem = getattr(error, "strerror", None) or error
+        raise OutputError(f"cannot write {target}: {problem}") from None
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:

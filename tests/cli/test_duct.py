@@ -10,7 +10,7 @@ import pytest
 
 from bozzini.cli.main import COMMANDS, main
 from bozzini.duct import RoundCones
-from bozzini.duct.shapes_file import load_shapes, save_shapes
+from bozzini.duct.shapes_file import load_shapes_file, save_shapes
 
 
 class Answer(NamedTuple):
@@ -51,7 +51,9 @@ def test_fit_writes_a_file_that_can_be_read_and_shown(duct, tracts, tmp_path):
     assert told["outside_proved_mm"] <= 0.5
     assert told["kept"] == pytest.approx(told["volume_kept_mm3"] / told["volume_true_mm3"])
     assert told["kept"] > 0.75
-    shapes = load_shapes(out)
+    file = load_shapes_file(out)
+    shapes = file.shapes
+    assert file.fit == "inscribed" and file.note == f"{told['pieces']} cones fitted to tube.stl"
     assert isinstance(shapes, RoundCones)
     assert len(shapes.radii) == told["pieces"] + 1
     assert np.median(shapes.radii) == pytest.approx(8.0, abs=1.0)
@@ -77,7 +79,7 @@ def test_fit_by_least_squares_answers_no(duct, tracts, tmp_path):
     )  # fmt: skip
     assert answer.code == 1, answer.err
     assert "Not reached: " in answer.out
-    assert out.exists()
+    assert load_shapes_file(out).fit == "least squares"
 
 
 def test_show_tells_the_sections_of_a_tract(duct, tracts, tmp_path):
@@ -112,6 +114,10 @@ def test_shapes_are_shown_over_their_tract(duct, tracts, cones, tmp_path):
         (("fit", "TUBE", "--max-error", "0mm"), "--max-error is 0 mm: it must lie in (0, inf)"),
         (("fit", "TUBE", "--max-error", "1kg"), "kg"),
         (("fit", "TUBE", "--pieces", "0"), "--pieces is 0"),
+        (("fit", "no.stl", "--pieces", "100000"), "--pieces is 100000: it must lie in [1, 500]"),
+        (("fit", "no.stl", "--out", "FOLDER.json", "--force"), "is a directory: choose a file"),
+        (("show", "CONES", "--out", "FOLDER.png", "--force"), "is a directory: choose a file"),
+        (("show", "TUBE", "--spacing", "1e-9mm"), "--spacing is 1e-09 mm: it must lie in [0.01"),
         (("fit", "TUBE", "--out", "x.stl"), "must end in .json, .yaml, .yml"),
         (("fit", "TUBE", "--out", "no/x.json"), "is not a directory"),
         (("fit", "TUBE", "--out", "CONES"), "exists already"),
@@ -128,6 +134,9 @@ def test_wrong_input_is_told_in_one_line(
 ):
     monkeypatch.chdir(tmp_path)
     names = {"TUBE": tracts.folder / "tube.stl", "CONES": cones}
+    for suffix in ("json", "png"):
+        names[f"FOLDER.{suffix}"] = tmp_path.parent / f"{tmp_path.name}.{suffix}"
+        names[f"FOLDER.{suffix}"].mkdir()
     before = cones.read_bytes()
     answer = duct(*(names.get(word, word) for word in arguments), "--quiet")
     assert answer.code == 2, answer.out

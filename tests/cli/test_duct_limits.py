@@ -73,6 +73,26 @@ def test_shapes_from_a_file(tmp_path: Path) -> None:
         assert match in str(error)
 
 
+@pytest.mark.parametrize("fit", ["", "inscribed", "least squares"])
+def test_what_bounds_of_fitted_shapes_are_about_is_told(tmp_path: Path, fit: str) -> None:
+    centres = np.stack([np.linspace(0, 40, 13), np.zeros(13), np.zeros(13)], axis=1)
+    file = save_shapes(RoundCones(centres, np.full(13, 4.0)), tmp_path / "tube.json", fit=fit)
+    result = run(file, "--diameter", "9mm", "--link", "15mm")
+    assert result.exit_code == 1, result.output
+    assert "no link passes at all" in result.stdout
+    # That there is no room for the body is not the links' fault.
+    assert "Links of 15 mm do not pass: the body is too wide." in result.stdout
+    assert ("upper bounds do not hold for the tract" in result.stdout) == (fit == "inscribed")
+    assert ("no bound holds for the tract" in result.stdout) == (fit == "least squares")
+    assert (" of the shapes:" in result.stdout) == (fit != "")
+
+
+def test_a_picture_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "limits.png").mkdir()
+    error = run("nothing.stl", "--out", tmp_path / "limits.png", "--force").exception
+    assert "is a directory: choose a file" in str(error)
+
+
 @pytest.mark.parametrize(
     ("words", "match"),
     [

@@ -390,7 +390,7 @@ def test_compositions_are_ducts():
         (lambda: Eroded(strip(), -1.0), "clearance is -1 mm"),
         (lambda: Eroded(strip(), 9.0), r"clearance is 9 mm: nothing is left.*\[0, 2\.5\) mm"),
         (lambda: Moved(strip(), rotation=np.eye(3)), r"rotation has shape \(3, 3\)"),
-        (lambda: Moved(strip(), rotation=[[1, 0], [0, -1]]), "rotation is no rotation"),
+        (lambda: Moved(strip(), rotation=[[1, 0], [0, -1]]), "a reflection, its determinant is -1"),
         (lambda: Moved(strip(), rotation=[[1, np.nan], [0, 1]]), "rotation is no rotation"),
         (lambda: Moved(strip(), shift=[1.0, 2.0, 3.0]), r"shift has shape \(3,\)"),
         (lambda: to_field(capsule(), 1e-3), r"voxel is 0\.001 mm: .* at least about 0\.0"),

@@ -74,7 +74,7 @@ def test_bounds_hold_the_lumen_and_it_is_a_duct(ball):
     [
         ({"values": np.zeros((1, 4, 4), np.float32)}, r"shape \(1, 4, 4\)"),
         ({"values": np.full((4, 4, 4), np.nan, np.float32)}, "not all finite"),
-        ({"spacing": np.array([1.0, 0.0, 1.0])}, "three positive"),
+        ({"spacing": np.array([1.0, 0.0, 1.0])}, "three lengths in"),
         ({"rotation": 2.0 * np.eye(3)}, "orthonormal"),
         ({"inflation": -1.0}, "inflation is -1 mm"),
     ],

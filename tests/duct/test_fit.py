@@ -94,6 +94,29 @@ def test_circle_says_what_is_wrong():
         fit_circle([[0, 0], [1, 1], [2, 2], [5, 5]])
 
 
+@pytest.mark.parametrize(
+    ("fit", "points", "match"),
+    [
+        (fit_circle, np.zeros((5, 2)), "all at one place"),
+        (fit_circle, np.full((5, 2), 7.3), "all at one place"),
+        (fit_circle, 1e300 * np.eye(5, 2), r"points\[0, 0\] is 1e\+300 mm: .*\[-1e\+06, 1e\+06\]"),
+        (fit_super_ellipse, np.zeros((9, 2)), "lie on a line"),
+        (fit_super_ellipse, 1e300 * np.eye(9, 2), "it must lie in"),
+        (fit_super_ellipsoid, np.zeros((30, 3)), "lie in a plane"),
+        (fit_super_ellipsoid, 1e300 * np.eye(30, 3), "it must lie in"),
+    ],
+)
+def test_points_that_hold_no_shape_are_refused(fit, points, match):
+    with pytest.raises(InputError, match=match):
+        fit(points)
+
+
+def test_a_left_handed_frame_is_refused():
+    points = np.random.default_rng(0).normal(size=(30, 3))
+    with pytest.raises(InputError, match="determinant -1: it must be right-handed"):
+        fit_super_ellipsoid(points, frame=np.diag([1.0, 1.0, -1.0]))
+
+
 def planar_points(centre, half, power, angle, count=80):
     turn = 2.0 * np.pi * np.arange(count) / count
     ray = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -264,8 +287,34 @@ def test_shapes_stay_inside(kind, monkeypatch):
     assert fitted.report.kept > 0.85
     middle = line.points[10:-10]
     assert fitted.duct.signed_distance(middle).max() < -1.0
-    if kind != "superellipsoids":
-        assert fitted.report.room_loss[-1] <= 0.5 + 1e-6
+    assert fitted.report.room_loss[-1] <= 0.5 + 1e-6
+
+
+def test_super_ellipsoids_lose_no_more_room_than_allowed_where_large_ones_would(monkeypatch):
+    """A tight bend: large ones cut the corner, and their number is free."""
+    monkeypatch.setattr(candidates, "OTHERS", 4)
+    monkeypatch.setattr(candidates, "STRETCH", 12.0)
+    duct, line = tube(12.0)
+    counts = []
+    for error in (0.4, 2.0):
+        fitted = fit_duct(duct, line, "superellipsoids", max_error=error)
+        assert fitted.reached, fitted.reason
+        assert fitted.report.room_loss[-1] <= error + 1e-6
+        counts.append(fitted.report.pieces)
+    assert counts[0] > counts[1]
+
+
+def test_super_ellipsoids_that_lose_too_much_room_have_not_reached_it(monkeypatch):
+    monkeypatch.setattr(candidates, "OTHERS", 4)
+    monkeypatch.setattr(candidates, "STRETCH", 12.0)
+    monkeypatch.setattr("bozzini.duct._fit_blocks.add_balls", lambda shapes, *_, **__: shapes)
+    monkeypatch.setattr("bozzini.duct.fit.WAY", 20.0)
+    duct, line = tube()
+    fitted = fit_duct(duct, line, "superellipsoids", max_error=0.2)
+    assert not fitted.reached
+    assert "of the room on the centreline is lost" in fitted.reason
+    few = fit_duct(duct, line, "superellipsoids", max_error=0.2, pieces=12)
+    assert few.reached, few.reason
 
 
 def test_number_of_cones_follows_from_the_bend():

@@ -157,9 +157,11 @@ def test_kernels_get_a_rigorous_bound():
     assert field.wall_error == spacing == duct.wall_error
     assert (field.clearance_bound(places) > 0.0).sum() > 1000
     assert duct.to_world(duct.to_grid(places)) == pytest.approx(places, abs=1e-9)
-    assert duct.inflate(0.5).pack().inflation == 0.5
+    assert (field.exact_outside, field.reach) == (False, 0.0)
     with pytest.raises(InputError, match=r"voxel is 0\.01 mm: the grid would have more than"):
         duct.sample(0.01)
+    with pytest.raises(InputError, match=r"voxel is 1e-300 mm: .* at least about 0\.0"):
+        duct.sample(1e-300)
 
 
 CUBE = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]

@@ -47,6 +47,17 @@ def test_distance_and_side_agree_with_others(seed):
     assert np.array_equal(distance[sure] < 0.0, inside[sure])
 
 
+def test_it_is_exact_at_a_hundred_thousand_places():
+    random, duct = random_star(12)
+    points = scatter(random, duct, 100_000)
+    distance = duct.signed_distance(points)
+    assert np.abs(np.abs(distance) - wall_distance(duct.vertices, points)).max() <= 1e-9
+    inside = Path(duct.vertices).contains_points(points)
+    sure = np.abs(distance) > 1e-9
+    assert np.array_equal(distance[sure] < 0.0, inside[sure])
+    assert np.all(duct.clearance_bound(points) <= -distance)
+
+
 def test_the_level_of_a_vertex_does_not_confuse_the_side():
     # A ray through vertices, and along edges.
     duct = Polygon([(0, 0), (4, 0), (4, 2), (6, 2), (6, 0), (10, 0), (10, 4), (5, 2.5), (0, 4)])

@@ -115,7 +115,11 @@ def test_planes_and_points_make_the_same():
         ([], InputError, "pieces is empty"),
         (box((0, 0, 0), (1, 1, 1)), InputError, "pieces is one array of 6 rows"),
         ([np.zeros((4, 3))], InputError, r"pieces\[0\] has shape \(4, 3\)"),
-        ([np.r_[box((0, 0, 0), (1, 1, 1)), [[0, 0, 0, 1]]]], InputError, r"pieces\[0\]\[6\] has a"),
+        (
+            [np.r_[box((0, 0, 0), (1, 1, 1)), [[0, 0, 0, 1]]]],
+            InputError,
+            r"normal of pieces\[0\]\[6\] is zero",
+        ),
         ([box((0, 0, 0), (1, 1, 1))[:5]], GeometryError, "piece 0 has no end: its 5 planes do not"),
         ([box((0, 0, 0), (1, 1, 1))[[0, 1, 3, 4]]], GeometryError, "piece 0 has no end"),
         ([box((1, 0, 0), (0, 1, 1))], GeometryError, "piece 0 is empty or flat"),

@@ -152,9 +152,24 @@ def test_eroded_and_inflated_move_the_wall_by_the_amount(seed, amount):
     points = scatter(random, duct, 100)
     value = duct.signed_distance(points)
     assert duct.inflate(amount).signed_distance(points) == pytest.approx(value - amount)
-    thin = min(amount, 0.4 * float(np.ptp(duct.bounds, axis=0).min()))
+    thin = min(amount, max(-0.9 * float(value.min()), 0.0))
     assert duct.erode(thin).signed_distance(points) == pytest.approx(value + thin)
     assert duct.inflate(amount).kind == "bound"
+
+
+@pytest.mark.parametrize(
+    ("quad", "along", "message"),
+    [
+        (5, 0.5, r"quad is 5: it must be a whole number in \[0, 0\]"),
+        (-1, 0.5, r"quad is -1: it must be a whole number in \[0, 0\]"),
+        (0.5, 0.5, r"quad is 0\.5: it must be a whole number"),
+        (0, np.nan, "along has values that are not finite"),
+    ],
+)
+def test_places_in_no_quad_are_refused(quad, along, message):
+    duct = StitchedQuads([(0, 0), (1, 0)], [(0, 1), (1, 1)])
+    with pytest.raises(InputError, match=message):
+        duct.locate(quad, along, 0.5)
 
 
 def test_it_is_a_planar_duct_and_the_same_as_its_outline():

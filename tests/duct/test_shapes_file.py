@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -12,7 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from bozzini.duct import Polygon, RoundCones
 from bozzini.duct.cylinders import ConnectedCylinders
-from bozzini.duct.shapes_file import load_shapes, read_shapes, save_shapes, write_shapes
+from bozzini.duct.shapes_file import (
+    FITS,
+    load_shapes,
+    load_shapes_file,
+    read_shapes,
+    save_shapes,
+    write_shapes,
+)
 from bozzini.duct.super_ellipsoid import SuperEllipsoids
 from bozzini.errors import FileFormatError, InputError, OutputError
 
@@ -104,6 +112,9 @@ def change_shape(index, **fields):
         (change(format="other"), "format is 'other'"),
         (change(units="m"), "units is 'm': it must be 'mm'"),
         (change(wall=3), "wall is 3: it must be text"),
+        (change(fit="tight"), "fit is 'tight': it must be one of inscribed, least squares"),
+        (change(note=["x"]), "note is .*it must be text"),
+        (change_shape(1, radius="1e-3"), r"shapes\[1\]\.radius is '1e-3'.*in YAML 1.0e-3"),
         (change(wall_error=None), "wall_error is None"),
         (change(extra=1), "unknown field 'extra'"),
         ([1, 2], r"the file is \[1, 2\]"),
@@ -119,11 +130,11 @@ def test_wrong_data_is_told_in_one_line(data, message, tmp_path):
 def test_wrong_super_ellipsoid_names_its_number():
     data = write_shapes(make_shapes("superellipsoids", 3))
     data["shapes"][1]["e1"] = 2.5
-    with pytest.raises(InputError, match=r"e1\[1\] is 2.5: it must lie in \[0.1, 2\]"):
+    with pytest.raises(InputError, match=r"^shapes\[1\]\.e1 is 2.5: it must lie in \[0.1, 2\]"):
         read_shapes(data)
     data["shapes"][1]["e1"] = 1.0
     data["shapes"][1]["axes"][0] = [1.0, 1.0, 0.0]
-    with pytest.raises(InputError, match=r"rotations\[1\] is no rotation"):
+    with pytest.raises(InputError, match=r"^shapes\[1\]\.axes is no rotation"):
         read_shapes(data)
 
 
@@ -138,6 +149,8 @@ def test_wrong_super_ellipsoid_names_its_number():
         ("a.yaml", "", "the file is None"),
         ("a.yaml", "? [1, 2]\n: 3\n", "a.yaml: not YAML"),
         ("a.txt", "{}", "ends in '.txt'"),
+        ("a.yaml", "shapes: &s [*s]\n", "line 1 refers to '&s': write it out"),
+        ("a.json", '{"%s": 1}' % ("k" * 5000), "unknown field 'kkk"),
     ],
 )
 def test_wrong_files_are_told_in_one_line(name, text, message, tmp_path):
@@ -146,6 +159,61 @@ def test_wrong_files_are_told_in_one_line(name, text, message, tmp_path):
     with pytest.raises(FileFormatError, match=message) as caught:
         load_shapes(path)
     assert "\n" not in str(caught.value)
+
+
+def test_references_that_grow_are_refused_at_once(tmp_path):
+    """A few hundred bytes that stand for 10^10 numbers: neither built nor shown."""
+    rows = ["wall:", "  - &a0 [1,1,1,1,1,1,1,1,1,1]"]
+    rows += [f"  - &a{k} [{','.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
+    path = tmp_path / "grows.yaml"
+    path.write_text("\n".join(rows))
+    begin = time.perf_counter()
+    with pytest.raises(FileFormatError, match="line 3 refers to '&a0'"):
+        load_shapes(path)
+    assert time.perf_counter() - begin < 2.0
+
+
+def test_much_data_is_not_written_out_to_be_shown():
+    many = [1.0] * 10
+    for _ in range(9):
+        many = [many] * 10
+    begin = time.perf_counter()
+    with pytest.raises(InputError, match="wall is .*it must be text") as caught:
+        read_shapes(change(wall=many))
+    assert time.perf_counter() - begin < 2.0 and len(str(caught.value)) < 120
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "value"),
+    [
+        ("cylinders", "normal", [0.0, 0.0, 0.0]),
+        ("superellipsoids", "e2", 0.05),
+        ("superellipsoids", "half_axes", [5.0, -1.0, 5.0]),
+        ("superellipsoids", "axes", [[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
+    ],
+)
+def test_what_a_constructor_refuses_is_named_as_in_the_file(kind, field, value):
+    data = write_shapes(make_shapes(kind, 3))
+    data["shapes"][1][field] = value
+    with pytest.raises(InputError, match=rf"^shapes\[1\]\.{field} is "):
+        read_shapes(data)
+
+
+def test_one_circle_is_no_cylinder():
+    data = write_shapes(make_shapes("cylinders", 3))
+    with pytest.raises(InputError, match="shapes holds 1 circle: .* 2 or more"):
+        read_shapes(data | {"shapes": data["shapes"][:1]})
+
+
+@pytest.mark.parametrize("fit", ["", *FITS])
+@pytest.mark.parametrize("name", ["s.json", "s.yaml"])
+def test_the_file_says_how_shapes_were_fitted(fit, name, tmp_path):
+    shapes = make_shapes("cones", 1)
+    file = load_shapes_file(save_shapes(shapes, tmp_path / name, fit=fit, note="for a test"))
+    assert (file.fit, file.note) == (fit, "for a test")
+    assert same("cones", file.shapes, shapes)
+    with pytest.raises(InputError, match="fit is 'tight'"):
+        save_shapes(shapes, tmp_path / "t.json", fit="tight")
 
 
 def test_files_that_cannot_be_read(tmp_path):
@@ -169,6 +237,10 @@ def test_writing_replaces_nothing_unasked(tmp_path):
         save_shapes(shapes, tmp_path / "s.txt")
     with pytest.raises(OutputError, match="not a directory"):
         save_shapes(shapes, tmp_path / "no" / "s.json")
+    (tmp_path / "d.json").mkdir()
+    with pytest.raises(OutputError, match=r"d\.json is a directory"):
+        save_shapes(shapes, tmp_path / "d.json", force=True)
+    (tmp_path / "d.json").rmdir()
     with pytest.raises(InputError, match="a Polygon has no file form"):
         save_shapes(Polygon([[0, 0], [1, 0], [0, 1]]), tmp_path / "p.json")
     assert sorted(item.name for item in tmp_path.iterdir()) == ["s.json"]

@@ -171,7 +171,7 @@ def test_meshes() -> None:
 
 
 def test_bad_input() -> None:
-    with pytest.raises(InputError, match=r"radius is 0 mm: it must lie in \(0, inf\) mm"):
+    with pytest.raises(InputError, match=r"radius is 0 mm: it must lie in \[1e-06, 1e\+06\] mm"):
         tc.relative_curvature(0.1, 0.0)
     with pytest.raises(InputError, match="not all finite"):
         tc.relative_curvature([math.nan], 1.0)
@@ -179,7 +179,17 @@ def test_bad_input() -> None:
         tc.measure_curve([1, 0], [0, 1], side="up")
     with pytest.raises(InputError, match="must not stand still"):
         tc.measure_curve([0, 0], [0, 1])
+    with pytest.raises(InputError, match="curvatures is empty"):
+        tc.is_traversable([], 1.0)
+    with pytest.raises(InputError, match="curvatures is empty"):
+        tc.find_rolling_radius([])
+    with pytest.raises(InputError, match=r"do not go together: first \(3, 2\), second \(4, 2\)"):
+        tc.measure_curve(np.ones((3, 2)), np.ones((4, 2)))
+    with pytest.raises(InputError, match=r"do not go together: first \(3,\), second \(2,\)"):
+        tc.printed_curve(np.ones(3), np.ones(2), 1.0)
     e = np.eye(3)
+    with pytest.raises(InputError, match=r"do not go together: .*first_v \(2, 3\)"):
+        tc.measure_surface(np.ones((3, 3)), np.ones((2, 3)), e[2], e[2], e[2], toward=e[2])
     with pytest.raises(InputError, match="parallel"):
         tc.measure_surface(e[0], 2 * e[0], e[2], e[2], e[2], toward=e[2])
     with pytest.raises(InputError, match="lies in the surface"):

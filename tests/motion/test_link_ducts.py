@@ -225,17 +225,50 @@ def test_where_none_fits_it_says_all():
     assert not math.isfinite(place_tail(duct, (30, 0), (10, 0), length=9.0).clearance_bound)
 
 
+@settings(max_examples=80)
+@given(
+    planar=st.booleans(),
+    spare=st.floats(-6.0, -1.0).map(lambda power: 10.0**power),
+    short=st.booleans(),
+    turn=st.floats(0.5, 3.0),
+)
+def test_a_narrow_place_is_found_or_nothing_is_claimed(planar, spare, short, turn):
+    # The sphere about the head runs through the middle of a ball: there is 1 mm, at one place.
+    if planar:
+        duct, old = Circles([(10.0, 0.0)], [1.0]), np.array([np.cos(turn), np.sin(turn)])
+    else:
+        duct = RoundCones([(10.0, 0.0, 0.0)], [1.0])
+        old = np.array([np.cos(turn), 0.6 * np.sin(turn), 0.8 * np.sin(turn)])
+    clearance = 1.0 + spare if short else 1.0 - spare
+    head = np.zeros(len(old))
+    placed = place_tail(duct, head, 9.0 * old, length=10.0, clearance=clearance)
+    if placed.found:
+        assert not short and placed.clearance >= clearance - 2e-9
+        # Of the cap |x - c| <= spare the nearest direction is found, but for the slack.
+        cap, sure = (2.0 * math.asin(max(s, 0.0) / 20.0) for s in (spare, spare - placed.slack))
+        assert turn - cap - 1e-9 <= placed.turn <= turn + cap + 1e-9
+        assert placed.turn_bound <= placed.turn
+        if sure > 0.0:
+            assert placed.turn_bound <= turn - sure + 1e-9 and placed.turn <= turn - sure + 1e-3
+        return
+    assert 1.0 <= placed.clearance_bound < clearance + placed.slack
+    assert short or spare < 0.02 * placed.slack
+    claims_proof = "to spare" not in placed.reason
+    assert claims_proof == (placed.clearance_bound < clearance)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"length": 0.0}, r"length is 0 mm: it must lie in \(0, inf\) mm"),
+        ({"length": 0.0}, r"length is 0 mm: it must lie in \[1e-06, 1e\+06\] mm"),
         ({"length": float("nan")}, "length is nan"),
-        ({"clearance": -1.0}, r"clearance is -1 mm: it must lie in \[0, inf\) mm"),
+        ({"clearance": -1.0}, r"clearance is -1 mm: it must lie in \[0, 1e\+06\] mm"),
         ({"gap": 1.0}, r"gap is 1 rad: it must lie in \[1e-05, 0.1\] rad"),
         ({"head": (1.0, 2.0, 3.0)}, "head"),
         ({"head": [(1.0, 2.0)]}, r"head has shape \(1, 2\): it must be one point, \(2,\)"),
         ({"old": (30.0, 0.0)}, r"the head is on the old tail, \[30.0, 0.0\] mm"),
         ({"old": (float("inf"), 0.0)}, "old tail"),
+        ({"head": (1e200, 0.0)}, r"head\[0\] is 1e\+200 mm: it must lie in \[-1e\+06, 1e\+06\] mm"),
     ],
 )
 def test_illegal_input_is_refused(change, message):

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.duct import Centreline, Polygon, RoundCones, SampledField
+from bozzini.duct import Centreline, Polygon, RoundCones, SampledField, TriangleMesh
 from bozzini.errors import InputError
 from bozzini.motion._traverse_ceiling import make_ceiling
 from bozzini.motion.traverse import find_link_limits
@@ -168,6 +169,27 @@ def test_bounds_of_the_clearance_from_above() -> None:
         assert np.all(above >= -truth - 1e-5)
         inside = truth < -1.0
         assert np.median(above[inside] + truth[inside]) < 0.8
+
+
+def test_sheets_of_a_mesh_that_cross_prove_nothing() -> None:
+    # Two capsules that overlap are one straight tube, but their triangles are inside it too.
+    first = trimesh.creation.capsule(height=40, radius=6, count=[24, 24])
+    second = first.copy()
+    second.apply_translation([0, 0, 36])
+    both = trimesh.util.concatenate([first, second])
+    mesh = TriangleMesh(both.vertices, both.faces)
+    assert mesh.kind == "bound"
+    low, high = mesh.bounds[:, 2]
+    axis = np.stack([np.zeros(40), np.zeros(40), np.linspace(low + 6, high - 6, 40)], axis=1)
+    tube = RoundCones(axis[[0, -1]], [6.0, 6.0])
+    ceiling = make_ceiling(mesh)
+    points = np.random.default_rng(0).uniform(*mesh.bounds, (20_000, 3))
+    above = ceiling.measure(np.ascontiguousarray(ceiling.to_local(points)))
+    room = -tube.signed_distance(points)
+    # The capsules of triangles are narrower than round ones by their sagitta.
+    assert np.all(above[room > 0.0] >= room[room > 0.0] - 0.1)
+    limits = find_link_limits(mesh, Centreline.from_points(axis, tube), diameter=8.0, stations=5)
+    assert limits.link_high > 40.0
 
 
 def test_a_turned_duct_has_the_same_limits() -> None:

@@ -195,10 +195,18 @@ def test_the_thesis_hypothesis_is_false() -> None:
 @pytest.mark.parametrize(
     ("given", "match"),
     [
-        ({"radius": 0, "half_width": 1}, r"radius of the bend is 0 mm: it must lie in \(0, inf\)"),
+        (
+            {"radius": 0, "half_width": 1},
+            r"radius of the bend is 0 mm: it must lie in \[1e-06, 1e\+06\] mm",
+        ),
         ({"radius": 3, "half_width": 1, "body_radius": 1}, r"body radius is 1 mm: .* \[0, 1\) mm"),
         ({"radius": 3, "half_width": 1, "angle": 4}, "angle of the bend is 4"),
         ({"radius": math.nan, "half_width": 1}, "radius of the bend is nan"),
+        (
+            {"radius": 30, "half_width": 10, "angle": 5e-324},
+            r"angle of the bend is .*\[1e-06, 3\.1",
+        ),
+        ({"radius": 1e200, "half_width": 1}, r"radius of the bend is 1e\+200 mm"),
     ],
 )
 def test_bends_that_are_none(given: dict[str, float], match: str) -> None:

@@ -29,6 +29,8 @@ def test_bend(tmp_path) -> None:
         np.testing.assert_array_equal(values[np.isfinite(values)], given[np.isfinite(given)])
     assert limits.link_high < upper.get_ylim()[1]
     assert write_figure(figure, tmp_path / "limits.png").stat().st_size > 5000
+    # The legend covers none of the curves.
+    assert upper.get_legend().get_window_extent().y0 >= upper.get_window_extent().y1 - 1.0
 
 
 def test_nothing_known(tmp_path) -> None:

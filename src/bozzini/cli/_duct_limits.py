@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ._tables import PICTURES, check_target
+from ._tract_options import read_with_options, sort_options, tell_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
-    LabelsType,
     QuantityType,
     emit,
     force_option,
@@ -21,7 +21,6 @@ from .common import (
     quiet_option,
     run_exit,
 )
-from .plan import EndType, tell_findings
 
 if TYPE_CHECKING:
     from ..anatomy.findings import Finding
@@ -37,6 +36,13 @@ _BY = {
     "length": "longer ones are longer than the way",
 }
 
+_CAVEATS = {
+    "inscribed": "All this is about the shapes, which are inside the tract and leave out a part of "
+    "it: upper bounds do not hold for the tract.",
+    "least squares": "All this is about the shapes, which go through the wall of the tract: no "
+    "bound holds for the tract.",
+}
+
 
 @click.command("limits")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
@@ -48,19 +54,7 @@ _BY = {
     help="Outer diameter of the body.",
 )
 @click.option("--link", type=QuantityType("length"), help="Length of a rigid link, to judge.")
-@click.option("--labels", type=LabelsType(), help="Labels that are lumen: 1,2,3 (default: all).")
-@click.option("--unit", default="mm", show_default=True, help="Unit of a surface file.")
-@click.option("--voxel", type=QuantityType("length"), help="Grid of the distance field.")
-@click.option(
-    "--inflate",
-    type=QuantityType("length"),
-    default="0mm",
-    show_default=True,
-    help="Move the wall outwards, as insufflation does.",
-)
-@click.option("--start", type=EndType(), help="Where links enter: a point or a label.")
-@click.option("--end", type=EndType(), help="Where they go: a point or a label.")
-@click.option("--reverse", is_flag=True, help="Enter at the other end.")
+@tract_options
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -74,43 +68,25 @@ def limits_command(
     source: Path,
     diameter: float,
     link: float | None,
-    labels: tuple[int, ...] | None,
-    unit: str,
-    voxel: float | None,
-    inflate: float,
-    start: tuple[float, ...] | int | None,
-    end: tuple[float, ...] | int | None,
-    reverse: bool,
     out: Path | None,
     force: bool,
     as_json: bool,
     quiet: bool,
+    **options: Any,
 ) -> None:
     """Bound the longest link and the largest diameter along the lumen in INPUT, and say where.
 
     INPUT is a label volume (.nii, .nii.gz), a surface (.stl, .ply, .obj, .glb) or fitted shapes
-    (.json, .yaml). All bounds are proved. Exit code 0: the link passes (without --link: short ones
-    do); 1: it does not, or these bounds do not decide it; 2: bad input.
+    (.json, .yaml). All bounds are proved; of shapes they are about the shapes, and where these
+    were fitted to a tract, what does not pass them may pass the tract. Exit code 0: the link passes
+    (without --link: short ones do); 1: it does not, or these bounds do not decide it; 2: bad input.
     """
     check_target(out, PICTURES, force=force)
     from ..study.traverse import run_limits
 
+    given, known, ways = _read(source, options, quiet=quiet)
     with progress_bar(quiet=quiet) as progress:
-        progress("read", 0.0)
-        given, known = _read(source, labels, unit)
-    tell_findings(known)
-    with progress_bar(quiet=quiet) as progress:
-        study = run_limits(
-            given,
-            diameter=diameter,
-            link=link,
-            start=start,
-            end=end,
-            reverse=reverse,
-            voxel=voxel,
-            inflate=inflate,
-            progress=progress,
-        )
+        study = run_limits(given, diameter=diameter, link=link, progress=progress, **ways)
     tell_findings(study.findings[len(known) :])
     if out is not None:
         from ..view.figures import write_figure
@@ -124,25 +100,28 @@ def limits_command(
 
 
 def _read(
-    source: Path, labels: tuple[int, ...] | None, unit: str
-) -> tuple[LabelTract | SurfaceTract | Duct, Sequence[Finding]]:
-    from ..anatomy import read_tract
-    from ..duct.shapes_file import SUFFIXES, load_shapes
+    source: Path, options: dict[str, Any], *, quiet: bool
+) -> tuple[LabelTract | SurfaceTract | Duct, Sequence[Finding], dict[str, Any]]:
+    """Return a tract or shapes, what is known of it, and its options for the study."""
+    from ..duct.shapes_file import SUFFIXES, load_shapes_file
     from ..errors import InputError
 
     if source.suffix.lower() not in SUFFIXES:
-        tract = read_tract(source, labels=labels, unit=unit)
-        return tract, tract.findings
+        tract, ways = read_with_options(source, options, quiet=quiet)
+        return tract, tract.findings, ways
+    labels, unit, ways = sort_options(options)
     if labels is not None:
         raise InputError(f"{source} holds shapes: it has no labels to select")
-    if unit != "mm":
+    if unit not in (None, "mm"):
         raise InputError(f"unit is '{unit}': a file of shapes is in mm, leave it out")
-    return load_shapes(source), ()
+    file = load_shapes_file(source)
+    return file.shapes, (), ways | {"fit": file.fit}
 
 
 def _describe(study: LimitsStudy) -> str:
     links, widths = study.links, study.diameters
-    lines = [f"A body of {links.diameter:g} mm along {study.line.length:.0f} mm:"]
+    of = " of the shapes" if study.fit else ""
+    lines = [f"A body of {links.diameter:g} mm along {study.line.length:.0f} mm{of}:"]
     if links.link_low > 0.0:
         by = _BY[links.link_low_by].format(place=f"{links.link_low_at:.0f} mm")
         lines.append(
@@ -178,6 +157,8 @@ def _describe(study: LimitsStudy) -> str:
             "undecided": "are not decided by these bounds: plan their motion",
         }[study.verdict]
         lines.append(f"Links of {narrow.link:g} mm {verdict}.")
+    if study.fit:
+        lines.append(_CAVEATS[study.fit])
     return "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""``--robot``: a tendon robot that goes the planned way."""
+"""What moves: a scope, or a tendon robot (``--robot``) that goes the planned way."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from .common import QuantityType
+
 if TYPE_CHECKING:
     from ..continuum import ContinuumRobot
     from ..continuum.actuation import Actuation
     from ..motion import Scope
 
-__all__ = ["choose_scope", "describe_robot", "read_robot", "robot_option"]
+__all__ = ["choose_scope", "describe_robot", "read_robot", "scope_options"]
 
 DIAMETER, LINK = 9.0, 10.0
 """Of the scope, where neither it nor a robot is given [mm]."""
@@ -22,14 +24,31 @@ DIAMETER, LINK = 9.0, 10.0
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def robot_option(function: _Function) -> _Function:
-    """Add ``--robot`` as the argument ``robot``: a file, or None."""
-    return click.option(
-        "--robot",
-        type=click.Path(path_type=Path),
-        metavar="ROBOT.yaml",
-        help="Also make the motion of this tendon robot, and prove it.",
-    )(function)
+def scope_options(function: _Function) -> _Function:
+    """Add what moves: ``--robot``, ``--diameter`` and ``--link``; None where not given."""
+    for option in reversed(
+        (
+            click.option(
+                "--robot",
+                type=click.Path(path_type=Path),
+                metavar="ROBOT.yaml",
+                help="Also make the motion of this tendon robot, and prove it.",
+            ),
+            click.option(
+                "--diameter",
+                type=QuantityType("length"),
+                help="Outer diameter of the scope.  [default: 9mm, or the robot's]",
+            ),
+            click.option(
+                "--link",
+                type=QuantityType("length"),
+                help="Length of a rigid link.  [default: 10mm, or half the robot's shortest "
+                "section]",
+            ),
+        )
+    ):
+        function = option(function)
+    return function
 
 
 def read_robot(path: Path | None) -> ContinuumRobot | None:

@@ -18,19 +18,13 @@ def check_target(out: Path | None, suffixes: tuple[str, ...], *, force: bool) ->
     Raises
     ------
     OutputError
-        If it ends otherwise than in `suffixes`, its directory is not there, or it exists and may
-        not be replaced.
+        If it ends otherwise than in `suffixes`, is a directory, exists and may not be replaced,
+        or its place takes no new file.
     """
-    from ..errors import OutputError
+    from ..files import check_new_file
 
-    if out is None:
-        return
-    if out.suffix.lower() not in suffixes:
-        raise OutputError(f"{out} ends in '{out.suffix}': it must end in {', '.join(suffixes)}")
-    if not out.parent.is_dir():
-        raise OutputError(f"cannot write {out}: {out.parent} is not a directory")
-    if out.exists() and not force:
-        raise OutputError(f"{out} exists already: choose another file or give --force")
+    if out is not None:
+        check_new_file(out, suffixes, force=force)
 
 
 def format_csv(columns: Mapping[str, Any]) -> str:

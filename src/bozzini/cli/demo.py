@@ -7,31 +7,23 @@ from pathlib import Path
 
 import click
 
-from ._robot_options import choose_scope, read_robot, robot_option
+from ._robot_options import choose_scope, read_robot, scope_options
+from ._tract_options import tell_findings
 from .common import (
-    EXIT_NEGATIVE,
     QuantityType,
-    emit,
     force_option,
     json_option,
     progress_bar,
     quiet_option,
-    run_exit,
 )
-from .plan import describe_result, tell_findings
+from .plan import write_result
 
 __all__ = ["command"]
 
 
 @click.command(name="demo")
 @click.option("--seed", default=0, show_default=True, help="Another number, another anatomy.")
-@robot_option
-@click.option("--diameter", type=QuantityType("length"), help="[default: 9mm, or the robot's]")
-@click.option(
-    "--link",
-    type=QuantityType("length"),
-    help="[default: 10mm, or half the robot's shortest section]",
-)
+@scope_options
 @click.option("--voxel", type=QuantityType("length"), default="1.5mm", show_default=True)
 @click.option(
     "--out",
@@ -79,8 +71,4 @@ def command(
             progress=progress,
         )
     tell_findings(study.findings[len(tract.findings) :])
-    with progress_bar(quiet=quiet) as progress:
-        summary = study.write(out, force=force, progress=progress)
-    emit(summary, as_json=as_json, text=describe_result(study, summary, out))
-    if not study.fits:
-        run_exit(EXIT_NEGATIVE)
+    write_result(study, out, force=force, as_json=as_json, quiet=quiet)

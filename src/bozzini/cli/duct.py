@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ._duct_limits import limits_command
-from ._duct_options import read_with_options, tract_options
 from ._tables import PICTURES, check_target
+from ._tract_options import read_with_options, tell_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
@@ -20,7 +20,6 @@ from .common import (
     quiet_option,
     run_exit,
 )
-from .plan import tell_findings
 
 if TYPE_CHECKING:
     from ..study.shapes import FitStudy, SectionStudy
@@ -59,7 +58,7 @@ command.add_command(limits_command)
 @click.option(
     "--pieces",
     type=int,
-    help="How many shapes at most (default: as few as lose no more room than --max-error).",
+    help="How many shapes at most (default: so many that no more room than --max-error is lost).",
 )
 @click.option(
     "--least-squares",
@@ -95,6 +94,7 @@ def fit_command(
     much room is lost (the file is written, and the report says what); 2: bad input.
     """
     from ..checks import check_integer, check_number
+    from ..duct.fit import PIECES_MAX
     from ..duct.shapes_file import check_shapes_target, save_shapes
     from ..study.shapes import run_fit
 
@@ -102,7 +102,7 @@ def fit_command(
         check_shapes_target(out, force=force)
     check_number("--max-error", max_error, low=0.0, low_open=True, unit="mm")
     if pieces is not None:
-        check_integer("--pieces", pieces, low=1)
+        check_integer("--pieces", pieces, low=1, high=PIECES_MAX)
     tract, ways = read_with_options(source, options, quiet=quiet)
     with progress_bar(quiet=quiet) as progress:
         study = run_fit(
@@ -117,7 +117,8 @@ def fit_command(
     tell_findings(study.findings[len(tract.findings) :])
     if out is not None:
         note = f"{study.fitted.report.pieces} {kind} fitted to {source.name}"
-        save_shapes(study.fitted.duct, out, note=note, force=force)
+        fit = "least squares" if least_squares else "inscribed"
+        save_shapes(study.fitted.duct, out, fit=fit, note=note, force=force)
     result = study.summarise() | {"input": source.name, "file": out}
     emit(result, as_json=as_json, text=_describe_fit(study, out))
     if not study.fitted.reached:
@@ -179,8 +180,11 @@ def show_command(
 def _show_tract(
     source: Path, out: Path | None, spacing: float | None, options: dict[str, Any], *, quiet: bool
 ) -> tuple[dict[str, Any], str]:
-    from ..study.shapes import run_sections
+    from ..checks import check_number
+    from ..study.shapes import SPACING_MIN, run_sections
 
+    if spacing is not None:
+        check_number("--spacing", spacing, low=SPACING_MIN, unit="mm")
     tract, ways = read_with_options(source, options, quiet=quiet)
     with progress_bar(quiet=quiet) as progress:
         study = run_sections(
@@ -200,10 +204,11 @@ def _show_tract(
 def _show_shapes(
     source: Path, over: Path | None, out: Path | None, options: dict[str, Any], *, quiet: bool
 ) -> tuple[dict[str, Any], str]:
-    from ..duct.shapes_file import count_pieces, load_shapes, write_shapes
+    from ..duct.shapes_file import count_pieces, load_shapes_file, write_shapes
 
-    shapes = load_shapes(source)
-    data = write_shapes(shapes)
+    file = load_shapes_file(source)
+    shapes = file.shapes
+    data = write_shapes(shapes, fit=file.fit, note=file.note)
     low, high = shapes.bounds
     result = data | {"input": source.name, "pieces": count_pieces(shapes)}
     result |= {"bounds_mm": [low, high], "file": out}

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ._robot_options import choose_scope, describe_robot, read_robot, robot_option
+from ._robot_options import choose_scope, describe_robot, read_robot, scope_options
+from ._tract_options import read_with_options, tell_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
-    LabelsType,
     QuantityType,
     emit,
     force_option,
@@ -24,63 +23,18 @@ from .common import (
 )
 
 if TYPE_CHECKING:
-    from ..anatomy.findings import Finding
     from ..study import InsertionStudy
 
-__all__ = ["command", "describe_result", "tell_findings"]
+__all__ = ["command", "write_result"]
 
 ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 """What ``--route`` means: fractions of the way that the head goes to in turn."""
 
 
-class EndType(click.ParamType):  # type: ignore[type-arg]
-    """An end of the centreline: ``x,y,z`` with units, or the number of a label."""
-
-    name = "x,y,z|label"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...] | int:
-        """Return a label as int, or a point as a tuple in mm."""
-        from ..errors import BozziniError
-        from ..units import parse_vector
-
-        if not isinstance(value, str):
-            return value  # type: ignore[no-any-return]
-        if value.strip().isascii() and value.strip().isdigit():
-            return int(value)
-        try:
-            return parse_vector(value, "length")
-        except BozziniError as error:
-            self.fail(f"{error} (or give one label number)", param, ctx)
-
-
 @click.command(name="plan")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option("--labels", type=LabelsType(), help="Labels that are lumen: 1,2,3 (default: all).")
-@click.option("--unit", default="mm", show_default=True, help="Unit of a surface file.")
-@click.option("--voxel", type=QuantityType("length"), help="Grid of the distance field.")
-@click.option(
-    "--inflate",
-    type=QuantityType("length"),
-    default="0mm",
-    show_default=True,
-    help="Move the wall outwards, as insufflation does.",
-)
-@click.option("--start", type=EndType(), help="Where the scope enters: a point or a label.")
-@click.option("--end", type=EndType(), help="Where it goes: a point or a label.")
-@click.option("--reverse", is_flag=True, help="Enter at the other end.")
-@robot_option
-@click.option(
-    "--diameter",
-    type=QuantityType("length"),
-    help="Outer diameter of the scope.  [default: 9mm, or the robot's]",
-)
-@click.option(
-    "--link",
-    type=QuantityType("length"),
-    help="Length of a rigid link.  [default: 10mm, or half the robot's shortest section]",
-)
+@tract_options
+@scope_options
 @click.option(
     "--length", type=QuantityType("length"), help="Length of the scope (default: the tract's)."
 )
@@ -135,13 +89,6 @@ class EndType(click.ParamType):  # type: ignore[type-arg]
 @quiet_option
 def command(
     source: Path,
-    labels: tuple[int, ...] | None,
-    unit: str,
-    voxel: float | None,
-    inflate: float,
-    start: tuple[float, ...] | int | None,
-    end: tuple[float, ...] | int | None,
-    reverse: bool,
     robot: Path | None,
     diameter: float | None,
     link: float | None,
@@ -158,6 +105,7 @@ def command(
     force: bool,
     as_json: bool,
     quiet: bool,
+    **options: Any,
 ) -> None:
     """Plan how a scope moves through the lumen in INPUT.
 
@@ -170,25 +118,15 @@ def command(
     check_new_directory(out, force=force)
     machine = read_robot(robot)
     scope = choose_scope(machine, diameter=diameter, link=link, length=length)
-    with progress_bar(quiet=quiet) as progress:
-        progress("read", 0.0)
-        from ..anatomy import read_tract
-        from ..study import run_insertion
+    from ..study import run_insertion
 
-        begin = time.perf_counter()
-        tract = read_tract(source, labels=labels, unit=unit)
-        seconds = {"read": time.perf_counter() - begin}
-    # Told at once, not with the result: a later stage may fail just because of them.
-    tell_findings(tract.findings)
+    begin = time.perf_counter()
+    tract, ways = read_with_options(source, options, quiet=quiet)
+    seconds = {"read": time.perf_counter() - begin}
     with progress_bar(quiet=quiet) as progress:
         study = run_insertion(
             tract,
             scope=scope,
-            start=start,
-            end=end,
-            reverse=reverse,
-            voxel=voxel,
-            inflate=inflate,
             method=method,
             head_step=head_step,
             slip=slip,
@@ -198,37 +136,38 @@ def command(
             largest=largest,
             compare=compare,
             robot=machine,
-            inputs=_describe_input(source, labels, unit, voxel),
+            inputs=_describe_input(source, options),
             seconds=seconds,
             progress=progress,
+            **ways,
         )
     tell_findings(study.findings[len(tract.findings) :])
-    with progress_bar(quiet=quiet) as progress:
-        summary = study.write(out, force=force, progress=progress)
-    emit(summary, as_json=as_json, text=describe_result(study, summary, out))
-    if not study.fits:
-        run_exit(EXIT_NEGATIVE)
+    write_result(study, out, force=force, as_json=as_json, quiet=quiet)
 
 
-def _describe_input(
-    source: Path, labels: tuple[int, ...] | None, unit: str, voxel: float | None
-) -> dict[str, Any]:
+def _describe_input(source: Path, options: dict[str, Any]) -> dict[str, Any]:
+    labels, unit = options["labels"], options["unit"]
     return {
         "file": source.name,
         "sha256": hashlib.sha256(source.read_bytes()).hexdigest(),
         "labels": list(labels) if labels else None,
-        "unit": unit,
-        "voxel_mm": voxel,
+        "unit": "mm" if unit is None else unit,
+        "voxel_mm": options["voxel"],
     }
 
 
-def tell_findings(findings: Sequence[Finding]) -> None:
-    """Write what the checks found on stderr, a line each."""
-    for item in findings:
-        click.echo(f"bozzini: {item.severity}: {' '.join(item.message.split())}", err=True)
+def write_result(
+    study: InsertionStudy, out: Path, *, force: bool, as_json: bool, quiet: bool
+) -> None:
+    """Write the files of a plan and its summary, and end with the exit code that it says."""
+    with progress_bar(quiet=quiet) as progress:
+        summary = study.write(out, force=force, progress=progress)
+    emit(summary, as_json=as_json, text=_describe_result(study, summary, out))
+    if not study.fits:
+        run_exit(EXIT_NEGATIVE)
 
 
-def describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) -> str:
+def _describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) -> str:
     """Return the result as text for people: the verdict, where the files are."""
     from ..view.verdict import judge_plan
 

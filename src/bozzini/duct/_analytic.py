@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
-from ..errors import InputError
+from ..checks import check_number
+from ._shape_checks import check_places
 
 if TYPE_CHECKING:
     from .field import SampledField
     from .planar_field import PlanarField
 
-__all__ = ["AnalyticDuct", "freeze_array"]
+__all__ = ["ROUNDING", "AnalyticDuct"]
 
 ROUNDING = 64.0 * 2.0**-52
 """Rounding error of a distance, as a fraction of the largest coordinate."""
 
 
 class AnalyticDuct(ABC):
-    """A duct given by formulas, without a sampling error."""
+    """A duct given by formulas, without a sampling error; public kinds are frozen dataclasses."""
 
     dim: ClassVar[int]
     inflation: float
@@ -92,6 +93,11 @@ class AnalyticDuct(ABC):
         evaluate_slope(self.pack(), flat, slope)
         return self.to_world(-slope).reshape(array.shape)
 
+    def inflate(self, distance: float) -> Self:
+        """Return the same duct with its wall moved outwards by `distance` mm more."""
+        check_number("distance", distance, low=0.0, unit="mm")
+        return replace(self, inflation=self.inflation + distance)  # type: ignore[type-var]
+
     def erode(self, clearance: float) -> Any:
         """Return the duct of all places with at least `clearance` mm to the wall."""
         from .compose import Eroded
@@ -105,7 +111,7 @@ class AnalyticDuct(ABC):
         return to_field(self, voxel)
 
     def _flatten(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        array = check_points("points", points, dim=self.dim)
+        array = check_places("points", points, dim=self.dim)
         return array, np.array(self.to_grid(array).reshape(-1, 3), order="C")
 
     def _evaluate(self, kernel: Any, points: ArrayLike) -> NDArray[np.float64]:
@@ -113,24 +119,3 @@ class AnalyticDuct(ABC):
         result = np.empty(len(flat))
         kernel(self.pack(), flat, result)
         return result.reshape(array.shape[:-1])
-
-
-def freeze_array(
-    name: str, values: ArrayLike, shape: tuple[int, ...], *, least: int = 1
-) -> NDArray[np.float64]:
-    """Return a read-only copy of finite numbers of shape (n, *shape), n at least `least`."""
-    wanted = ", ".join(str(n) for n in ("n", *shape)) + ("," if not shape else "")
-    try:
-        array = np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be an array of numbers of shape ({wanted})") from None
-    if array.ndim != 1 + len(shape) or array.shape[1:] != shape or len(array) < least:
-        raise InputError(
-            f"{name} has shape {array.shape}: it must be ({wanted}) with n at least {least}"
-        )
-    finite = np.isfinite(array).reshape(len(array), -1).all(axis=1)
-    if not finite.all():
-        index = int(np.argmin(finite))
-        raise InputError(f"{name}[{index}] is {array[index].tolist()}: it must be finite")
-    array.flags.writeable = False
-    return array

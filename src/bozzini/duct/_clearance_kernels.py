@@ -183,47 +183,35 @@ def plane_slope(duct, x, y, z):
     return duct.inflation - s, -gx, -gy, 0.0
 
 
-def _is_packed(duct, kind):
-    return isinstance(duct, types.BaseNamedTuple) and getattr(duct, "instance_class", None) is kind
+_KERNELS: dict[Any, tuple[Any, Any, Any]] = {
+    GridData: (grid_bound, grid_estimate, grid_slope),
+    ConesData: (cones_bound, cones_estimate, cones_slope),
+    PolygonData: (polygon_bound, polygon_estimate, plane_slope),
+    ShapesData: (family_bound, family_estimate, family_slope),
+}
+"""Bound, estimate and slope of each kind of packed duct."""
+
+
+def _choose(duct, which):
+    """Return the body of a kernel for this kind: one call less, which counts here."""
+    is_packed = isinstance(duct, types.BaseNamedTuple)
+    kernels = _KERNELS.get(getattr(duct, "instance_class", None)) if is_packed else None
+    return None if kernels is None else kernels[which].py_func
 
 
 @overload(clearance_bound)
 def _overload_bound(duct, x, y, z):
-    if _is_packed(duct, GridData):
-        return grid_bound.py_func  # its body: one call less, which counts here
-    if _is_packed(duct, ConesData):
-        return lambda duct, x, y, z: cones_bound(duct, x, y, z)
-    if _is_packed(duct, PolygonData):
-        return lambda duct, x, y, z: polygon_bound(duct, x, y, z)
-    if _is_packed(duct, ShapesData):
-        return lambda duct, x, y, z: family_bound(duct, x, y, z)
-    return None
+    return _choose(duct, 0)
 
 
 @overload(clearance_estimate)
 def _overload_estimate(duct, x, y, z):
-    if _is_packed(duct, GridData):
-        return grid_estimate.py_func  # its body: one call less, which counts here
-    if _is_packed(duct, ConesData):
-        return lambda duct, x, y, z: cones_estimate(duct, x, y, z)
-    if _is_packed(duct, PolygonData):
-        return lambda duct, x, y, z: polygon_estimate(duct, x, y, z)
-    if _is_packed(duct, ShapesData):
-        return lambda duct, x, y, z: family_estimate(duct, x, y, z)
-    return None
+    return _choose(duct, 1)
 
 
 @overload(clearance_slope)
 def _overload_slope(duct, x, y, z):
-    if _is_packed(duct, GridData):
-        return grid_slope.py_func  # its body: one call less, which counts here
-    if _is_packed(duct, ConesData):
-        return lambda duct, x, y, z: cones_slope(duct, x, y, z)
-    if _is_packed(duct, PolygonData):
-        return lambda duct, x, y, z: plane_slope(duct, x, y, z)
-    if _is_packed(duct, ShapesData):
-        return lambda duct, x, y, z: family_slope(duct, x, y, z)
-    return None
+    return _choose(duct, 2)
 
 
 @njit(cache=True)

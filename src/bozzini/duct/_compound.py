@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
 from ._analytic import AnalyticDuct
 from ._sampling import to_field
+from ._shape_checks import check_places
 from ._wrapped import Eroded
 from .protocol import Duct
 
@@ -139,7 +139,7 @@ class Compound(ABC):
 
     def _flatten(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         dim = self.bounds.shape[1]
-        array = check_points("points", points, dim=dim)
+        array = check_places("points", points, dim=dim)
         return array, array.reshape(-1, dim)
 
     @cached_property

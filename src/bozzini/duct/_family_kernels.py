@@ -157,6 +157,15 @@ def inflate_shapes(shapes, inflation):
 
 
 @njit(cache=True)
+def _off_ball(boxes, i, x, y, z):
+    """Return the square of the distance to the centre of a bounding ball."""
+    dx = x - boxes[i, 0]
+    dy = y - boxes[i, 1]
+    dz = z - boxes[i, 2]
+    return dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True)
 def nearest_shape(shapes, x, y, z):
     """Return (value, i): the value at a point, and the shape that decides it."""
     boxes = shapes.boxes
@@ -166,10 +175,7 @@ def nearest_shape(shapes, x, y, z):
     for i in range(count):
         if shapes.obstacles[i]:
             continue
-        dx = x - boxes[i, 0]
-        dy = y - boxes[i, 1]
-        dz = z - boxes[i, 2]
-        gap = math.sqrt(dx * dx + dy * dy + dz * dz) - boxes[i, 3]
+        gap = math.sqrt(_off_ball(boxes, i, x, y, z)) - boxes[i, 3]
         if gap < least:
             least = gap
             start = i
@@ -181,32 +187,24 @@ def nearest_shape(shapes, x, y, z):
             i -= count
         if shapes.obstacles[i]:
             continue
-        offset = shapes.offsets[i]
-        dx = x - boxes[i, 0]
-        dy = y - boxes[i, 1]
-        dz = z - boxes[i, 2]
-        square = dx * dx + dy * dy + dz * dz
-        reach = best + boxes[i, 3] + offset
+        square = _off_ball(boxes, i, x, y, z)
+        reach = best + boxes[i, 3] + shapes.offsets[i]
         if reach <= 0.0 or square >= reach * reach:
             continue
         value = shape_value(shapes.kinds[i], shapes.params, shapes.first[i], x, y, z)
-        value = max(value, math.sqrt(square) - boxes[i, 3]) - offset
+        value = max(value, math.sqrt(square) - boxes[i, 3]) - shapes.offsets[i]
         if value < best:
             best = value
             index = i
     for i in range(count):
         if not shapes.obstacles[i]:
             continue
-        offset = shapes.offsets[i]
-        dx = x - boxes[i, 0]
-        dy = y - boxes[i, 1]
-        dz = z - boxes[i, 2]
-        square = dx * dx + dy * dy + dz * dz
-        reach = boxes[i, 3] + offset - best
+        square = _off_ball(boxes, i, x, y, z)
+        reach = boxes[i, 3] + shapes.offsets[i] - best
         if reach <= 0.0 or square >= reach * reach:
             continue
         value = shape_value(shapes.kinds[i], shapes.params, shapes.first[i], x, y, z)
-        value = offset - max(value, math.sqrt(square) - boxes[i, 3])
+        value = shapes.offsets[i] - max(value, math.sqrt(square) - boxes[i, 3])
         if value > best:
             best = value
             index = i
@@ -214,32 +212,28 @@ def nearest_shape(shapes, x, y, z):
 
 
 @njit(cache=True)
-def family_estimate(shapes, x, y, z):
+def family_estimate(duct, x, y, z):
     """Clearance: never more than there is, but for rounding."""
-    value, _ = nearest_shape(shapes, x, y, z)
+    value, _ = nearest_shape(duct, x, y, z)
     return -value
 
 
 @njit(cache=True)
-def family_bound(shapes, x, y, z):
+def family_bound(duct, x, y, z):
     """The same less the rounding error."""
-    value, _ = nearest_shape(shapes, x, y, z)
-    return -value - shapes.slack
+    return family_estimate(duct, x, y, z) - duct.slack
 
 
 @njit(cache=True)
-def family_slope(shapes, x, y, z):
+def family_slope(duct, x, y, z):
     """Clearance and its gradient."""
-    value, i = nearest_shape(shapes, x, y, z)
-    own, gx, gy, gz = shape_slope(shapes.kinds[i], shapes.params, shapes.first[i], x, y, z)
-    dx = x - shapes.boxes[i, 0]
-    dy = y - shapes.boxes[i, 1]
-    dz = z - shapes.boxes[i, 2]
-    away = math.sqrt(dx * dx + dy * dy + dz * dz)
-    if away - shapes.boxes[i, 3] > own:
-        gx = dx / away
-        gy = dy / away
-        gz = dz / away
-    if shapes.obstacles[i]:
+    value, i = nearest_shape(duct, x, y, z)
+    own, gx, gy, gz = shape_slope(duct.kinds[i], duct.params, duct.first[i], x, y, z)
+    away = math.sqrt(_off_ball(duct.boxes, i, x, y, z))
+    if away - duct.boxes[i, 3] > own:
+        gx = (x - duct.boxes[i, 0]) / away
+        gy = (y - duct.boxes[i, 1]) / away
+        gz = (z - duct.boxes[i, 2]) / away
+    if duct.obstacles[i]:
         return -value, gx, gy, gz
     return -value, -gx, -gy, -gz

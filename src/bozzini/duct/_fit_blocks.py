@@ -1,7 +1,8 @@
 """Super-ellipsoids fitted to a duct: large ones inside it, chosen so that few cover much.
 
-Each candidate is about the largest that the rays from its centre to the wall leave room for. Of
-many candidates some are taken that a way can go through, and then those that add most volume.
+Each candidate is about the largest that the rays from its centre to the wall leave room for; the
+balls that touch the wall around points of the centreline are candidates too. Of these some are
+taken that a way can go through, and then those that add most volume.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from .protocol import Duct
 from .sections import Sections
 from .super_ellipsoid import SuperEllipsoids
 
-__all__ = ["cover_blocks", "fit_blocks", "shrink_blocks"]
+__all__ = ["add_balls", "cover_blocks", "fit_blocks", "shrink_blocks"]
 
 SAMPLES = 40_000
 """Points of the lumen by which volume is counted."""
@@ -41,9 +42,8 @@ def cover_blocks(
         Asked at very many points: better a sampled field. What it errs, `shrink_blocks` mends.
     pieces : int, optional
         Half of them at most, and as many as it takes, go to the way: so that as little room as
-        may be is lost on the centreline. The rest add volume. Without it the way loses no more
-        than `max_loss` if candidates can do that, and pieces are added that each add 0.3 % of the
-        volume.
+        may be is lost on the centreline. The rest add volume. Without it the way is the fewest
+        that lose no more than `max_loss`, and pieces are added that each add 0.3 % of the volume.
 
     Raises
     ------
@@ -51,6 +51,11 @@ def cover_blocks(
         If so few cannot cover the way.
     """
     blocks = make_candidates(draft, chain, allowance=allowance, progress=progress)
+    # Few at a bend or a narrow place leave all the room there is; balls do.
+    blocks += [
+        Block(centre, np.full(3, radius), 1.0, 1.0, np.eye(3))
+        for centre, radius in zip(chain.centres, chain.radii, strict=True)
+    ]
     samples = sample_lumen(draft, SAMPLES)
     held = np.array([block.gauge(samples) <= 1.0 for block in blocks])
     room = np.array([_room(block, chain.centres) for block in blocks])
@@ -68,6 +73,45 @@ def cover_blocks(
         else:
             held[best] = False
     return _join_blocks([blocks[k] for k in chosen])
+
+
+def add_balls(
+    blocks: SuperEllipsoids,
+    duct: Duct,
+    places: NDArray[np.float64],
+    room: NDArray[np.float64],
+    *,
+    max_loss: float,
+) -> SuperEllipsoids:
+    """Return blocks, and balls at those of the places (n, 3) where more room is lost than that.
+
+    Parameters
+    ----------
+    blocks : SuperEllipsoids
+    duct : Duct
+        The true one.
+    places : (n, 3) float
+        Inside it [mm].
+    room : (n,) float
+        That it has there [mm].
+    max_loss : float
+        [mm].
+    """
+    for _ in range(len(places)):
+        loss = room + blocks.signed_distance(places)
+        worst = int(np.argmax(loss))
+        radius = float(duct.clearance_bound(places[worst]))
+        # No ball does better than the blocks where less is proved of the duct than it says.
+        if loss[worst] <= max_loss or room[worst] - radius >= loss[worst]:
+            break
+        blocks = _build(
+            np.concatenate([blocks.centres, places[worst][None]]),
+            np.concatenate([blocks.half_axes, np.full((1, 3), radius)]),
+            np.append(blocks.e1, 1.0),
+            np.append(blocks.e2, 1.0),
+            np.concatenate([blocks.rotations, np.eye(3)[None]]),
+        )
+    return blocks
 
 
 def shrink_blocks(blocks: SuperEllipsoids, places: NDArray[np.float64]) -> SuperEllipsoids:

@@ -16,7 +16,14 @@ from .centreline import Centreline
 from .protocol import Duct, count_dimensions
 from .sections import Sections, cut_sections
 
-__all__ = ["PERCENTS", "FitReport", "explain_shortfall", "find_outside", "measure_fit"]
+__all__ = [
+    "PERCENTS",
+    "FitReport",
+    "explain_shortfall",
+    "find_inner",
+    "find_outside",
+    "measure_fit",
+]
 
 PERCENTS = (0, 5, 25, 50, 75, 95, 100)
 """The percentiles of a report."""
@@ -126,9 +133,9 @@ def measure_fit(
     reach = 2.0 * float(cuts.lengths.max())
     across = cast_rays(fitted, starts, rays, reach=reach) - cuts.lengths.reshape(-1)
     room = -duct.signed_distance(cuts.centres)
-    loss = room + fitted.signed_distance(cuts.centres)
-    inner = np.minimum(cuts.arc_length, cuts.arc_length[-1] - cuts.arc_length) >= room
-    loss, arc = (loss[inner], cuts.arc_length[inner]) if inner.any() else (loss, cuts.arc_length)
+    inner = find_inner(cuts.arc_length, room)
+    loss = (room + fitted.signed_distance(cuts.centres))[inner]
+    arc = cuts.arc_length[inner]
     progress("measure", 0.3)
     highest = find_outside(fitted, duct, max_error=max_error)
     progress("measure", 0.7)
@@ -150,6 +157,12 @@ def measure_fit(
         room_loss=np.percentile(loss, PERCENTS),
         room_loss_place=float(arc[int(np.argmax(loss))]),
     )
+
+
+def find_inner(arc_length: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which places (n,) have no end of the way as near as their wall; all, if none has."""
+    inner = np.minimum(arc_length, arc_length[-1] - arc_length) >= room
+    return inner if inner.any() else np.full(len(room), True)
 
 
 def explain_shortfall(report: FitReport, max_error: float, *, free: bool) -> str:

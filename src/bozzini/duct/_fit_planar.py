@@ -12,6 +12,7 @@ from ..checks import check_array
 from ..errors import GeometryError, InputError
 from ._fit_points import (
     EXACT,
+    FLAT,
     find_axes,
     join_powers,
     mean_square_root,
@@ -115,6 +116,8 @@ def fit_circle(
     middle = array.mean(axis=0)
     flat = array - middle
     size = float(np.abs(flat).max())
+    if size <= FLAT:
+        raise GeometryError("the points are all at one place: no circle goes through them")
     table = np.concatenate([2.0 * flat / size, np.ones((len(flat), 1))], axis=1)
     if np.linalg.svd(table[:, :2], compute_uv=False)[-1] < 1e-9 * len(flat) ** 0.5:
         raise GeometryError("the points lie on a line: no circle goes through them")
@@ -158,7 +161,7 @@ def fit_super_ellipse(points: ArrayLike) -> SuperEllipseFit:
 
     array = take_points(points, dim=2, least=6)
     middle, axes, spread = find_axes(array)
-    if spread[-1] < 1e-9 * spread[0]:
+    if spread[-1] <= max(1e-9 * spread[0], FLAT):
         raise GeometryError("the points lie on a line: no super-ellipse goes through them")
     start = float(np.arctan2(axes[1, 0], axes[0, 0]))
     size = float(np.abs(array - middle).max())

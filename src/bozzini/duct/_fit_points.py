@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_number, check_points, check_range
 from ..errors import GeometryError, InputError
 
 if TYPE_CHECKING:
@@ -24,6 +24,12 @@ __all__ = [
     "measure_radial",
     "take_points",
 ]
+
+FLAT = 1e-9
+"""Points that spread across by no more than this lie in a plane, or on a line [mm]."""
+
+REACH = 1e6
+"""No coordinate of a point is beyond this [mm]."""
 
 EXPONENT_RANGE = (0.1, 2.0)
 EXACT: dict[str, Any] = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-14}
@@ -100,7 +106,7 @@ def fit_super_ellipsoid(
 
     array = take_points(points, dim=3, least=11)
     middle, axes, spread = find_axes(array)
-    if spread[-1] < 1e-9 * spread[0]:
+    if spread[-1] <= max(1e-9 * spread[0], FLAT):
         raise GeometryError("the points lie in a plane: no super-ellipsoid goes through them")
     axes = axes[:, [1, 2, 0]]
     if np.linalg.det(axes) < 0.0:
@@ -111,6 +117,8 @@ def fit_super_ellipsoid(
         check_number("half length", half_length, low=0.0, low_open=True, unit="mm")
     if base.shape != (3, 3) or np.abs(base.T @ base - np.eye(3)).max() > 1e-9:
         raise InputError("frame must be (3, 3) and orthonormal")
+    if np.linalg.det(base) < 0.0:
+        raise InputError("frame has determinant -1: it must be right-handed, 1")
     local = (array - origin) @ base
     size = float(np.abs(local).max())
     local = local / size
@@ -175,6 +183,7 @@ def take_points(points: ArrayLike, *, dim: int, least: int) -> NDArray[np.float6
         raise InputError(
             f"points has shape {array.shape}: it must be (n, {dim}) with n at least {least}"
         )
+    check_range("points", array, -REACH, REACH, "mm")
     return array
 
 

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_number
+from ._analytic import ROUNDING
+from ._shape_checks import check_places
 
 if TYPE_CHECKING:
     from ._clearance_kernels import GridData
@@ -18,9 +20,6 @@ if TYPE_CHECKING:
     from .field import SampledField
 
 __all__ = ["MeasuredDuct", "Nearest", "order_points"]
-
-ROUNDING = 64.0 * 2.0**-52
-"""Rounding error of a distance, as a fraction of the largest coordinate."""
 
 CROWD = 1000
 """Fewer points than this are asked as they come."""
@@ -75,7 +74,7 @@ class MeasuredDuct(ABC):
         InputError
             If the points are not finite or not (..., 3).
         """
-        array = check_points("points", points)
+        array = check_places("points", points)
         flat = np.array(array.reshape(-1, 3), order="C")
         return (
             self._measure(flat, with_gradient=False).distance.reshape(array.shape[:-1])
@@ -88,7 +87,7 @@ class MeasuredDuct(ABC):
 
     def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return the (..., 3) gradient of the signed distance; where there are several, one."""
-        array = check_points("points", points)
+        array = check_places("points", points)
         flat = np.array(array.reshape(-1, 3), order="C")
         return self._measure(flat, with_gradient=True).gradient.reshape(array.shape)
 

@@ -1,4 +1,7 @@
-"""Whether two shapes overlap, and how deep: branch and bound on a function with bounded slope."""
+"""Whether shapes overlap and hang together, and how deep two overlap.
+
+Depth is found by branch and bound on a function with bounded slope.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Least", "find_least"]
+from ..errors import GeometryError
+
+__all__ = ["Least", "check_connected", "find_least", "find_split", "link_gauges", "tell_split"]
 
 CELLS_MAX = 400_000
 """The search ends when this many boxes are open."""
@@ -76,3 +81,109 @@ def find_least(
         if not keep.any():
             keep[index] = True
         centres, values = centres[keep], values[keep]
+
+
+def check_connected(
+    name: str,
+    gaps: NDArray[np.float64],
+    meet: Callable[[int, int], bool],
+    *,
+    links: NDArray[np.bool_] | None = None,
+    far: NDArray[np.bool_] | None = None,
+) -> None:
+    """Raise `GeometryError` if shapes do not hang together; see `find_split`.
+
+    Parameters
+    ----------
+    name : str
+        What one of the shapes is called.
+    """
+    split = find_split(gaps, meet, links=links, far=far)
+    if split is not None:
+        raise GeometryError(tell_split(name, split))
+
+
+def tell_split(name: str, split: tuple[int, int]) -> str:
+    """Return the words for a union that falls apart."""
+    a, b = split
+    return f"the union falls apart: {name} {a} and {name} {b} come nearest, and do not overlap"
+
+
+def find_split(
+    gaps: NDArray[np.float64],
+    meet: Callable[[int, int], bool],
+    *,
+    links: NDArray[np.bool_] | None = None,
+    far: NDArray[np.bool_] | None = None,
+) -> tuple[int, int] | None:
+    """Return two shapes between which a union falls apart; None if it hangs together.
+
+    Parameters
+    ----------
+    gaps : (n, n) float
+        How far apart two shapes are about [mm]: the nearest are asked first, and named.
+    meet : callable
+        Takes two indices, returns whether these shapes overlap. It is only asked of shapes that
+        do not hang together already, neighbours in order first, until all do.
+    links : (n, n) bool, optional
+        Pairs that are known to overlap.
+    far : (n, n) bool, optional
+        Pairs that are known not to.
+
+    Returns
+    -------
+    (int, int) or None
+        The nearest two shapes of which one hangs together with the first shape.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    links = np.zeros(gaps.shape, dtype=bool) if links is None else links
+    part = connected_components(links, directed=False)[1]
+    if part.max() == 0:
+        return None
+    ask = part[:, None] != part
+    if far is not None:
+        ask &= ~far
+    first, second = np.nonzero(np.triu(ask, 1))
+    order = np.lexsort((gaps[first, second], second - first > 1))
+    for a, b in zip(first[order].tolist(), second[order].tolist(), strict=True):
+        if part[a] != part[b] and meet(a, b):
+            part[part == part[b]] = part[a]
+            if np.all(part == part[0]):
+                return None
+    inside, outside = np.flatnonzero(part == part[0]), np.flatnonzero(part != part[0])
+    table = gaps[np.ix_(inside, outside)]
+    i, j = np.unravel_index(int(np.argmin(table)), table.shape)
+    a, b = sorted((int(inside[i]), int(outside[j])))
+    return a, b
+
+
+def link_gauges(
+    centres: NDArray[np.float64], gauges: NDArray[np.float64], levels: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Say which convex shapes surely overlap, by what they hold of the lines between centres.
+
+    Parameters
+    ----------
+    centres : (n, dim) float
+        Of the shapes [mm].
+    gauges : (n, n) float
+        Gauge of shape k at the centre of shape i.
+    levels : (n,) float
+        A shape is where its gauge is at most this.
+
+    Returns
+    -------
+    links : (n, n) bool
+        Whether the line between two centres has a point in both, so that they overlap. They may
+        without.
+    gaps : (n, n) float
+        How far apart they are along that line [mm]; negative where they overlap.
+    """
+    away = np.linalg.norm(centres[:, None] - centres, axis=-1)
+    # From its centre shape i holds the line to centre k up to the share levels[i] / gauges[k, i].
+    held = np.maximum(levels, 0.0) / np.where(gauges > 0.0, gauges, 1.0)
+    share = np.where(gauges > 0.0, held, 1.0)
+    total = share + share.T
+    legal = (levels >= 0.0)[:, None] & (levels >= 0.0)
+    return (total >= 1.0) & legal, away * (1.0 - total)

@@ -12,6 +12,8 @@ import math
 import numpy as np
 from numba import njit
 
+from ._norm_kernels import power_norm
+
 __all__ = [
     "circle_slope",
     "circle_value",
@@ -20,20 +22,6 @@ __all__ = [
     "super_ellipse_slope",
     "super_ellipse_value",
 ]
-
-
-@njit(cache=True)
-def _power_norm(a, b, p):
-    """(a^p + b^p)^(1/p) of two numbers >= 0, without overflow."""
-    big = max(a, b)
-    small = min(a, b)
-    if big == 0.0:
-        return 0.0
-    if p == 2.0:
-        return math.sqrt(big * big + small * small)
-    if p == 1.0:
-        return big + small
-    return big * math.exp(math.log1p((small / big) ** p) / p)
 
 
 @njit(cache=True)
@@ -46,7 +34,7 @@ def super_ellipse_value(params, first, x, y, z):
     dy = y - params[first + 1]
     u = abs(params[first + 2] * dx + params[first + 3] * dy) / params[first + 4]
     v = abs(params[first + 2] * dy - params[first + 3] * dx) / params[first + 5]
-    return params[first + 7] * (_power_norm(u, v, params[first + 6]) - 1.0)
+    return params[first + 7] * (power_norm(u, v, params[first + 6]) - 1.0)
 
 
 @njit(cache=True)
@@ -64,7 +52,7 @@ def super_ellipse_slope(params, first, x, y, z):
     across = c * dy - s * dx
     u = abs(along) / a
     v = abs(across) / b
-    gauge = _power_norm(u, v, p)
+    gauge = power_norm(u, v, p)
     if gauge == 0.0:
         return -least, 0.0, 0.0, 0.0
     # d|.|_p / du = (u / |.|_p)^(p - 1); a power of 0 may be 1, which the sign of 0 undoes.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_number
 from ..errors import InputError
-from .protocol import Duct, count_dimensions
+from .protocol import Duct, check_duct, count_dimensions
 
 if TYPE_CHECKING:
     from .field import SampledField
@@ -42,7 +42,8 @@ def to_field(duct: Duct, voxel: float) -> SampledField | PlanarField:
     -------
     SampledField or PlanarField
         Its ``error`` bounds how far its answer is from the duct's value, itself made larger by
-        the duct's own ``error``; its ``clearance_bound`` is rigorous for the duct's wall.
+        the duct's own ``error`` (for a sampled duct sqrt(3) times that does); its
+        ``clearance_bound`` is rigorous for the duct's wall.
 
     Raises
     ------
@@ -58,8 +59,16 @@ def to_field(duct: Duct, voxel: float) -> SampledField | PlanarField:
     from .field import SampledField
     from .planar_field import PlanarField
 
+    check_duct("duct", duct)
     check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
     dim = count_dimensions(duct)
+    size = np.ptp(duct.bounds, axis=0)
+    least = (float(size.prod()) / NODES_MAX) ** (1.0 / dim)
+    if voxel < 1e-3 * least:  # the number of nodes might overflow
+        raise InputError(
+            f"voxel is {voxel:g} mm: the grid would have far too many nodes, it must be at least "
+            f"about {least:.2g} mm"
+        )
     low, high = duct.bounds + MARGIN * voxel * np.array([[-1.0], [1.0]])
     counts = np.ceil((high - low) / voxel) + 1.0
     if counts.prod() > NODES_MAX:
@@ -84,6 +93,7 @@ def to_field(duct: Duct, voxel: float) -> SampledField | PlanarField:
         for index, x in enumerate(axes[0]):
             points = np.concatenate([np.full((*sheet.shape[:-1], 1), x), sheet], axis=-1)
             values[index] = duct.signed_distance(points) + more
+    known_outside = duct.kind == "exact" or bool(getattr(duct, "exact_outside", False))
     sampled = SampledField(
         values=values,
         spacing=spacing,
@@ -92,8 +102,8 @@ def to_field(duct: Duct, voxel: float) -> SampledField | PlanarField:
         inflation=duct.inflation,
         wall=f"{duct.wall}, sampled every {voxel:g} mm",
         wall_error=duct.wall_error,
-        reach=math.inf if duct.kind == "exact" else 0.0,
-        exact_outside=duct.kind == "exact",
+        reach=math.inf if known_outside else 0.0,
+        exact_outside=known_outside,
     )
     return PlanarField(sampled) if dim == 2 else sampled
 

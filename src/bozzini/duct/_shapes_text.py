@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import reprlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -33,7 +34,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
-            raise InputError(f"the field '{key}' is given twice")
+            raise InputError(f"the field {reprlib.repr(key)} is given twice")
         found[key] = value
     return found
 
@@ -55,7 +56,15 @@ def parse_yaml(text: str) -> Any:
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-        pass
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            # A few lines of references to references can stand for more than fits in memory.
+            if self.check_event(yaml.AliasEvent):
+                event = self.peek_event()
+                raise InputError(
+                    f"line {event.start_mark.line + 1} refers to '&{event.anchor[:40]}': write it "
+                    "out, references are not read"
+                )
+            return super().compose_node(parent, index)
 
     def construct(loader: Any, node: Any) -> dict[str, Any]:
         return _once(

@@ -13,6 +13,8 @@ import math
 import numpy as np
 from numba import njit
 
+from ._norm_kernels import power_norm
+
 __all__ = [
     "ball_slope",
     "ball_value",
@@ -26,14 +28,15 @@ __all__ = [
 
 
 @njit(cache=True)
-def _power_norm(a, b, p):
-    """(a^p + b^p)^(1/p) of two numbers >= 0, without overflow."""
-    if p == 2.0:
-        return math.sqrt(a * a + b * b)
-    big = max(a, b)
-    if big == 0.0:
-        return 0.0
-    return big * (1.0 + (min(a, b) / big) ** p) ** (1.0 / p)
+def _turn_into_frame(params, first, x, y, z):
+    """Return the coordinates of a point along a super-ellipsoid's own axes."""
+    dx = x - params[first]
+    dy = y - params[first + 1]
+    dz = z - params[first + 2]
+    u = params[first + 3] * dx + params[first + 6] * dy + params[first + 9] * dz
+    v = params[first + 4] * dx + params[first + 7] * dy + params[first + 10] * dz
+    w = params[first + 5] * dx + params[first + 8] * dy + params[first + 11] * dz
+    return u, v, w
 
 
 @njit(cache=True)
@@ -43,35 +46,25 @@ def super_ellipsoid_value(params, first, x, y, z):
     Slice: centre (3), axes as columns of a rotation (9, row by row), half axes (3), the inner
     power 2 / e2, the outer power 2 / e1, and the least radius.
     """
-    dx = x - params[first]
-    dy = y - params[first + 1]
-    dz = z - params[first + 2]
-    u = params[first + 3] * dx + params[first + 6] * dy + params[first + 9] * dz
-    v = params[first + 4] * dx + params[first + 7] * dy + params[first + 10] * dz
-    w = params[first + 5] * dx + params[first + 8] * dy + params[first + 11] * dz
-    flat = _power_norm(abs(u) / params[first + 12], abs(v) / params[first + 13], params[first + 15])
-    gauge = _power_norm(flat, abs(w) / params[first + 14], params[first + 16])
+    u, v, w = _turn_into_frame(params, first, x, y, z)
+    flat = power_norm(abs(u) / params[first + 12], abs(v) / params[first + 13], params[first + 15])
+    gauge = power_norm(flat, abs(w) / params[first + 14], params[first + 16])
     return params[first + 17] * (gauge - 1.0)
 
 
 @njit(cache=True)
 def super_ellipsoid_slope(params, first, x, y, z):
     """The same with its gradient; zero at the centre, where it has all of them."""
-    dx = x - params[first]
-    dy = y - params[first + 1]
-    dz = z - params[first + 2]
-    u = params[first + 3] * dx + params[first + 6] * dy + params[first + 9] * dz
-    v = params[first + 4] * dx + params[first + 7] * dy + params[first + 10] * dz
-    w = params[first + 5] * dx + params[first + 8] * dy + params[first + 11] * dz
+    u, v, w = _turn_into_frame(params, first, x, y, z)
     a = params[first + 12]
     b = params[first + 13]
     c = params[first + 14]
     inner = params[first + 15]
     outer = params[first + 16]
     least = params[first + 17]
-    flat = _power_norm(abs(u) / a, abs(v) / b, inner)
+    flat = power_norm(abs(u) / a, abs(v) / b, inner)
     tall = abs(w) / c
-    gauge = _power_norm(flat, tall, outer)
+    gauge = power_norm(flat, tall, outer)
     if gauge == 0.0:
         return -least, 0.0, 0.0, 0.0
     # d|.|_p / da = (a / |.|_p)^(p - 1); a power of 0 is 1, which the sign of 0 below undoes.

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_points
-from ..errors import InputError
+from ..checks import check_array, check_number
+from ..errors import GeometryError, InputError
 from ._analytic import ROUNDING
 from ._family import collect_shapes, move_shapes, shift_shapes
+from ._overlap import find_least
 from ._sampling import to_field
-from .protocol import Duct, count_dimensions
+from ._shape_checks import check_places, check_rotation
+from .protocol import Duct, check_duct, count_dimensions
 
 if TYPE_CHECKING:
     from ._family_kernels import ShapesData
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
     from .planar_field import PlanarField
 
 __all__ = ["Eroded", "Moved", "inflate_duct"]
+
+EMPTY = 1e-4
+"""A place with more room than the clearance by this share of the duct's half width is found."""
 
 
 class Wrapped(ABC):
@@ -108,6 +113,8 @@ class Eroded(Wrapped):
     ------
     InputError
         If the clearance is negative or more than half the duct's box.
+    GeometryError
+        If no place is left, with the most room found.
 
     Notes
     -----
@@ -119,6 +126,7 @@ class Eroded(Wrapped):
     clearance: float
 
     def __post_init__(self) -> None:
+        check_duct("duct", self.duct)
         check_number("clearance", self.clearance, low=0.0, unit="mm")
         size = float(np.ptp(self.duct.bounds, axis=0).min())
         if 2.0 * self.clearance >= size:
@@ -126,6 +134,8 @@ class Eroded(Wrapped):
                 f"clearance is {self.clearance:g} mm: nothing is left of a duct whose box is "
                 f"{size:g} mm across, it must lie in [0, {0.5 * size:g}) mm"
             )
+        if self.clearance > 0.0:
+            self._check_left(0.5 * size)
 
     @property
     def wall(self) -> str:
@@ -148,6 +158,24 @@ class Eroded(Wrapped):
     def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return (...) rigorous lower bounds of the distance to the wall [mm]."""
         return self.duct.clearance_bound(points) - self.clearance
+
+    def _check_left(self, half: float) -> None:
+        """Raise `GeometryError` if no place has the clearance."""
+        low, high = self.duct.bounds
+        least = find_least(
+            lambda points: self.duct.signed_distance(points) + self.clearance,
+            low,
+            high,
+            tolerance=EMPTY * half,
+            enough=0.0,
+            slope=3.0**0.5 if self.duct.kind == "sampled" else 1.0,
+        )
+        if least.value > 0.0:
+            most, place = self.clearance - least.value, ", ".join(f"{x:.4g}" for x in least.place)
+            raise GeometryError(
+                f"clearance is {self.clearance:g} mm: nothing is left, the most room found is "
+                f"{most:.4g} mm, at ({place}) mm"
+            )
 
     def pack(self) -> Any:
         """Return the duct for compiled kernels."""
@@ -198,19 +226,15 @@ class Moved(Wrapped):
     shift: NDArray[np.float64] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
+        check_duct("duct", self.duct)
         dim = count_dimensions(self.duct)
         turn = self.rotation
         rotation = np.eye(dim) if turn is None else check_array("rotation", turn)
         if rotation.shape != (dim, dim):
             raise InputError(f"rotation has shape {rotation.shape}: it must be ({dim}, {dim})")
-        off = float(np.abs(rotation.T @ rotation - np.eye(dim)).max())
-        if not off <= 1e-9 or np.linalg.det(rotation) < 0.0:
-            raise InputError(
-                f"rotation is no rotation: it must be orthonormal within 1e-9 (it is off by "
-                f"{off:.2g}) and right-handed"
-            )
+        check_rotation("rotation", rotation)
         left, _, right = np.linalg.svd(rotation)
-        shift = np.zeros(dim) if self.shift is None else check_points("shift", self.shift, dim=dim)
+        shift = np.zeros(dim) if self.shift is None else check_places("shift", self.shift, dim=dim)
         if shift.ndim != 1:
             raise InputError(f"shift has shape {shift.shape}: it must be ({dim},)")
         object.__setattr__(self, "rotation", left @ right)
@@ -278,7 +302,7 @@ class Moved(Wrapped):
         return ROUNDING * float(np.abs(self.bounds).max())
 
     def _back(self, points: ArrayLike) -> NDArray[np.float64]:
-        array = check_points("points", points, dim=len(self._turn))
+        array = check_places("points", points, dim=len(self._turn))
         return np.asarray((array - self._offset) @ self._turn)
 
 

@@ -11,6 +11,7 @@ from ..anatomy.frame import fit_frame, measure_shift
 from ..checks import check_number
 from ..errors import GeometryError
 from ..progress import Progress, no_progress
+from ._mesh_sides import check_sides
 from .field import SampledField
 
 if TYPE_CHECKING:
@@ -115,8 +116,7 @@ def field_from_mask(
         start = -spacing * np.ceil((pad + 0.5 * spacing_data) / spacing)
     else:
         start = -0.5 * spacing_data - pad
-    counts = np.ceil((size + 2 * pad) / spacing).astype(int) + 2
-    _check_size(counts, spacing)
+    counts = _count_nodes(size + 2 * pad, spacing, more=2)
     axes = [start[a] + spacing[a] * np.arange(counts[a]) for a in range(3)]
     progress("distance", 0.0)
     inside = _box_distance(~lumen, axes, spacing_data, beyond=True)
@@ -174,14 +174,20 @@ def _coarsen(size: NDArray[np.float64], spacing: NDArray[np.float64]) -> float:
     return float((np.prod(size / spacing) / (0.9 * MAX_NODES)) ** (1.0 / 3.0))
 
 
-def _check_size(counts: NDArray[np.int64], spacing: NDArray[np.float64]) -> None:
-    nodes = int(np.prod(counts.astype(np.float64)))
+def _count_nodes(
+    size: NDArray[np.float64], spacing: NDArray[np.float64], *, more: int
+) -> NDArray[np.int64]:
+    """Return how many nodes a box takes along each axis, or raise if they are too many."""
+    counts = np.ceil(size / np.maximum(spacing, 1e-30)) + more
+    nodes = float(np.prod(counts))
     if nodes > MAX_NODES:
-        factor = (nodes / MAX_NODES) ** (1.0 / 3.0)
+        least = spacing.min() * (nodes / MAX_NODES) ** (1.0 / 3.0)
+        told = f"{int(nodes):,}" if nodes < 1e15 else f"{nodes:.3g}"
         raise GeometryError(
-            f"voxel {spacing.min():g} mm makes a grid of {nodes:,} nodes: the limit is "
-            f"{MAX_NODES:,}, give at least {spacing.min() * factor * 1.02:.3g} mm"
+            f"voxel {spacing.min():g} mm makes a grid of {told} nodes: the limit is "
+            f"{MAX_NODES:,}, give at least {least * 1.02:.3g} mm"
         )
+    return counts.astype(np.int64)
 
 
 def _box_distance(
@@ -224,7 +230,9 @@ def field_from_mesh(
     """Sample the distance to a closed triangle mesh, the inside by its winding number.
 
     Node distances are exact inside and, outside, up to the inflation plus two cells; farther out
-    they are upper bounds (nearest exact node plus the way to it).
+    they are upper bounds (nearest exact node plus the way to it). A fold of the mesh that is inside
+    out counts as wall, though it is not the lumen's: moved outwards, the wall may reach farther
+    there, by the fold's size (`TriangleMesh` refuses it).
 
     Parameters
     ----------
@@ -232,6 +240,12 @@ def field_from_mesh(
         World frame [mm].
     faces : (m, 3) int
         Outward oriented.
+
+    Raises
+    ------
+    GeometryError
+        If the grid would be too large, no node lies inside, or a part of the mesh is turned inside
+        out, with where.
     """
     points = np.ascontiguousarray(vertices, dtype=np.float64)
     triangles = np.ascontiguousarray(faces, dtype=np.int64)
@@ -243,8 +257,7 @@ def field_from_mesh(
         wanted = max(wanted, float((high - low).max()) / 400.0)
         voxel = wanted * max(1.0, _coarsen(high - low, np.full(3, wanted)))
     spacing = np.full(3, float(voxel))
-    counts = np.ceil((high - low) / voxel).astype(int) + 1
-    _check_size(counts, spacing)
+    counts = _count_nodes(high - low, spacing, more=1)
     values, reach = _mesh_distance(points, triangles, low, float(voxel), counts, inflate, progress)
     if not (values < 0.0).any():
         raise GeometryError(
@@ -273,6 +286,12 @@ def _mesh_distance(
     import igl
     from scipy import ndimage
 
+    check_sides(
+        vertices,
+        faces,
+        lambda places: igl.fast_winding_number(vertices, faces, np.ascontiguousarray(places)),
+        everywhere=False,
+    )
     shape = tuple(int(c) for c in counts)
     reach = inflate + 2.0 * voxel
     # Every wall point has a marked node within 1.5 cells (see _mark_wall).

@@ -18,10 +18,10 @@ from ..errors import InputError
 from ._analytic import ROUNDING
 from ._compound import Compound
 from ._family import collect_shapes, join_shapes
-from ._overlap import find_least
+from ._overlap import check_connected, find_least
 from ._sampling import choose_voxel, to_field
 from ._wrapped import Eroded, Moved, inflate_duct
-from .protocol import Duct, count_dimensions
+from .protocol import Duct, check_duct, count_dimensions
 
 if TYPE_CHECKING:
     from ._family_kernels import ShapesData
@@ -228,6 +228,8 @@ def without(duct: Duct, *obstacles: Duct, voxel: float | None = None) -> Without
 
 
 def _check_dimensions(name: str, ducts: tuple[Duct, ...]) -> None:
+    for k, duct in enumerate(ducts):
+        check_duct(f"{name} {k}", duct)
     dims = [count_dimensions(duct) for duct in ducts]
     for k, dim in enumerate(dims):
         if dim != dims[0]:
@@ -238,25 +240,23 @@ def _check_dimensions(name: str, ducts: tuple[Duct, ...]) -> None:
 
 def _check_union(parts: tuple[Duct, ...]) -> None:
     """Raise `GeometryError` if the parts do not hang together."""
-    from ._solids import check_connected
+    boxes = np.stack([part.bounds for part in parts])
+    low, high = (
+        np.maximum(boxes[:, None, 0], boxes[:, 0]),
+        np.minimum(boxes[:, None, 1], boxes[:, 1]),
+    )
+    gaps = np.linalg.norm(np.maximum(low - high, 0.0), axis=-1)
+    far = gaps > 0.0
 
-    count = len(parts)
-    links = np.eye(count, dtype=bool)
-    gaps = np.full((count, count), np.inf)
-    for i in range(count):
-        for j in range(i + 1, count):
-            if not links[i, j]:
-                gaps[i, j] = gaps[j, i] = _measure_gap(parts[i], parts[j])
-                links[i, j] = links[j, i] = gaps[i, j] <= 0.0
-    check_connected("part", links, gaps)
+    def meet(i: int, j: int) -> bool:
+        gaps[i, j] = gaps[j, i] = _measure_gap(parts[i], parts[j], low[i, j], high[i, j])
+        return bool(gaps[i, j] <= 0.0)
+
+    check_connected("part", gaps, meet, far=far)
 
 
-def _measure_gap(a: Duct, b: Duct) -> float:
-    """Return the least of the larger of both values found; at most 0 where they overlap."""
-    first, second = a.bounds, b.bounds
-    low, high = np.maximum(first[0], second[0]), np.minimum(first[1], second[1])
-    if np.any(low > high):
-        return float(np.linalg.norm(np.maximum(low - high, 0.0))) + OVERLAP
+def _measure_gap(a: Duct, b: Duct, low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
+    """Return the least of the larger of both values found in a box; at most 0 if they overlap."""
     sampled = "sampled" in (a.kind, b.kind)
     least = find_least(
         lambda points: np.maximum(a.signed_distance(points), b.signed_distance(points)),

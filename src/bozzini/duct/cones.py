@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,16 +12,20 @@ from numpy.typing import NDArray
 
 from ..checks import check_number
 from ..errors import InputError
-from ._analytic import ROUNDING, AnalyticDuct, freeze_array
+from ._analytic import ROUNDING, AnalyticDuct
+from ._shape_checks import (
+    check_counts,
+    check_radii,
+    check_wall,
+    freeze_array,
+    freeze_places,
+    set_fields,
+)
 
 if TYPE_CHECKING:
     from ._clearance_kernels import ConesData
-    from .field import SampledField
 
 __all__ = ["RoundCones"]
-
-NODES_MAX = 400_000_000
-"""A sampled grid may have this many nodes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,19 +68,12 @@ class RoundCones(AnalyticDuct):
     dim = 3
 
     def __post_init__(self) -> None:
-        centres = freeze_array("centres", self.centres, (3,))
+        centres = freeze_places("centres", self.centres, 3)
         radii = freeze_array("radii", self.radii, ())
-        if len(radii) != len(centres):
-            raise InputError(
-                f"radii has {len(radii)} value(s): it must have one per centre, {len(centres)}"
-            )
-        if radii.min() <= 0.0:
-            index = int(np.argmax(radii <= 0.0))
-            raise InputError(f"radii[{index}] is {radii[index]:g} mm: it must lie in (0, inf) mm")
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        check_number("wall error", self.wall_error, low=0.0, unit="mm")
-        object.__setattr__(self, "centres", centres)
-        object.__setattr__(self, "radii", radii)
+        check_counts(len(centres), {"radii": radii})
+        check_radii(radii)
+        check_wall(self.inflation, self.wall_error)
+        set_fields(self, centres=centres, radii=radii)
 
     @property
     def kind(self) -> str:
@@ -84,16 +81,16 @@ class RoundCones(AnalyticDuct):
         return "bound"
 
     @property
+    def exact_outside(self) -> bool:
+        """Outside it is the distance, before inflation."""
+        return True
+
+    @property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3) corners of the box around the tube [mm]."""
         reach = (self.radii + self.inflation)[:, None]
         low, high = (self.centres - reach).min(axis=0), (self.centres + reach).max(axis=0)
         return np.stack([low, high])
-
-    def inflate(self, distance: float) -> RoundCones:
-        """Return the same tube with its wall moved outwards by `distance` mm more."""
-        check_number("distance", distance, low=0.0, unit="mm")
-        return replace(self, inflation=self.inflation + distance)
 
     def erode(self, clearance: float) -> RoundCones:
         """Return the tube of all places with at least `clearance` mm to the wall.
@@ -113,42 +110,6 @@ class RoundCones(AnalyticDuct):
             )
         wall = f"{self.wall}, {clearance:g} mm inside"
         return RoundCones(self.centres, rest, wall=wall, wall_error=self.wall_error)
-
-    def sample(self, voxel: float) -> SampledField:
-        """Sample the signed distance on a grid with nodes `voxel` mm apart.
-
-        Raises
-        ------
-        InputError
-            If the grid would have more than 400 million nodes.
-        """
-        from .field import SampledField
-
-        check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
-        low, high = self.bounds + 2.0 * voxel * np.array([[-1.0], [1.0]])
-        counts = np.ceil((high - low) / voxel) + 1.0
-        if counts.prod() > NODES_MAX:
-            least = voxel * (counts.prod() / NODES_MAX) ** (1.0 / 3.0)
-            raise InputError(
-                f"voxel is {voxel:g} mm: the grid would have {counts.prod():.3g} nodes, it must "
-                f"be at least about {least:.2g} mm"
-            )
-        axes = [low[k] + voxel * np.arange(int(counts[k])) for k in range(3)]
-        values = np.empty(tuple(len(axis) for axis in axes), dtype=np.float32)
-        bare = replace(self, inflation=0.0)
-        sheet = np.stack(np.meshgrid(axes[1], axes[2], indexing="ij"), axis=-1)
-        for index, x in enumerate(axes[0]):
-            points = np.concatenate([np.full((*sheet.shape[:-1], 1), x), sheet], axis=-1)
-            values[index] = bare.signed_distance(points)
-        return SampledField(
-            values=values,
-            spacing=np.full(3, float(voxel)),
-            origin=low,
-            rotation=np.eye(3),
-            inflation=self.inflation,
-            wall=self.wall,
-            wall_error=self.wall_error,
-        )
 
     def pack(self) -> ConesData:
         """Return the tube for compiled kernels."""

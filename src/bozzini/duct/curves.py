@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
@@ -10,9 +9,11 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import broadcast, check_array, check_number, check_points
-from ..errors import GeometryError, InputError
-from ._analytic import AnalyticDuct, freeze_array
+from ..checks import broadcast, check_array, check_number
+from ..errors import InputError
+from ._analytic import AnalyticDuct
+from ._chords import Curve, Points, check_rulings, draw_chords, take_function, take_samples
+from ._shape_checks import check_places, check_wall, freeze_places, set_fields
 from .quads import StitchedQuads
 
 if TYPE_CHECKING:
@@ -20,14 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["BetweenCurves", "Curve", "CurveCoordinates"]
 
-Curve = Callable[[NDArray[np.float64]], ArrayLike]
-"""Takes parameters (n,), returns points (n, 2) [mm]."""
 
-PIECES_MAX = 5000
-"""A curve is drawn with at most this many chords."""
-
-PROBES = 7
-"""Points of a curve between two samples where its distance from the chord is looked at."""
+ESTIMATED = ", error estimated"
+"""Said of the wall where nothing bounds how far the curves are from their chords."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +81,8 @@ class BetweenCurves(AnalyticDuct):
     -----
     The signed distance is that of the outline through samples of both curves. For samples it is
     exact; for functions `kind` is "sampled", `error` how far the curves may be from the outline,
-    and `clearance_bound` has that taken off. v is a share of the ruling: halfway between the
+    and `clearance_bound` has that taken off: rigorous with `curvature`, and as good as an estimate
+    without, which `wall` then says. v is a share of the ruling: halfway between the
     curves is not half the width away from them.
     """
 
@@ -102,8 +99,9 @@ class BetweenCurves(AnalyticDuct):
 
     def __post_init__(self) -> None:
         check_number("tolerance", self.tolerance, low=0.0, low_open=True, unit="mm")
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        check_number("wall error", self.wall_error, low=0.0, unit="mm")
+        check_wall(self.inflation, self.wall_error)
+        if self.curvature is None and callable(self.first) and not self.wall.endswith(ESTIMATED):
+            set_fields(self, wall=self.wall + ESTIMATED)
         if self.curvature is not None:
             check_number("curvature", self.curvature, low=0.0, unit="mm")
         if callable(self.first) != callable(self.second):
@@ -116,17 +114,16 @@ class BetweenCurves(AnalyticDuct):
                 raise InputError(f"span has shape {span.shape}: it must be (2,)")
             low = check_number("span[0]", float(span[0]))
             high = check_number("span[1]", float(span[1]), low=low, low_open=True)
-            object.__setattr__(self, "span", (low, high))
+            set_fields(self, span=(low, high))
         if not callable(self.first):
-            first = freeze_array("first", self.first, (2,), least=2)
-            second = freeze_array("second", cast(ArrayLike, self.second), (2,), least=2)
+            first = freeze_places("first", self.first, 2, least=2)
+            second = freeze_places("second", cast(ArrayLike, self.second), 2, least=2)
             if len(first) != len(second):
                 raise InputError(
                     f"second has {len(second)} point(s): it must have as many as first, "
                     f"{len(first)}"
                 )
-            object.__setattr__(self, "first", first)
-            object.__setattr__(self, "second", second)
+            set_fields(self, first=first, second=second)
         _ = self.quads
 
     @property
@@ -145,6 +142,19 @@ class BetweenCurves(AnalyticDuct):
         return np.asarray(self.quads.bounds + np.array([[-self.error], [self.error]]))
 
     @property
+    def exact_outside(self) -> bool:
+        """Outside it is the distance to the outline, before inflation."""
+        return self.error == 0.0
+
+    def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return (...) lower bounds of the distance to the wall [mm].
+
+        Rigorous for samples, and for functions with a `curvature`; as good as the estimated
+        `error` for functions without.
+        """
+        return super().clearance_bound(points)
+
+    @property
     def parameters(self) -> NDArray[np.float64]:
         """(n,) parameters of the samples."""
         return self._drawn[0]
@@ -153,14 +163,9 @@ class BetweenCurves(AnalyticDuct):
     def quads(self) -> StitchedQuads:
         """The quadrilaterals between the samples of both curves."""
         u = self._drawn[0]
-        first, second = self._take(self.first, u), self._take(self.second, u)
-        self._check_rulings(u, first, second)
+        first, second = (curve(u) for curve in self._curves)
+        check_rulings(u, first, second)
         return StitchedQuads(first, second, inflation=self.inflation, wall=self.wall)
-
-    def inflate(self, distance: float) -> BetweenCurves:
-        """Return the same duct with its wall moved outwards by `distance` mm more."""
-        check_number("distance", distance, low=0.0, unit="mm")
-        return replace(self, inflation=self.inflation + distance)
 
     def pack(self) -> PolygonData:
         """Return the duct for compiled kernels."""
@@ -177,7 +182,7 @@ class BetweenCurves(AnalyticDuct):
                 raise InputError(f"{name} has values that are not finite: all must be")
         share = v.reshape(-1, 1)
         flat = u.reshape(-1)
-        first, second = self._take(self.first, flat), self._take(self.second, flat)
+        first, second = (curve(flat) for curve in self._curves)
         return np.asarray((1.0 - share) * first + share * second).reshape(*u.shape, 2)
 
     def coordinates(self, points: ArrayLike) -> CurveCoordinates:
@@ -188,7 +193,7 @@ class BetweenCurves(AnalyticDuct):
         InputError
             If the points are not finite or not (..., 2).
         """
-        array = check_points("points", points, dim=2)
+        array = check_places("points", points, dim=2)
         flat = array.reshape(-1, 2)
         nodes = self._drawn[0]
         seed = self.quads.coordinates(flat)
@@ -254,93 +259,27 @@ class BetweenCurves(AnalyticDuct):
         found[kept[good]] = True
         return u, np.clip(v, 0.0, 1.0), found
 
+    @property
+    def _curves(self) -> tuple[Points, Points]:
+        low, high = self._ends
+        first, second = (
+            take_function(name, given)
+            if callable(given)
+            else take_samples(np.asarray(given), low, high)
+            for name, given in (("first", self.first), ("second", self.second))
+        )
+        return first, second
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return self.span if self.span is not None else (0.0, 1.0)
+
     @cached_property
     def _drawn(self) -> tuple[NDArray[np.float64], float]:
         """Parameters of the samples, and how far the curves may be from the chords [mm]."""
-        low, high = self.span if self.span is not None else (0.0, 1.0)
+        low, high = self._ends
         if not callable(self.first):
-            count = len(np.asarray(self.first))
-            return np.linspace(low, high, count), 0.0
-        if self.curvature is not None:
-            pieces = 1 + int((high - low) * np.sqrt(self.curvature / (8.0 * self.tolerance)))
-            self._check_count(pieces)
-            error = self.curvature * ((high - low) / pieces) ** 2 / 8.0
-            return np.linspace(low, high, pieces + 1), float(error)
-        pieces = 16
-        while True:
-            self._check_count(pieces)
-            u = np.linspace(low, high, pieces + 1)
-            worst = [self._measure_chords(curve, u) for curve in (self.first, self.second)]
-            error = 2.0 * max(worst)
-            if error <= self.tolerance:
-                return u, error
-            pieces = max(pieces + 1, int(1.1 * pieces * np.sqrt(error / self.tolerance)))
-
-    def _check_count(self, pieces: int) -> None:
-        if pieces > PIECES_MAX:
-            raise InputError(
-                f"tolerance is {self.tolerance:g} mm: the curves would need {pieces} chords, it "
-                f"must be so large that {PIECES_MAX} are enough"
-            )
-
-    def _measure_chords(self, curve: object, u: NDArray[np.float64]) -> float:
-        """Return the largest distance found between a curve and its chords [mm]."""
-        ends = self._take(curve, u)
-        worst = 0.0
-        for share in np.arange(1, PROBES + 1) / (PROBES + 1.0):
-            middle = self._take(curve, u[:-1] + share * np.diff(u))
-            away = middle - ends[:-1]
-            chord = np.diff(ends, axis=0)
-            square = np.maximum(np.sum(chord * chord, axis=1), 1e-300)
-            t = np.clip(np.sum(away * chord, axis=1) / square, 0.0, 1.0)
-            off = np.linalg.norm(away - t[:, None] * chord, axis=1)
-            worst = max(worst, float(off.max()))
-        return worst
-
-    def _take(self, curve: object, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        name = "first" if curve is self.first else "second"
-        if callable(curve):
-            points = check_points(f"{name}(u)", curve(u), dim=2)
-            if points.shape != (len(u), 2):
-                raise InputError(
-                    f"{name}(u) has shape {points.shape} for {len(u)} parameters: it must be "
-                    f"({len(u)}, 2)"
-                )
-            return points
-        samples = cast("NDArray[np.float64]", curve)
-        nodes = self._drawn[0]
-        return np.stack([np.interp(u, nodes, column) for column in samples.T], axis=1)
-
-    def _check_rulings(
-        self,
-        u: NDArray[np.float64],
-        first: NDArray[np.float64],
-        second: NDArray[np.float64],
-    ) -> None:
-        """Raise unless the determinant of (x_u, x_v), linear in v, keeps its sign in all quads."""
-        width = second - first
-        gap = np.linalg.norm(width, axis=1)
-        size = float(np.ptp(np.concatenate([first, second]), axis=0).max())
-        if gap.min() <= 1e-12 * size:
-            k = int(np.argmin(gap))
-            raise GeometryError(
-                f"the curves meet at u = {u[k]:g}, at ({first[k, 0]:g}, {first[k, 1]:g}) mm: they "
-                "must stay apart"
-            )
-        steps = [np.diff(first, axis=0), np.diff(second, axis=0)]
-        turns = np.stack(
-            [
-                step[:, 0] * rung[:, 1] - step[:, 1] * rung[:, 0]
-                for step in steps
-                for rung in (width[:-1], width[1:])
-            ],
-            axis=1,
+            return np.linspace(low, high, len(np.asarray(self.first))), 0.0
+        return draw_chords(
+            self._curves, low, high, tolerance=self.tolerance, curvature=self.curvature
         )
-        way = np.sign(turns.sum())
-        wrong = (turns * way <= 0.0).any(axis=1)
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            raise GeometryError(
-                f"rulings cross between u = {u[k]:g} and {u[k + 1]:g}: the curves meet there, turn "
-                "back, or are too far apart for their bend"
-            )

@@ -8,10 +8,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
-from ._analytic import freeze_array
-from ._solids import Slices, SolidShapes
+from ._shape_checks import (
+    check_counts,
+    check_places,
+    check_radii,
+    check_wall,
+    freeze_array,
+    freeze_places,
+    scale_to_unit_normals,
+    set_fields,
+)
+from ._shape_union import ShapeUnion, Slices
 
 __all__ = ["ConnectedCylinders", "CylinderCoordinates"]
 
@@ -42,7 +50,7 @@ class CylinderCoordinates:
 
 
 @dataclass(frozen=True, eq=False)
-class ConnectedCylinders(SolidShapes):
+class ConnectedCylinders(ShapeUnion):
     """Circles in space, each two consecutive ones joined by straight rulings.
 
     Parameters
@@ -92,29 +100,17 @@ class ConnectedCylinders(SolidShapes):
     wall_error: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        centres = freeze_array("centres", self.centres, (3,), least=2)
-        normals = np.array(freeze_array("normals", self.normals, (3,), least=2))
+        centres = freeze_places("centres", self.centres, 3, least=2)
+        normals = freeze_array("normals", self.normals, (3,), least=2)
         radii = freeze_array("radii", self.radii, (), least=2)
-        for name, array in (("normals", normals), ("radii", radii)):
-            if len(array) != len(centres):
-                raise InputError(
-                    f"{name} has {len(array)} value(s): it must have one per centre, {len(centres)}"
-                )
-        if radii.min() <= 0.0:
-            index = int(np.argmax(radii <= 0.0))
-            raise InputError(f"radii[{index}] is {radii[index]:g} mm: it must lie in (0, inf) mm")
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        check_number("wall error", self.wall_error, low=0.0, unit="mm")
-        sizes = np.linalg.norm(normals, axis=1)
-        if sizes.min() == 0.0:
-            raise InputError(f"normals[{int(np.argmin(sizes))}] is zero: it must have a length")
-        normals /= sizes[:, None]
+        check_counts(len(centres), {"normals": normals, "radii": radii})
+        check_radii(radii)
+        check_wall(self.inflation, self.wall_error)
+        normals = scale_to_unit_normals("normals", normals)
         _turn_normals(centres, normals)
         _check_apart(centres, normals, radii)
         normals.flags.writeable = False
-        object.__setattr__(self, "centres", centres)
-        object.__setattr__(self, "normals", normals)
-        object.__setattr__(self, "radii", radii)
+        set_fields(self, centres=centres, normals=normals, radii=radii)
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -141,7 +137,7 @@ class ConnectedCylinders(SolidShapes):
         """
         from ._cylinder_kernels import locate_points
 
-        array = check_points("points", points)
+        array = check_places("points", points)
         flat = np.array(array.reshape(-1, 3), order="C")
         segments = np.empty(len(flat), dtype=np.int64)
         result = np.empty((len(flat), 4))

@@ -10,13 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_array, check_number
 from ..errors import InputError
+from ._shape_checks import check_places, check_rotation, check_wall, set_fields
 
 if TYPE_CHECKING:
     from ._clearance_kernels import GridData
+    from .compose import Eroded
+    from .planar_field import PlanarField
 
 __all__ = ["SampledField"]
+
+SPACING_MAX = 1e6
+"""Nodes are at most this far apart [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,6 +73,10 @@ class SampledField:
     _rounding: float = dataclass_field(init=False, repr=False, default=0.0)
 
     def __post_init__(self) -> None:
+        values = self.values
+        if not isinstance(values, np.ndarray) or values.dtype not in (np.float32, np.float64):
+            kind = getattr(values, "dtype", type(values).__name__)
+            raise InputError(f"field values are {kind}: they must be an array of float32")
         if self.values.ndim != 3 or min(self.values.shape) < 2:
             raise InputError(
                 f"field values have shape {self.values.shape}: it must be (nx, ny, nz), each >= 2"
@@ -75,13 +85,23 @@ class SampledField:
         if not (math.isfinite(low) and math.isfinite(high)):
             raise InputError("field values are not all finite")
         object.__setattr__(self, "_rounding", max(-low, high) * 2.0**-23)
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        if self.wall_error is not None:
-            check_number("wall error", self.wall_error, low=0.0, unit="mm")
-        if self.spacing.shape != (3,) or not np.all(self.spacing > 0.0):
-            raise InputError(f"field spacing is {self.spacing}: three positive lengths in mm")
-        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), rtol=0.0, atol=1e-9):
-            raise InputError("field rotation is not orthonormal")
+        check_wall(self.inflation, self.wall_error)
+        spacing, rotation = (
+            check_array(f"field {name}", values)
+            for name, values in (("spacing", self.spacing), ("rotation", self.rotation))
+        )
+        if spacing.shape != (3,) or not (spacing.min() > 0.0 and spacing.max() <= SPACING_MAX):
+            raise InputError(
+                f"field spacing is {spacing} mm: three lengths in (0, {SPACING_MAX:g}] mm"
+            )
+        if rotation.shape != (3, 3):
+            raise InputError(f"field rotation has shape {rotation.shape}: it must be (3, 3)")
+        check_rotation("field rotation", rotation, reflection=True)
+        origin = check_places("field origin", self.origin)
+        if origin.shape != (3,):
+            raise InputError(f"field origin has shape {origin.shape}: it must be one point, (3,)")
+        check_number("reach", min(self.reach, np.finfo(float).max), low=0.0, unit="mm")
+        set_fields(self, spacing=spacing, rotation=rotation, origin=origin)
 
     @property
     def kind(self) -> str:
@@ -139,7 +159,7 @@ class SampledField:
         """
         from ._clearance_kernels import evaluate_bound
 
-        array = check_points("points", points)
+        array = check_places("points", points)
         flat = np.ascontiguousarray(self.to_grid(array).reshape(-1, 3))
         result = np.empty(len(flat))
         evaluate_bound(self.pack(), flat, result)
@@ -153,6 +173,7 @@ class SampledField:
         InputError
             If distances outside the lumen are not exact: inflate the duct before it is sampled.
         """
+        check_number("distance", distance, unit="mm")
         if not self.exact_outside and distance > 0.0:
             raise InputError(
                 f"distance is {distance:g} mm: it must be 0 mm, because this field was sampled "
@@ -160,12 +181,24 @@ class SampledField:
             )
         return replace(self, inflation=self.inflation + distance)
 
+    def erode(self, clearance: float) -> Eroded:
+        """Return the duct of all places with at least `clearance` mm to the wall."""
+        from .compose import Eroded
+
+        return Eroded(self, clearance)
+
+    def sample(self, voxel: float) -> SampledField | PlanarField:
+        """Sample the interpolant on another grid, with nodes `voxel` mm apart (`to_field`)."""
+        from .compose import to_field
+
+        return to_field(self, voxel)
+
     def _evaluate(
         self, points: ArrayLike, *, with_gradient: bool
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         from ._kernels import evaluate_field
 
-        array = check_points("points", points)
+        array = check_places("points", points)
         flat = np.ascontiguousarray(self.to_grid(array).reshape(-1, 3))
         distance = np.empty(len(flat))
         gradient = np.empty((len(flat) if with_gradient else 0, 3))

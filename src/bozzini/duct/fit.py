@@ -15,6 +15,7 @@ from ._fit_measure import (
     PERCENTS,
     FitReport,
     explain_shortfall,
+    find_inner,
     find_outside,
     measure_fit,
 )
@@ -32,6 +33,7 @@ from .super_ellipsoid import SuperEllipsoids
 __all__ = [
     "KINDS",
     "PERCENTS",
+    "PIECES_MAX",
     "CircleFit",
     "FitReport",
     "FittedDuct",
@@ -56,6 +58,9 @@ ALLOWANCES = (0.8, 0.5, 0.25, 0.0)
 
 LOSSES = (0.6, 0.35, 0.2)
 """Shares of the largest error that cylinders' balls may lose, tried in turn until it is kept."""
+
+WAY = 0.8
+"""Share of the largest error that super-ellipsoids on the way may lose at the places of a chain."""
 
 POINTS = 3000
 """Least squares of cones uses about this many wall points."""
@@ -85,8 +90,8 @@ class FittedDuct:
     report : FitReport
     reached : bool
         Whether it is proved that no point of the fitted lumen is farther outside than
-        `max_error`, and, where the number of cones or cylinders was free, that no more room than
-        that is lost on the centreline.
+        `max_error`, and, where the number of pieces was free, that no more room than that is lost
+        on the centreline.
     reason : str
         What was not reached; empty if all was.
     """
@@ -127,9 +132,9 @@ def fit_duct(
     max_error : float
         How far outside the true lumen a point of the fitted one may be [mm].
     pieces : int, optional
-        How many shapes at most, losing as little room as they can. By default the fewest cones or
-        cylinders that lose no more than `max_error` of the room that there is on the centreline;
-        super-ellipsoids until one more would add less than 0.3 % of the volume.
+        How many shapes at most, losing as little room as they can. By default few that lose no
+        more than `max_error` of the room that there is on the centreline (of cones the fewest);
+        super-ellipsoids are added to these until one more would add less than 0.3 % of the volume.
     inside : bool
         Keep the shapes inside. If not, the wall is fitted by least squares of distances (cones:
         to the chain; cylinders: circles in their sections; super-ellipsoids: on rays, one for
@@ -156,7 +161,7 @@ def fit_duct(
     if not inside:
         shapes = _fit_wall(duct, centreline, kind, cuts, max_error, pieces, progress)
     elif kind == "superellipsoids":
-        shapes = _inscribe_blocks(duct, centreline, max_error, pieces, draft or duct, progress)
+        shapes = _inscribe_blocks(duct, centreline, cuts, max_error, pieces, draft, progress)
     else:
         shapes = _inscribe_chain(duct, centreline, kind, max_error, pieces, progress)
     report = measure_fit(
@@ -175,7 +180,7 @@ def fit_duct(
     if kind == "superellipsoids":
         told["connected"] = True  # that they hang together is asked here, once
     shapes = replace(shapes, **told)
-    reason = explain_shortfall(report, max_error, free=pieces is None and kind != "superellipsoids")
+    reason = explain_shortfall(report, max_error, free=pieces is None)
     return FittedDuct(
         duct=shapes,
         kind=kind,
@@ -239,26 +244,25 @@ def _lost(shapes: Shapes, duct: Duct, chain: Chain) -> float:
     """Return the most room that is lost on the centreline, off its ends [mm]."""
     room = -duct.signed_distance(chain.centres)
     loss = room + shapes.signed_distance(chain.centres)
-    arc = chain.arc_length
-    inner = np.minimum(arc, arc[-1] - arc) >= room
-    return float(loss[inner].max()) if inner.any() else float(loss.max())
+    return float(loss[find_inner(chain.arc_length, room)].max())
 
 
 def _inscribe_blocks(
     duct: Duct,
     centreline: Centreline,
+    cuts: Sections,
     max_error: float,
     pieces: int | None,
-    draft: Duct,
+    draft: Duct | None,
     progress: Progress,
 ) -> Shapes:
-    from ._fit_blocks import cover_blocks, shrink_blocks
+    from ._fit_blocks import add_balls, cover_blocks, shrink_blocks
 
     shapes = cover_blocks(
-        draft,
+        duct if draft is None else draft,
         place_chain(duct, centreline),
         pieces=pieces,
-        max_loss=max_error,
+        max_loss=WAY * max_error,
         allowance=0.5 * max_error,
         progress=progress,
     )
@@ -267,7 +271,12 @@ def _inscribe_blocks(
         if len(highest.places) == 0:
             break
         shapes = shrink_blocks(shapes, highest.places)
-    return shapes
+    if pieces is not None:
+        return shapes
+    # Between the places asked for, and of blocks drawn in, more may be lost.
+    room = -duct.signed_distance(cuts.centres)
+    inner = find_inner(cuts.arc_length, room)
+    return add_balls(shapes, duct, cuts.centres[inner], room[inner], max_loss=max_error)
 
 
 def _fit_wall(

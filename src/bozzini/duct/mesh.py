@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
-from ._analytic import freeze_array
 from ._measured import MeasuredDuct, Nearest, order_points
+from ._mesh_sides import check_sides
+from ._shape_checks import check_places, check_wall, freeze_places, set_fields
 
 if TYPE_CHECKING:
     from .field import SampledField
@@ -49,15 +49,17 @@ class TriangleMesh(MeasuredDuct):
         If a vertex is not finite, or a face points nowhere.
     GeometryError
         If the mesh is open or its triangles do not agree, with where; or it encloses no volume.
-        `bozzini.anatomy.tract_from_surface` mends small faults.
+        `bozzini.anatomy.tract_from_surface` mends small faults. If a part of the mesh is turned
+        inside out, with where; as a hole in another part it may be.
 
     Notes
     -----
-    The distance is exact (libigl's tree of boxes, built once). A point is inside where the mesh
+    The distance to the triangles is exact (libigl's tree of boxes, built once), and so is the
+    signed distance if no sheets of the mesh cross. A point is inside where the mesh
     winds about it at least once, counted along a ray: for a closed mesh the generalised winding
     number of Jacobson, Kavan and Sorkine-Hornung (2013), without its sum over all triangles. So
     where sheets of the mesh cross, what any of them encloses is inside, and the distance, which
-    is to any triangle, a lower bound of the room.
+    is to any triangle, a lower bound of the room. That is not looked for: `kind` is "bound".
     """
 
     vertices: NDArray[np.float64]
@@ -67,7 +69,7 @@ class TriangleMesh(MeasuredDuct):
     wall_error: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        vertices = freeze_array("vertices", self.vertices, (3,), least=4)
+        vertices = freeze_places("vertices", self.vertices, 3, least=4)
         faces = np.array(self.faces, order="C")
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
             raise InputError(
@@ -79,9 +81,7 @@ class TriangleMesh(MeasuredDuct):
                 f"faces point at vertices {span}: they must lie in [0, {len(vertices) - 1}]"
             )
         faces = faces.astype(np.int64)
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        if self.wall_error is not None:
-            check_number("wall error", self.wall_error, low=0.0, unit="mm")
+        check_wall(self.inflation, self.wall_error)
         _check_closed(vertices, faces)
         volume = _measure_volume(vertices, faces)
         if abs(volume) <= 1e-9 * float(np.ptp(vertices[faces], axis=(0, 1)).max()) ** 3:
@@ -89,13 +89,18 @@ class TriangleMesh(MeasuredDuct):
         if volume < 0.0:
             faces = np.ascontiguousarray(faces[:, ::-1])
         faces.flags.writeable = False
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", faces)
+        set_fields(self, vertices=vertices, faces=faces)
+        check_sides(vertices, faces, self.count_windings, everywhere=self.inflation > 0.0)
 
     @property
     def kind(self) -> str:
-        """Exact; with inflation a lower bound of the room."""
-        return "bound" if self.inflation > 0.0 else "exact"
+        """The distance is a lower bound of the room: less than it only where sheets cross."""
+        return "bound"
+
+    @property
+    def exact_outside(self) -> bool:
+        """Outside it is the distance, before inflation."""
+        return True
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -114,7 +119,7 @@ class TriangleMesh(MeasuredDuct):
         """Return how often the mesh winds about points (..., 3): 0 outside, 1 or more inside."""
         from ._mesh_kernels import count_windings
 
-        array = check_points("points", points)
+        array = check_places("points", points)
         flat = np.array(array.reshape(-1, 3), order="C")
         result = np.empty(len(flat), dtype=np.int64)
         arguments = (self.vertices, self.faces, *self._columns, flat, result)

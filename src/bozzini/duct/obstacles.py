@@ -9,15 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_number
-from ..errors import InputError
-from ._analytic import freeze_array
-from ._solids import Slices, SolidShapes
+from ._shape_checks import (
+    check_counts,
+    check_radii,
+    check_wall,
+    freeze_array,
+    freeze_places,
+    set_fields,
+)
+from ._shape_union import ShapeUnion, Slices
 
 __all__ = ["Circles"]
 
 
 @dataclass(frozen=True, eq=False)
-class Circles(SolidShapes):
+class Circles(ShapeUnion):
     """The union of discs: what `without` takes away from a planar duct.
 
     Parameters
@@ -54,19 +60,17 @@ class Circles(SolidShapes):
     dim = 2
 
     def __post_init__(self) -> None:
-        centres = freeze_array("centres", self.centres, (2,))
+        centres = freeze_places("centres", self.centres, 2)
         radii = freeze_array("radii", self.radii, ())
-        if len(radii) != len(centres):
-            raise InputError(
-                f"radii has {len(radii)} value(s): it must have one per centre, {len(centres)}"
-            )
-        if radii.min() <= 0.0:
-            k = int(np.argmax(radii <= 0.0))
-            raise InputError(f"radii[{k}] is {radii[k]:g} mm: it must lie in (0, inf) mm")
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        check_number("wall error", self.wall_error, low=0.0, unit="mm")
-        object.__setattr__(self, "centres", centres)
-        object.__setattr__(self, "radii", radii)
+        check_counts(len(centres), {"radii": radii})
+        check_radii(radii)
+        check_wall(self.inflation, self.wall_error)
+        set_fields(self, centres=centres, radii=radii)
+
+    @property
+    def exact_outside(self) -> bool:
+        """Outside it is the distance, before inflation."""
+        return True
 
     @property
     def bounds(self) -> NDArray[np.float64]:

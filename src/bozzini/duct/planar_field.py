@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
+from ..errors import InputError
+from ._shape_checks import check_places
 from .field import SampledField
 
 if TYPE_CHECKING:
@@ -29,6 +30,19 @@ class PlanarField:
     """
 
     layer: SampledField
+
+    def __post_init__(self) -> None:
+        layer = self.layer
+        if not isinstance(layer, SampledField):
+            raise InputError(f"layer is a {type(layer).__name__}: it must be a SampledField")
+        values = layer.values
+        if values.shape[2] != 2 or not np.array_equal(values[..., 0], values[..., 1]):
+            raise InputError(
+                f"layer has values of shape {values.shape}: it must have two equal sheets, "
+                "(nx, ny, 2)"
+            )
+        if np.abs(layer.rotation[2]).tolist() != [0.0, 0.0, 1.0]:
+            raise InputError("layer is tilted: its third axis must be across the plane")
 
     @property
     def kind(self) -> str:
@@ -103,7 +117,13 @@ class PlanarField:
 
         return Eroded(self, clearance)
 
+    def sample(self, voxel: float) -> SampledField | PlanarField:
+        """Sample the interpolant on another grid, with nodes `voxel` mm apart (`to_field`)."""
+        from .compose import to_field
+
+        return to_field(self, voxel)
+
 
 def _lift(points: ArrayLike) -> NDArray[np.float64]:
-    array = check_points("points", points, dim=2)
+    array = check_places("points", points, dim=2)
     return np.concatenate([array, np.zeros((*array.shape[:-1], 1))], axis=-1)

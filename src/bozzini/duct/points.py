@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ..checks import check_number
 from ..errors import GeometryError, InputError
-from ._analytic import freeze_array
 from ._cloud import Cells, find_cells, find_opening, make_cells
 from ._measured import MeasuredDuct, Nearest, order_points
+from ._shape_checks import check_counts, check_size, freeze_array, freeze_places, set_fields
 
 if TYPE_CHECKING:
     from .field import SampledField
@@ -44,8 +44,6 @@ class PointCloud(MeasuredDuct):
     normals : (n, 3) float, optional
         Outward normals of the wall at the samples, instead of seeds: the duct is all closed
         spaces on whose inner side most samples around them say they lie.
-    inflation : float
-        The wall is moved outwards by this much [mm].
 
     Raises
     ------
@@ -63,37 +61,33 @@ class PointCloud(MeasuredDuct):
     not part no wall parts; which these are is found from the samples' Delaunay cells (`_cloud`).
     So with seeds nothing is inside that a wall parts from all of them. Normals only name the
     side. `kind` is "bound".
+
+    The wall cannot be moved outwards (`inflation` is 0): how far a place outside is from the lumen
+    is not known, only how far from the balls, which have another side.
     """
 
     points: NDArray[np.float64]
     spacing: float
     seeds: NDArray[np.float64] | None = field(default=None, kw_only=True)
     normals: NDArray[np.float64] | None = field(default=None, kw_only=True)
-    inflation: float = field(default=0.0, kw_only=True)
+    inflation: float = field(default=0.0, init=False)
     wall: str = field(default="", init=False)
     wall_error: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        points = freeze_array("points", self.points, (3,), least=4)
-        check_number("spacing", self.spacing, low=0.0, low_open=True, unit="mm")
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
+        points = freeze_places("points", self.points, 3, least=4)
+        check_size("spacing", self.spacing)
         if (self.seeds is None) == (self.normals is None):
             given = "both" if self.seeds is not None else "neither"
             raise InputError(f"{given} of seeds and normals are given: it must be one of them")
-        object.__setattr__(self, "points", points)
         wall = f"balls of {self.spacing:g} mm about {len(points)} samples"
-        object.__setattr__(self, "wall", wall)
-        object.__setattr__(self, "wall_error", float(self.spacing))
+        set_fields(self, points=points, wall=wall, wall_error=float(self.spacing))
         if self.seeds is not None:
-            object.__setattr__(self, "seeds", freeze_array("seeds", self.seeds, (3,)))
+            set_fields(self, seeds=freeze_places("seeds", self.seeds, 3))
         if self.normals is not None:
             normals = freeze_array("normals", self.normals, (3,))
-            if len(normals) != len(points):
-                raise InputError(
-                    f"normals has {len(normals)} value(s): it must have one per point, "
-                    f"{len(points)}"
-                )
-            object.__setattr__(self, "normals", normals)
+            check_counts(len(points), {"normals": normals}, per="point")
+            set_fields(self, normals=normals)
         extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if extent[-1] <= 1e-9 * extent[0]:
             raise GeometryError(
@@ -108,8 +102,22 @@ class PointCloud(MeasuredDuct):
     @property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3) corners of the box around the samples [mm]."""
-        low, high = self.points.min(axis=0), self.points.max(axis=0)
-        return np.stack([low - self.inflation, high + self.inflation])
+        return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
+
+    def inflate(self, distance: float) -> PointCloud:
+        """Return the same duct: its wall cannot be moved outwards.
+
+        Raises
+        ------
+        InputError
+            If `distance` is not 0.
+        """
+        if check_number("distance", distance, low=0.0, unit="mm") > 0.0:
+            raise InputError(
+                f"distance is {distance:g} mm: it must be 0 mm, because how far a place outside a "
+                "cloud is from its lumen is not known"
+            )
+        return self
 
     def _measure(self, points: NDArray[np.float64], *, with_gradient: bool) -> Nearest:
         far, index = self._tree.query(points)
@@ -125,9 +133,12 @@ class PointCloud(MeasuredDuct):
 
     def _ask(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether points farther than `spacing` from all samples are inside."""
-        order = order_points(points)
+        low, high = self.bounds
+        # Cells are searched with a tolerance that grows with a point's coordinates.
+        near = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
+        order = near[order_points(points[near])]
         cell = find_cells(self._cells, points[order])
-        answer = np.empty(len(points), dtype=bool)
+        answer = np.zeros(len(points), dtype=bool)
         answer[order] = (cell >= 0) & self._lumen[self._cells.groups[np.maximum(cell, 0)]]
         return answer
 
@@ -135,16 +146,18 @@ class PointCloud(MeasuredDuct):
         from .field import SampledField
 
         low, high = self.points.min(axis=0), self.points.max(axis=0)
-        pad = self.inflation + 2.0 * self.spacing
+        pad = 2.0 * self.spacing
         low, size = low - pad, high - low + 2.0 * pad
         if voxel is None:
             voxel = max(self.spacing, float(np.cbrt(size.prod() / (0.5 * MAX_NODES))))
-        counts = np.ceil(size / voxel).astype(int) + 1
-        if math.prod(counts.tolist()) > MAX_NODES:
+        with np.errstate(over="ignore"):
+            wanted = np.ceil(size / voxel) + 1.0
+        if math.prod(wanted.tolist()) > MAX_NODES:
             raise InputError(
                 f"voxel is {voxel:g} mm: the grid would have more than {MAX_NODES:,} nodes, it "
                 f"must be at least about {float(np.cbrt(size.prod() / MAX_NODES)) * 1.05:.2g} mm"
             )
+        counts = wanted.astype(int)
         axes = [low[k] + voxel * np.arange(counts[k]) for k in range(3)]
         values = np.empty(tuple(counts), dtype=np.float32)
         sheet = np.stack(np.meshgrid(axes[1], axes[2], indexing="ij"), axis=-1).reshape(-1, 2)
@@ -156,9 +169,10 @@ class PointCloud(MeasuredDuct):
             spacing=np.full(3, float(voxel)),
             origin=low,
             rotation=np.eye(3),
-            inflation=self.inflation,
             wall=self.wall,
             wall_error=self.wall_error,
+            reach=0.0,
+            exact_outside=False,
         )
 
     @property

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number
 from ..errors import GeometryError
-from ._analytic import ROUNDING, AnalyticDuct, freeze_array
+from ._analytic import ROUNDING, AnalyticDuct
+from ._shape_checks import check_wall, freeze_places, set_fields
 
 if TYPE_CHECKING:
     from ._clearance_kernels import PolygonData
@@ -56,21 +56,25 @@ class Polygon(AnalyticDuct):
     dim = 2
 
     def __post_init__(self) -> None:
-        vertices = freeze_array("vertices", self.vertices, (2,), least=3)
+        vertices = freeze_places("vertices", self.vertices, 2, least=3)
         if len(vertices) > 3 and np.array_equal(vertices[0], vertices[-1]):
             vertices = vertices[:-1]
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        check_number("wall error", self.wall_error, low=0.0, unit="mm")
+        check_wall(self.inflation, self.wall_error)
         check_simple(vertices)
         if measure_area(vertices) < 0.0:
             vertices = vertices[::-1].copy()
             vertices.flags.writeable = False
-        object.__setattr__(self, "vertices", vertices)
+        set_fields(self, vertices=vertices)
 
     @property
     def kind(self) -> str:
         """Exact; with inflation a lower bound of the room."""
         return "bound" if self.inflation > 0.0 else "exact"
+
+    @property
+    def exact_outside(self) -> bool:
+        """Outside it is the distance, before inflation."""
+        return True
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -82,11 +86,6 @@ class Polygon(AnalyticDuct):
     def area(self) -> float:
         """Area before inflation [mm^2]."""
         return measure_area(self.vertices)
-
-    def inflate(self, distance: float) -> Polygon:
-        """Return the same polygon with its wall moved outwards by `distance` mm more."""
-        check_number("distance", distance, low=0.0, unit="mm")
-        return replace(self, inflation=self.inflation + distance)
 
     def pack(self) -> PolygonData:
         """Return the polygon for compiled kernels."""

@@ -5,23 +5,34 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number
 from ..errors import GeometryError, InputError
-from ._analytic import freeze_array
-from ._solids import Slices, SolidShapes, check_connected
+from ._overlap import check_connected
+from ._shape_checks import (
+    COORDINATE_MAX,
+    check_wall,
+    freeze_array,
+    freeze_places,
+    scale_to_unit_normals,
+    set_fields,
+)
+from ._shape_union import ShapeUnion, Slices
 
 __all__ = ["ConvexPolyhedra"]
+
+OFFSET_MAX = 2.0 * COORDINATE_MAX
+"""A plane farther from the origin than this does not meet the space that shapes may be in [mm]."""
 
 THIN = 1e-9
 """Smallest inscribed radius of a piece that is solid, as a fraction of its largest coordinate."""
 
 
 @dataclass(frozen=True, eq=False)
-class ConvexPolyhedra(SolidShapes):
+class ConvexPolyhedra(ShapeUnion):
     """The union of convex polyhedra, each the meeting of half spaces.
 
     Parameters
@@ -61,28 +72,34 @@ class ConvexPolyhedra(SolidShapes):
     wall_error: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        if np.ndim(self.pieces[0] if len(self.pieces) else ()) == 1 and len(self.pieces):
+        given: Any = self.pieces
+        if isinstance(given, str) or not hasattr(given, "__len__"):
             raise InputError(
-                f"pieces is one array of {len(self.pieces)} rows: it must be a sequence of arrays"
+                f"pieces is a {type(given).__name__}: it must be a sequence of arrays (m, 4)"
             )
         if len(self.pieces) == 0:
             raise InputError("pieces is empty: there must be at least one polyhedron")
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        check_number("wall error", self.wall_error, low=0.0, unit="mm")
+        if np.ndim(self.pieces[0]) == 1:
+            raise InputError(
+                f"pieces is one array of {len(self.pieces)} rows: it must be a sequence of arrays"
+            )
+        check_wall(self.inflation, self.wall_error)
         pieces = []
-        for k, given in enumerate(self.pieces):
-            planes = np.array(freeze_array(f"pieces[{k}]", given, (4,), least=4))
-            sizes = np.linalg.norm(planes[:, :3], axis=1)
-            if sizes.min() == 0.0:
+        for k, rows in enumerate(self.pieces):
+            planes = freeze_array(f"pieces[{k}]", rows, (4,), least=4)
+            planes = scale_to_unit_normals(f"normal of pieces[{k}]", planes)
+            far = np.abs(planes[:, 3]) > OFFSET_MAX
+            if far.any():
+                i = int(np.argmax(far))
                 raise InputError(
-                    f"pieces[{k}][{int(np.argmin(sizes))}] has a normal of length 0: it is no plane"
+                    f"pieces[{k}][{i}] is a plane {abs(planes[i, 3]):g} mm from the origin: it "
+                    f"must be at most {OFFSET_MAX:g} mm"
                 )
-            planes = np.unique(planes / sizes[:, None], axis=0)
+            planes = np.unique(planes, axis=0)
             planes.flags.writeable = False
             pieces.append(planes)
-        object.__setattr__(self, "pieces", tuple(pieces))
         corners = tuple(_find_corners(f"piece {k}", planes) for k, planes in enumerate(pieces))
-        object.__setattr__(self, "_corners", corners)
+        set_fields(self, pieces=tuple(pieces), _corners=corners)
         if self.connected and len(pieces) > 1:
             self._check_union()
 
@@ -101,7 +118,7 @@ class ConvexPolyhedra(SolidShapes):
 
         pieces = []
         for k, group in enumerate(groups):
-            points = freeze_array(f"groups[{k}]", group, (3,), least=4)
+            points = freeze_places(f"groups[{k}]", group, 3, least=4)
             try:
                 hull = ConvexHull(points)
             except QhullError:
@@ -143,14 +160,14 @@ class ConvexPolyhedra(SolidShapes):
 
     def _check_union(self) -> None:
         balls = self._balls
-        away = np.linalg.norm(balls[:, None, :3] - balls[None, :, :3], axis=-1)
-        near = away <= balls[:, 3][:, None] + balls[:, 3][None]
-        links = np.eye(len(balls), dtype=bool)
-        for i, j in np.argwhere(np.triu(near, 1)):
+        reach = balls[:, 3]
+        gaps = np.linalg.norm(balls[:, None, :3] - balls[:, :3], axis=-1) - reach[:, None] - reach
+
+        def meet(i: int, j: int) -> bool:
             both = np.concatenate([self.pieces[i], self.pieces[j]])
-            radius = _find_middle(both)[1]
-            links[i, j] = links[j, i] = radius > THIN * float(np.abs(self.corners[i]).max())
-        check_connected("piece", links, away)
+            return _find_middle(both)[1] > THIN * float(np.abs(self.corners[i]).max())
+
+        check_connected("piece", gaps, meet, far=gaps > 0.0)
 
 
 def _find_middle(planes: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
@@ -186,4 +203,10 @@ def _find_corners(name: str, planes: NDArray[np.float64]) -> NDArray[np.float64]
     # The middle is inside the dual hull exactly if the planes close the piece.
     if meeting.dual_equations[:, -1].max() * radius > -1e-9:
         raise GeometryError(endless)
-    return np.asarray(meeting.intersections)
+    corners = np.asarray(meeting.intersections)
+    if not np.abs(corners).max() <= COORDINATE_MAX:
+        raise GeometryError(
+            f"{name} reaches to {np.abs(corners).max():g} mm: it must stay within "
+            f"{COORDINATE_MAX:g} mm of the origin along each axis"
+        )
+    return corners

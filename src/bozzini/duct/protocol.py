@@ -7,15 +7,22 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Duct", "count_dimensions"]
+from ..errors import InputError
+
+__all__ = ["Duct", "check_duct", "count_dimensions"]
 
 
 @runtime_checkable
 class Duct(Protocol):
-    """Anything with a signed distance: negative inside, millimetres, 1-Lipschitz.
+    """Anything with a signed distance: negative inside, in millimetres.
 
-    ``signed_distance`` must never promise more room than there is by more than ``error``, and
-    ``clearance_bound`` never by anything. A duct is 3-D or planar; ``bounds`` says which.
+    It changes by at most 1 mm per mm (1-Lipschitz), the interpolant of a sampled duct by at most
+    sqrt(3). ``signed_distance`` must never promise more room than there is by more than
+    ``error``, and ``clearance_bound`` never by anything, but where `error` is an estimate itself
+    (`BetweenCurves` without `curvature`). A duct is 3-D or planar; ``bounds`` says which.
+
+    A duct whose distances outside, before inflation, are exact though `kind` is "bound" says so by
+    a property ``exact_outside``: its samples may then be inflated.
     """
 
     @property
@@ -71,6 +78,13 @@ class Duct(Protocol):
     def to_world(self, points: ArrayLike, /) -> NDArray[np.float64]:
         """Turn points (..., 3) of the kernels' frame into world points (..., dim) [mm]."""
         ...
+
+
+def check_duct(name: str, duct: object) -> None:
+    """Raise `InputError` unless `duct` answers what a planner asks most."""
+    asked = ("signed_distance", "clearance_bound")
+    if not all(callable(getattr(duct, each, None)) for each in asked):
+        raise InputError(f"{name} is a {type(duct).__name__}: it must be a duct")
 
 
 def count_dimensions(duct: Duct) -> int:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_array
 from ..errors import GeometryError, InputError
-from ._analytic import AnalyticDuct, freeze_array
+from ._analytic import AnalyticDuct
+from ._shape_checks import check_places, check_wall, freeze_places, set_fields
 from .polygon import Polygon
 
 if TYPE_CHECKING:
@@ -91,17 +92,15 @@ class StitchedQuads(AnalyticDuct):
     dim = 2
 
     def __post_init__(self) -> None:
-        left = freeze_array("left", self.left, (2,), least=2)
-        right = freeze_array("right", self.right, (2,), least=2)
+        left = freeze_places("left", self.left, 2, least=2)
+        right = freeze_places("right", self.right, 2, least=2)
         if len(left) != len(right):
             raise InputError(
                 f"right has {len(right)} point(s): it must have as many as left, {len(left)}"
             )
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        check_number("wall error", self.wall_error, low=0.0, unit="mm")
+        check_wall(self.inflation, self.wall_error)
         check_quads(left, right)
-        object.__setattr__(self, "left", left)
-        object.__setattr__(self, "right", right)
+        set_fields(self, left=left, right=right)
         try:
             _ = self.outline
         except GeometryError:
@@ -119,6 +118,11 @@ class StitchedQuads(AnalyticDuct):
         return self.outline.kind
 
     @property
+    def exact_outside(self) -> bool:
+        """Outside it is the distance, before inflation."""
+        return True
+
+    @property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 2) corners of the box around the duct [mm]."""
         return self.outline.bounds
@@ -129,20 +133,28 @@ class StitchedQuads(AnalyticDuct):
         corners = np.concatenate([self.left, self.right[::-1]])
         return Polygon(corners, inflation=self.inflation, wall=self.wall)
 
-    def inflate(self, distance: float) -> StitchedQuads:
-        """Return the same duct with its wall moved outwards by `distance` mm more."""
-        check_number("distance", distance, low=0.0, unit="mm")
-        return replace(self, inflation=self.inflation + distance)
-
     def pack(self) -> PolygonData:
         """Return the duct for compiled kernels."""
         return self.outline.pack()
 
     def locate(self, quad: ArrayLike, along: ArrayLike, across: ArrayLike) -> NDArray[np.float64]:
-        """Return the (..., 2) points at coordinates: thesis eq. 5.21 with weights that sum to 1."""
+        """Return the (..., 2) points at coordinates: thesis eq. 5.21 with weights that sum to 1.
+
+        Raises
+        ------
+        InputError
+            If there is no such quad, or a coordinate is not finite.
+        """
         k = np.asarray(quad)
-        s = np.asarray(along, dtype=np.float64)[..., None]
-        v = np.asarray(across, dtype=np.float64)[..., None]
+        if k.dtype.kind not in "iu" or np.any((k < 0) | (k > len(self.left) - 2)):
+            wrong = k if k.dtype.kind not in "iu" else k[(k < 0) | (k > len(self.left) - 2)].flat[0]
+            raise InputError(
+                f"quad is {wrong}: it must be a whole number in [0, {len(self.left) - 2}]"
+            )
+        s, v = (check_array(n, x)[..., None] for n, x in (("along", along), ("across", across)))
+        for name, array in (("along", s), ("across", v)):
+            if not np.all(np.isfinite(array)):
+                raise InputError(f"{name} has values that are not finite: all must be")
         left = (1.0 - s) * self.left[k] + s * self.left[k + 1]
         right = (1.0 - s) * self.right[k] + s * self.right[k + 1]
         return np.asarray((1.0 - v) * left + v * right)
@@ -155,7 +167,7 @@ class StitchedQuads(AnalyticDuct):
         InputError
             If the points are not finite or not (..., 2).
         """
-        array = check_points("points", points, dim=2)
+        array = check_places("points", points, dim=2)
         flat = array.reshape(-1, 2)
         rows = max(1, BATCH // (len(self.left) - 1))
         parts = [self._find(flat[k : k + rows]) for k in range(0, max(len(flat), 1), rows)]

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Mapping
+import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FileFormatError, InputError, OutputError
-from ..files import write_text
+from ..errors import FileFormatError, InputError
+from ..files import check_new_file, write_text
+from ._shapes_fields import show_value, take_mapping, take_numbers
 from ._shapes_text import format_json, format_yaml, parse_json, parse_yaml
 from .cones import RoundCones
 from .cylinders import ConnectedCylinders
 from .super_ellipsoid import SuperEllipsoids
 
 __all__ = [
+    "FITS",
     "SUFFIXES",
     "VERSION",
+    "ShapesFile",
     "check_shapes_target",
     "count_pieces",
     "load_shapes",
+    "load_shapes_file",
     "read_shapes",
     "save_shapes",
     "write_shapes",
@@ -34,8 +38,15 @@ VERSION = 1
 
 SUFFIXES = (".json", ".yaml", ".yml")
 
+FITS = ("inscribed", "least squares")
+"""How shapes were fitted to a tract: inside its wall but for `wall_error`, or through it too."""
+
 FORMAT = "bozzini shapes"
-FIELDS = ("format", "version", "kind", "units", "wall", "wall_error", "inflation", "note", "shapes")
+TEXTS = ("wall", "fit", "note")
+FIELDS = (
+    *("format", "version", "kind", "units", "wall", "wall_error", "inflation", "fit", "note"),
+    "shapes",
+)
 NEEDED = ("format", "version", "kind", "shapes")
 
 Shapes = RoundCones | ConnectedCylinders | SuperEllipsoids
@@ -47,9 +58,46 @@ SHAPE_FIELDS: dict[str, dict[str, int]] = {
 }
 """What each shape of a file holds, and how many numbers."""
 
+_ARGUMENTS = {
+    "centres": "centre",
+    "normals": "normal",
+    "radii": "radius",
+    "half axes": "half_axes",
+    "half_axes": "half_axes",
+    "e1": "e1",
+    "e2": "e2",
+    "rotations": "axes",
+}
+"""What a shape's field is called where shapes are built."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapesFile:
+    """What a file of shapes holds.
+
+    Parameters
+    ----------
+    shapes : RoundCones, ConnectedCylinders or SuperEllipsoids
+    fit : str
+        How they were fitted to a tract, one of `FITS`; empty if they were not, or that is not
+        known. What is proved to pass shapes that are inscribed passes the tract, but for their
+        `wall_error`; what does not pass them may pass the tract, of which they leave out a part.
+    note : str
+        What they are, for people.
+    """
+
+    shapes: Shapes
+    fit: str = ""
+    note: str = ""
+
 
 def save_shapes(
-    duct: Shapes, path: str | os.PathLike[str], *, note: str = "", force: bool = False
+    duct: Shapes,
+    path: str | os.PathLike[str],
+    *,
+    fit: str = "",
+    note: str = "",
+    force: bool = False,
 ) -> Path:
     """Write shapes to a file; its suffix says whether as JSON or YAML.
 
@@ -60,6 +108,8 @@ def save_shapes(
     duct : RoundCones, ConnectedCylinders or SuperEllipsoids
     path : path-like
         Ends in ``.json``, ``.yaml`` or ``.yml``.
+    fit : str
+        One of `FITS` if they were fitted to a tract.
     note : str
         What they are, for people.
     force : bool
@@ -70,11 +120,11 @@ def save_shapes(
     OutputError
         If the suffix is another, the file exists, or it cannot be written.
     InputError
-        If the duct has no such form.
+        If the duct has no such form, or `fit` is another.
     """
     target = Path(path)
     check_shapes_target(target, force=force)
-    data = write_shapes(duct, note=note)
+    data = write_shapes(duct, fit=fit, note=note)
     if target.suffix.lower() == ".json":
         return write_text(target, format_json(data))
     return write_text(target, format_yaml(data))
@@ -82,17 +132,7 @@ def save_shapes(
 
 def check_shapes_target(path: str | os.PathLike[str], *, force: bool = False) -> None:
     """Raise `OutputError` at once if `save_shapes` would refuse this path later."""
-    target = Path(path)
-    if target.suffix.lower() not in SUFFIXES:
-        raise OutputError(
-            f"{target} ends in '{target.suffix}': it must end in {', '.join(SUFFIXES)}"
-        )
-    if not target.parent.is_dir():
-        raise OutputError(f"cannot write {target}: {target.parent} is not a directory")
-    if target.is_dir():
-        raise OutputError(f"{target} is a directory: choose a file")
-    if target.exists() and not force:
-        raise OutputError(f"{target} exists already: choose another file or give --force")
+    check_new_file(path, SUFFIXES, force=force)
 
 
 def count_pieces(duct: Shapes) -> int:
@@ -103,6 +143,17 @@ def count_pieces(duct: Shapes) -> int:
 
 def load_shapes(path: str | os.PathLike[str]) -> Shapes:
     """Read shapes from a file that `save_shapes` wrote, or one like it.
+
+    Raises
+    ------
+    FileFormatError
+        As `load_shapes_file` does.
+    """
+    return load_shapes_file(path).shapes
+
+
+def load_shapes_file(path: str | os.PathLike[str]) -> ShapesFile:
+    """Read shapes from a file, and what it says about them.
 
     Raises
     ------
@@ -123,19 +174,20 @@ def load_shapes(path: str | os.PathLike[str]) -> Shapes:
         raise FileFormatError(f"cannot read {source}: it is not UTF-8 text ({error})") from None
     parse = parse_json if source.suffix.lower() == ".json" else parse_yaml
     try:
-        return read_shapes(parse(text))
+        return _read_file(parse(text))
     except InputError as error:
         raise FileFormatError(f"{source}: {error}") from None
 
 
-def write_shapes(duct: Shapes, *, note: str = "") -> dict[str, Any]:
-    """Return shapes as plain data.
+def write_shapes(duct: Shapes, *, fit: str = "", note: str = "") -> dict[str, Any]:
+    """Return shapes as plain data; `fit` and `note` as for `save_shapes`.
 
     Raises
     ------
     InputError
-        If the duct is not of a kind that has a file form.
+        If the duct is not of a kind that has a file form, or `fit` is not one of `FITS`.
     """
+    _check_fit(fit)
     if isinstance(duct, RoundCones):
         kind, columns = "cones", {"centre": duct.centres, "radius": duct.radii}
     elif isinstance(duct, ConnectedCylinders):
@@ -159,8 +211,7 @@ def write_shapes(duct: Shapes, *, note: str = "") -> dict[str, Any]:
     data: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": kind}
     data |= {"units": "mm", "wall": duct.wall, "wall_error": float(duct.wall_error)}
     data["inflation"] = float(duct.inflation)
-    if note:
-        data["note"] = note
+    data |= {name: text for name, text in (("fit", fit), ("note", note)) if text}
     data["shapes"] = [
         {key: values[k].tolist() for key, values in columns.items()}
         for k in range(len(duct.centres))
@@ -176,40 +227,68 @@ def read_shapes(data: Any) -> Shapes:
     InputError, GeometryError
         If a field is missing, unknown or wrong, with its name, the shape's number and the value.
     """
-    fields = _take_mapping(data, "the file", FIELDS, NEEDED)
+    return _read_file(data).shapes
+
+
+def _read_file(data: Any) -> ShapesFile:
+    fields = take_mapping(data, "the file", FIELDS, NEEDED)
     if fields["format"] != FORMAT:
-        raise InputError(f"format is {_show(fields['format'])}: it must be '{FORMAT}'")
+        raise InputError(f"format is {show_value(fields['format'])}: it must be '{FORMAT}'")
     version = fields["version"]
     if isinstance(version, bool) or not isinstance(version, int) or not 1 <= version <= VERSION:
-        raise InputError(f"version is {_show(version)}: it must lie in [1, {VERSION}]")
+        raise InputError(f"version is {show_value(version)}: it must lie in [1, {VERSION}]")
     kind = fields["kind"]
     if not isinstance(kind, str) or kind not in SHAPE_FIELDS:
-        raise InputError(f"kind is {_show(kind)}: it must be one of {', '.join(SHAPE_FIELDS)}")
+        raise InputError(f"kind is {show_value(kind)}: it must be one of {', '.join(SHAPE_FIELDS)}")
     if fields.get("units", "mm") != "mm":
-        raise InputError(f"units is {_show(fields['units'])}: it must be 'mm'")
+        raise InputError(f"units is {show_value(fields['units'])}: it must be 'mm'")
     options: dict[str, Any] = {}
     for name in ("wall_error", "inflation"):
         if name in fields:
-            options[name] = float(_take_numbers(fields[name], name, 1)[0])
-    if "wall" in fields:
-        if not isinstance(fields["wall"], str):
-            raise InputError(f"wall is {_show(fields['wall'])}: it must be text")
-        options["wall"] = fields["wall"]
+            options[name] = float(take_numbers(fields[name], name, 1)[0])
+    texts = {name: fields[name] for name in TEXTS if name in fields}
+    for name, text in texts.items():
+        if not isinstance(text, str):
+            raise InputError(f"{name} is {show_value(text)}: it must be text")
+    if "wall" in texts:
+        options["wall"] = texts.pop("wall")
+    _check_fit(texts.get("fit", ""))
     items = fields["shapes"]
     if not isinstance(items, (list, tuple)) or not items:
-        raise InputError(f"shapes is {_show(items)}: it must be a list of 1 or more")
+        raise InputError(f"shapes is {show_value(items)}: it must be a list of 1 or more")
+    if kind == "cylinders" and len(items) < 2:
+        raise InputError("shapes holds 1 circle: cylinders lie between 2 or more")
     names = SHAPE_FIELDS[kind]
     rows: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
     for index, item in enumerate(items):
         field = f"shapes[{index}]"
-        shape = _take_mapping(item, field, tuple(names), tuple(names))
+        shape = take_mapping(item, field, tuple(names), tuple(names))
         for name, count in names.items():
-            values = _take_numbers(shape[name], f"{field}.{name}", count)
+            values = take_numbers(shape[name], f"{field}.{name}", count)
             if name == "radius" and values[0] <= 0.0:
                 raise InputError(f"{field}.radius is {values[0]:g} mm: it must lie in (0, inf) mm")
             rows[name].append(values)
     table = {name: np.array(values) for name, values in rows.items()}
-    return _build(kind, table, options)
+    try:
+        return ShapesFile(shapes=_build(kind, table, options), **texts)
+    except InputError as error:
+        raise type(error)(_name_field(str(error))) from None
+
+
+def _name_field(message: str) -> str:
+    """Return a constructor's message with the file's name of what it is about."""
+    names = "|".join(_ARGUMENTS)
+    return re.sub(
+        rf"^({names})\[(\d+)(?:, (\d+))?\]",
+        lambda m: f"shapes[{m[2]}].{_ARGUMENTS[m[1]]}" + (f"[{m[3]}]" if m[3] else ""),
+        message,
+        count=1,
+    )
+
+
+def _check_fit(fit: str) -> None:
+    if fit not in ("", *FITS):
+        raise InputError(f"fit is {show_value(fit)}: it must be one of {', '.join(FITS)}")
 
 
 def _build(kind: str, table: dict[str, NDArray[np.float64]], options: dict[str, Any]) -> Shapes:
@@ -227,43 +306,3 @@ def _build(kind: str, table: dict[str, NDArray[np.float64]], options: dict[str, 
         rotations=np.swapaxes(table["axes"].reshape(-1, 3, 3), 1, 2),
         **options,
     )
-
-
-def _take_mapping(
-    value: Any, field: str, known: tuple[str, ...], needed: tuple[str, ...]
-) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise InputError(f"{field} is {_show(value)}: it must hold the fields {', '.join(known)}")
-    for key in value:
-        if key not in known:
-            raise InputError(f"{field} has an unknown field '{key}': known are {', '.join(known)}")
-    for key in needed:
-        if key not in value:
-            raise InputError(f"{field} has no '{key}': it needs {', '.join(needed)}")
-    return value
-
-
-def _take_numbers(value: Any, field: str, count: int) -> NDArray[np.float64]:
-    """Return `count` finite numbers; nine of them may be three rows of three."""
-    flat = [value] if count == 1 else value
-    if count == 9 and isinstance(value, (list, tuple)):
-        flat = [item for row in value for item in (row if isinstance(row, (list, tuple)) else [])]
-    legal = isinstance(flat, (list, tuple)) and len(flat) == count
-    if not legal or not all(_is_number(item) for item in flat):
-        form = {1: "a number", 3: "3 numbers", 9: "3 rows of 3 numbers"}[count]
-        raise InputError(f"{field} is {_show(value)}: it must be {form}, all finite")
-    return np.array(flat, dtype=np.float64)
-
-
-def _is_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    try:
-        return math.isfinite(float(value))
-    except OverflowError:
-        return False
-
-
-def _show(value: Any) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -8,11 +8,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number, check_points
-from ..errors import GeometryError, InputError
-from ._analytic import freeze_array
-from ._overlap import Least, find_least
-from ._solids import Slices, SolidShapes, check_connected
+from ..checks import check_integer
+from ..errors import GeometryError
+from ._overlap import Least, find_least, find_split, link_gauges, tell_split
+from ._power_norms import dual_norm, join_norm, largest_radius, least_radius
+from ._shape_checks import (
+    check_counts,
+    check_exponents,
+    check_half_axes,
+    check_places,
+    check_wall,
+    freeze_array,
+    freeze_places,
+    set_fields,
+)
+from ._shape_union import ShapeUnion, Slices
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -29,7 +39,7 @@ POWER_MAX = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class SuperEllipses(SolidShapes):
+class SuperEllipses(ShapeUnion):
     """The union of convex super-ellipses, turned and placed; also an obstacle (`without`).
 
     Parameters
@@ -80,36 +90,15 @@ class SuperEllipses(SolidShapes):
     dim = 2
 
     def __post_init__(self) -> None:
-        centres = freeze_array("centres", self.centres, (2,))
+        centres = freeze_places("centres", self.centres, 2)
         half_axes = freeze_array("half axes", self.half_axes, (2,))
         powers = freeze_array("powers", self.powers, ())
         angles = freeze_array("angles", self.angles, ())
-        for name, array in (("half axes", half_axes), ("powers", powers), ("angles", angles)):
-            if len(array) != len(centres):
-                raise InputError(
-                    f"{name} has {len(array)} value(s): it must have one per centre, {len(centres)}"
-                )
-        for k, axes in enumerate(half_axes):
-            if axes.min() <= 0.0:
-                raise InputError(
-                    f"half axes[{k}] is {axes.tolist()} mm: each must lie in (0, inf) mm"
-                )
-        bad = (powers < POWER_MIN) | (powers > POWER_MAX)
-        if bad.any():
-            k = int(np.argmax(bad))
-            why = ", the shape would not be convex" if powers[k] < POWER_MIN else ""
-            raise InputError(
-                f"powers[{k}] is {powers[k]:g}: it must lie in [{POWER_MIN:g}, {POWER_MAX:g}]{why}"
-            )
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        check_number("wall error", self.wall_error, low=0.0, unit="mm")
-        for name, array in (
-            ("centres", centres),
-            ("half_axes", half_axes),
-            ("powers", powers),
-            ("angles", angles),
-        ):
-            object.__setattr__(self, name, array)
+        check_counts(len(centres), {"half axes": half_axes, "powers": powers, "angles": angles})
+        check_half_axes(half_axes)
+        check_exponents("powers", powers, POWER_MIN, POWER_MAX, pinched="below")
+        check_wall(self.inflation, self.wall_error)
+        set_fields(self, centres=centres, half_axes=half_axes, powers=powers, angles=angles)
         if self.connected:
             self._check_union(0.0)
 
@@ -118,14 +107,16 @@ class SuperEllipses(SolidShapes):
         """(2, 2) corners of the smallest box around the union [mm]."""
         c, s = np.abs(np.cos(self.angles)), np.abs(np.sin(self.angles))
         a, b = self.half_axes.T
-        reach = np.stack([self._dual(a * c, b * s), self._dual(a * s, b * c)], axis=1)
+        along, across = (dual_norm(a * x, b * y, self.powers) for x, y in ((c, s), (s, c)))
+        reach = np.stack([along, across], axis=1)
         reach += self.inflation
         return np.stack([(self.centres - reach).min(axis=0), (self.centres + reach).max(axis=0)])
 
     @property
     def least_radii(self) -> NDArray[np.float64]:
         """(n,) radius of the largest circle inside each shape [mm]."""
-        return self._radii(outer=False)
+        a, b = self.half_axes.T
+        return least_radius(a, b, self.powers)
 
     @property
     def areas(self) -> NDArray[np.float64]:
@@ -138,15 +129,17 @@ class SuperEllipses(SolidShapes):
 
     def evaluate_gauge(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return the (..., n) gauge of every shape: 1 on its wall, homogeneous about its centre."""
-        array = check_points("points", points, dim=2)
+        array = check_places("points", points, dim=2)
         away = array[..., None, :] - self.centres
         c, s = np.cos(self.angles), np.sin(self.angles)
         u = np.abs(c * away[..., 0] + s * away[..., 1]) / self.half_axes[:, 0]
         v = np.abs(c * away[..., 1] - s * away[..., 0]) / self.half_axes[:, 1]
-        return _join(u, v, self.powers)
+        return join_norm(u, v, self.powers)
 
     def outline(self, shape: int, *, count: int = 200) -> NDArray[np.float64]:
         """Return `count` points (count, 2) on the wall of one shape, counter-clockwise [mm]."""
+        self._check_index("shape", shape)
+        check_integer("count", count, low=1)
         turn = 2.0 * np.pi * np.arange(count) / count
         local = np.stack([np.cos(turn), np.sin(turn)], axis=1) * self.half_axes[shape]
         c, s = np.cos(self.angles[shape]), np.sin(self.angles[shape])
@@ -159,6 +152,8 @@ class SuperEllipses(SolidShapes):
 
         Both eroded by less overlap still; negative if they are apart.
         """
+        self._check_index("first", first)
+        self._check_index("second", second)
         return -self._search_seam(first, second, -np.inf).value
 
     def erode(self, clearance: float) -> Eroded:
@@ -183,29 +178,23 @@ class SuperEllipses(SolidShapes):
         turn = np.stack([np.cos(self.angles), np.sin(self.angles)], axis=1)
         columns = [self.centres, turn, self.half_axes, self.powers[:, None]]
         rows = np.concatenate([*columns, self.least_radii[:, None]], axis=1)
-        reach = self._radii(outer=True)[:, None]
+        reach = self._largest_radii[:, None]
         balls = np.concatenate([self.centres, np.zeros_like(reach), reach], axis=1)
         return Slices(SUPER_ELLIPSE, list(rows), balls)
 
-    def _radii(self, *, outer: bool) -> NDArray[np.float64]:
-        """Largest or least radius of each shape (Hoelder's inequality)."""
-        small, big = self.half_axes.min(axis=1), self.half_axes.max(axis=1)
-        n = self.powers
-        plain = n <= 2.0 if outer else n >= 2.0
-        base = big if outer else small
-        q = 2.0 * n / np.where(plain, 1.0, np.abs(2.0 - n))
-        factor = (1.0 + (small / big) ** q) ** ((1.0 if outer else -1.0) / q)
-        return np.asarray(np.where(plain, base, base * factor))
+    @property
+    def _largest_radii(self) -> NDArray[np.float64]:
+        """(n,) radius of the smallest circle about its centre that holds each shape [mm]."""
+        a, b = self.half_axes.T
+        return largest_radius(a, b, self.powers)
 
-    def _dual(self, u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How far each shape reaches along a direction: the norm of power n / (n - 1)."""
-        n = self.powers
-        return np.where(n > 1.0, _join(u, v, n / np.maximum(n - 1.0, 1e-9)), np.maximum(u, v))
+    def _check_index(self, name: str, shape: int) -> None:
+        check_integer(name, shape, low=0, high=len(self.centres) - 1)
 
     def _search_seam(self, first: int, second: int, enough: float) -> Least:
         pair = [first, second]
         radii = self.least_radii[pair]
-        reach = self._radii(outer=True)[pair][:, None]
+        reach = self._largest_radii[pair][:, None]
         low = (self.centres[pair] - reach).max(axis=0)
         high = (self.centres[pair] + reach).min(axis=0)
         low, high = np.minimum(low, high), np.maximum(low, high)
@@ -218,44 +207,25 @@ class SuperEllipses(SolidShapes):
 
     def _check_union(self, clearance: float) -> None:
         """Raise `GeometryError` if the shapes, drawn in by themselves, do not hang together."""
-        count = len(self.centres)
-        if count == 1:
+        if len(self.centres) == 1:
             return
-        reach = self._radii(outer=True)
-        away = np.linalg.norm(self.centres[:, None] - self.centres[None], axis=-1)
-        gaps = away - reach[:, None] - reach[None]
-        links = np.eye(count, dtype=bool)
+        levels = 1.0 - clearance / self.least_radii
+        links, gaps = link_gauges(self.centres, self.evaluate_gauge(self.centres), levels)
+        reach = self._largest_radii
+        away = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
 
-        def look(i: int, j: int) -> None:
-            if gaps[i, j] <= 0.0 and not links[i, j]:
-                found = self._search_seam(i, j, -clearance).value <= -clearance
-                links[i, j] = links[j, i] = found
+        def meet(i: int, j: int) -> bool:
+            return self._search_seam(i, j, -clearance).value <= -clearance
 
-        for i in range(count - 1):
-            look(i, i + 1)
-        chained = links[np.arange(count - 1), np.arange(1, count)]
-        if chained.all():
+        far = away > reach[:, None] + reach
+        split = find_split(gaps, meet, links=links, far=far)
+        if split is None:
             return
-        for i in range(count):
-            for j in range(i + 2, count):
-                look(i, j)
-        try:
-            check_connected("shape", links, np.where(links, np.inf, gaps))
-        except GeometryError as error:
-            if clearance == 0.0:
-                raise
-            k = int(np.argmin(chained))
-            most = self.measure_seam(k, k + 1)
-            raise GeometryError(
-                f"clearance is {clearance:g} mm: {error}; between shape {k} and shape {k + 1} "
-                f"it must be at most {most:.3g} mm"
-            ) from None
-
-
-def _join(
-    a: NDArray[np.float64], b: NDArray[np.float64], power: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(a^p + b^p)^(1/p), without overflow."""
-    big = np.maximum(a, b)
-    ratio = np.minimum(a, b) / np.where(big > 0.0, big, 1.0)
-    return np.asarray(big * np.exp(np.log1p(ratio**power) / power))
+        told = tell_split("shape", split)
+        if clearance > 0.0:
+            a, b = split
+            told = (
+                f"clearance is {clearance:g} mm: {told}; between shape {a} and shape {b} "
+                f"it must be at most {self.measure_seam(a, b):.3g} mm"
+            )
+        raise GeometryError(told)

@@ -8,10 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number
-from ..errors import InputError
-from ._analytic import freeze_array
-from ._solids import Slices, SolidShapes, check_connected
+from ._overlap import check_connected, link_gauges
+from ._power_norms import dual_norm, join_norm, largest_radius, least_radius
+from ._shape_checks import (
+    check_counts,
+    check_exponents,
+    check_half_axes,
+    check_places,
+    check_rotation,
+    check_wall,
+    freeze_array,
+    freeze_places,
+    set_fields,
+)
+from ._shape_union import ShapeUnion, Slices
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -26,7 +36,7 @@ EXPONENT_MAX = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class SuperEllipsoids(SolidShapes):
+class SuperEllipsoids(ShapeUnion):
     """The union of convex super-ellipsoids.
 
     Parameters
@@ -77,68 +87,38 @@ class SuperEllipsoids(SolidShapes):
     wall_error: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        centres = freeze_array("centres", self.centres, (3,))
+        centres = freeze_places("centres", self.centres, 3)
         half_axes = freeze_array("half axes", self.half_axes, (3,))
         e1 = freeze_array("e1", self.e1, ())
         e2 = freeze_array("e2", self.e2, ())
         rotations = freeze_array("rotations", self.rotations, (3, 3))
-        for name, array in (
-            ("half axes", half_axes),
-            ("e1", e1),
-            ("e2", e2),
-            ("rotations", rotations),
-        ):
-            if len(array) != len(centres):
-                raise InputError(
-                    f"{name} has {len(array)} value(s): it must have one per centre, {len(centres)}"
-                )
-        for k, axes in enumerate(half_axes):
-            if axes.min() <= 0.0:
-                raise InputError(
-                    f"half axes[{k}] is {axes.tolist()} mm: each must lie in (0, inf) mm"
-                )
+        given = {"half axes": half_axes, "e1": e1, "e2": e2, "rotations": rotations}
+        check_counts(len(centres), given)
+        check_half_axes(half_axes)
         for name, array in (("e1", e1), ("e2", e2)):
-            bad = (array < EXPONENT_MIN) | (array > EXPONENT_MAX)
-            if bad.any():
-                k = int(np.argmax(bad))
-                why = ", the shape would not be convex" if array[k] > EXPONENT_MAX else ""
-                raise InputError(
-                    f"{name}[{k}] is {array[k]:g}: it must lie in "
-                    f"[{EXPONENT_MIN:g}, {EXPONENT_MAX:g}]{why}"
-                )
+            check_exponents(name, array, EXPONENT_MIN, EXPONENT_MAX, pinched="above")
         for k, rotation in enumerate(rotations):
-            off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-            if off > 1e-9 or np.linalg.det(rotation) < 0.0:
-                raise InputError(
-                    f"rotations[{k}] is no rotation: it must be orthonormal within 1e-9 (it is "
-                    f"off by {off:.2g}) and right-handed"
-                )
-        check_number("inflation", self.inflation, low=0.0, unit="mm")
-        check_number("wall error", self.wall_error, low=0.0, unit="mm")
-        for name, array in (("centres", centres), ("half_axes", half_axes)):
-            object.__setattr__(self, name, array)
-        for name, array in (("e1", e1), ("e2", e2), ("rotations", rotations)):
-            object.__setattr__(self, name, array)
+            check_rotation(f"rotations[{k}]", rotation)
+        check_wall(self.inflation, self.wall_error)
+        set_fields(self, centres=centres, half_axes=half_axes, e1=e1, e2=e2, rotations=rotations)
         if self.connected and len(centres) > 1:
             _check_union(self)
 
     @property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3) corners of the smallest box around the union [mm]."""
-        reach = np.array(
-            [[_support(self, k, axis) for axis in np.eye(3)] for k in range(len(self.centres))]
-        )
+        a, b, c = np.moveaxis(np.abs(self.half_axes[:, None] * self.rotations), -1, 0)
+        flat = dual_norm(a, b, self._powers[0][:, None])
+        reach = dual_norm(flat, c, self._powers[1][:, None])
         reach += self.inflation
         return np.stack([(self.centres - reach).min(axis=0), (self.centres + reach).max(axis=0)])
 
     @property
     def least_radii(self) -> NDArray[np.float64]:
         """(n,) radius of the largest ball inside each shape [mm]."""
-        radii = [
-            _least(_least(a, b, 2.0 / e2), c, 2.0 / e1)
-            for (a, b, c), e1, e2 in zip(self.half_axes.tolist(), self.e1, self.e2, strict=True)
-        ]
-        return np.array(radii)
+        a, b, c = self.half_axes.T
+        inner, outer = self._powers
+        return least_radius(least_radius(a, b, inner), c, outer)
 
     @property
     def volumes(self) -> NDArray[np.float64]:
@@ -154,98 +134,48 @@ class SuperEllipsoids(SolidShapes):
 
         Less 1 it is the function of thesis eq. 5.30, with absolute values and each shape's frame.
         """
-        from ..checks import check_points
-
-        array = check_points("points", points)
+        array = check_places("points", points)
         local = np.einsum("...nj,nji->...ni", array[..., None, :] - self.centres, self.rotations)
         scaled = np.abs(local) / self.half_axes
-        flat = _join(scaled[..., 0], scaled[..., 1], 2.0 / self.e2)
-        return _join(flat, scaled[..., 2], 2.0 / self.e1)
+        inner, outer = self._powers
+        flat = join_norm(scaled[..., 0], scaled[..., 1], inner)
+        return join_norm(flat, scaled[..., 2], outer)
+
+    @property
+    def _powers(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n,) powers of the section across z, and of the profile along it."""
+        return 2.0 / self.e2, 2.0 / self.e1
+
+    @property
+    def _largest_radii(self) -> NDArray[np.float64]:
+        """(n,) radius of the smallest ball about its centre that holds each shape [mm]."""
+        a, b, c = self.half_axes.T
+        inner, outer = self._powers
+        return largest_radius(largest_radius(a, b, inner), c, outer)
 
     def _slice(self) -> Slices:
         from ._family_kernels import SUPER_ELLIPSOID
 
-        least = self.least_radii
-        numbers = [
-            np.concatenate(
-                [
-                    self.centres[k],
-                    self.rotations[k].reshape(-1),
-                    self.half_axes[k],
-                    [2.0 / self.e2[k], 2.0 / self.e1[k], least[k]],
-                ]
-            )
-            for k in range(len(self.centres))
-        ]
-        reach = [
-            _most(_most(a, b, 2.0 / e2), c, 2.0 / e1)
-            for (a, b, c), e1, e2 in zip(self.half_axes.tolist(), self.e1, self.e2, strict=True)
-        ]
-        return Slices(
-            SUPER_ELLIPSOID, numbers, np.concatenate([self.centres, np.array(reach)[:, None]], 1)
-        )
-
-
-def _join(
-    a: NDArray[np.float64], b: NDArray[np.float64], power: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(a^p + b^p)^(1/p), without overflow."""
-    big = np.maximum(a, b)
-    ratio = np.minimum(a, b) / np.where(big > 0.0, big, 1.0)
-    return np.asarray(big * (1.0 + ratio**power) ** (1.0 / power))
-
-
-def _least(a: float, b: float, power: float) -> float:
-    """Least radius of |x/a|^p + |y/b|^p = 1, p >= 1 (Hoelder's inequality)."""
-    small, big = min(a, b), max(a, b)
-    if power >= 2.0:
-        return small
-    q = 2.0 * power / (2.0 - power)
-    return float(small * (1.0 + (small / big) ** q) ** (-1.0 / q))
-
-
-def _most(a: float, b: float, power: float) -> float:
-    """Largest radius of the same."""
-    small, big = min(a, b), max(a, b)
-    if power <= 2.0:
-        return big
-    q = 2.0 * power / (power - 2.0)
-    return float(big * (1.0 + (small / big) ** q) ** (1.0 / q))
-
-
-def _support(duct: SuperEllipsoids, k: int, direction: NDArray[np.float64]) -> float:
-    """How far shape k reaches from its centre along a direction: the dual norm."""
-    a, b, c = np.abs(duct.half_axes[k] * (direction @ duct.rotations[k])).tolist()
-    flat = _dual(a, b, 2.0 / float(duct.e2[k]))
-    return _dual(flat, c, 2.0 / float(duct.e1[k]))
-
-
-def _dual(a: float, b: float, power: float) -> float:
-    if power <= 1.0 + 1e-9:
-        return max(a, b)
-    big = max(a, b)
-    q = power / (power - 1.0)
-    return float(big * (1.0 + (min(a, b) / big) ** q) ** (1.0 / q)) if big > 0.0 else 0.0
+        flat_axes = self.rotations.reshape(-1, 9)
+        powers = np.stack([*self._powers, self.least_radii], axis=1)
+        rows = np.concatenate([self.centres, flat_axes, self.half_axes, powers], axis=1)
+        balls = np.concatenate([self.centres, self._largest_radii[:, None]], axis=1)
+        return Slices(SUPER_ELLIPSOID, list(rows), balls)
 
 
 def _check_union(duct: SuperEllipsoids) -> None:
     """Raise `GeometryError` if the shapes do not hang together."""
-    count = len(duct.centres)
-    gauge = duct.evaluate_gauge(duct.centres)  # [i, k]: centre i in shape k
-    away = np.linalg.norm(duct.centres[:, None] - duct.centres[None], axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # On the line between the centres both gauges are equal at g h / (g + h).
-        between = np.where(away > 0.0, gauge * gauge.T / (gauge + gauge.T), 0.0)
-        reach = np.where(gauge > 0.0, away / gauge, np.inf)
-    links = between <= 1.0
-    gaps = away - reach - reach.T
-    balls = np.array(duct._slice().balls)
-    near = away <= balls[:, 3][:, None] + balls[:, 3][None]
-    if not links[np.arange(count - 1), np.arange(1, count)].all():
-        for i, j in np.argwhere(np.triu(near & ~links, 1)):
-            links[i, j] = links[j, i] = _overlap(duct, int(i), int(j))
-    np.fill_diagonal(links, True)
-    check_connected("shape", links, np.where(links, np.inf, gaps))
+    levels = np.ones(len(duct.centres))
+    links, gaps = link_gauges(duct.centres, duct.evaluate_gauge(duct.centres), levels)
+    reach = duct._largest_radii
+    away = np.linalg.norm(duct.centres[:, None] - duct.centres, axis=-1)
+    check_connected(
+        "shape",
+        gaps,
+        lambda i, j: _overlap(duct, i, j),
+        links=links,
+        far=away > reach[:, None] + reach,
+    )
 
 
 def _overlap(duct: SuperEllipsoids, i: int, j: int) -> bool:

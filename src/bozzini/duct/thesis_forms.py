@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
-from ..errors import InputError
+from ..checks import check_array, check_number
+from ..errors import GeometryError, InputError
+from ._shape_checks import check_half_axes, check_places, check_rotation, check_size
 from .quads import invert_quads
 
 __all__ = [
@@ -46,7 +47,8 @@ def circle_5_14(points: ArrayLike, centre: ArrayLike, radius: float) -> Array:
     An area: the same value is far from a small circle and near a large one. `Circles` answers
     ``|x - c| - r``.
     """
-    away = _points(points) - check_points("centre", centre, dim=2)
+    check_size("radius", radius)
+    away = _points(points) - _point("centre", centre)
     return np.asarray(np.sum(away * away, axis=-1) - radius**2)
 
 
@@ -55,14 +57,16 @@ def super_ellipse_5_16(
 ) -> Array:
     """Return ``|(x - xc) / a|^n + |(y - yc) / b|^n - 1`` at points (..., 2), without a unit."""
     check_number("power", power, low=0.0, low_open=True)
-    away = _points(points) - check_points("centre", centre, dim=2)
-    scaled = np.abs(away) / check_points("half axes", half_axes, dim=2)
+    sides = _point("half axes", half_axes)
+    check_half_axes(sides[None])
+    scaled = np.abs(_points(points) - _point("centre", centre)) / sides
     return np.asarray(np.sum(scaled**power, axis=-1) - 1.0)
 
 
 def frame_5_17(angle: float, centre: ArrayLike) -> Array:
     """Return the (4, 4) matrix T that takes a shape's coordinates to the world's."""
-    x, y = check_points("centre", centre, dim=2)
+    check_number("angle", angle, unit="rad")
+    x, y = _point("centre", centre)
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
@@ -72,12 +76,12 @@ def to_shape_printed(points: ArrayLike, frame: ArrayLike) -> Array:
 
     The transpose of a frame is not its inverse; the fourth slot is no longer 1.
     """
-    return _lift(points) @ np.asarray(frame, dtype=np.float64)
+    return _lift(points) @ _frame(frame)
 
 
 def to_shape(points: ArrayLike, frame: ArrayLike) -> Array:
     """Return ``T^-1 [x, y, 0, 1]`` (..., 4). In eq. 5.16 the centre is then zero."""
-    return np.asarray(_lift(points) @ np.linalg.inv(np.asarray(frame, dtype=np.float64)).T)
+    return np.asarray(_lift(points) @ np.linalg.inv(_frame(frame)).T)
 
 
 def minimum_5_18(values: ArrayLike) -> Array:
@@ -85,7 +89,10 @@ def minimum_5_18(values: ArrayLike) -> Array:
 
     The sign is right; the values of different shapes cannot be compared, nor can clearance.
     """
-    return np.asarray(np.min(np.asarray(values, dtype=np.float64), axis=-1))
+    array = check_array("values", values)
+    if array.ndim == 0 or array.shape[-1] == 0:
+        raise InputError(f"values have shape {array.shape}: they must be (..., m), m at least 1")
+    return np.asarray(np.min(array, axis=-1))
 
 
 def half_planes_5_20(points: ArrayLike, left: ArrayLike, right: ArrayLike) -> Array:
@@ -98,8 +105,14 @@ def half_planes_5_20(points: ArrayLike, left: ArrayLike, right: ArrayLike) -> Ar
     middle = corners.mean(axis=1, keepdims=True)
     along = np.roll(corners, -1, axis=1) - corners
     normals = np.stack([along[..., 1], -along[..., 0]], axis=-1)
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    normals *= np.sign(np.sum(normals * (corners - middle), axis=-1, keepdims=True))
+    sizes = np.linalg.norm(normals, axis=-1, keepdims=True)
+    if sizes.min() == 0.0:
+        raise GeometryError(f"quad {int(np.argmin(sizes)) // 4} has a side without length")
+    normals /= sizes
+    side = np.sign(np.sum(normals * (corners - middle), axis=-1, keepdims=True))
+    if np.any(side == 0.0):
+        raise GeometryError(f"quad {int(np.argmin(np.abs(side))) // 4} has no area beside a side")
+    normals *= side
     away = _points(points)[..., None, None, :] - corners
     return np.asarray(np.sum(away * normals, axis=-1))
 
@@ -237,7 +250,7 @@ def _coefficients(
 ) -> tuple[list[float], list[float]]:
     """Return Appendix A's a0..a3 and b0..b3 of one quad (2, 2), (2, 2)."""
     p, q = _sides(left, right)
-    x = _points(point)
+    x = _point("point", point)
     shear = (q[1] - p[1]) - (q[0] - p[0])
     a = [x[1] - p[0, 1], p[0, 1] - p[1, 1], q[0, 0] - p[0, 0], shear[0]]
     b = [x[0] - p[0, 0], p[0, 0] - p[1, 0], q[0, 1] - p[0, 1], shear[1]]
@@ -255,7 +268,22 @@ def _solve_v(a: list[float], b: list[float]) -> NDArray[np.complex128]:
 
 
 def _points(points: ArrayLike) -> Array:
-    return check_points("points", points, dim=2)
+    return check_places("points", points, dim=2)
+
+
+def _point(name: str, point: ArrayLike) -> Array:
+    array = check_places(name, point, dim=2)
+    if array.ndim != 1:
+        raise InputError(f"{name} has shape {array.shape}: it must be one point, (2,)")
+    return array
+
+
+def _frame(frame: ArrayLike) -> Array:
+    array = check_array("frame", frame)
+    if array.shape != (4, 4):
+        raise InputError(f"frame has shape {array.shape}: it must be (4, 4)")
+    check_rotation("rotation of the frame", array[:3, :3])
+    return array
 
 
 def _lift(points: ArrayLike) -> Array:
@@ -265,7 +293,7 @@ def _lift(points: ArrayLike) -> Array:
 
 
 def _sides(left: ArrayLike, right: ArrayLike) -> tuple[Array, Array]:
-    p, q = check_points("left", left, dim=2), check_points("right", right, dim=2)
+    p, q = check_places("left", left, dim=2), check_places("right", right, dim=2)
     if p.ndim != 2 or p.shape != q.shape or len(p) < 2:
         raise InputError(
             f"left has shape {p.shape} and right {q.shape}: both must be (n, 2), n at least 2"

@@ -16,13 +16,13 @@ be; `bozzini.motion.traverse` has that.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_points
+from ..checks import broadcast, check_array, check_number, check_points
 from ..errors import GeometryError, InputError
+from ._shape_checks import check_places, check_size
 from .field import SampledField
 from .protocol import Duct, count_dimensions
 
@@ -49,7 +49,7 @@ def relative_curvature(curvatures: ArrayLike, radius: float) -> NDArray[np.float
     radius : float
         Of the circle [mm].
     """
-    check_number("radius", radius, low=0.0, low_open=True, unit="mm")
+    check_size("radius", radius)
     return np.asarray(1.0 / radius - _check("curvatures", curvatures))
 
 
@@ -86,7 +86,7 @@ def measure_curve(
     """
     if side not in ("left", "right"):
         raise InputError(f"side is {side!r}: it must be 'left' or 'right'")
-    one, two = check_points("first", first, dim=2), check_points("second", second, dim=2)
+    one, two = _check_vectors(2, first=first, second=second)
     speed = np.linalg.norm(one, axis=-1)
     if np.any(speed == 0.0):
         raise InputError("first derivative of the curve is 0 somewhere: it must not stand still")
@@ -150,7 +150,7 @@ def measure_wall(
         If the distance has no gradient at a point.
     """
     dim = count_dimensions(duct)
-    array = check_points("points", points, dim=dim)
+    array = check_places("points", points, dim=dim)
     if step is None:
         if isinstance(duct, SampledField):
             step = 2.0 * float(duct.spacing.max())
@@ -232,8 +232,8 @@ def printed_curve(first: ArrayLike, second: ArrayLike, radius: float) -> NDArray
     radius : float
         Of the circle [mm].
     """
-    check_number("radius", radius, low=0.0, low_open=True, unit="mm")
-    slope, bend = _check("first", first), _check("second", second)
+    check_size("radius", radius)
+    slope, bend = broadcast(("first", _check("first", first)), ("second", _check("second", second)))
     return np.asarray(bend / (1.0 + slope**2) ** 1.5 - 1.0 / radius)
 
 
@@ -252,7 +252,7 @@ def printed_surface(
     ``II - 1/R``, without the first fundamental form: it depends on the parameters of the surface.
     The parameters are those of `measure_surface`, and the ball's radius [mm].
     """
-    check_number("radius", radius, low=0.0, low_open=True, unit="mm")
+    check_size("radius", radius)
     _, two = _fundamental_forms(first_u, first_v, second_uu, second_uv, second_vv, toward)
     return np.asarray(np.linalg.eigvalsh(two - np.eye(2) / radius)[..., 0])
 
@@ -266,8 +266,15 @@ def _fundamental_forms(
     toward: ArrayLike,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return both fundamental forms (..., 2, 2), the normal on the side of `toward`."""
-    u, v = check_points("first_u", first_u), check_points("first_v", first_v)
-    side = check_points("toward", toward)
+    u, v, uu, uv, vv, side = _check_vectors(
+        3,
+        first_u=first_u,
+        first_v=first_v,
+        second_uu=second_uu,
+        second_uv=second_uv,
+        second_vv=second_vv,
+        toward=toward,
+    )
     normal = np.cross(u, v)
     size = np.linalg.norm(normal, axis=-1, keepdims=True)
     scale = np.linalg.norm(u, axis=-1, keepdims=True) * np.linalg.norm(v, axis=-1, keepdims=True)
@@ -279,19 +286,13 @@ def _fundamental_forms(
         raise InputError("toward lies in the surface somewhere: it must point to one side")
     normal = sign * normal
 
-    def form(uu: NDArray[np.float64], uv: NDArray[np.float64], vv: NDArray[np.float64]) -> Any:
-        return np.stack([np.stack([uu, uv], axis=-1), np.stack([uv, vv], axis=-1)], axis=-2)
+    def form(
+        a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        return np.stack([np.stack([a, b], axis=-1), np.stack([b, c], axis=-1)], axis=-2)
 
     one = form(*(np.sum(a * b, axis=-1) for a, b in ((u, u), (u, v), (v, v))))
-    seconds = (
-        check_points(name, values)
-        for name, values in (
-            ("second_uu", second_uu),
-            ("second_uv", second_uv),
-            ("second_vv", second_vv),
-        )
-    )
-    two = form(*(np.sum(second * normal, axis=-1) for second in seconds))
+    two = form(*(np.sum(second * normal, axis=-1) for second in (uu, uv, vv)))
     return one, two
 
 
@@ -299,4 +300,11 @@ def _check(name: str, values: ArrayLike) -> NDArray[np.float64]:
     array = check_array(name, values)
     if not np.all(np.isfinite(array)):
         raise InputError(f"{name} are not all finite")
+    if array.size == 0:
+        raise InputError(f"{name} is empty: there must be at least one number")
     return array
+
+
+def _check_vectors(dim: int, **vectors: ArrayLike) -> tuple[NDArray[np.float64], ...]:
+    """Return vectors (..., dim) in one shape."""
+    return broadcast(*((name, check_points(name, v, dim=dim)) for name, v in vectors.items()))

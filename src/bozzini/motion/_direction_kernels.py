@@ -263,8 +263,14 @@ def search_sphere(
 
 
 @njit(cache=True)
-def find_roomiest(duct, intro, head, frame, length, room, slope, planar, budget, tail):
+def find_roomiest(duct, intro, head, frame, length, room, slope, planar, floor, budget, tail):
     """Find the direction where least room lacks: branch and bound.
+
+    Parameters
+    ----------
+    floor : float
+        Where some room lacks everywhere that was looked, the search goes on until none can have
+        more than this to spare [mm].
 
     Returns
     -------
@@ -272,7 +278,7 @@ def find_roomiest(duct, intro, head, frame, length, room, slope, planar, budget,
         The least found [mm], at the point put into `tail`.
     bound : float
         No direction lacks less than this; within 0.01 mm of `lack`, or a hundredth of it if that
-        is more, if the budget of values was enough.
+        is more, and at least `-floor` if `lack` is positive, if the budget of values was enough.
     """
     point = np.empty(3)
     best = np.inf
@@ -298,6 +304,8 @@ def find_roomiest(duct, intro, head, frame, length, room, slope, planar, budget,
                 best_a = na
                 best_b = nb
                 enough = best - max(0.01, 0.01 * best)
+                if best > 0.0:
+                    enough = max(enough, -floor)
             reach = min(half if planar else math.sqrt(2.0) * half, math.pi)
             low = value - 2.0 * slope * length * math.sin(0.5 * reach)
             if low < enough and _nearest_in_square(na, nb, half) < math.pi:

@@ -37,6 +37,8 @@ GAP = 1e-3
 """By how much the search may miss the least turn before it is polished [rad]."""
 FINEST = 1e-3
 """Half the side of the smallest square of directions that the search looks at [rad]."""
+CLOSE = 0.01
+"""What room a refused direction may have to spare, by what moving over the smallest square is."""
 BUDGET = 200_000
 """Values of the duct in a search at most."""
 
@@ -241,7 +243,10 @@ def _search(duct, intro, head, length, room, slope, planar, known, work, tail):
         if known < np.inf:
             point_tail(head, frame, length, start[0], start[1], tail)
             return WALL, 0.0
-    lack, _ = find_roomiest(duct, intro, head, frame, length, room, slope, planar, BUDGET, tail)
+    floor = CLOSE * slope * length * FINEST
+    lack, _ = find_roomiest(
+        duct, intro, head, frame, length, room, slope, planar, floor, BUDGET, tail
+    )
     if lack <= 0.0:
         return SEARCHED, 0.0
     return INFEASIBLE, lack
@@ -260,7 +265,8 @@ def place_tail(duct, intro, head, old, length, room, slope, planar, work, tail):
     -------
     code : int
         0 free (the tractrix step is feasible), 1 at the wall, 2 found by the global search only,
-        3 infeasible: no direction is feasible, `tail` is the best one.
+        3 infeasible: no direction found, nor one that has 1e-5 of the length to spare (on a
+        sampled field sqrt(3) times that), unless the search ran out; `tail` is the best one.
     lack : float
         For code 3 the least value of ``duct + room`` on the sphere, to 0.01 mm or 1 %, else 0.
     """

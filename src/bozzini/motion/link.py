@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
-from ..duct.protocol import Duct, count_dimensions
+from ..checks import check_number, check_points, check_range
+from ..duct.protocol import Duct, check_duct, count_dimensions
 from ..errors import InputError
 
 if TYPE_CHECKING:
@@ -23,6 +23,10 @@ STATUSES = ("free", "wall", "searched", "infeasible")
 FINEST = 1e-4
 """Half the side of the smallest square of directions looked at for the proof, at most [rad]."""
 BUDGET = 1_000_000
+CLOSE = 0.01
+"""Where no room is found, the search goes on until none has this share of the slack to spare."""
+FARTHEST = 1e6
+"""Largest coordinate of a joint, and largest length and clearance [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,7 +38,8 @@ class LinkPlacement:
     status : str
         ``"free"``: straight towards the old tail, no wall is met (the tractrix step).
         ``"wall"``: at the wall, found at once. ``"searched"``: at the wall, found by the search of
-        all directions. ``"infeasible"``: no direction has the room asked for.
+        all directions. ``"infeasible"``: no direction was found that has the room asked for, and
+        none has `slack` more.
     tail : (dim,) float
         The tail, at one link length from the head [mm]; if infeasible the one with the most room.
     turn : float
@@ -49,7 +54,8 @@ class LinkPlacement:
     slack : float
         See `turn_bound` [mm].
     clearance_bound : float
-        No direction at all has more clearance than this [mm]; infinite unless infeasible.
+        No direction at all has more clearance than this [mm]; infinite unless infeasible. Below
+        the clearance asked for and `slack`, unless the search ran out, which `reason` then says.
     reason : str
         Why it is infeasible, else empty.
     """
@@ -86,7 +92,8 @@ def place_tail(
     wall. All candidates lie on a sphere around the head, so this is the nearest direction that
     has room. In the plane it is found by marching both ways; in space by a local step, held
     against a search of all directions, so that the answer is the nearest of all, not of those
-    around. Only the tail is looked at, as in the thesis; the link between may cut the wall.
+    around; that takes most of the time, and chains do without it where the step goes a short way.
+    Only the tail is looked at, as in the thesis; the link between may cut the wall.
 
     Parameters
     ----------
@@ -123,11 +130,12 @@ def place_tail(
     from . import _direction_kernels as directions
     from . import _link_kernels as links
 
+    check_duct("duct", duct)
     dim = count_dimensions(duct)
     planar = dim == 2
     ends = [_check_point("head", head, dim), _check_point("old tail", old_tail, dim)]
-    length = check_number("length", length, low=0.0, low_open=True, unit="mm")
-    clearance = check_number("clearance", clearance, low=0.0, unit="mm")
+    length = check_number("length", length, low=1e-6, high=FARTHEST, unit="mm")
+    clearance = check_number("clearance", clearance, low=0.0, high=FARTHEST, unit="mm")
     gap = check_number("gap", gap, low=1e-5, high=0.1, unit="rad")
     if np.linalg.norm(ends[1] - ends[0]) < 1e-9 * length:
         raise InputError(
@@ -144,15 +152,19 @@ def place_tail(
     links.make_frame(start, old, planar, frame)
     finest = min(FINEST, 0.1 * gap)
     slack = slope * (0.5 * directions.MARCH if planar else length * math.sqrt(2.0) * finest)
+    most, least = math.inf, 0.0
+    if code == links.INFEASIBLE:
+        lack, least = directions.find_roomiest(
+            *(data, tube, start, frame, length, clearance, slope, planar, CLOSE * slack),
+            *(BUDGET, tail),
+        )
+        if lack <= 0.0:  # after all: this search is finer
+            code = links.SEARCHED
+        else:
+            most = clearance - float(least)
     turn = turn_bound = _measure_turn(start, tail, frame)
-    most = math.inf
     if code == links.INFEASIBLE:
         turn_bound = math.inf
-        spare = np.empty(3)
-        _, least = directions.find_roomiest(
-            data, tube, start, frame, length, clearance, slope, planar, BUDGET, spare
-        )
-        most = clearance - float(least)
     elif code == links.FREE:
         turn_bound, slack = 0.0, 0.0
     elif not planar:
@@ -167,8 +179,10 @@ def place_tail(
         at = ", ".join(f"{v:.4g}" for v in ends[0])
         reason = (
             f"no tail at {length:g} mm from the head ({at}) has {clearance:g} mm from the wall, "
-            f"the best lacks {lack:.2g} mm"
+            f"the best found lacks {lack:.2g} mm"
         )
+        if least <= 0.0:
+            reason += f"; others may have {-least:.2g} mm to spare, which was not proved to be none"
     return LinkPlacement(
         status=STATUSES[code],
         tail=world,
@@ -211,6 +225,7 @@ def _check_point(name: str, point: ArrayLike, dim: int) -> NDArray[np.float64]:
     array = check_points(name, point, dim=dim)
     if array.ndim != 1:
         raise InputError(f"{name} has shape {array.shape}: it must be one point, ({dim},)")
+    check_range(name, array, -FARTHEST, FARTHEST, "mm")
     return array
 
 

@@ -17,6 +17,12 @@ from ..errors import InputError
 
 __all__ = ["Bend", "limit_by_turning"]
 
+SIZE_MIN, SIZE_MAX = 1e-6, 1e6
+"""Radius and half width of a bend lie between these [mm]."""
+
+ANGLE_MIN = 1e-6
+"""A bend by less is straight [rad]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Bend:
@@ -36,7 +42,8 @@ class Bend:
     Raises
     ------
     InputError
-        If a length is not positive, the body has no room, or the angle is not in (0, pi].
+        If a length is not in [1e-6, 1e6] mm, the body has no room, or the angle is not in
+        [1e-6, pi] rad.
     """
 
     radius: float
@@ -45,10 +52,10 @@ class Bend:
     angle: float = math.pi
 
     def __post_init__(self) -> None:
-        check_number("radius of the bend", self.radius, low=0.0, low_open=True, unit="mm")
-        check_number("half width", self.half_width, low=0.0, low_open=True, unit="mm")
+        for name, size in (("radius of the bend", self.radius), ("half width", self.half_width)):
+            check_number(name, size, low=SIZE_MIN, high=SIZE_MAX, unit="mm")
         check_number("body radius", self.body_radius, low=0.0, unit="mm")
-        check_number("angle of the bend", self.angle, low=0.0, high=math.pi, low_open=True)
+        check_number("angle of the bend", self.angle, low=ANGLE_MIN, high=math.pi, unit="rad")
         if self.body_radius >= self.half_width:
             raise InputError(
                 f"body radius is {self.body_radius:g} mm: it must lie in "

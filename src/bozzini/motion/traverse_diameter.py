@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import check_number
 from ..duct.centreline import Centreline
@@ -86,8 +87,10 @@ def find_diameter_limits(
     Notes
     -----
     From below by the chords of the line (`find_link_limits`), to 1 % of the room. From above by
-    the passage (`find_passage`), and by the sections that limit such links most: the thinnest body
-    whose links of that length are proved not to come through.
+    the passage (`find_passage`), and by sections: for links of a length those that limit such links
+    most, and the thinnest body whose links are proved not to come through; for links of any length
+    the tightest, and the thinnest body for whose middle they have no place. On a grid both ends
+    know the wall to about its spacing, so that the bounds of a narrow duct lie apart by twice that.
     """
     check_number("link", link, low=0.0, unit="mm")
     points = np.asarray(line.points, dtype=np.float64)
@@ -107,15 +110,18 @@ def find_diameter_limits(
     high = float(passage.bound)
     gaps = np.linalg.norm(points - passage.place, axis=1)
     high_at = float(line.arc_length[int(np.argmin(gaps))]) if math.isfinite(high) else math.inf
-    if link > 0.0 and math.isfinite(high):
+    if math.isfinite(high):
         ceiling = make_ceiling(duct)
-        limits = find_link_limits(
-            duct, line, diameter=2.0 * low, stations=stations, ceiling=ceiling
-        )
         local = ceiling.to_local(points)
-        for place in np.argsort(limits.rigid, kind="stable")[:SECTIONS]:
-            index = int(np.searchsorted(line.arc_length, limits.arc_length[place]))
-            index = min(index, len(points) - 1)
+        if link > 0.0:
+            limits = find_link_limits(
+                duct, line, diameter=2.0 * low, stations=stations, ceiling=ceiling
+            )
+            places = limits.arc_length[np.argsort(limits.rigid, kind="stable")[:SECTIONS]]
+        else:
+            places = line.arc_length[_find_tightest(line)]
+        for place in places:
+            index = min(int(np.searchsorted(line.arc_length, place)), len(points) - 1)
             least, most = low, high
             while most - least > RESOLUTION * max(most, 1e-9):
                 middle = 0.5 * (least + most)
@@ -125,10 +131,11 @@ def find_diameter_limits(
                     index,
                     radius=middle,
                     width=max(float(line.radius[index]), float(ceiling.step.max())),
-                    limit=4.0 * link,
+                    limit=4.0 * link if link > 0.0 else float(ceiling.step.min()),
                     tolerance=0.005,
                 )
-                if found.bound < min(link, found.valid_to):
+                # The head of any link, however long, goes through the section.
+                if found.bound == 0.0 or found.bound < min(link, found.valid_to):
                     most = middle
                 else:
                     least = middle
@@ -138,3 +145,15 @@ def find_diameter_limits(
     return DiameterLimits(
         link=float(link), low=2.0 * low, low_at=low_at, high=2.0 * high, high_at=high_at
     )
+
+
+def _find_tightest(line: Centreline) -> NDArray[np.int64]:
+    """Return places (k,) with the least room, at least as far apart as there is room."""
+    found: list[int] = []
+    for index in np.argsort(line.radius, kind="stable"):
+        gaps = [abs(line.arc_length[index] - line.arc_length[other]) for other in found]
+        if min(gaps, default=math.inf) >= line.radius[index]:
+            found.append(int(index))
+        if len(found) == SECTIONS:
+            break
+    return np.array(found)

@@ -15,7 +15,10 @@ from ..duct.sections import SectionCircles, Sections, cut_sections
 from ..progress import Progress, no_progress
 from ._inputs import End, explain_scale, find_branches, sort_ends
 
-__all__ = ["FitStudy", "SectionStudy", "run_fit", "run_sections"]
+__all__ = ["SPACING_MIN", "FitStudy", "SectionStudy", "run_fit", "run_sections"]
+
+SPACING_MIN = 0.01
+"""Sections are not cut closer together than this [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -184,7 +187,7 @@ def run_sections(
     ----------
     tract : LabelTract or SurfaceTract
     spacing : float
-        Of the sections [mm].
+        Of the sections, `SPACING_MIN` or more [mm].
     start, end, reverse, voxel, inflate, progress
         See `run_insertion`.
 
@@ -193,6 +196,7 @@ def run_sections(
     BozziniError
         If an input is not legal.
     """
+    check_number("spacing", spacing, low=SPACING_MIN, unit="mm")
     field, line = _find_line(tract, start, end, reverse, voxel, inflate, progress)
     sections = cut_sections(field, line, spacing=spacing)
     return SectionStudy(

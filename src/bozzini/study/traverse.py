@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any
 
@@ -11,7 +11,19 @@ import numpy as np
 from ..anatomy.findings import Finding
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_number
-from ..duct import Centreline, Duct, SampledField, build_field, find_centreline, to_field
+from ..duct import (
+    Centreline,
+    Duct,
+    RoundCones,
+    SampledField,
+    build_field,
+    find_centreline,
+    to_field,
+)
+from ..duct.chain_line import follow_chain
+from ..duct.cylinders import ConnectedCylinders
+from ..duct.line_room import widen_line
+from ..duct.shapes_file import FITS
 from ..errors import InputError
 from ..motion.traverse import LinkLimits, find_link_limits
 from ..motion.traverse_diameter import DiameterLimits, find_diameter_limits
@@ -20,8 +32,8 @@ from ._inputs import End, explain_scale, find_branches, sort_ends
 
 __all__ = ["LimitsStudy", "run_limits"]
 
-NODES = 300_000
-"""A duct is put on a grid of about this many nodes to find its centreline."""
+NODES = 1_000_000
+"""A duct that is no chain is put on a grid of about this many nodes to find its centreline."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,6 +50,10 @@ class LimitsStudy:
         For links of any length, however short.
     diameters_of_link : DiameterLimits, optional
         For links of the length asked for.
+    fit : str
+        How the duct's shapes were fitted to a tract, if they were. All bounds are of the shapes.
+        If they are inscribed, what passes them passes the tract too, but for their `wall_error`;
+        what does not may well pass the tract.
     findings : tuple of Finding
     """
 
@@ -46,6 +62,7 @@ class LimitsStudy:
     links: LinkLimits
     diameters: DiameterLimits
     diameters_of_link: DiameterLimits | None = None
+    fit: str = ""
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -57,9 +74,10 @@ class LimitsStudy:
     def verdict(self) -> str:
         """``"passes"``, ``"too wide"``, ``"too long"`` or ``"undecided"``.
 
-        Without a link: whether links short enough pass.
+        Without a link: whether links short enough pass. Where not even the shortest link has room
+        somewhere, it is not the links that are too long.
         """
-        if self.links.diameter > self.diameters.high:
+        if self.links.diameter > self.diameters.high or self.links.link_high == 0.0:
             return "too wide"
         if self.link is not None:
             return self.links.judge(self.link)
@@ -73,6 +91,7 @@ class LimitsStudy:
             "centreline_length_mm": self.line.length,
             "wall": self.duct.wall,
             "wall_error_mm": self.duct.wall_error,
+            "fit": self.fit,
             **self.links.describe(),
             **self.diameters.describe(),
         }
@@ -95,6 +114,7 @@ def run_limits(
     reverse: bool = False,
     voxel: float | None = None,
     inflate: float = 0.0,
+    fit: str = "",
     progress: Progress = no_progress,
 ) -> LimitsStudy:
     """Sample a lumen, find its centreline, and bound links and diameters along it.
@@ -102,12 +122,15 @@ def run_limits(
     Parameters
     ----------
     source : LabelTract, SurfaceTract or Duct
-        A duct must be 3-D and know how to move its wall if `inflate` is given. It is sampled only
-        to find the centreline.
+        A duct must be 3-D and know how to move its wall if `inflate` is given. The way along a
+        chain of cones or cylinders is that of its centres; other ducts are sampled to find it, as
+        is a chain if `voxel` is given.
     diameter : float
         Of the body [mm].
     link : float, optional
         A length to judge, and to find the largest diameter for [mm].
+    fit : str
+        How a duct of shapes was fitted to a tract, one of `bozzini.duct.shapes_file.FITS`.
     start, end, reverse, voxel, inflate, progress
         See `run_insertion`.
 
@@ -120,6 +143,8 @@ def run_limits(
     if link is not None:
         check_number("link", link, low=0.0, low_open=True, unit="mm")
     check_number("inflation", inflate, low=0.0, high=100.0, unit="mm")
+    if fit not in ("", *FITS):
+        raise InputError(f"fit is '{fit}': it must be one of {', '.join(FITS)}")
     findings: tuple[Finding, ...] = ()
     if isinstance(source, (LabelTract, SurfaceTract)):
         points, regions = sort_ends(source, start, end)
@@ -130,18 +155,50 @@ def run_limits(
         findings = source.findings
     else:
         duct, line = _prepare_duct(source, start, end, voxel, inflate, progress)
+        findings = _explain_fit(fit, duct)
     if reverse:
         line = line.reverse()
+    links = find_link_limits(duct, line, diameter=diameter, progress=progress)
+    diameters = _lower_top(find_diameter_limits(duct, line, progress=progress), links)
+    narrow = None
+    if link is not None:
+        narrow = find_diameter_limits(duct, line, link=link, progress=progress)
+        narrow = _lower_top(narrow, links)
+        if diameters.high < narrow.high:
+            narrow = replace(narrow, high=diameters.high, high_at=diameters.high_at)
     return LimitsStudy(
         duct=duct,
         line=line,
-        links=find_link_limits(duct, line, diameter=diameter, progress=progress),
-        diameters=find_diameter_limits(duct, line, progress=progress),
-        diameters_of_link=None
-        if link is None
-        else find_diameter_limits(duct, line, link=link, progress=progress),
+        links=links,
+        diameters=diameters,
+        diameters_of_link=narrow,
+        fit=fit,
         findings=(*findings, *find_branches(line)),
     )
+
+
+def _lower_top(diameters: DiameterLimits, links: LinkLimits) -> DiameterLimits:
+    """Return the limits with what is proved where no link of a body passes, however short."""
+    if links.link_high > 0.0 or links.diameter >= diameters.high:
+        return diameters
+    return replace(diameters, high=links.diameter, high_at=links.link_high_at)
+
+
+def _explain_fit(fit: str, duct: Duct) -> tuple[Finding, ...]:
+    """Return a warning that says what bounds of fitted shapes are about."""
+    if fit == "inscribed":
+        message = (
+            "the shapes lie inside a tract and leave out a part of it: upper bounds do not hold "
+            f"for the tract; what passes them passes it, within {duct.wall_error or 0.0:.2f} mm"
+        )
+    elif fit:
+        message = (
+            "the shapes were fitted through a tract's wall by least squares: no bound holds for "
+            "the tract"
+        )
+    else:
+        return ()
+    return (Finding("fitted", "warning", message),)
 
 
 def _prepare_duct(
@@ -154,9 +211,17 @@ def _prepare_duct(
         if not hasattr(duct, "inflate"):
             raise InputError(f"inflation is {inflate:g} mm: this duct's wall cannot be moved")
         duct = duct.inflate(inflate)
+    if voxel is None and isinstance(duct, (RoundCones, ConnectedCylinders)):
+        return duct, follow_chain(duct, (start, end))
+    size = duct.bounds[1] - duct.bounds[0]
     if voxel is None:
-        voxel = float(np.prod(duct.bounds[1] - duct.bounds[0]) / NODES) ** (1.0 / 3.0)
+        voxel = float(np.prod(size) / NODES) ** (1.0 / len(size))
+    elif voxel > size.min():
+        raise InputError(
+            f"voxel is {voxel:g} mm: it must not exceed the duct's smallest side, {size.min():g} mm"
+        )
     field = to_field(duct, voxel)
     if not isinstance(field, SampledField):
         raise InputError("the duct is planar: its centreline must be given (find_link_limits)")
-    return duct, find_centreline(field, (start, end), progress=progress)
+    line = find_centreline(field, (start, end), progress=progress)
+    return duct, replace(widen_line(line, duct), other_ends=line.other_ends)

@@ -47,7 +47,12 @@ _PHASES: tuple[dict[str, Any], ...] = (
 
 
 def draw_phases(
-    model: MuscleModel, *, pressure: float, load: float = 0.0, direction: str | None = None
+    model: MuscleModel,
+    *,
+    pressure: float,
+    load: float = 0.0,
+    direction: str | None = None,
+    lowest: float = 0.0,
 ) -> Figure:
     """Return a figure of the phases of deformation, the beginning enlarged on the left.
 
@@ -65,6 +70,8 @@ def draw_phases(
         Tension that the muscle holds [N].
     direction : str, optional
         ``"inflating"`` or ``"deflating"`` for a branch of friction.
+    lowest : float
+        Pressure at which the line begins [MPa], for a model without an answer below it.
 
     Raises
     ------
@@ -75,8 +82,10 @@ def draw_phases(
     check_number("pressure", pressure, low=band, low_open=True, unit="MPa")
     figure, (left, right) = _make_panels(2, ratios=(1.0, 1.5))
     near = min(2.5 * band, pressure) if band > 0.0 else 0.2 * pressure
+    if lowest >= near:
+        near = pressure
     for axes, top in ((left, near), (right, pressure)):
-        over = np.linspace(0.0, top, _FINE)
+        over = np.linspace(lowest, top, _FINE)
         state = model.solve(over, load, direction=direction)
         line = np.asarray(state.contraction, dtype=np.float64)
         phases = np.where(state.in_contact, np.where(line < 0.0, 1, 2), 0)
@@ -127,6 +136,7 @@ def draw_contraction(
     pressure: float,
     load: float = 0.0,
     direction: str | None = None,
+    lowest: float = 0.0,
 ) -> Figure:
     """Return a figure of contraction over pressure, a line for each model, length or angle.
 
@@ -140,6 +150,8 @@ def draw_contraction(
         Tension that the muscle holds [N].
     direction : str, optional
         ``"inflating"`` or ``"deflating"`` for a branch of friction.
+    lowest : float
+        Pressure at which the line begins [MPa], for a model without an answer below it.
 
     Raises
     ------
@@ -148,7 +160,7 @@ def draw_contraction(
     """
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
     figure, (axes,) = _make_panels(1)
-    over = np.linspace(0.0, pressure, _FINE)
+    over = np.linspace(lowest, pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         line = model.contraction(over, load, direction=direction)
         axes.plot(1e3 * over, np.asarray(line, dtype=np.float64), label=name, **style)
@@ -204,6 +216,7 @@ def draw_braid_angle(
     pressure: float,
     load: float = 0.0,
     direction: str | None = None,
+    lowest: float = 0.0,
 ) -> Figure:
     """Return a figure of the braid angle over a wide range of pressure, and where it locks.
 
@@ -220,6 +233,8 @@ def draw_braid_angle(
         Tension that the muscle holds [N].
     direction : str, optional
         ``"inflating"`` or ``"deflating"`` for a branch of friction.
+    lowest : float
+        Pressure at which the line begins [MPa], for a model without an answer below it.
 
     Raises
     ------
@@ -228,7 +243,7 @@ def draw_braid_angle(
     """
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
     figure, (axes,) = _make_panels(1)
-    over = np.geomspace(1e-4 * pressure, pressure, _FINE)
+    over = np.geomspace(max(1e-4 * pressure, lowest), pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         state = model.solve(over, load, direction=direction)
         angle = np.asarray(state.braid_angle, dtype=np.float64)

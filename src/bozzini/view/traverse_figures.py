@@ -66,7 +66,15 @@ def draw_link_limits(limits: LinkLimits, *, link: float | None = None) -> Figure
     upper.set_ylim(0.0, top)
     upper.set_ylabel("length of a link [mm]")
     upper.set_title(f"body of {limits.diameter:g} mm", fontsize=10, loc="left")
-    upper.legend(frameon=False, fontsize=9, loc="upper right")
+    # Above the axes: the curves fill them.
+    upper.legend(
+        frameon=False,
+        fontsize=9,
+        ncols=2,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        borderpad=0.0,
+    )
     lower.fill_between(where, 0.0, limits.radius, color="#d7e3ee", lw=0)
     lower.axhline(0.5 * limits.diameter, color=RED, linewidth=1.3, linestyle=(0, (5, 2)))
     lower.set(xlabel="place along the centreline [mm]", ylabel="room there [mm]")
