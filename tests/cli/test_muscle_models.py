@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -98,6 +100,20 @@ def test_friction_has_a_direction(run):
     assert "--direction has no effect in the model tondu-lopez without friction" in err
 
 
+def test_friction_is_friction_at_any_pressure(run):
+    command = ("solve", "--model", "tondu-lopez", "--set", "kappa1=0", "--set", "kappa2=1",
+               "--direction", "inflating", "--pressure", "0kPa")  # fmt: skip
+    assert run(*command, "--set", "friction=0.01")[0] == 0
+    code, _, err = run(*command, "--set", "friction=0")
+    assert (code, err.count("--direction has no effect")) == (2, 1)
+    # Whose strain factor is legal at 1 kPa, but at no typical pressure.
+    steep = ("solve", "--model", "tondu-lopez", "--set", "kappa1=1", "--set", "kappa2=-0.5",
+             "--set", "pressure_unit=10kPa", "--direction", "inflating")  # fmt: skip
+    assert run(*steep, "--pressure", "1kPa")[0] == 0
+    code, _, err = run(*steep, "--pressure", "100MPa")
+    assert code == 2 and "strain factor k of the model tondu-lopez" in err
+
+
 def test_a_word_is_a_choice(run):
     command = ("solve", "--model", "davis-caldwell", "--pressure", "0.5MPa", "--json",
                "--set", "kappa1=0", "--set", "kappa2=1")  # fmt: skip
@@ -150,7 +166,64 @@ def test_compare_without_a_fit_takes_what_is_set(run, table):
     assert "must be given kappa2" in said["refusals"]["tondu-lopez"]
 
 
+def test_a_constant_of_one_of_several_models(run, table):
+    options = ("--model", "itto-b", "--model", "tondu-lopez", "--json")
+    code, out, _ = run("compare", table, *options, "--set", "itto-b.kappa1=0.5",
+                       "--set", "itto-b.kappa2=0", "--set", "tondu-lopez.kappa1=-0.4",
+                       "--set", "tondu-lopez.kappa2=1.2")  # fmt: skip
+    said = json.loads(out)
+    assert code == 0
+    assert said["set"] == {
+        "itto-b": {"kappa1": 0.5, "kappa2": 0.0}, "tondu-lopez": {"kappa1": -0.4, "kappa2": 1.2},
+    }  # fmt: skip
+    assert len(said["models"]) == 2
+    command = ("solve", "--model", "meller", "--pressure", "0.5MPa", "--json")
+    values = ("kappa1=9", "kappa2=1", "kappa3=0.05", "pressure-unit=2kPa")
+    one, other = (
+        run(*command, *(word for value in values for word in ("--set", mark + value)))[1]
+        for mark in ("", "meller.")
+    )
+    assert json.loads(one) == json.loads(other)
+    assert json.loads(one)["constants"]["pressure_unit"] == pytest.approx(0.002)
+
+
+def test_the_list_loads_no_other_room():
+    said = "import sys\nfrom bozzini.cli.main import main\nmain(['muscle', 'models'])\n"
+    said += "print(*sys.modules, sep='\\n', file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    loaded = done.stderr.split()
+    assert "bozzini.muscle.models" in loaded
+    rooms = {name.split(".")[1] for name in loaded if name.startswith("bozzini.")}
+    assert not rooms & {"view", "duct", "motion", "anatomy", "effector", "continuum"}
+
+
+@pytest.mark.parametrize("kind", ["contraction", "angle", "phases"])
+@pytest.mark.parametrize("load", [0.0, 0.1])
+def test_a_curve_begins_where_the_model_has_an_answer(run, kind, load):
+    guess = CATALOGUE["meller"].guess_parameters(MUSCLE)
+    constants = [word for key, value in guess.items() for word in ("--set", f"{key}={value!r}")]
+    for name, given in (("meller", constants), ("gaylord-1", []), ("braid-tension", [])):
+        if name == "braid-tension" and not load:
+            continue
+        command = ("curve", "--model", name, *given, "--of", kind, "--load", f"{load}N")
+        code, out, err = run(*command, "--points", "5", "--json")
+        assert (code, err) == (0, "")
+        columns = json.loads(out)["columns"]
+        model = CATALOGUE[name](MUSCLE, **(guess if given else {}))
+        first, *_, last = columns["pressure_MPa"]
+        assert last == pytest.approx(0.8)
+        lowest = model.pressure_limits[0]
+        assert first == pytest.approx(lowest) if not load else first >= lowest
+        assert columns["contraction_mm"] == pytest.approx(
+            model.contraction(columns["pressure_MPa"], load)
+        )
+        if load:
+            assert not model.try_contraction(max(lowest, 0.99 * first), load)[1]
+        assert run(*command, "--out", f"{name}.png")[:2] == (0, f"{name}.png: {kind}\n")
+
+
 SOLVE = ("solve", "--pressure", "0.5MPa", "--model")
+MANY = ["--model", "itto-b", "--model", "tondu-lopez", "--model", "chou"]
 
 
 @pytest.mark.parametrize(
@@ -167,6 +240,22 @@ SOLVE = ("solve", "--pressure", "0.5MPa", "--model")
         ([*SOLVE, "tondu-lopez", "--set", "kappa1=1", "--set", "kappa1=2"], "more than once"),
         ([*SOLVE, "tondu-lopez", "--set", "colour=1"], "the model tondu-lopez takes kappa1, kapp"),
         ([*SOLVE, "energy", "--set", "kappa1=1"], "the model energy takes no constants"),
+        ([*SOLVE, "ball", "--set", "n_layers=2.5"], "it must be a whole number in [1, 1000]"),
+        ([*SOLVE, "chou", "--set", ".kappa1=1"], "it must be NAME=VALUE or MODEL.NAME=VALUE"),
+        ([*SOLVE, "itto-b", "--set", "itto-b.kappa1=1", "--set", "kappa1=1"], "more than once"),
+        ([*SOLVE, "itto-b", "--set", "chou.kappa1=1"], "not among those taken: it must be itto-b"),
+        ([*SOLVE, "itto-b", "--set", "lee.kappa1=1"], "model 'lee', which is not known"),
+        (["compare", "data.csv", *MANY, "--set", "kappa1=1"],
+         "say of which, as in itto-b.kappa1=VALUE; they are itto-b, tondu-lopez"),
+        (["compare", "data.csv", *MANY, "--set", "chou.kappa1=1"], "model chou takes no constants"),
+        (["compare", "data.csv", *MANY, "--set", "itto-b.kappa1=1e9"], "lie in [0, 100]"),
+        (["compare", "data.csv", "--model", "itto-b", "--set", "kappa1=1e9"], "lie in [0, 100]"),
+        (["compare", "data.csv", "--model", "davis-caldwell", "--set", "scale=big"],
+         "must be one of ['areas', 'radii']"),
+        (["compare", "data.csv", "--all", "--set", "kappa1=1"], "say of which, as in tondu-lopez."),
+        (["compare", "data.csv", "--all", "--model", "chou"], "--model has no effect with --all"),
+        (["curve", "--model", "braid-tension"],
+         "load is 0 N: at a pressure of 0.8 MPa it must lie in [0.00"),
         ([*SOLVE, "andrikopoulos", "--set", "largest_force=2mm"], "2mm"),
         ([*SOLVE, "schulte", "--set", "friction=0.1"], "must be given the law inflation_pressure"),
         ([*SOLVE, "schulte", "--set", "inflation_pressure=1"], "is a law, a function of radius"),

@@ -87,8 +87,9 @@ def test_directions_count():
 def test_bad_questions():
     with pytest.raises(InputError, match="0 models"):
         compare_models({}, measure())
-    with pytest.raises(InputError, match="must be positive"):
-        compare_models({"energy": ENERGY}, Measurements(pressure=[0.1], contraction=[0.0]))
+    for least in (0.0, 1e-300, 9e-4):
+        with pytest.raises(InputError, match="must be 0.001 mm or more"):
+            compare_models({"energy": ENERGY}, Measurements(pressure=[0.1], contraction=[least]))
     with pytest.raises(InputError, match="fitted in 'thesis': the models are energy"):
         compare_models({"energy": ENERGY}, measure(), fitted={"thesis": 1})
     with pytest.raises(InputError, match="number of parameters"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+import dataclasses
 from functools import partial
 
 import numpy as np
@@ -16,6 +16,7 @@ from bozzini.muscle import (
     Muscle,
     calibrate,
     compare_models,
+    preset,
     rank_models,
 )
 from bozzini.muscle._folds import count_states, cross_validate, split_rows
@@ -40,29 +41,36 @@ def measure(model, *, noise=0.0, seed=0, options=LOADS):
     raise AssertionError(model.name)
 
 
-def make(name):
-    """Build a model with constants off those that a fit starts from, if it has an answer so."""
+def make(name, seed=0):
+    """Build a model whose constants are drawn about those that a fit starts from.
+
+    They are drawn closer and closer until the model has an answer. None is 0, but those that
+    need others beside them.
+    """
     kind = ALL[name]
     if name in MODELS:
         return kind(MUSCLE)
-    ways = itertools.product(LOADS, (1.1, 0.95, 1.0), (0.2, 0.02, 0.002, 0.0))
-    for loads, factor, other in ways:
-        given = dict(kind.guess_parameters(MUSCLE))
+    random = np.random.default_rng(seed)
+    guess = kind.guess_parameters(MUSCLE)
+    needed = (*(x for x in kind.card.parameters if x.name not in guess), *kind.card.laws)
+    needy = {item.only_with for item in needed}
+    for spread in 0.15 * 0.85 ** np.arange(60):
+        given = dict(guess)
         for item in kind.card.fitted:
-            if item.name in given:
+            if item.name in given and item.name not in needy:
+                change = spread * random.uniform(0.5, 1.0) * random.choice([-1.0, 1.0])
+                value = given[item.name] * (1.0 + change) if given[item.name] else change
                 low, high = item.bounds
-                value = factor * given[item.name]
-                if value == 0.0 and item.default is None:
-                    value = other
-                given[item.name] = min(max(value, low), high)
+                given[item.name] = float(np.clip(abs(value) if low >= 0.0 else value, low, high))
         try:
             model = kind(MUSCLE, **given)
-            measure(model, options=[loads])
-        except (InputError, AssertionError) as error:
-            if isinstance(error, MissingLawError) and other == 0.0:
-                raise
+            data = measure(model)
+        except MissingLawError:
+            raise
+        except (InputError, AssertionError):
             continue
-        return model
+        if data.contraction.max() > 0.1:
+            return model
     raise AssertionError(name)
 
 
@@ -80,8 +88,81 @@ def test_data_of_a_model_rank_it_first_or_what_fits_as_well(name):
     ranking = rank_models(MUSCLE, data, models={each: ALL[each] for each in names}, folds=0)
     order = [entry.name for entry in ranking.models]
     assert name in order, ranking.refusals
-    for entry in ranking.models[: order.index(name) + 1]:
-        assert entry.score.rmse < 1e-5 * data.largest_contraction
+    least = 1e-9 * data.largest_contraction
+    assert ranking.models[order.index(name)].score.rmse < 100.0 * least
+    for entry in ranking.models[: order.index(name)]:
+        assert entry.score.rmse <= least
+
+
+@pytest.mark.parametrize("name", ["quartic-strain"])
+def test_models_that_follow_any_curve_do_not_hide_the_truth(name):
+    """Eight constants come to within 1e-5 mm of a curve, which is not none."""
+    data = measure(make(name))
+    names = ("pressure-stiffening", "quartic-strain")
+    ranking = rank_models(MUSCLE, data, models={each: ALL[each] for each in names}, folds=0)
+    first, second = ranking.models[:2]
+    assert first.name == name
+    assert first.score.rmse < 1e-9 * data.largest_contraction < second.score.rmse
+
+
+@pytest.mark.parametrize("seed", [0])
+def test_noise_does_not_hide_many_constants(seed):
+    """The constants that look nearest by one step of Newton's method have no answer at a row."""
+    muscle, kind = preset("effector-45"), ALL["quartic-strain"]
+    truth = {name: 1.1 * value for name, value in kind.guess_parameters(muscle).items()}
+    data = measure(kind(muscle, **truth), noise=0.05, seed=seed)
+    found = calibrate(kind, muscle, data, force=True)
+    assert found.converged
+    assert np.sqrt(np.mean(found.residuals**2)) < 0.06
+
+
+@pytest.mark.parametrize(
+    ("truth", "name", "spreads"),
+    [("kothera-balance", "hocking-1", ()), ("energy", "itto-b", (0.0, 0.5, 0.5))],
+)
+def test_no_other_start_is_better(truth, name, spreads):
+    """On data of another model there are several minima; the guess is one of the starts."""
+    data = measure(make(truth), noise=0.02)
+    kind = ALL[name]
+    found = calibrate(kind, MUSCLE, data, force=True)
+    guess = {key: kind.guess_parameters(MUSCLE)[key] for key in found.free if key != "modulus"}
+    random = np.random.default_rng(3)
+    for spread in spreads:
+        start = {
+            key: (value or spread * random.normal()) * (1.0 + spread * random.uniform(-1.0, 1.0))
+            for key, value in guess.items()
+        }
+        try:
+            other = calibrate(kind, MUSCLE, data, free=found.free, start=start, force=True)
+        except InputError:
+            continue
+        assert other.sigma > 0.99 * found.sigma
+    assert found.converged
+
+
+def test_without_constants_that_hold_all_rows_it_says_so():
+    data = measure(make("chou"))
+    heavy = dataclasses.replace(data, load=np.where(np.arange(24) == 5, 1e3, data.load))
+    with pytest.raises(InputError, match=r"^no constants were found .* at 1 of 24, .* row 6 \("):
+        calibrate(ALL["tondu-lopez"], MUSCLE, heavy)
+
+
+def test_a_fold_that_comes_nearer_to_all_rows_is_begun_from(monkeypatch):
+    """The fit to all rows is spoilt here: it stops at a minimum that is not the smallest."""
+    data = measure(make("energy"), noise=0.02)
+    spoilt = []
+
+    def spoil(kind, muscle, rows, **options):
+        if not spoilt:
+            options["start"] = {"kappa1": 0.0, "kappa2": 0.02}
+            spoilt.append(calibrate(kind, muscle, rows, **options))
+            return spoilt[0]
+        return calibrate(kind, muscle, rows, **options)
+
+    monkeypatch.setattr("bozzini.muscle.rank.calibrate", spoil)
+    models = {"itto-b": ALL["itto-b"]}
+    best = rank_models(MUSCLE, data, models=models).models[0].calibration
+    assert best.sigma < spoilt[0].sigma
 
 
 def test_noise_does_not_hide_the_truth():
@@ -131,7 +212,17 @@ def test_scores_are_those_of_a_fit_alone(ranking):
             {entry.name: alone.fitted}, ranking.data, fitted={entry.name: len(alone.free)}
         )
         assert entry.score.standard_error == pytest.approx(found.scores[0].standard_error)
-    assert sum(entry.weight for entry in ranking.models) == pytest.approx(1.0)
+
+
+def test_a_curve_counts_once_in_the_weights(ranking):
+    entries = {entry.name: entry for entry in ranking.models}
+    once = [entry for entry in ranking.models if entry.name != "gaylord-2"]
+    assert entries["gaylord-2"].weight == entries["gaylord-1"].weight
+    assert sum(entry.weight for entry in once) == pytest.approx(1.0)
+    alone = rank_models(MUSCLE, ranking.data, models={e.name: ALL[e.name] for e in once}, folds=0)
+    for entry in alone.models:
+        assert entry.weight == pytest.approx(entries[entry.name].weight, rel=1e-6)
+    assert "(" in next(x for x in ranking.format_table().splitlines() if x.startswith("gaylord-2"))
 
 
 def test_models_that_say_the_same_are_told(ranking):
@@ -181,15 +272,15 @@ def test_constants_that_are_known_are_not_fitted():
     found = calibrate(kind, MUSCLE, data)
     assert found.free == ("kappa1",)
     assert found.fitted.parameters["kappa2"] == 1.1
-    with pytest.raises(InputError, match="'kappa2' is not known: use "):
+    with pytest.raises(InputError, match="'kappa2' is given, so it cannot be free: use .* kappa1"):
         calibrate(kind, MUSCLE, data, free=("kappa2",))
     with pytest.raises(InputError, match="start is given for kappa2: .* are kappa1"):
         calibrate(kind, MUSCLE, data, start={"kappa2": 1.0})
     begun = calibrate(kind, MUSCLE, data, start={"kappa1": 0.1})
     assert begun.estimates["kappa1"] == pytest.approx(found.estimates["kappa1"], abs=1e-6)
     narrow = calibrate(CATALOGUE["tondu-lopez"], MUSCLE, data, free=("kappa1", "kappa2"),
-                       bounds={"kappa2": (0.5, 1.0)})  # fmt: skip
-    assert narrow.estimates["kappa2"] == pytest.approx(1.0)
+                       bounds={"kappa2": (0.5, 0.7)})  # fmt: skip
+    assert narrow.estimates["kappa2"] == pytest.approx(0.7)
     assert any("kappa2 is at its bound" in line for line in narrow.warnings)
 
 
@@ -219,13 +310,14 @@ def test_cross_validation_is_the_error_of_rows_that_the_fit_did_not_see():
 
     def fit(rows):
         seen.append(len(rows))
-        return make("chou")
+        return make("chou"), len(seen) != 2
 
     found = cross_validate(fit, data, parts)
     assert seen == [len(data) - part.sum() for part in parts]
     error = make("chou").contraction(data.pressure, data.load) - data.contraction
     assert found.error == pytest.approx(np.sqrt(np.mean(error**2)))
     assert found.errors[0] == pytest.approx(np.sqrt(np.mean(error[parts[0]] ** 2)))
+    assert found.unsettled == 1
 
     def refuse(rows):
         raise InputError("not today")
@@ -266,6 +358,44 @@ def test_few_rows_and_a_single_state():
     assert "none" in ranking.format_table()
     one = rank_models(MUSCLE, data.select([5]), models={"chou": CATALOGUE["chou"]})
     assert one.folds == 0
+    with pytest.raises(InputError, match="the rows are of 1 state: .* 2 or more"):
+        rank_models(MUSCLE, data.select([5]), criterion="cv")
+
+
+@pytest.mark.parametrize("names", [("gaylord-1", "chou"), ("chou", "gaylord-1")])
+def test_without_any_aicc_it_goes_by_bic_and_says_so(names):
+    two = measure(make("chou"), noise=0.05).select([8, 15])
+    ranking = rank_models(MUSCLE, two, models={name: ALL[name] for name in names}, folds=0)
+    assert [entry.name for entry in ranking.models] == ["chou", "gaylord-1"]
+    assert ranking.models[0].score.rmse < 0.1 < ranking.models[1].score.rmse
+    (note,) = ranking.notes
+    assert note.startswith("no AICc for chou, gaylord-1: it needs 3 rows more than")
+    assert note.endswith("there are 2 row(s); the models are ranked by BIC instead")
+    assert note in ranking.format_table()
+
+
+def test_doubts_are_marked():
+    data = measure(make("chou"), noise=0.05)
+    models = {"chou": ALL["chou"], "itto-b": ALL["itto-b"]}
+    fine = rank_models(MUSCLE, data, models=models, criterion="cv")
+    assert not fine.notes
+    assert not any(entry.doubt for entry in fine.models)
+    first, second = fine.models
+    lost = dataclasses.replace(first.validation, reason="not today", unsettled=2)
+    stopped = dataclasses.replace(second.calibration, converged=False)
+    entries = (
+        dataclasses.replace(first, validation=lost),
+        dataclasses.replace(second, calibration=stopped),
+    )
+    doubtful = dataclasses.replace(fine, models=entries)
+    assert doubtful.notes == (
+        f"{first.name}: no error of the rows left out (it comes last, by BIC): not today",
+    )
+    lines = doubtful.format_table().splitlines()
+    assert lines[1].endswith("2 of the folds not converged")
+    assert " none " in lines[1]
+    assert lines[2].endswith("not converged")
+    assert lines[3] == doubtful.notes[0]
 
 
 @pytest.mark.parametrize(

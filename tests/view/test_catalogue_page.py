@@ -7,7 +7,8 @@ import re
 from pathlib import Path
 
 from bozzini.muscle import CATALOGUE
-from bozzini.view.catalogue_page import count_statuses, format_catalogue, format_counts
+from bozzini.muscle.models import count_statuses
+from bozzini.view.catalogue_page import format_catalogue, format_counts
 
 ROOT = Path(__file__).resolve().parents[2]
 REMEDY = "run python docs/make_catalogue.py"
@@ -59,3 +60,12 @@ def test_tables_have_as_many_cells_as_their_head():
     for table in re.findall(r"(?:^\|.*\n)+", format_catalogue(), re.M):
         cells = {line.count("|") for line in table.splitlines()}
         assert len(cells) == 1, table
+
+
+def test_the_upper_sign_is_that_of_inflating():
+    """Friction takes from the pull on the way up: a minus above, or a plus in what is taken off."""
+    said = format_catalogue().split("## All models")[0]
+    assert "the upper one is of the way up, inflating" in said
+    for name, kind in CATALOGUE.items():
+        signs = re.findall(r"\\(?:mp|pm)\b", kind.card.latex)
+        assert signs == ([] if not signs else [r"\pm"] if name == "chen" else [r"\mp"]), name

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -37,6 +39,25 @@ def test_it_shows_all_that_are_ranked(ranking, tmp_path):
     assert named[1:] == [entry.name for entry in ranking.models if not entry.same_as][:2]
     assert "gaylord-2" not in named  # it is the same curve as gaylord-1
     write_figure(figure, tmp_path / "ranking.png")
+
+
+def test_doubts_show(ranking):
+    """A cross where the fit did not converge, a triangle where rows left out have no answer."""
+    first, second, *others = ranking.models
+    assert second.calibration is not None
+    lost = replace(first, validation=replace(first.validation, reason="not today"))
+    stopped = replace(second, calibration=replace(second.calibration, converged=False))
+    left = draw_ranking(replace(ranking, models=(lost, stopped, *others))).axes[0]
+    marks = {row: set() for row in range(len(ranking.models))}
+    for line in left.lines:
+        marks[line.get_ydata()[0]].add(line.get_marker())
+    assert marks[0] == {"o", ">"}
+    assert marks[1] >= {"X", "o"}
+    assert all("X" not in marks[row] and ">" not in marks[row] for row in marks if row > 1)
+    named = [text.get_text() for text in left.get_legend().get_texts()]
+    assert {"not converged", "no answer at rows left out"} <= set(named)
+    plain = draw_ranking(ranking).axes[0].get_legend().get_texts()
+    assert [text.get_text() for text in plain] == ["rows of the fit", "rows left out"]
 
 
 def test_bad_questions(ranking):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from ._muscle_constants import parse_settings, set_option
 from ._muscle_data import (
@@ -117,6 +118,9 @@ def compare_command(
     for option, value in (("--by", criterion), ("--folds", folds), ("--seed", seed)):
         if value is not None and not fit:
             raise InputError(f"{option} has no effect without --fit: leave it out")
+    source_of_names = click.get_current_context().get_parameter_source("model_names")
+    if take_all and source_of_names is not ParameterSource.DEFAULT:
+        raise InputError("--model has no effect with --all: leave one of them out")
     names = list(list_kinds() if take_all else dict.fromkeys(model_names))
     choices = select_choices(names, ends=ends, load_path=load_path)
     check_fields(names, fields)
@@ -208,6 +212,7 @@ def _rank(
         "seed": ranking.seed,
         "models": [_describe_ranked(entry) for entry in ranking.models],
         "refusals": ranking.refusals,
+        "notes": ranking.notes,
         "file": written,
     }
     lines = [ranking.format_table()]
@@ -242,6 +247,7 @@ def _describe_ranked(entry: RankedModel) -> dict[str, Any]:
         "parameters": entry.parameters,
         "left_out_mm": entry.validation_error,
         "left_out_reason": "" if left_out is None else left_out.reason,
+        "left_out_not_converged": 0 if left_out is None else left_out.unsettled,
         "same_as": entry.same_as,
         "held": entry.held,
         "fitted": {},

@@ -1,4 +1,4 @@
-"""``--set NAME=VALUE``: constants and choices of a model of the catalogue, from text."""
+"""``--set [MODEL.]NAME=VALUE``: constants and choices of a model of the catalogue, from text."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def set_option(function: _Function) -> _Function:
         "--set",
         "settings",
         multiple=True,
-        metavar="NAME=VALUE",
+        metavar="[MODEL.]NAME=VALUE",
         help="A constant of a model of the catalogue, see 'bozzini muscle models NAME'; can be "
-        "repeated.",
+        "repeated. MODEL says whose it is, where several have one of that name.",
     )(function)
 
 
@@ -39,33 +39,56 @@ def find_card(name: str) -> Card | None:
 
 
 def parse_settings(names: Sequence[str], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return what is set in each model; what none of the models takes is refused.
+    """Return what is set in each model.
 
     Raises
     ------
     InputError
-        If a text is no NAME=VALUE, or names a law or nothing that the models take.
+        If a text is no [MODEL.]NAME=VALUE, or names a law, nothing that the models take, or what
+        several of them have without saying which; or if a value is not legal in its model.
     """
     from ..errors import InputError
 
     found: dict[str, dict[str, Any]] = {name: {} for name in names}
     for text in texts:
-        key, mark, value = (part.strip() for part in text.partition("="))
-        if not (key and mark and value):
-            raise InputError(f"--set is '{text}': it must be NAME=VALUE, such as kappa1=0.5")
+        place, mark, value = (part.strip() for part in text.partition("="))
+        model, dot, key = (part.strip() for part in place.rpartition("."))
         key = key.replace("-", "_")
-        taken = False
-        for name in names:
-            card = find_card(name)
-            if card is None or key not in card.keywords:
-                continue
-            if key in found[name]:
-                raise InputError(f"--set names {key} more than once: give it once")
-            found[name][key] = _parse_value(card, key, value)
-            taken = True
-        if not taken:
-            raise InputError(f"--set names '{key}': {_say_legal(names)}")
+        if not (key and mark and value) or bool(dot) != bool(model):
+            raise InputError(
+                f"--set is '{text}': it must be NAME=VALUE or MODEL.NAME=VALUE, such as kappa1=0.5"
+            )
+        card = _find_owner([model] if model in names else names, model, key)
+        if key in found[card.name]:
+            raise InputError(f"--set names {place} more than once: give it once")
+        found[card.name][key] = _parse_value(card, key, value)
     return found
+
+
+def _find_owner(names: Sequence[str], model: str, key: str) -> Card:
+    """Return the card of the one model of some that takes a constant."""
+    from ..errors import InputError
+
+    if model and model not in names:
+        known = "not among those taken" if model in list_kinds() else "not known"
+        raise InputError(
+            f"--set names the model '{model}', which is {known}: it must be "
+            f"{_list_some(list(names))}"
+        )
+    cards = [card for card in map(find_card, names) if card is not None and key in card.keywords]
+    if not cards:
+        raise InputError(f"--set names '{key}': {_say_legal(names)}")
+    if len(cards) > 1:
+        raise InputError(
+            f"--set names '{key}', which several models have: say of which, as in "
+            f"{cards[0].name}.{key}=VALUE; they are {_list_some([card.name for card in cards])}"
+        )
+    return cards[0]
+
+
+def _list_some(names: list[str]) -> str:
+    shown = ", ".join(names[:8])
+    return shown if len(names) <= 8 else f"{shown} or one of {len(names) - 8} more"
 
 
 def parse_constant(item: Parameter, text: str) -> float:
@@ -99,14 +122,14 @@ def _parse_value(card: Card, key: str, text: str) -> float | str:
 
     for item in card.parameters:
         if item.name == key:
-            return parse_constant(item, text)
+            return card.check_parameter(key, parse_constant(item, text))
     for law in card.laws:
         if law.name == key:
             raise InputError(
                 f"{key} of the model {card.name} is a law, a function of "
                 f"{', '.join(law.arguments)}: it cannot be set here, give it in Python"
             )
-    return text
+    return card.check_choice(key, text)
 
 
 def _say_legal(names: Sequence[str]) -> str:

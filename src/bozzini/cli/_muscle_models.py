@@ -27,7 +27,7 @@ def models_command(name: str | None, as_json: bool) -> None:
     """
     from ..errors import InputError
     from ..muscle import CATALOGUE
-    from ..view.catalogue_page import count_statuses
+    from ..muscle.models import count_statuses
 
     if name is None:
         cards = [kind.card for kind in CATALOGUE.values()]

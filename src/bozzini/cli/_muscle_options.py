@@ -203,8 +203,7 @@ def check_direction(
             )
         return
     if model.name in CATALOGUE:
-        up, down = (model.force(pressure, 0.0, direction=way) for way in ("inflating", "deflating"))
-        if up == down:
+        if not _has_friction(model, pressure):
             raise InputError(
                 f"--direction has no effect in the model {model.name} without friction: leave it "
                 "out, or --set the model's friction"
@@ -214,6 +213,26 @@ def check_direction(
         raise InputError(_say_unused("--direction", [model.name]))
     if model.muscle.friction_length == 0.0 and fields.get("friction_length") is None:
         raise InputError("--direction has no effect on a muscle without --friction-length")
+
+
+def _has_friction(model: StaticModel, pressure: float) -> bool:
+    """Whether the way makes a difference, at a pressure or at a typical one: many have none at 0.
+
+    Where the model has no answer at the typical one, it is taken to.
+    """
+    from ..errors import InputError
+    from ..muscle.models.base import TYPICAL_PRESSURE
+
+    def differs(at: float) -> bool:
+        up, down = (model.force(at, 0.0, direction=way) for way in ("inflating", "deflating"))
+        return bool(up != down)
+
+    if differs(pressure):
+        return True
+    try:
+        return differs(TYPICAL_PRESSURE)
+    except InputError:
+        return True
 
 
 def _say_unused(option: str, names: Sequence[str]) -> str:

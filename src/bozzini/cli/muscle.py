@@ -152,7 +152,8 @@ def curve_command(
 ) -> None:
     """Compute a curve, as a table or a picture.
 
-    The table goes to stdout, unless --out names a file.
+    The table goes to stdout, unless --out names a file. It begins without pressure, or at the
+    lowest one at which the model holds the load.
     """
     from ..checks import check_integer, check_number
     from ..errors import InputError
@@ -230,7 +231,7 @@ def _compute_curve(
             "force_N": model.force(pressure, over, direction=direction),
             "stiffness_N_per_mm": model.stiffness(pressure, over, direction=direction),
         }
-    over = np.linspace(0.0, pressure, points)
+    over = np.linspace(_find_lowest(model, pressure, load, direction), pressure, points)
     state = model.solve(over, load, direction=direction)
     columns = {
         "pressure_MPa": over,
@@ -242,6 +243,38 @@ def _compute_curve(
     return columns
 
 
+def _find_lowest(model: StaticModel, pressure: float, load: float, direction: str | None) -> float:
+    """Return the lowest pressure from which on, up to one, a model has an answer [MPa].
+
+    Found by bisection: of models that have none somewhere in between, that is not told.
+
+    Raises
+    ------
+    InputError
+        If it has none at the highest one.
+    """
+    from ..errors import InputError
+    from ..muscle.models import CatalogueModel
+
+    if not isinstance(model, CatalogueModel):
+        return 0.0
+    model.solve(pressure, load, direction=direction)
+
+    def answers(at: float) -> bool:
+        try:
+            return bool(model.try_contraction(at, load, direction=direction)[1])
+        except InputError:
+            return False
+
+    low, high = model.pressure_limits[0], pressure
+    if answers(low):
+        return low
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if answers(middle) else (middle, high)
+    return high
+
+
 def _draw_curve(
     model: StaticModel, kind: str, pressure: float, load: float, direction: str | None, out: Path
 ) -> None:
@@ -251,12 +284,16 @@ def _draw_curve(
     models = {model.name: model}
     if kind == "force":
         figure = figures.draw_force(model, [pressure], direction=direction)
-    elif kind == "angle":
-        figure = figures.draw_braid_angle(models, pressure=pressure, load=load, direction=direction)
+        write_figure(figure, out)
+        return
+    options: dict[str, Any] = {"pressure": pressure, "load": load, "direction": direction}
+    options["lowest"] = _find_lowest(model, pressure, load, direction)
+    if kind == "angle":
+        figure = figures.draw_braid_angle(models, **options)
     elif kind == "phases":
-        figure = figures.draw_phases(model, pressure=pressure, load=load, direction=direction)
+        figure = figures.draw_phases(model, **options)
     else:
-        figure = figures.draw_contraction(models, pressure=pressure, load=load, direction=direction)
+        figure = figures.draw_contraction(models, **options)
     write_figure(figure, out)
 
 

@@ -31,8 +31,11 @@ def choose_free(
 ) -> tuple[Callable[..., MuscleModel], tuple[str, ...], dict[str, str]]:
     """Return what makes the model, what is free, and what is held and why."""
     build, held = model_class, {}
+    kind, given = split_model(model_class)
+    constants = () if kind is None else kind.card.parameters
+    known = {item.name for item in constants if item.name in given}
     if free is None:
-        if split_model(model_class)[0] is None:
+        if kind is None:
             free = name_default_fields(model_class)
         else:
             unknowns = choose_unknowns(model_class, muscle, data)
@@ -42,8 +45,9 @@ def choose_free(
         raise InputError("no parameter is free: name one or more")
     for name in names:
         if name not in PARAMETER_UNITS and name not in own:
+            why = "given, so it cannot be free" if name in known else "not known"
             legal = ", ".join((*PARAMETER_UNITS, *own))
-            raise InputError(f"parameter '{name}' is not known: use {legal}")
+            raise InputError(f"parameter '{name}' is {why}: use {legal}")
     if len(data) <= len(names):
         raise InputError(
             f"{len(data)} row(s) are too few for {len(names)} parameter(s): "

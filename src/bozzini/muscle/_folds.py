@@ -34,11 +34,14 @@ class CrossValidation:
         The same of each fold; infinite in the folds that failed.
     reason : str
         Why a fold has no error, the first one that has none; empty if all have.
+    unsettled : int
+        How many of the folds have a fit that did not converge.
     """
 
     error: float
     errors: NDArray[np.float64]
     reason: str = ""
+    unsettled: int = 0
 
 
 def split_rows(data: Measurements, *, folds: int, seed: int = 0) -> tuple[NDArray[np.bool_], ...]:
@@ -83,7 +86,7 @@ def _find_states(data: Measurements) -> tuple[int, NDArray[np.int64]]:
 
 
 def cross_validate(
-    fit: Callable[[Measurements], MuscleModel],
+    fit: Callable[[Measurements], tuple[MuscleModel, bool]],
     data: Measurements,
     parts: tuple[NDArray[np.bool_], ...],
 ) -> CrossValidation:
@@ -92,16 +95,18 @@ def cross_validate(
     Parameters
     ----------
     fit : callable
-        Fits the model to some rows.
+        From some rows to the model fitted to them, and whether that fit converged.
     data : Measurements
     parts : tuple of ndarray of bool, shape (n,)
         The rows left out in each turn.
     """
-    squares, reason = [], ""
+    squares, reason, unsettled = [], "", 0
     for part in parts:
         rows = data.select(part)
         try:
-            miss = predict_contraction(fit(data.select(~part)), rows) - rows.contraction
+            model, settled = fit(data.select(~part))
+            unsettled += not settled
+            miss = predict_contraction(model, rows) - rows.contraction
             squares.append(float(miss @ miss))
         except BozziniError as error:
             squares.append(math.inf)
@@ -112,4 +117,5 @@ def cross_validate(
         error=float(np.sqrt(total.sum() / counts.sum())),
         errors=np.sqrt(total / counts),
         reason=reason,
+        unsettled=unsettled,
     )

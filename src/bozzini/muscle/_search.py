@@ -4,23 +4,30 @@ Contraction over pressure has a kink where the tube meets the braid. As a trial 
 of contact past a measured pressure, the sum of squares has a kink as well, and can have a minimum
 on both sides. So a fit of the gap is begun anew from gaps for which contact lies between other
 neighbours of the measured pressures, until none of them is better.
+
+Constants of a model can have several minima, and rows without an answer on the way. So they are
+searched for from several starts, each a little, and the best of those searches go on.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BozziniError
+from ..errors import BozziniError, InputError
 from ._fit import Problem
 
-__all__ = ["EVALUATIONS", "find_minimum"]
+__all__ = ["EVALUATIONS", "find_constants", "find_minimum"]
 
 EVALUATIONS = 200
 """Largest number of evaluations of one search."""
 
+_FIRST = 15  # evaluations from each start for constants
+_KEPT = 2  # how many of those searches, the best, go on
+_SECOND = 65  # evaluations that each of these has then; the best of them has the rest
 _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 
 
@@ -53,6 +60,60 @@ def find_minimum(problem: Problem, start: NDArray[np.float64], *, limit: int = E
                     best = found
     best.nfev = evaluations
     return best
+
+
+def find_constants(starts: Sequence[Problem]) -> tuple[Any, Problem]:
+    """Return the best of searches from several starts, and the problem it began with.
+
+    A search that ends with an answer at all rows is better than any that does not.
+
+    Parameters
+    ----------
+    starts : sequence of Problem
+        One problem, with several starts.
+
+    Raises
+    ------
+    InputError
+        If none of the searches ends with an answer at all rows.
+    """
+    tries = [(find_minimum(one, one.choose_start(), limit=_FIRST), one) for one in starts]
+    tries.sort(key=_judge)
+    ends = [_go_on(*search, limit=_SECOND) for search in tries[:_KEPT]]
+    found, begun = _go_on(*min(ends, key=_judge), limit=EVALUATIONS - _FIRST - _SECOND)
+    found.nfev += sum(search.nfev for search, one in (*ends, *tries[_KEPT:]) if one is not begun)
+    _demand_answers(begun, found.x)
+    return found, begun
+
+
+def _go_on(found: Any, problem: Problem, *, limit: int) -> tuple[Any, Problem]:
+    """Return a search that has not ended taken further."""
+    if found.status != 0:
+        return found, problem
+    more = find_minimum(problem, found.x, limit=limit)
+    more.nfev += found.nfev
+    return more, problem
+
+
+def _judge(search: tuple[Any, Problem]) -> tuple[bool, float]:
+    """Return the key to sort searches by."""
+    found, problem = search
+    return not problem.evaluate(found.x)[1].all(), float(found.cost)
+
+
+def _demand_answers(problem: Problem, point: NDArray[np.float64]) -> None:
+    """Raise `InputError` if the model has no answer at a row with the best constants found."""
+    _, held = problem.evaluate(point)
+    if held.all():
+        return
+    data, row = problem.data, int(np.argmin(held))
+    values = problem.name_values(point)
+    words = ", ".join(f"{name} = {value:.4g}" for name, value in values.items())
+    raise InputError(
+        f"no constants were found with which the model has an answer at all rows: with {words} it "
+        f"has none at {len(data) - held.sum()} of {len(data)}, the first is {data.name_row(row)} "
+        f"({data.pressure[row]:g} MPa, {data.load[row]:g} N)"
+    )
 
 
 def _search(problem: Problem, start: NDArray[np.float64], limit: int) -> Any:

@@ -18,7 +18,7 @@ from ._begin import choose_constants, choose_free
 from ._constants import list_own
 from ._fit import Problem
 from ._predict import predict_contraction
-from ._search import EVALUATIONS, find_minimum
+from ._search import EVALUATIONS, find_constants, find_minimum
 from ._start import find_starts
 from ._unknowns import choose_bounds
 from .dataset import Measurements
@@ -30,9 +30,6 @@ if TYPE_CHECKING:
     from .models.card import Parameter
 
 __all__ = ["Calibration", "calibrate"]
-
-
-_EVALUATIONS = 80  # of a search for constants, which starts near a minimum
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,7 +115,9 @@ def calibrate(
     A model of the catalogue has constants of its own. By default those are free that its source
     fitted or that it must be given and has not got, as far as the data tell them, and the modulus
     if the model has one. The search for them starts from a few points: the model's own guess, and
-    others drawn about it; those that the force is linear in come from linear least squares.
+    others drawn about it; those that the force is linear in come from linear least squares. The
+    best two go on to a minimum, constants with an answer at all rows before all others. It can be
+    one of several minima: another `seed` draws other points.
 
     Parameters
     ----------
@@ -148,8 +147,8 @@ def calibrate(
     ------
     InputError
         If a parameter is unknown or has no effect, if there are too few rows, if the data cannot
-        tell the parameters apart (unless `force`), or if the model has no answer for a row at
-        the start.
+        tell the parameters apart (unless `force`), or if the model has no answer for a row: at
+        the start, or, with constants of its own, with any that were found.
     MissingLawError
         If the model needs a law that is not given.
     """
@@ -187,7 +186,7 @@ def calibrate(
         found,
         warnings=[*never, *doubts, *at_bound],
         converged=bool(found.status > 0 and answered),
-        reason=_tell_reason(found.status, answered=answered, constants=bool(constants)),
+        reason=_tell_reason(found.status, answered=answered),
         muscle=fitted,
         fitted=model,
         held=held,
@@ -204,14 +203,10 @@ def _find_best(
         begin = problem.choose_start()
         _check_effect(problem.free, problem.slope(begin))
         return find_minimum(problem, begin), problem
-    starts = [problem]
-    if set(problem.constants) - set(start or {}):
-        linear = tuple(name for name in problem.constants if own[name].linear)
-        starts = find_starts(problem, linear=linear, seed=seed)
-    results = [(find_minimum(one, one.choose_start(), limit=_EVALUATIONS), one) for one in starts]
-    best = min(results, key=lambda result: float(result[0].cost))
-    best[0].nfev = sum(result.nfev for result, _ in results)
-    return best
+    if not set(problem.constants) - set(start or {}):
+        return find_constants([problem])
+    linear = tuple(name for name in problem.constants if own[name].linear)
+    return find_constants([*find_starts(problem, linear=linear, seed=seed), problem])
 
 
 def _check_effect(free: Sequence[str], jacobian: NDArray[np.float64]) -> None:
@@ -222,12 +217,11 @@ def _check_effect(free: Sequence[str], jacobian: NDArray[np.float64]) -> None:
             )
 
 
-def _tell_reason(status: int, *, answered: bool, constants: bool) -> str:
+def _tell_reason(status: int, *, answered: bool) -> str:
     if not answered:
         return "the model has no answer for some rows"
     if status <= 0:
-        limit = _EVALUATIONS if constants else EVALUATIONS
-        return f"no minimum within {limit} evaluations"
+        return f"no minimum within {EVALUATIONS} evaluations"
     reasons = {1: "the gradient vanished", 2: "the sum of squares settled"}
     return reasons.get(status, "the parameters settled")
 

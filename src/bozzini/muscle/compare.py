@@ -17,6 +17,8 @@ from .dataset import Measurements
 if TYPE_CHECKING:
     from .model import MuscleModel
 
+_SMALLEST = 1e-3  # largest contraction that errors can be a percentage of [mm]
+
 __all__ = ["Comparison", "ModelScore", "check_largest", "compare_models", "score_model"]
 
 
@@ -103,7 +105,7 @@ def compare_models(
     Raises
     ------
     InputError
-        If there is no model, the largest contraction is not positive, there are no more rows than
+        If there is no model, the largest contraction is below 0.001 mm, there are no more rows than
         fitted parameters, or `fitted` names a model that is not there.
     """
     counts = dict(fitted or {})
@@ -132,11 +134,11 @@ def compare_models(
 
 
 def check_largest(data: Measurements) -> None:
-    """Raise `InputError` if the largest contraction is not positive."""
-    if not data.largest_contraction > 0.0:
+    """Raise `InputError` if the largest contraction is below a micrometre."""
+    if not data.largest_contraction >= _SMALLEST:
         raise InputError(
-            f"the largest contraction is {data.largest_contraction:g} mm: "
-            "it must be positive, since errors are percentages of it"
+            f"the largest contraction is {data.largest_contraction:g} mm: it must be "
+            f"{_SMALLEST:g} mm or more, since errors are percentages of it"
         )
 
 

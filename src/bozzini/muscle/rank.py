@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -36,8 +36,9 @@ CRITERIA = ("aicc", "bic", "cv")
 """What models can be ranked by."""
 
 _FOLDS = 5
-_FLOOR = 1e-6  # of the largest contraction: residuals below say nothing of a model
-_EVALUATIONS = 25  # of the fit to a fold, which starts at that to all rows
+_FLOOR = 1e-9  # of the largest contraction: residuals below may be those of the solver
+_EVALUATIONS = 50  # of the fit to a fold, which starts at that to all rows
+_BETTER = 1e-3  # relative decrease of the sum of squares for which a fit begins anew
 _SAME = 1e-7  # of the largest contraction: curves that differ by less are the same
 
 
@@ -91,8 +92,8 @@ def rank_models(
     Raises
     ------
     InputError
-        If there is no model, the criterion is unknown, the largest contraction is not positive, or
-        there are fewer states than folds.
+        If there is no model, the criterion is unknown, the largest contraction is below 0.001 mm,
+        there are fewer states than folds, or none is left out and the criterion is ``"cv"``.
     """
     kinds: Mapping[str, Callable[..., MuscleModel]] = (
         {**MODELS, **CATALOGUE} if models is None else models
@@ -106,6 +107,11 @@ def rank_models(
     check_largest(data)
     parts = _choose_parts(data, folds, seed)
     if criterion == "cv" and not parts:
+        if folds is None:
+            raise InputError(
+                "the rows are of 1 state: to rank by the rows left out there must be 2 or more "
+                "different ones"
+            )
         raise InputError(f"folds is {folds}: to rank by the rows left out it must be 2 or more")
     entries = []
     for index, (name, kind) in enumerate(kinds.items()):
@@ -157,6 +163,12 @@ def _fit_model(
     found: Calibration | None = None
     if count:
         found = calibrate(unknowns.build, muscle, data, free=unknowns.free, force=True, seed=seed)
+    validation, better = _validate(unknowns, found, muscle, data, parts)
+    if found is not None and better is not None:  # the fit to all rows was caught on its way
+        again = _refit(unknowns, better, muscle, data)
+        if again.sigma < found.sigma:
+            found = again
+            validation, _ = _validate(unknowns, found, muscle, data, parts)
     model = unknowns.build(muscle) if found is None else found.fitted
     score = score_model(name, predict_contraction(model, data), data, fitted=count)
     least = _FLOOR * data.largest_contraction
@@ -170,7 +182,23 @@ def _fit_model(
         aicc=compute_aicc(squares, len(data), count) if len(data) >= count + 3 else math.inf,
         bic=compute_bic(squares, len(data), count),
         weight=0.0,
-        validation=_validate(unknowns, found, muscle, data, parts),
+        validation=validation,
+    )
+
+
+def _refit(
+    unknowns: Unknowns, start: Mapping[str, float], muscle: Muscle, data: Measurements
+) -> Calibration:
+    """Return the fit to all rows from a start alone."""
+    limits = choose_bounds(unknowns.free, muscle, {}, list_own(unknowns.build))
+    return calibrate(
+        unknowns.build,
+        muscle.replace(**{name: start[name] for name in unknowns.fields}),
+        data,
+        free=unknowns.free,
+        bounds={name: (low, high) for name, (low, high) in zip(unknowns.free, limits, strict=True)},
+        start={name: start[name] for name in unknowns.start},
+        force=True,
     )
 
 
@@ -180,50 +208,82 @@ def _validate(
     muscle: Muscle,
     data: Measurements,
     parts: tuple[NDArray[np.bool_], ...],
-) -> CrossValidation | None:
-    """Return the error of the rows left out; each fit starts from that of all rows."""
-    if not parts:
-        return None
+) -> tuple[CrossValidation | None, dict[str, float] | None]:
+    """Return the error of the rows left out, and a better start for the fit to all rows if any.
 
-    def fit(rows: Measurements) -> MuscleModel:
-        if found is None:
-            return unknowns.build(muscle)
-        constants = {name: found.estimates[name] for name in unknowns.start}
+    The fit to each part starts from that to all rows. If it ends nearer to all rows than that,
+    which is a minimum at best, there is a better one.
+    """
+    if not parts:
+        return None, None
+    if found is None:
+        model = unknowns.build(muscle)
+        return cross_validate(lambda rows: (model, True), data, parts), None
+    limits = choose_bounds(found.free, muscle, {}, list_own(unknowns.build))
+    constants = {name: found.estimates[name] for name in unknowns.start}
+    least = (1.0 - _BETTER) * float(found.residuals @ found.residuals)
+    better: list[tuple[float, dict[str, float]]] = []
+
+    def fit(rows: Measurements) -> tuple[MuscleModel, bool]:
         problem = Problem(
             model_class=unknowns.build,
             muscle=found.muscle,
             free=found.free,
             data=rows,
-            limits=choose_bounds(found.free, muscle, {}, list_own(unknowns.build)),
+            limits=limits,
             constants=constants,
         )
         again = find_minimum(problem, problem.choose_start(), limit=_EVALUATIONS)
-        return problem.build(problem.name_values(again.x))
+        miss, held = replace(problem, data=data).evaluate(again.x)
+        values = problem.name_values(again.x)
+        if held.all() and miss @ miss < least:
+            better.append((float(miss @ miss), values))
+        return problem.build(values), again.status > 0
 
-    return cross_validate(fit, data, parts)
+    validation = cross_validate(fit, data, parts)
+    return validation, min(better, key=lambda each: each[0])[1] if better else None
 
 
-def _order(entry: RankedModel, criterion: str) -> tuple[float, int]:
-    """Return the key to sort by: equal but for round-off, the fewer parameters come first."""
+def _order(entry: RankedModel, criterion: str) -> tuple[float, float, int, float]:
+    """Return the key to sort by.
+
+    Those without a value come last, by BIC, which all have. Equal but for round-off, the fewer
+    parameters come first, then the smaller error.
+    """
     value = entry.validation_error if criterion == "cv" else getattr(entry, criterion)
-    return (round(value, 6) if math.isfinite(value) else value, entry.parameters)
+    known = math.isfinite(value)
+    return (
+        round(value, 6) if known else math.inf,
+        0.0 if known else round(entry.bic, 6),
+        entry.parameters,
+        entry.score.rmse,
+    )
 
 
 def _finish(entries: list[RankedModel], data: Measurements) -> tuple[RankedModel, ...]:
-    """Put in the weights, and which models have the same curve."""
-    if not entries:
-        return ()
-    finite = [entry.aicc for entry in entries if math.isfinite(entry.aicc)]
-    known = iter(weigh_models(finite).tolist() if finite else [])
-    weights = [next(known) if math.isfinite(entry.aicc) else 0.0 for entry in entries]
+    """Put in which models have the same curve, and the weights."""
     least = _SAME * data.largest_contraction
     done: list[RankedModel] = []
-    for entry, weight in zip(entries, weights, strict=True):
+    for entry in entries:
         same = ""
         for other in done:
             apart = np.abs(other.score.predicted - entry.score.predicted).max()
             if not other.same_as and apart <= least:
                 same = other.name
                 break
-        done.append(replace(entry, weight=weight, same_as=same))
-    return tuple(done)
+        done.append(replace(entry, same_as=same))
+    weighed = {entry.name: entry.aicc for entry in done
+               if math.isfinite(entry.aicc) and not _find_twin(entry, done)}  # fmt: skip
+    if not weighed:
+        return tuple(done)
+    weights = dict(zip(weighed, weigh_models(list(weighed.values())).tolist(), strict=True))
+    return tuple(
+        replace(entry, weight=weights.get(_find_twin(entry, done) or entry.name, 0.0))
+        for entry in done
+    )
+
+
+def _find_twin(entry: RankedModel, others: Sequence[RankedModel]) -> str:
+    """Return the name of a model with the same curve and as many constants, or none."""
+    names = (other.name for other in others if other.parameters == entry.parameters)
+    return entry.same_as if entry.same_as in names else ""

@@ -34,11 +34,12 @@ class RankedModel:
     parameters : int
         How many were fitted.
     aicc, bic : float
-        Criteria of `bozzini.muscle.information`. A root mean square below a millionth of the
-        largest contraction counts as that: among models that fit exactly the fewest parameters win.
+        Criteria of `bozzini.muscle.information`. A root mean square below 1e-9 of the largest
+        contraction counts as that: among models that fit exactly the fewest parameters win.
         `aicc` is infinite with fewer than `parameters` + 3 rows.
     weight : float
-        Akaike's weight among the models ranked.
+        Akaike's weight among the models ranked. Models with one curve and equally many parameters
+        count once: `same_as` and the model it names have the same weight.
     validation : CrossValidation or None
         How far off the rows are that were left out of the fit; None if not asked for.
     same_as : str
@@ -67,6 +68,17 @@ class RankedModel:
         found = self.validation
         return math.inf if found is None or found.reason else found.error
 
+    @property
+    def doubt(self) -> str:
+        """Which fits did not converge, in words; empty if all did."""
+        words = []
+        if self.calibration is not None and not self.calibration.converged:
+            words.append("not converged")
+        folds = 0 if self.validation is None else self.validation.unsettled
+        if folds:
+            words.append(f"{folds} of the folds not converged")
+        return ", ".join(words)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ranking:
@@ -93,8 +105,29 @@ class Ranking:
     folds: int
     seed: int
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which models lack a criterion, and why; empty if none does."""
+        lines = []
+        without = [entry.name for entry in self.models if math.isinf(entry.aicc)]
+        if without:
+            last = "" if self.criterion != "aicc" else (
+                "; they come last, by BIC" if len(without) < len(self.models)
+                else "; the models are ranked by BIC instead"
+            )  # fmt: skip
+            lines.append(
+                f"no AICc for {', '.join(without)}: it needs 3 rows more than constants fitted, "
+                f"there are {len(self.data)} row(s){last}"
+            )
+        last = " (it comes last, by BIC)" if self.criterion == "cv" else ""
+        for entry in self.models:
+            if entry.validation is not None and entry.validation.reason:
+                reason = entry.validation.reason
+                lines.append(f"{entry.name}: no error of the rows left out{last}: {reason}")
+        return tuple(lines)
+
     def format_table(self) -> str:
-        """Return the ranking as a table of text."""
+        """Return the ranking as a table of text, with its notes."""
         wide = max([5, *(len(entry.name) for entry in self.models)])
         lines = []
         if self.models:
@@ -103,6 +136,7 @@ class Ranking:
             lines.append(f"{head}{left_out}  constants  dAICc   dBIC  weight")
         best = {name: min((getattr(entry, name) for entry in self.models), default=0.0)
                 for name in ("aicc", "bic")}  # fmt: skip
+        counts = {entry.name: entry.parameters for entry in self.models}
         for entry in self.models:
             score = entry.score
             line = (
@@ -114,9 +148,11 @@ class Ranking:
                 error = entry.validation_error
                 line += f"{error:7.3f} mm" if math.isfinite(error) else f"{'none':>10}"
             above = f"{entry.aicc - best['aicc']:7.1f}" if math.isfinite(entry.aicc) else "   none"
-            line += (
-                f"{entry.parameters:11d}{above}{entry.bic - best['bic']:7.1f}{entry.weight:8.3f}"
-            )
-            lines.append(line + (f"  as {entry.same_as}" if entry.same_as else ""))
+            counted = counts.get(entry.same_as) != entry.parameters
+            weight = f"{entry.weight:.3f}" if counted else f"({entry.weight:.3f})"
+            line += f"{entry.parameters:11d}{above}{entry.bic - best['bic']:7.1f}{weight:>8}"
+            words = [f"as {entry.same_as}" if entry.same_as else "", entry.doubt]
+            lines.append("  ".join([line, *(word for word in words if word)]))
+        lines += self.notes
         lines += [f"{name}: not fitted: {reason}" for name, reason in self.refusals.items()]
         return "\n".join(lines)

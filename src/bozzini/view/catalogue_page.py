@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..muscle.models import CATALOGUE, Card
-from ..muscle.models.card import STATUSES
+from ..muscle.models import CATALOGUE, Card, count_statuses
 
-__all__ = ["count_statuses", "format_catalogue", "format_counts"]
+__all__ = ["format_catalogue", "format_counts"]
 
 _HEAD = """# Catalogue of muscle models
 
@@ -27,6 +26,8 @@ the braid, `t` thickness of the wall, the index 0 for rest; `theta` angle betwee
 `b` length of a strand, `N` its turns; `epsilon = (l_0 - l) / l_0`; `q_1 = 3 / tan(theta_0)**2`,
 `q_2 = 1 / sin(theta_0)**2`; `V_b` volume of the wall, `E` its modulus. Equations stand as they are
 implemented, and as printed in the thesis where that differs; `as_printed=True` evaluates the print.
+Where they have two signs of friction, the upper one is of the way up, inflating; in a print it may
+be of either.
 """
 
 _STATUS = {
@@ -35,11 +36,6 @@ _STATUS = {
     "fitted": "the form, with constants that have to be fitted",
     "partial": "something essential is in the cited paper only: a law to be given",
 }
-
-
-def count_statuses(cards: Sequence[Card]) -> dict[str, int]:
-    """Return how many models there are of each status."""
-    return {status: sum(card.status == status for card in cards) for status in STATUSES}
 
 
 def format_counts(cards: Sequence[Card] | None = None) -> str:

@@ -33,8 +33,9 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     """Return a figure of a ranking, the best model on top.
 
     Left, as percentages of the largest contraction, the error of each model at the rows that it was
-    fitted to (dots) and at rows left out of the fit (rings), and the difference of AICc to the
-    smallest. Right the measurements and the best models that differ.
+    fitted to (dots; crosses if the fit did not converge) and at rows left out of the fit (rings; a
+    triangle at the edge if one of those fits has no answer there), and the difference of AICc to
+    the smallest. Right the measurements and the best models that differ.
 
     Parameters
     ----------
@@ -67,17 +68,28 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
 def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
     scale = 100.0 / ranking.data.largest_contraction
     least = min(entry.aicc for entry in ranking.models)
+    named: set[str] = set()
+
+    def name(label: str) -> str | None:
+        known = label in named
+        named.add(label)
+        return None if known else label
+
     for row, entry in enumerate(ranking.models):
         color = colors.get(entry.name, INK)
         fitted = max(scale * entry.score.rmse, _LEAST)
-        first = row == 0
-        axes.plot(fitted, row, "o", color=color, markersize=5.5,
-                  label="rows of the fit" if first else None)  # fmt: skip
+        settled = entry.calibration is None or entry.calibration.converged
+        axes.plot(fitted, row, "o" if settled else "X", color=color, markersize=5.5,
+                  label=name("rows of the fit" if settled else "not converged"))  # fmt: skip
         if np.isfinite(entry.validation_error):
             other = max(scale * entry.validation_error, _LEAST)
             axes.plot([fitted, other], [row, row], "-", color=color, linewidth=0.9)
             axes.plot(other, row, "o", color=color, markersize=7.5, markerfacecolor="none",
-                      label="rows left out" if first else None)  # fmt: skip
+                      label=name("rows left out"))  # fmt: skip
+        elif entry.validation is not None:
+            axes.plot(0.985, row, ">", color=color, markersize=6.5, markerfacecolor="none",
+                      transform=axes.get_yaxis_transform(),
+                      label=name("no answer at rows left out"))  # fmt: skip
         above = f"{entry.aicc - least:.1f}" if np.isfinite(entry.aicc - least) else "none"
         axes.text(1.02, row, f"{above}", transform=axes.get_yaxis_transform(), fontsize=8,
                   va="center", color=INK)  # fmt: skip

@@ -180,6 +180,19 @@ def test_asymmetric_with_a_known_envelope():
         )
 
 
+def test_the_shape_of_plays_is_told_only_where_there_are_plays():
+    """A line is made by none; what was given was not fitted."""
+    line, rungs = 2.0 * HISTORY + 0.1, (0.05, 0.2)
+    fit = AsymmetricPrandtlIshlinskii.identify(HISTORY, line, thresholds=rungs)
+    assert "envelope" in fit.undetermined
+    fit = AsymmetricPrandtlIshlinskii.identify(
+        HISTORY, line, thresholds=rungs, envelope=(0.0, 1.0, 0.0)
+    )
+    assert "envelope" not in fit.undetermined
+    fit = UnparallelPrandtlIshlinskii.identify(HISTORY, line, thresholds=(0.0, *rungs))
+    assert "descending_slopes" in fit.undetermined
+
+
 @pytest.mark.parametrize("name", sorted(set(CASES) - {"slips"}))
 @settings(max_examples=4, deadline=None)
 @given(data=st.data())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,7 +12,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
-from bozzini.muscle import MODELS, ConvergenceError, HistoryModel, MuscleModel
+from bozzini.muscle import (
+    MODELS,
+    ConvergenceError,
+    HistoryModel,
+    Measurements,
+    MuscleModel,
+    rank_models,
+)
 from bozzini.muscle.models import (
     CATALOGUE,
     Card,
@@ -20,9 +28,10 @@ from bozzini.muscle.models import (
     Law,
     Parameter,
     _root,
+    count_statuses,
     explicit,
 )
-from bozzini.muscle.models.card import BRAID_FIELDS
+from bozzini.muscle.models.card import BRAID_FIELDS, STATUSES
 from tests.muscle.models.catalogue import MUSCLE, build, built, find_lengths
 from tests.muscle.strategies import muscles, pressures
 
@@ -287,6 +296,65 @@ def test_a_law_that_does_not_answer_is_refused(law, words):
         Toy(MUSCLE, shape=law).contraction([0.5, 0.6, 0.7], 0.1)
 
 
+def test_a_law_may_write_to_its_arguments():
+    def write(strain):
+        strain *= -4.0
+        strain += 1.0
+        return strain
+
+    toy, wrote = Toy(MUSCLE, shape=ramp), Toy(MUSCLE, shape=write)
+    pressure, contraction = np.array([0.2, 0.5]), np.array([1.0, 2.0])
+    assert np.array_equal(wrote.force(pressure, contraction), toy.force(pressure, contraction))
+    one, two = wrote.solve(pressure, 0.1), toy.solve(pressure, 0.1)
+    assert np.array_equal(one.length, two.length)
+    assert contraction.tolist() == [1.0, 2.0]
+
+    def double(length, pressure):
+        length *= 2.0
+        pressure *= 2.0
+        return 0.0 * pressure
+
+    plain, doubled = (
+        build("doumit", hoop_stress=law) for law in (lambda length, pressure: 0.0, double)
+    )
+    assert plain.contraction(0.5, 0.1) == doubled.contraction(0.5, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("law", "kind", "words"),
+    [
+        (lambda e: 1 / 0, ZeroDivisionError, "ZeroDivisionError: division by zero"),
+        (lambda: 1.0, TypeError, "TypeError: .* 0 positional arguments but 1 was given"),
+        (lambda e: {}["a\nb"], KeyError, "KeyError: "),
+        (lambda e: (_ for _ in ()).throw(RuntimeError), RuntimeError, "RuntimeError"),
+    ],
+)
+def test_a_law_that_raises_is_named(law, kind, words):
+    with pytest.raises(
+        InputError, match=f"^the law shape of the model toy raised {words}.*: it must take arrays "
+    ) as error:
+        Toy(MUSCLE, shape=law).contraction(0.5, 0.1)
+    assert "\n" not in str(error.value)
+    assert isinstance(error.value.__cause__, kind)
+
+
+def test_an_error_of_ours_passes_through_a_law():
+    def refuse(strain):
+        raise MissingLawError("the rubber must be known")
+
+    with pytest.raises(MissingLawError, match="^the rubber must be known$"):
+        Toy(MUSCLE, shape=refuse).contraction(0.5, 0.1)
+
+
+def test_a_law_that_raises_does_not_take_the_ranking_along():
+    pressure = np.linspace(0.1, 0.8, 8)
+    data = Measurements(pressure=pressure, contraction=build("chou").contraction(pressure))
+    models = {"toy": partial(Toy, shape=lambda e: 1 / 0), "chou": CATALOGUE["chou"]}
+    ranking = rank_models(MUSCLE, data, models=models, folds=0)
+    assert [entry.name for entry in ranking.models] == ["chou"]
+    assert "the law shape of the model toy raised ZeroDivisionError" in ranking.refusals["toy"]
+
+
 def test_a_number_will_do_for_a_law():
     assert np.array_equal(Toy(MUSCLE, shape=lambda e: 2.0).force([0.5, 1.0], 1.0), [1.0, 2.0])
 
@@ -401,3 +469,28 @@ def test_cards_are_checked():
     with pytest.raises(InputError, match="status of it is 'good'"):
         Card(name="it", title="", authors="", reference="", equation="", status="good", latex="")
     assert make_card("braid").uses == BRAID_FIELDS
+
+
+def test_a_card_checks_what_is_given():
+    whole = Parameter(name="n", unit="", what="n", source="geometry", bounds=(1.0, 9.0), whole=True)
+    card = make_card("k", parameters=(whole,), choices=Toy.card.choices)
+    assert card.check_parameter("n", 3) == 3.0
+    assert card.check_choice("way", "old") == "old"
+    for question, name, value, words in (
+        (card.check_parameter, "n", 2.5, r"^n of the model k is 2.5: it must be a whole number"),
+        (card.check_parameter, "n", 10, r"^n of the model k is 10: it must lie in \[1, 9\]"),
+        (card.check_parameter, "way", 1, "^parameter of k is 'way': it must be one of n$"),
+        (card.check_choice, "way", "no", r"^way of the model k is 'no': it must be one of"),
+        (card.check_choice, "n", "new", "^choice of k is 'n': it must be one of way$"),
+    ):
+        with pytest.raises(InputError, match=words):
+            question(name, value)
+
+
+def test_every_model_has_one_status():
+    cards = [kind.card for kind in CATALOGUE.values()]
+    counts = count_statuses(cards)
+    assert tuple(counts) == STATUSES
+    assert sum(counts.values()) == len(cards)
+    assert count_statuses(iter(cards)) == counts
+    assert set(count_statuses([]).values()) == {0}

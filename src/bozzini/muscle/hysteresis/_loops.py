@@ -22,6 +22,8 @@ Fitted = TypeVar("Fitted", bound=Operator)
 EVALUATIONS = 100
 """Largest number of evaluations of one search."""
 
+_FLAT = 1e-8  # what plays add at most, in spans of the response, below which it is of rounding
+
 
 @dataclass(frozen=True, eq=False)
 class Loops:
@@ -65,6 +67,10 @@ class Loops:
     def pick(self, columns: Floats) -> Floats:
         """Return columns (m, n, k) at the samples to be fitted (m (n - skip), k)."""
         return columns[:, self.skip :].reshape(-1, columns.shape[-1])
+
+    def tells(self, weight: float) -> bool:
+        """Whether plays of this weight, 0 or more, can make a difference to the responses."""
+        return weight * float(np.ptp(self.history)) > _FLAT * float(np.ptp(self.target))
 
     def report(
         self, operator: Fitted, found: LinearFit, *, lost: tuple[str, ...] = ()

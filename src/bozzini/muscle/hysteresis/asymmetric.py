@@ -152,8 +152,8 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
             free + sum(weights), rungs, tuple(ascending), tuple(descending), curve,
             offset=found.offset,
         )  # fmt: skip
-        lost = ("envelope",) if max(descending) == 0.0 else ()
-        return loops.report(operator, found, lost=lost)
+        untold = envelope is None and not loops.tells(max(descending))
+        return loops.report(operator, found, lost=("envelope",) if untold else ())
 
     def _plays(self) -> Plays:
         weights = np.array(self.ascending_weights + self.descending_weights)

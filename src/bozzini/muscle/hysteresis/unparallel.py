@@ -146,7 +146,7 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
         operator = cls(
             rungs, found.values, tuple(up.tolist()), tuple(down.tolist()), offset=found.offset
         )
-        told = any(weight > 0.0 for weight, r in zip(found.values, rungs, strict=True) if r > 0.0)
+        told = loops.tells(max(np.array(found.values)[wide]))
         return loops.report(operator, found, lost=() if told else ("descending_slopes",))
 
     def _plays(self) -> Plays:

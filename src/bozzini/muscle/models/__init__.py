@@ -23,9 +23,18 @@ from . import (
     miniature_stress,
 )
 from .base import CatalogueModel
-from .card import Card, Choice, Law, Parameter
+from .card import Card, Choice, Law, Parameter, count_statuses
 
-__all__ = ["CATALOGUE", "MODELS", "Card", "CatalogueModel", "Choice", "Law", "Parameter"]
+__all__ = [
+    "CATALOGUE",
+    "MODELS",
+    "Card",
+    "CatalogueModel",
+    "Choice",
+    "Law",
+    "Parameter",
+    "count_statuses",
+]
 
 _FAMILIES = (
     ideal.FAMILY,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ...checks import check_number
 from ...errors import InputError, MissingLawError
 from .card import Card
 
@@ -32,9 +31,7 @@ def take_keywords(card: Card, given: Mapping[str, Any], *, as_printed: bool) -> 
         if value is None:
             value = item.default
         if value is not None:
-            words = f"{item.name} of the model {card.name}"
-            low, high = item.bounds
-            taken[item.name] = check_number(words, value, low=low, high=high, unit=item.unit)
+            taken[item.name] = card.check_parameter(item.name, value)
     absent = [
         item.name
         for item in card.parameters
@@ -47,12 +44,7 @@ def take_keywords(card: Card, given: Mapping[str, Any], *, as_printed: bool) -> 
     for choice in card.choices:
         default = choice.printed if as_printed and choice.printed else choice.words[0]
         word = given.get(choice.name)
-        taken[choice.name] = default if word is None else word
-        if taken[choice.name] not in choice.words:
-            raise InputError(
-                f"{choice.name} of the model {card.name} is {word!r}: "
-                f"it must be one of {list(choice.words)}"
-            )
+        taken[choice.name] = card.check_choice(choice.name, default if word is None else word)
     for law in card.laws:
         function = given.get(law.name)
         if function is not None:

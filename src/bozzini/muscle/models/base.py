@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_range
-from ...errors import InputError
+from ...errors import BozziniError, InputError
 from ..braid import Braid
 from ..design import Muscle
 from ..hysteresis import Hysteresis
@@ -150,10 +150,19 @@ class CatalogueModel(ExplicitModel):
         """Raise `InputError` if muscle and keywords do not go together."""
 
     def _call(self, name: str, *arguments: Floats) -> Floats:
-        """Answer of a law given by the user, of the arguments' shape and finite, or InputError."""
+        """Answer of a law given by the user, of the arguments' shape and finite, or InputError.
+
+        The law has arrays of its own, to write to as well.
+        """
         law: Callable[..., ArrayLike] = self.keywords[name]
         words = f"answer of {name}"
-        answer = check_array(words, law(*arguments))
+        try:
+            given = law(*(np.array(argument) for argument in arguments))
+        except BozziniError:
+            raise
+        except Exception as error:  # a law is the user's: it may raise anything
+            raise InputError(self._say_failed(name, error)) from error
+        answer = check_array(words, given)
         check_range(words, answer, -1e300, 1e300)
         try:
             return np.broadcast_to(answer, arguments[0].shape)
@@ -161,3 +170,11 @@ class CatalogueModel(ExplicitModel):
             raise InputError(
                 f"{words} has shape {answer.shape}: it must be {arguments[0].shape}"
             ) from None
+
+    def _say_failed(self, name: str, error: Exception) -> str:
+        law = next(law for law in self.card.laws if law.name == name)
+        said = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
+        return (
+            f"the law {name} of the model {self.name} raised {said}: it must take arrays "
+            f"({', '.join(law.arguments)}) and return one of their shape"
+        )

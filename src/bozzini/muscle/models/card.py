@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
+from ...checks import check_number
 from ...errors import InputError
 
 __all__ = [
@@ -17,6 +20,8 @@ __all__ = [
     "Choice",
     "Law",
     "Parameter",
+    "count_statuses",
+    "make_friction",
 ]
 
 STATUSES = ("self-contained", "corrected", "fitted", "partial")
@@ -64,6 +69,8 @@ class Parameter:
         Whether the model's force is linear in it, the other parameters being as they are.
     only_with : str
         A parameter at whose 0 this one is not needed; empty if it always is.
+    whole : bool
+        Whether it is a whole number.
 
     Raises
     ------
@@ -80,6 +87,7 @@ class Parameter:
     bounds: tuple[float, float]
     linear: bool = False
     only_with: str = ""
+    whole: bool = False
 
     def __post_init__(self) -> None:
         if self.source not in SOURCES:
@@ -92,6 +100,20 @@ class Parameter:
                 raise InputError(
                     f"{word} of {self.name} is {value:g}: it must lie in [{low:g}, {high:g}]"
                 )
+
+
+def make_friction(what: str, *, unit: str = "", largest: float = 10.0) -> Parameter:
+    """Return the parameter ``friction``, 0 or more, of which there is none by default."""
+    return Parameter(
+        name="friction",
+        unit=unit,
+        what=what,
+        source="fitted",
+        default=0.0,
+        neutral=0.0,
+        bounds=(0.0, largest),
+        linear=True,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,6 +171,9 @@ class Law:
     paper: str
     required: bool = True
     only_with: str = ""
+
+
+_Item = TypeVar("_Item", Parameter, Choice)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,3 +259,49 @@ class Card:
     def fitted(self) -> tuple[Parameter, ...]:
         """The parameters that a fit is for."""
         return tuple(item for item in self.parameters if item.source == "fitted")
+
+    def check_parameter(self, name: str, value: float) -> float:
+        """Return the value of a parameter as a float, if it is legal.
+
+        Raises
+        ------
+        InputError
+            If there is no such parameter, or the value is outside its bounds or not whole.
+        """
+        item = self._find(self.parameters, "parameter", name)
+        words = f"{name} of the model {self.name}"
+        low, high = item.bounds
+        number = check_number(words, value, low=low, high=high, unit=item.unit)
+        if item.whole and not number.is_integer():
+            raise InputError(
+                f"{words} is {number:g}: it must be a whole number in [{low:g}, {high:g}]"
+            )
+        return number
+
+    def check_choice(self, name: str, word: str) -> str:
+        """Return the word of a choice, if there is such a one.
+
+        Raises
+        ------
+        InputError
+            If there is no such choice, or it has no such word.
+        """
+        words = self._find(self.choices, "choice", name).words
+        if word not in words:
+            raise InputError(
+                f"{name} of the model {self.name} is {word!r}: it must be one of {list(words)}"
+            )
+        return word
+
+    def _find(self, items: tuple[_Item, ...], kind: str, name: str) -> _Item:
+        for item in items:
+            if item.name == name:
+                return item
+        legal = ", ".join(item.name for item in items) or "none"
+        raise InputError(f"{kind} of {self.name} is '{name}': it must be one of {legal}")
+
+
+def count_statuses(cards: Iterable[Card]) -> dict[str, int]:
+    """Return how many of some models have each of `STATUSES`."""
+    found = [card.status for card in cards]
+    return {status: found.count(status) for status in STATUSES}

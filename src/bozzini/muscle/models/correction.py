@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...checks import check_range
 from ...errors import InputError
 from .base import ANGLES, CatalogueModel
-from .card import Card, Parameter
+from .card import Card, Parameter, make_friction
 from .ideal import pull_by_strain
 
 __all__ = [
@@ -62,16 +62,15 @@ TONDU_PARAMETERS = (
     ),
     PRESSURE_UNIT,
 )
-FRICTION = Parameter(
-    name="friction",
-    unit="",
-    what="coefficient of friction between strands",
+_RATE = Parameter(
+    name="kappa2",
+    unit="1/MPa",
+    what="rate at which the strain's factor grows with pressure",
     source="fitted",
-    default=0.0,
     neutral=0.0,
-    bounds=(0.0, 10.0),
-    linear=True,
+    bounds=(-1000.0, 1000.0),
 )
+FRICTION = make_friction("coefficient of friction between strands")
 FRICTION_PARAMETERS = (
     FRICTION,
     Parameter(
@@ -159,7 +158,7 @@ class TonduLopez(StrainCorrected):
         status="fitted",
         parameters=(*TONDU_PARAMETERS, *FRICTION_PARAMETERS),
         errata=("The exponent is printed without the unit of P: it is an argument here.",),
-        latex=r"F = \pi r_0^2 P \left[q_1 x^2 - q_2\right] \pm \mu_s P \frac{S_1}{S_s}, \quad "
+        latex=r"F = \pi r_0^2 P \left[q_1 x^2 - q_2\right] \mp \mu_s P \frac{S_1}{S_s}, \quad "
         r"x = 1 - \left(\kappa_1 e^{-P/P_u} + \kappa_2\right) \epsilon, \quad "
         r"S_1 = \frac{2 \pi r_0 l_0 \sin\theta_0}{x \sqrt{1 - x^2 \cos^2\theta_0}}",
     )
@@ -183,14 +182,7 @@ class IttoExponential(StrainCorrected):
         status="fitted",
         parameters=(
             TONDU_PARAMETERS[0],
-            Parameter(
-                name="kappa2",
-                unit="1/MPa",
-                what="rate at which the strain's factor grows with pressure",
-                source="fitted",
-                neutral=0.0,
-                bounds=(-1000.0, 1000.0),
-            ),
+            _RATE,
             Parameter(
                 name="kappa3",
                 unit="",
@@ -228,14 +220,7 @@ class IttoDoubled(StrainCorrected):
                 neutral=0.5,
                 bounds=(0.0, 100.0),
             ),
-            Parameter(
-                name="kappa2",
-                unit="1/MPa",
-                what="rate at which the strain's factor grows with pressure",
-                source="fitted",
-                neutral=0.0,
-                bounds=(-1000.0, 1000.0),
-            ),
+            _RATE,
         ),
         latex=r"F = \pi r_0^2 P \left[q_1 \left\{1 - \kappa_1 \left(1 + e^{\kappa_2 P}\right) "
         r"\epsilon\right\}^2 - q_2\right]",

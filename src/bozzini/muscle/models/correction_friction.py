@@ -77,7 +77,7 @@ class DavisCaldwell(StrainCorrected):
             "(2.11) is a ratio of radii, the text says of areas; its 1.442 is 3**(1/3).",
             "The exponent of the strain factor is printed without the unit of P.",
         ),
-        latex=r"F = \pi r_0^2 P \left[q_1 x^2 - q_2\right] \pm \mu_s P \frac{S_2}{S_s}, \quad "
+        latex=r"F = \pi r_0^2 P \left[q_1 x^2 - q_2\right] \mp \mu_s P \frac{S_2}{S_s}, \quad "
         r"S_2 = \frac{b^2 \sin^2\theta_m \cos^2\theta_m}{N \sin\theta \cos\theta}, \quad "
         r"\sin 2\theta_m = \frac{m r_n \sin\theta_0}{\pi r_0}, \quad "
         r"S_s = \left(3 P \frac{1 - \nu_n^2}{E_n}\right)^{-2/3}",

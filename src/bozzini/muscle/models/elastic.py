@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .base import CatalogueModel
-from .card import WALL_FIELDS, Card, Law, Parameter
+from .card import WALL_FIELDS, Card, Law, make_friction
 from .force_balance import (
     ForceBalanceModel,
-    Wall,
+    WalledModel,
     balance_forces,
     find_contact_pressure,
     find_radius,
@@ -23,11 +23,13 @@ __all__ = ["FAMILY", "ConstantThickness", "Ferraresi", "KotheraBalance", "Schult
 Floats = NDArray[np.float64]
 
 
-class ConstantThickness(CatalogueModel):
+class ConstantThickness(WalledModel):
     """A linear elastic bladder as thick as at rest, without the pressure on its wall.
 
     A subclass brings the area of the cross-section that bears the axial stress.
     """
+
+    keeps_thickness = True
 
     def _find_area(self, length: Floats) -> Floats | float:
         """Area that bears the axial stress [mm^2]."""
@@ -42,7 +44,7 @@ class ConstantThickness(CatalogueModel):
             pressure,
             length,
             braid=self.braid,
-            thickness=Wall.of(self.muscle, self.braid).thickness,
+            thickness=self.wall.thickness,
             area=self._find_area(length),
             axial_stress=self.muscle.modulus * (length / self.braid.length - 1.0),
             hoop_stress=self._find_hoop_stress(length),
@@ -54,13 +56,9 @@ class ConstantThickness(CatalogueModel):
             pressure,
             length,
             braid=self.braid,
-            thickness=Wall.of(self.muscle, self.braid).thickness,
+            thickness=self.wall.thickness,
             hoop_stress=self._find_hoop_stress(length),
         )
-
-    def _base_lengths(self) -> tuple[float, float]:
-        wall = Wall.of(self.muscle, self.braid)
-        return wall.find_lengths(*super()._base_lengths(), keeps_thickness=True)
 
 
 class Schulte(ConstantThickness):
@@ -84,16 +82,7 @@ class Schulte(ConstantThickness):
         equation="(2.15)",
         status="partial",
         parameters=(
-            Parameter(
-                name="friction",
-                unit="",
-                what="sum of the friction coefficients of strands and of strands on tube",
-                source="fitted",
-                default=0.0,
-                neutral=0.0,
-                bounds=(0.0, 10.0),
-                linear=True,
-            ),
+            make_friction("sum of the friction coefficients of strands and of strands on tube"),
         ),
         laws=(
             Law(
@@ -113,7 +102,7 @@ class Schulte(ConstantThickness):
         latex=r"F = \frac{P b^2}{4 \pi N^2} (3 \cos^2\theta - 1) + \frac{b E t_0}{N} \left["
         r"\sin\theta \left(\frac{l}{l_0} - 1\right) - \frac{\cos^2\theta}{\sin\theta} "
         r"\frac{b \sin\theta / N - 2 \pi r_0}{2 \pi r_0}\right] "
-        r"\pm \frac{l_0 b}{N} (P - P_u) \mu \sin\theta",
+        r"\mp \frac{l_0 b}{N} (P - P_u) \mu \sin\theta",
         latex_printed=r"F = \frac{P b^2}{4 \pi N^2} (3 \cos^2\theta - 1) + \frac{b E}{N} \left["
         r"l_0 \sin\theta - \frac{\cos^2\theta}{\sin\theta} \left(\frac{b}{N} \sin\theta - "
         r"2 \pi r_0\right)\right] - \frac{l_0 b}{N} (P - P_u) \mu \sin\theta",
@@ -122,8 +111,8 @@ class Schulte(ConstantThickness):
     )
 
     def _find_area(self, length: Floats) -> Floats:
-        thickness = Wall.of(self.muscle, self.braid).thickness
-        return np.asarray(2.0 * math.pi * find_radius(self.braid, length) * thickness)
+        radius = find_radius(self.braid, length)
+        return np.asarray(2.0 * math.pi * radius * self.wall.thickness)
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         if not self.as_printed:
@@ -184,7 +173,7 @@ class Ferraresi(ConstantThickness):
     )
 
     def _find_area(self, length: Floats) -> float:
-        return Wall.of(self.muscle, self.braid).area_at_rest
+        return self.wall.area_at_rest
 
 
 class KotheraBalance(ForceBalanceModel):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...checks import check_range
 from ...errors import InputError
 from .base import CatalogueModel
-from .card import BRAID_FIELDS, WALL_FIELDS, Card, Law, Parameter
+from .card import BRAID_FIELDS, WALL_FIELDS, Card, Law, Parameter, make_friction
 from .force_balance import Wall, find_radius
 
 __all__ = ["FAMILY", "Doumit", "EllipticEnds"]
@@ -69,16 +69,7 @@ class Doumit(CatalogueModel):
                 neutral=1.0,
                 bounds=(0.05, 10.0),
             ),
-            Parameter(
-                name="friction",
-                unit="",
-                what="coefficient of friction between strands",
-                source="fitted",
-                default=0.0,
-                neutral=0.0,
-                bounds=(0.0, 10.0),
-                linear=True,
-            ),
+            make_friction("coefficient of friction between strands"),
         ),
         laws=(
             Law(

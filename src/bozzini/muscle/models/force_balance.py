@@ -26,6 +26,7 @@ import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,7 @@ from .base import CatalogueModel
 __all__ = [
     "ForceBalanceModel",
     "Wall",
+    "WalledModel",
     "balance_forces",
     "find_contact_pressure",
     "find_radius",
@@ -192,7 +194,23 @@ def find_contact_pressure(
     return np.asarray((pressure * (radius - thickness) - hoop_stress * thickness) / radius)
 
 
-class ForceBalanceModel(CatalogueModel):
+class WalledModel(CatalogueModel):
+    """A model with a wall that touches the braid: the bore must stay open at its lengths."""
+
+    keeps_thickness: ClassVar[bool] = False
+    """Whether the wall is as thick as at rest at every length, instead of keeping its volume."""
+
+    @property
+    def wall(self) -> Wall:
+        """The wall at rest."""
+        return Wall.of(self.muscle, self.braid)
+
+    def _base_lengths(self) -> tuple[float, float]:
+        ends = super()._base_lengths()
+        return self.wall.find_lengths(*ends, keeps_thickness=self.keeps_thickness)
+
+
+class ForceBalanceModel(WalledModel):
     """A model that is the balance of forces with a stress law; the wall keeps its volume.
 
     A subclass brings `_stresses`, and may give up `wall_pressure`.
@@ -200,11 +218,6 @@ class ForceBalanceModel(CatalogueModel):
 
     wall_pressure = True
     """Whether the balance has the term of the pressure on the wall."""
-
-    @property
-    def wall(self) -> Wall:
-        """The wall at rest."""
-        return Wall.of(self.muscle, self.braid)
 
     @abstractmethod
     def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
@@ -231,6 +244,3 @@ class ForceBalanceModel(CatalogueModel):
             thickness=self.wall.thickness_at(length),
             hoop_stress=self._stresses(pressure, length)[1],
         )
-
-    def _base_lengths(self) -> tuple[float, float]:
-        return self.wall.find_lengths(*super()._base_lengths())

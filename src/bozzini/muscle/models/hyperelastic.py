@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..design import Muscle
 from .base import CatalogueModel
-from .card import WALL_FIELDS, Card, Choice, Parameter
+from .card import WALL_FIELDS, Card, Choice, Parameter, make_friction
 from .elastic import KotheraBalance
-from .force_balance import Wall, find_radius, pull_ideal
+from .force_balance import Wall, WalledModel, find_radius, pull_ideal
 
 __all__ = [
     "FAMILY",
@@ -114,18 +114,13 @@ def find_stretches(wall: Wall, length: Floats, *, at: str) -> Stretches:
     )
 
 
-class HyperelasticModel(CatalogueModel):
+class HyperelasticModel(WalledModel):
     """A bladder with a Mooney-Rivlin energy, which keeps its volume ``V_b`` and fills the braid.
 
     Pull ``F = -P dV/dl + V_b dW/dl`` and contact pressure ``P_o = P - V_b (dW/dr) / (2 pi r l)``
     are slopes of one energy, ``V_b W - P (V - V_b)`` with ``V = pi r**2 l``. A subclass brings
     `_find_constants` and may bring `_hoop_at`.
     """
-
-    @property
-    def wall(self) -> Wall:
-        """The wall at rest."""
-        return Wall.of(self.muscle, self.braid)
 
     @abstractmethod
     def _find_constants(self) -> tuple[float, float]:
@@ -153,9 +148,6 @@ class HyperelasticModel(CatalogueModel):
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         return np.asarray(pressure - self._bear(length))
-
-    def _base_lengths(self) -> tuple[float, float]:
-        return self.wall.find_lengths(*super()._base_lengths())
 
 
 class MooneyRivlin(HyperelasticModel):
@@ -233,16 +225,7 @@ class KotheraEnergy(MooneyRivlin):
         status="fitted",
         parameters=(
             *_CONSTANTS,
-            Parameter(
-                name="friction",
-                unit="",
-                what="friction over pull",
-                source="fitted",
-                default=0.0,
-                neutral=0.0,
-                bounds=(0.0, 0.99),
-                linear=True,
-            ),
+            make_friction("friction over pull", largest=0.99),
         ),
         choices=(_STRETCHES,),
         uses=(*WALL_FIELDS, "strands", "strand_radius", "strand_modulus"),

@@ -11,7 +11,7 @@ from ...checks import check_array, check_range
 from ._root import find_between
 from .base import CatalogueModel
 from .card import WALL_FIELDS, Card, Choice, Law
-from .force_balance import Wall, find_radius, pull_ideal
+from .force_balance import WalledModel, find_radius, pull_ideal
 from .hyperelastic import HyperelasticModel
 
 __all__ = ["FAMILY", "Trivedi", "Wang"]
@@ -137,7 +137,7 @@ class Trivedi(HyperelasticModel):
         return np.asarray(self._gas_share() * pressure - self._bear(length))
 
 
-class Wang(CatalogueModel):
+class Wang(WalledModel):
     """The balance of forces with the forces in an inflated tube, whatever its material.
 
     The forces are laws of the axial stretch and the pressure: along the muscle, over the whole wall
@@ -182,11 +182,6 @@ class Wang(CatalogueModel):
         f"{_WANG}",
     )
 
-    @property
-    def wall(self) -> Wall:
-        """The wall at rest."""
-        return Wall.of(self.muscle, self.braid)
-
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         braid = self.braid
         radius = find_radius(braid, length)
@@ -203,9 +198,6 @@ class Wang(CatalogueModel):
         bore = radius - self.wall.thickness_at(length)
         around = self._call("hoop_force", length / self.braid.length, pressure)
         return np.asarray((pressure * bore - around) / radius)
-
-    def _base_lengths(self) -> tuple[float, float]:
-        return self.wall.find_lengths(*super()._base_lengths())
 
 
 FAMILY: tuple[type[CatalogueModel], ...] = (Trivedi, Wang)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..braid import Braid
 from .base import CatalogueModel
 from .card import BRAID_FIELDS, WALL_FIELDS, Card
-from .force_balance import Wall, find_contact_pressure, pull_ideal
+from .force_balance import WalledModel, find_contact_pressure, pull_ideal
 
 __all__ = ["FAMILY", "Chou", "GaylordAngle", "GaylordStrain", "bracket", "pull_by_strain"]
 
@@ -72,7 +72,7 @@ class GaylordStrain(CatalogueModel):
         return pull_by_strain(self.braid, pressure, length / self.braid.length)
 
 
-class Chou(CatalogueModel):
+class Chou(WalledModel):
     """Gaylord's pull with the bore's volume instead of the braid's, the wall as thick as at rest.
 
     It is ``-P dV/dl`` with ``V = pi (r - t0)**2 l``. A wall that cannot be compressed gets thinner
@@ -80,6 +80,8 @@ class Chou(CatalogueModel):
     for any thickness. The pull at the locking angle is not zero but
     ``pi P t0 (b / (pi N sqrt(6)) - t0)``.
     """
+
+    keeps_thickness = True
 
     card = Card(
         name="chou",
@@ -112,11 +114,6 @@ class Chou(CatalogueModel):
         return find_contact_pressure(
             pressure, length, braid=self.braid, thickness=thickness, hoop_stress=0.0
         )
-
-    def _base_lengths(self) -> tuple[float, float]:
-        # Longer, and the braid is as narrow as the wall is thick.
-        wall = Wall.of(self.muscle, self.braid)
-        return wall.find_lengths(*super()._base_lengths(), keeps_thickness=True)
 
 
 def pull_by_strain(

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError, MissingLawError
+from ...errors import MissingLawError
 from .base import CatalogueModel
-from .card import BRAID_FIELDS, WALL_FIELDS, Card, Law, Parameter
-from .force_balance import Wall, find_radius, pull_ideal
+from .card import BRAID_FIELDS, WALL_FIELDS, Card, Law, Parameter, make_friction
+from .force_balance import WalledModel, find_radius, pull_ideal
 
 __all__ = ["FAMILY", "Ball", "Liu"]
 
@@ -96,7 +96,7 @@ class Liu(CatalogueModel):
         return np.asarray(math.pi * (4.0 * modulus * radius * stress / stretch - thrust))
 
 
-class Ball(CatalogueModel):
+class Ball(WalledModel):
     """Thin layers, one in the other, from the bore outwards.
 
     The wall keeps its volume and fills the braid; it is cut into `n_layers`, equally thick at rest.
@@ -131,17 +131,9 @@ class Ball(CatalogueModel):
                 source="geometry",
                 default=10.0,
                 bounds=(1.0, 1000.0),
+                whole=True,
             ),
-            Parameter(
-                name="friction",
-                unit="mm^2",
-                what="friction per effective pressure",
-                source="fitted",
-                default=0.0,
-                neutral=0.0,
-                bounds=(0.0, 1e6),
-                linear=True,
-            ),
+            make_friction("friction per effective pressure", unit="mm^2", largest=1e6),
         ),
         laws=(
             Law(
@@ -179,7 +171,7 @@ class Ball(CatalogueModel):
         ),
         latex=r"F = \frac{P_o l^2}{2 \pi N^2} - P_i \left(\frac{b^2 - l^2}{4 \pi N^2} - "
         r"\frac{V_b}{l}\right) + \sum_k \left(\sigma_{1,k} - \bar P_k\right) A_k "
-        r"\pm \mu_f P_{eff}, \quad P_{k+1} = P_k - \frac{\sigma_{2,k} t_k}{r_k}, \quad "
+        r"\mp \mu_f P_{eff}, \quad P_{k+1} = P_k - \frac{\sigma_{2,k} t_k}{r_k}, \quad "
         r"\bar P_k = \frac{P_k + P_{k+1}}{2}",
         latex_printed=r"F = \frac{P_o l^2}{2 \pi N^2} - P_i \left(\frac{b^2 - l^2}{4 \pi N^2} - "
         r"\frac{V_b}{l}\right) + \frac{\sigma_1 V_b}{l} \pm \mu_f P_{eff}, \quad P_o = P_i - "
@@ -188,15 +180,7 @@ class Ball(CatalogueModel):
         missing=f"the stresses of the rubber, and the pressure that friction needs: {_BALL}",
     )
 
-    @property
-    def wall(self) -> Wall:
-        """The wall at rest."""
-        return Wall.of(self.muscle, self.braid)
-
     def _check(self) -> None:
-        layers = self.parameters["n_layers"]
-        if not layers.is_integer():
-            raise InputError(f"n_layers of the model ball is {layers:g}: it must be a whole number")
         given = [law for law in self.card.laws[:2] if law.name in self.keywords]
         if len(given) == 1:
             other = next(law for law in self.card.laws[:2] if law not in given)
@@ -265,9 +249,6 @@ class Ball(CatalogueModel):
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         return np.asarray(pressure - self._go_outwards(length)[0])
-
-    def _base_lengths(self) -> tuple[float, float]:
-        return self.wall.find_lengths(*super()._base_lengths())
 
 
 FAMILY: tuple[type[CatalogueModel], ...] = (Liu, Ball)

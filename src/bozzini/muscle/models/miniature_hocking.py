@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,19 @@ def correct_length(braid: Braid, length: Floats) -> Floats:
     """
     excess = find_radius(braid, length) - braid.radius
     return np.asarray(length - (math.pi - 2.0) * excess)
+
+
+@lru_cache(maxsize=16)  # a fit asks again and again, of the same braid
+def _find_limits(braid: Braid, low: float, high: float) -> tuple[float, float]:
+    """Return the lengths whose `correct_length` are `low` and `high` [mm]."""
+
+    def find(length: float) -> float:
+        return float(correct_length(braid, np.asarray(length)))
+
+    return (
+        bisect(lambda length: find(length) - low, low, braid.length),
+        bisect(lambda length: find(length) - high, braid.length, high),
+    )
 
 
 class HockingBase(StrainStress):
@@ -121,15 +135,7 @@ class HockingBase(StrainStress):
         low, high = super()._base_lengths()
         if self.keywords["ends"] == "plain":
             return low, high
-
-        def find(length: float) -> float:
-            return float(correct_length(self.braid, np.asarray(length)))
-
-        rest = self.braid.length
-        return (
-            bisect(lambda length: find(length) - low, low, rest),
-            bisect(lambda length: find(length) - high, rest, high),
-        )
+        return _find_limits(self.braid, low, high)
 
 
 class HockingPolynomial(HockingBase):
