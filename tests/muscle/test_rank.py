@@ -105,6 +105,18 @@ def test_models_that_follow_any_curve_do_not_hide_the_truth(name):
     assert first.score.rmse < 1e-9 * data.largest_contraction < second.score.rmse
 
 
+@pytest.mark.parametrize("offset", [0.2, 0.4])
+def test_a_constant_that_tells_only_in_some_places_is_not_held(offset):
+    """Without load the dead band matters only if it reaches into the measured pressures."""
+    kind = ALL["de-volder"]
+    guess = kind.guess_parameters(MUSCLE)
+    data = measure(kind(MUSCLE, **{**guess, "pressure_offset": offset}), options=((0.0,),))
+    assert (data.contraction == 0.0).any() and (data.contraction > 0.0).any()
+    found = calibrate(kind, MUSCLE, data, force=True)
+    assert "pressure_offset" in found.free
+    assert np.abs(found.residuals).max() < 1e-6
+
+
 @pytest.mark.parametrize("seed", [0])
 def test_noise_does_not_hide_many_constants(seed):
     """The constants that look nearest by one step of Newton's method have no answer at a row."""

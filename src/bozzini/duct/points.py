@@ -120,26 +120,33 @@ class PointCloud(MeasuredDuct):
         return self
 
     def _measure(self, points: NDArray[np.float64], *, with_gradient: bool) -> Nearest:
-        far, index = self._tree.query(points)
+        order = order_points(points)
+        near = points[order]
+        far, index = self._tree.query(near)
         inside = far > self._radius
-        inside[inside] = self._ask(points[inside])
+        inside[inside] = self._ask(near[inside])
         # In a ball the lumen is at least as far as the ball's border.
-        value = np.where(inside, self._radius - far, np.abs(far - self._radius))
+        value = np.empty(len(points))
+        value[order] = np.where(inside, self._radius - far, np.abs(far - self._radius))
         if not with_gradient:
             return Nearest(value, points)
-        away = (points - self.points[index]) / np.where(far > 0.0, far, 1.0)[:, None]
+        away = (near - self.points[index]) / np.where(far > 0.0, far, 1.0)[:, None]
         falls = inside | (far < self._radius)
-        return Nearest(value, np.where(falls[:, None], -away, away))
+        gradient = np.empty_like(points)
+        gradient[order] = np.where(falls[:, None], -away, away)
+        return Nearest(value, gradient)
 
     def _ask(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether points farther than `spacing` from all samples are inside."""
+        """Whether points farther than `spacing` from all samples are inside.
+
+        It is quick for points that lie near those before and after them.
+        """
         low, high = self.bounds
         # Cells are searched with a tolerance that grows with a point's coordinates.
         near = np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
-        order = near[order_points(points[near])]
-        cell = find_cells(self._cells, points[order])
+        cell = find_cells(self._cells, points[near])
         answer = np.zeros(len(points), dtype=bool)
-        answer[order] = (cell >= 0) & self._lumen[self._cells.groups[np.maximum(cell, 0)]]
+        answer[near] = (cell >= 0) & self._lumen[self._cells.groups[np.maximum(cell, 0)]]
         return answer
 
     def _sample(self, voxel: float | None) -> SampledField:
@@ -183,7 +190,8 @@ class PointCloud(MeasuredDuct):
     def _tree(self) -> Any:
         from scipy.spatial import cKDTree
 
-        return cKDTree(self.points)
+        # Half the time of the default tree, for samples of a surface.
+        return cKDTree(self.points, leafsize=24, compact_nodes=False)
 
     @cached_property
     def _cells(self) -> Cells:

@@ -34,7 +34,7 @@ _FIELDS: dict[str, tuple[str, ...]] = {
     "energy": ("modulus", "dead_length"),
     "thesis": ("modulus", "end_length"),
 }
-_TRIALS = 4  # points at which it is looked at what the data tell
+_TRIALS = 16  # points at which it is looked at what the data tell
 _UNTOLD = 1e-5  # of a column of the Jacobian: what is left once those before it are taken off
 _NO_EFFECT = 1e-9  # largest change of contraction by a step of an unknown that counts as none [mm]
 
