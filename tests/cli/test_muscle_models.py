@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bozzini.cli.main import main
-from bozzini.muscle import CATALOGUE, Measurements, preset, write_measurements
+from bozzini.muscle import CATALOGUE, MODELS, Measurements, preset, write_measurements
 
 MUSCLE = preset("effector-45")
 
@@ -156,6 +156,20 @@ def test_compare_ranks(run, table, tmp_path):
     assert "wang: not fitted: " in text
 
 
+def test_compare_without_a_model_fits_and_ranks_all(run, table, monkeypatch):
+    from bozzini.cli import _muscle_compare
+
+    asked = _muscle_compare.list_kinds
+    assert set(asked()) == {*CATALOGUE, *MODELS}
+    few = {name: asked()[name] for name in ("gaylord-1", "kothera-balance", "wang")}
+    monkeypatch.setattr(_muscle_compare, "list_kinds", lambda: few)
+    said = json.loads(run("compare", table, "--json")[1])
+    assert said["ranked_by"] == "aicc"
+    assert [row["model"] for row in said["models"]] == ["kothera-balance", "gaylord-1"]
+    assert said["models"][0]["fitted"] and said["models"][0]["left_out_mm"] > 0.0
+    assert set(said["refusals"]) == {"wang"}
+
+
 def test_compare_without_a_fit_takes_what_is_set(run, table):
     options = ("--model", "chou", "--model", "tondu-lopez", "--set", "kappa1=0", "--json")
     code, out, _ = run("compare", table, *options, "--set", "kappa2=1")
@@ -252,8 +266,7 @@ MANY = ["--model", "itto-b", "--model", "tondu-lopez", "--model", "chou"]
         (["compare", "data.csv", "--model", "itto-b", "--set", "kappa1=1e9"], "lie in [0, 100]"),
         (["compare", "data.csv", "--model", "davis-caldwell", "--set", "scale=big"],
          "must be one of ['areas', 'radii']"),
-        (["compare", "data.csv", "--all", "--set", "kappa1=1"], "say of which, as in tondu-lopez."),
-        (["compare", "data.csv", "--all", "--model", "chou"], "--model has no effect with --all"),
+        (["compare", "data.csv", "--set", "kappa1=1"], "say of which, as in tondu-lopez."),
         (["curve", "--model", "braid-tension"],
          "load is 0 N: at a pressure of 0.8 MPa it must lie in [0.00"),
         ([*SOLVE, "andrikopoulos", "--set", "largest_force=2mm"], "2mm"),
@@ -262,8 +275,8 @@ MANY = ["--model", "itto-b", "--model", "tondu-lopez", "--model", "chou"]
         ([*SOLVE, "davis-caldwell", "--set", "scale=big", "--set", "kappa1=0", "--set", "kappa2=1"],
          "must be one of ['areas', 'radii']"),
         ([*SOLVE, "chou", "--modulus", "1MPa"], "--modulus has no effect in the model chou"),
-        (["compare", "data.csv", "--by", "bic"], "--by has no effect without --fit"),
-        (["compare", "data.csv", "--folds", "3"], "--folds has no effect without --fit"),
+        (["compare", "data.csv", "--model", "chou", "--by", "bic"], "--by has no effect"),
+        (["compare", "data.csv", "--model", "chou", "--folds", "3"], "--folds has no effect"),
         (["compare", "data.csv", "--fit", "--folds", "1"], "folds is 1"),
         (["compare", "data.csv", "--fit", "--folds", "99"], "there are 20 different"),
         (["compare", "data.csv", "--fit", "--seed", "-1"], "seed is -1"),

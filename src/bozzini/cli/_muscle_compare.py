@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from ._muscle_constants import parse_settings, set_option
 from ._muscle_data import (
@@ -19,7 +18,6 @@ from ._muscle_data import (
     units_option,
 )
 from ._muscle_options import (
-    OWN_MODELS,
     ModelType,
     check_fields,
     describe_muscle,
@@ -52,27 +50,24 @@ _WARNED = 3  # so many models, the first, have the warnings of their fits shown
     "model_names",
     type=ModelType(),
     multiple=True,
-    default=OWN_MODELS,
-    show_default=True,
-    help="A model to compare; can be repeated.",
+    help="A model to compare; can be repeated (default: fit and rank all, see 'models').",
 )
-@click.option("--all", "take_all", is_flag=True, help="Compare all models, see 'models'.")
 @click.option(
     "--fit",
     is_flag=True,
-    help="Fit each model first, and rank: modulus, and dead length (energy) or end length "
-    "(thesis); constants and modulus of the others.",
+    help="With --model, fit each model first, and rank: modulus, and dead length (energy) or end "
+    "length (thesis); constants and modulus of the others.",
 )
 @click.option(
     "--by",
     "criterion",
     type=click.Choice(["aicc", "bic", "cv"]),
-    help="With --fit, rank by an information criterion or by the rows left out (default: aicc).",
+    help="Of a fit, rank by an information criterion or by the rows left out (default: aicc).",
 )
 @click.option(
-    "--folds", type=int, help="With --fit, parts for cross-validation; 0 for none (default: 5)."
+    "--folds", type=int, help="Of a fit, parts for cross-validation; 0 for none (default: 5)."
 )
-@click.option("--seed", type=int, help="With --fit, of folds and starts (default: 0).")
+@click.option("--seed", type=int, help="Of a fit, for folds and starts (default: 0).")
 @units_option
 @mean_option
 @set_option
@@ -84,7 +79,6 @@ _WARNED = 3  # so many models, the first, have the warnings of their fits shown
 def compare_command(
     source: Path,
     model_names: tuple[str, ...],
-    take_all: bool,
     fit: bool,
     criterion: str | None,
     folds: int | None,
@@ -100,13 +94,13 @@ def compare_command(
     as_json: bool,
     **fields: float | None,
 ) -> None:
-    """Compare models with measurements.
+    """Compare models with measurements; without --model, fit and rank all that can be fitted.
 
     DATA is a .csv or .parquet file with the columns pressure, contraction or length and, if there,
     load, direction and specimen; their units stand in the header, as in 'pressure [kPa]'. The
     standard error is also given as a percentage of the largest contraction.
 
-    With --fit the models are ranked: by AICc, which charges a model for its constants, unless --by
+    Models that are fitted are ranked: by AICc, which charges a model for its constants, unless --by
     says otherwise. 'left out' is the error at rows left out of the fit.
 
     Exit code 0: compared; 1: no model has an answer; 2: bad input. A picture is written only if a
@@ -115,13 +109,11 @@ def compare_command(
     from ..errors import InputError
 
     check_target(out, PICTURES, force=force)
+    fit = fit or not model_names
     for option, value in (("--by", criterion), ("--folds", folds), ("--seed", seed)):
         if value is not None and not fit:
             raise InputError(f"{option} has no effect without --fit: leave it out")
-    source_of_names = click.get_current_context().get_parameter_source("model_names")
-    if take_all and source_of_names is not ParameterSource.DEFAULT:
-        raise InputError("--model has no effect with --all: leave one of them out")
-    names = list(list_kinds() if take_all else dict.fromkeys(model_names))
+    names = list(dict.fromkeys(model_names) if model_names else list_kinds())
     choices = select_choices(names, ends=ends, load_path=load_path)
     check_fields(names, fields)
     constants = parse_settings(names, settings)

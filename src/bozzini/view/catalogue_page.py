@@ -18,7 +18,7 @@ cards, and so is what `bozzini muscle models` lists; `bozzini muscle models NAME
     bozzini muscle solve --model kothera-balance --pressure 0.5MPa --load 0.2N
     bozzini muscle curve --model tondu-lopez --set kappa1=-0.5 --set kappa2=1.2
     bozzini muscle fit data.csv --model sangian
-    bozzini muscle compare data.csv --all --fit --out ranking.png
+    bozzini muscle compare data.csv --out ranking.png
 
 The last fits every model that can be fitted and ranks them, see
 [Muscles](muscle.md#comparing-models). Symbols: `P` pressure, `F` pull, `l` length, `r` radius of
