@@ -27,7 +27,7 @@ def models_command(name: str | None, as_json: bool) -> None:
     """
     from ..errors import InputError
     from ..muscle import CATALOGUE
-    from ..muscle.models import count_statuses
+    from ..muscle.models import count_statuses, describe_card
 
     if name is None:
         cards = [kind.card for kind in CATALOGUE.values()]
@@ -49,7 +49,7 @@ def models_command(name: str | None, as_json: bool) -> None:
     if name not in CATALOGUE:
         raise InputError(f"the model {name} is this package's own and has no card: see the guide")
     card = CATALOGUE[name].card
-    emit(dataclasses.asdict(card), as_json=as_json, text=_format_card(card))
+    emit(dataclasses.asdict(card), as_json=as_json, text=describe_card(card))
 
 
 def _format_table(cards: list[Card]) -> str:
@@ -62,36 +62,3 @@ def _format_table(cards: list[Card]) -> str:
         ).rstrip()
         for row in rows
     )
-
-
-def _format_card(card: Card) -> str:
-    lines = [
-        f"{card.name}: {card.title}",
-        f"  {card.authors}; thesis {card.equation}; {card.status}",
-        f"  {card.reference}",
-        f"  {card.latex}",
-    ]
-    if card.latex_printed is not None:
-        lines.append(f"  as printed: {card.latex_printed}")
-    for item in card.parameters:
-        value = "must be given or fitted" if item.default is None else f"default {item.default:g}"
-        if item.only_with:
-            value = f"with {item.only_with} only" if item.default is None else value
-        unit = f" [{item.unit}]" if item.unit else ""
-        lines.append(f"  {item.name}{unit}: {item.what}; {item.source}; {value}")
-    lines += [f"  {item.name}: {item.what}: {', '.join(item.words)}" for item in card.choices]
-    for law in card.laws:
-        need = "needed" if law.required else "may be left out"
-        if law.only_with:
-            need += f" with {law.only_with} only"
-        lines.append(
-            f"  law {law.name}({', '.join(law.arguments)}) [{law.unit}]: {law.what}; "
-            f"{need}; it is in {law.paper}"
-        )
-    lines.append(f"  of the muscle: {', '.join(card.uses)}")
-    lines += [f"  note: {text}" for text in card.errata]
-    if card.unprintable:
-        lines.append(f"  cannot be evaluated as printed: {card.unprintable}")
-    if card.missing:
-        lines.append(f"  missing: {card.missing}")
-    return "\n".join(lines)

@@ -90,7 +90,9 @@ def test_the_catalogue_is_by_name_and_apart_from_our_own_models():
     for name, kind in CATALOGUE.items():
         assert kind.card.name == kind.name == name
         assert set(kind.unused) == set(vars(MUSCLE)) - set(kind.card.uses)
-        assert kind.__doc__ and kind.card.reference and kind.card.latex
+        for words in (kind.card.reference, kind.card.latex, kind.card.equation, kind.card.status,
+                      *kind.card.keywords, *kind.card.errata):  # fmt: skip
+            assert words and words in kind.__doc__
         assert (kind.card.status == "partial") <= bool(kind.card.missing)
         assert kind.card.latex_printed is None or kind.card.errata
         assert kind.card.unprintable == "" or kind.card.latex_printed

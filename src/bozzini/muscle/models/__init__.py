@@ -22,6 +22,7 @@ from . import (
     miniature_hocking,
     miniature_stress,
 )
+from ._describe import describe_card
 from .base import CatalogueModel
 from .card import Card, Choice, Law, Parameter, count_statuses
 
@@ -34,6 +35,7 @@ __all__ = [
     "Law",
     "Parameter",
     "count_statuses",
+    "describe_card",
 ]
 
 _FAMILIES = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -16,6 +17,7 @@ from ..braid import Braid
 from ..design import Muscle
 from ..hysteresis import Hysteresis
 from ..model import check_hysteresis
+from ._describe import describe_card
 from ._take import take_keywords
 from .card import Card
 from .explicit import ANGLES, PRESSURE_LIMIT, ExplicitModel
@@ -72,6 +74,7 @@ class CatalogueModel(ExplicitModel):
         card = cls.__dict__.get("card")
         if card is not None:
             cls.name = card.name
+            cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\n{describe_card(card)}"
             fields = (item.name for item in dataclasses.fields(Muscle))
             cls.unused = tuple(name for name in fields if name not in card.uses)
 
