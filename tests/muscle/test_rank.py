@@ -117,6 +117,13 @@ def test_a_constant_that_tells_only_in_some_places_is_not_held(offset):
     assert np.abs(found.residuals).max() < 1e-6
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_constant_that_starts_next_to_zero_is_told_all_the_same():
+    data = measure(make("meller"))
+    found = calibrate(ALL["de-volder"], MUSCLE, data, force=True)
+    assert all(np.isfinite(list(found.standard_errors.values())))
+
+
 @pytest.mark.parametrize("seed", [0])
 def test_noise_does_not_hide_many_constants(seed):
     """The constants that look nearest by one step of Newton's method have no answer at a row."""

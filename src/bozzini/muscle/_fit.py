@@ -205,7 +205,7 @@ def differentiate(
     """
     pairs = []
     for (name, value), (low, high), scale in zip(values.items(), bounds, scales, strict=True):
-        step = _STEP * scale
+        step = _STEP * max(scale, abs(value))  # the start may have been next to 0
         pairs.append((name, max(low, value - step), min(high, value + step)))
     try:
         return _differentiate_implicitly(build, values, pairs, data, predicted)
