@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 
 from ..duct._clearance_kernels import GridData, clearance_estimate, clearance_slope
+from ._introducer_kernels import offset_from_ray
 
 __all__ = [
     "TOLERANCE",
@@ -52,13 +53,7 @@ def duct_value(duct, intro, x, y, z):
     """Signed distance to the lumen united with the introducer."""
     s = -clearance_estimate(duct, x, y, z)
     if intro[6] > 0.0:
-        dx = x - intro[0]
-        dy = y - intro[1]
-        dz = z - intro[2]
-        t = max(dx * intro[3] + dy * intro[4] + dz * intro[5], 0.0)
-        dx -= t * intro[3]
-        dy -= t * intro[4]
-        dz -= t * intro[5]
+        dx, dy, dz = offset_from_ray(intro, x, y, z)
         s = min(s, math.sqrt(dx * dx + dy * dy + dz * dz) - intro[6])
     return s
 
@@ -69,13 +64,7 @@ def duct_and_gradient(duct, intro, x, y, z):
     room, gx, gy, gz = clearance_slope(duct, x, y, z)
     s, gx, gy, gz = -room, -gx, -gy, -gz
     if intro[6] > 0.0:
-        dx = x - intro[0]
-        dy = y - intro[1]
-        dz = z - intro[2]
-        t = max(dx * intro[3] + dy * intro[4] + dz * intro[5], 0.0)
-        dx -= t * intro[3]
-        dy -= t * intro[4]
-        dz -= t * intro[5]
+        dx, dy, dz = offset_from_ray(intro, x, y, z)
         distance = math.sqrt(dx * dx + dy * dy + dz * dz)
         if distance - intro[6] < s:
             s = distance - intro[6]

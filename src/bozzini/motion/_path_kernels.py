@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from ..duct._clearance_kernels import clearance_bound, clearance_slope
+from ._introducer_kernels import offset_from_ray
 
 __all__ = ["check_chords", "free_bound", "relax_path", "tabulate_tube"]
 
@@ -25,13 +26,7 @@ def free_bound(duct, intro, x, y, z):
     """Lower bound of the clearance in the duct united with the introducer."""
     g = clearance_bound(duct, x, y, z)
     if intro[6] > 0.0:
-        dx = x - intro[0]
-        dy = y - intro[1]
-        dz = z - intro[2]
-        t = max(dx * intro[3] + dy * intro[4] + dz * intro[5], 0.0)
-        dx -= t * intro[3]
-        dy -= t * intro[4]
-        dz -= t * intro[5]
+        dx, dy, dz = offset_from_ray(intro, x, y, z)
         g = max(g, intro[6] - math.sqrt(dx * dx + dy * dy + dz * dz))
     return g
 

@@ -68,8 +68,11 @@ def find_unused(make: Callable[[Muscle], CatalogueModel], load: float = 0.1) -> 
     }
 
 
-def ask_anything(data: st.DataObject, name: str, muscle: Muscle) -> None:
-    """Any legal model, any question: a finite answer or a typed error of one line."""
+def ask_anything(data: st.DataObject, name: str, muscle: Muscle, *, least: float = 1e-30) -> None:
+    """Any legal model, any question: a finite answer or a typed error of one line.
+
+    A load is held to `least` [N], below which a strain of the last digit of a length is more.
+    """
     model = data.draw(built(name, muscle))
     assume(model is not None)
     pressure = data.draw(st.one_of(pressures(muscle), st.floats()))
@@ -91,8 +94,7 @@ def ask_anything(data: st.DataObject, name: str, muscle: Muscle) -> None:
             held = model.force(pressure, answer.contraction, direction=direction)
             scale = np.abs(model.stiffness(pressure, answer.contraction, direction=direction))
             reach = scale * np.ptp(find_lengths(model, 3, edge=0.0))
-            # Below, a strain of the last digit of a length makes the difference.
-            slack = 1e-6 * (reach + other + np.abs(held)) + 1e-30
+            slack = 1e-6 * (reach + other + np.abs(held)) + least
             assert held == pytest.approx(other, abs=float(slack))
 
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
@@ -32,8 +32,9 @@ from bozzini.muscle.models import (
     explicit,
 )
 from bozzini.muscle.models.card import BRAID_FIELDS, STATUSES
-from tests.muscle.models.catalogue import MUSCLE, build, built, find_lengths
-from tests.muscle.strategies import muscles, pressures
+from tests.muscle.models.catalogue import MUSCLE, build
+from tests.muscle.models.relations import ask_anything
+from tests.muscle.strategies import muscles
 
 OWN = [
     "gaylord-1", "gaylord-2", "chou", "tondu-lopez", "itto-a", "itto-b", "davis-caldwell",
@@ -428,29 +429,7 @@ def test_wrong_contractions_get_one_clear_line(model, contraction):
 @settings(max_examples=40)
 @given(data=st.data(), muscle=muscles())
 def test_any_question_is_answered_or_refused(name, data, muscle):
-    model = data.draw(built(name, muscle))
-    assume(model is not None)
-    pressure = data.draw(st.one_of(pressures(muscle), st.floats()))
-    low, high = model.contraction_limits
-    other = data.draw(st.one_of(st.floats(low, high), st.just(0.0), st.floats()))
-    direction = data.draw(st.sampled_from([None, "inflating", "deflating"]))
-    for question in (model.force, model.stiffness, model.contraction, model.solve):
-        try:
-            answer = question(pressure, other, direction=direction)
-        except InputError as error:
-            assert "must" in str(error) and "\n" not in str(error)
-            continue
-        except ConvergenceError:
-            assert question == model.contraction
-            continue
-        for value in vars(answer).values() if question == model.solve else [answer]:
-            assert value.dtype.kind == "U" or np.isfinite(value).all()
-        if question == model.solve and answer.converged:
-            held = model.force(pressure, answer.contraction, direction=direction)
-            near = find_lengths(model, 3, edge=0.0)
-            scale = np.abs(model.stiffness(pressure, answer.contraction, direction=direction))
-            slack = scale * np.ptp(near) + other + np.abs(held)
-            assert held == pytest.approx(other, abs=1e-6 * slack)
+    ask_anything(data, name, muscle, least=0.0)
 
 
 def test_cards_are_checked():
