@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     from .findings import Finding
     from .labels import tract_from_labels
     from .phantom import Phantom, make_phantom
-    from .read import read_labels, read_surface, read_tract
+    from .read import read_tract
     from .surface import tract_from_surface
-    from .tract import LabelTract, SurfaceTract, Tract
+    from .surfaces import read_surface
+    from .tract import LabelTract, Opening, Organ, SurfaceTract, Tract
+    from .volumes import read_labels
     from .write import write_tract
 
 __all__ = [
@@ -25,6 +27,8 @@ __all__ = [
     "FetchResult",
     "Finding",
     "LabelTract",
+    "Opening",
+    "Organ",
     "Phantom",
     "PublicData",
     "SurfaceTract",
@@ -44,14 +48,16 @@ _MODULES = {
     "FetchResult": "fetch",
     "Finding": "findings",
     "LabelTract": "tract",
+    "Opening": "tract",
+    "Organ": "tract",
     "Phantom": "phantom",
     "PublicData": "catalogue",
     "SurfaceTract": "tract",
     "Tract": "tract",
     "fetch_data": "fetch",
     "make_phantom": "phantom",
-    "read_labels": "read",
-    "read_surface": "read",
+    "read_labels": "volumes",
+    "read_surface": "surfaces",
     "read_tract": "read",
     "tract_from_labels": "labels",
     "tract_from_surface": "surface",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,34 @@ from ..checks import check_points
 from ..errors import GeometryError, InputError
 from .findings import Finding
 
-__all__ = ["LabelTract", "SurfaceTract", "Tract"]
+__all__ = ["ORGANS", "LabelTract", "Opening", "Organ", "SurfaceTract", "Tract"]
+
+Organ = Literal["upper-tract", "small-bowel", "colon"]
+"""An organ whose entry is known: the upper tract and the small bowel are entered from their higher
+end, the colon from its lower end (the anus)."""
+
+ORGANS: tuple[Organ, ...] = ("upper-tract", "small-bowel", "colon")
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Opening:
+    """An open end of the file's wall, which was closed by a flat cap: a candidate for an end.
+
+    Attributes
+    ----------
+    point : tuple of float
+        Its middle, world frame [mm].
+    radius : float
+        Of the circle of the same area [mm].
+    name : str
+        How it is called in messages and by ``--start`` and ``--end``.
+    """
+
+    point: Point
+    radius: float
+    name: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +58,22 @@ class LabelTract:
         Where it came from, for reports.
     findings : tuple of Finding
         What the checks found.
+    label_names : mapping of int to str
+        Names of labels, as far as the file or its maker states them.
+    organ : {"upper-tract", "small-bowel", "colon"}, optional
+        Which organ this is, as far as the file says it; None where it does not.
+    landmarks : mapping of str to (x, y, z)
+        Named places in the world frame [mm], as far as the file has them.
+    openings : tuple of Opening
+        Open ends that were capped.
+    frame : str, optional
+        Where the world axes point in the patient, a letter each (R or L, A or P, S or I), such as
+        "RAS" or "LPS"; None where the file does not say.
+    wall : str
+        What the wall is, in words, where it is not simply the faces of the voxels.
+    wall_error : float, optional
+        How far the true wall may be from the stated one [mm], where it is not simply half a
+        voxel's diagonal.
 
     Raises
     ------
@@ -42,6 +87,13 @@ class LabelTract:
     affine: NDArray[np.float64]
     source: str
     findings: tuple[Finding, ...] = ()
+    label_names: Mapping[int, str] = field(default_factory=dict)
+    organ: Organ | None = None
+    landmarks: Mapping[str, Point] = field(default_factory=dict)
+    openings: tuple[Opening, ...] = ()
+    frame: str | None = None
+    wall: str = ""
+    wall_error: float | None = None
 
     def __post_init__(self) -> None:
         labels = np.asarray(self.labels)
@@ -104,6 +156,19 @@ class SurfaceTract:
         Where it came from, for reports.
     findings : tuple of Finding
         What the checks found.
+    organ : {"upper-tract", "small-bowel", "colon"}, optional
+        Which organ this is, as far as the file says it; None where it does not.
+    landmarks : mapping of str to (x, y, z)
+        Named places in the world frame [mm], as far as the file has them.
+    openings : tuple of Opening
+        Open ends that were capped.
+    frame : str, optional
+        Where the world axes point in the patient, a letter each (R or L, A or P, S or I), such as
+        "RAS" or "LPS"; None where the file does not say.
+    wall : str
+        What the wall is, in words; "" means the triangles of the file.
+    wall_error : float, optional
+        How far the true wall may be from the stated one [mm]; None where it is not known.
 
     Raises
     ------
@@ -115,6 +180,12 @@ class SurfaceTract:
     faces: NDArray[np.int64]
     source: str
     findings: tuple[Finding, ...] = ()
+    organ: Organ | None = None
+    landmarks: Mapping[str, Point] = field(default_factory=dict)
+    openings: tuple[Opening, ...] = ()
+    frame: str | None = None
+    wall: str = ""
+    wall_error: float | None = None
 
     def __post_init__(self) -> None:
         vertices = check_points("vertices", self.vertices)
