@@ -22,16 +22,19 @@ ifneq ($(SOUND),yes)
 $(shell rm -f $(CORE) $(DEV) $(DOCS))
 endif
 
-.PHONY: help demo test bench docs check format picture figures clean
+.PHONY: help demo test test-slow bench docs check format picture figures clean
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-8s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
 
 demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 	@$(DEMO)
 
 test: $(DEV) ## Run the tests
-	@$(RUN) -m pytest -n auto --maxprocesses 4 --dist loadfile
+	@$(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile
+
+test-slow: $(DEV) ## Run the tests that take minutes
+	@$(RUN) -m pytest -m slow -n auto --maxprocesses 4 --dist worksteal
 
 bench: $(DEV) ## Run the benchmarks
 	@$(RUN) -m pytest -o addopts= -q -p no:xdist --benchmark-only benchmarks

@@ -17,14 +17,25 @@ settings.register_profile("ci", settings.get_profile("default"), derandomize=Tru
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
 
-@pytest.fixture(scope="session")
-def upper_gi_dir() -> Path:
-    """Give the directory of the CT-derived upper tract, which is not part of the project.
+def _find_data(name: str) -> Path:
+    """Return the directory of a data set that is not part of the project, or skip.
 
     ``BOZZINI_DATA`` names its parent; otherwise it is looked for beside the checkout.
     """
     beside = Path(__file__).resolve().parents[2] / "shared" / "data"
-    directory = Path(os.environ.get("BOZZINI_DATA", beside)) / "upper_gi"
+    directory = Path(os.environ.get("BOZZINI_DATA", beside)) / name
     if not directory.is_dir():
-        pytest.skip(f"no CT-derived anatomy at {directory} (set BOZZINI_DATA to its parent)")
+        pytest.skip(f"no data at {directory} (set BOZZINI_DATA to its parent)")
     return directory
+
+
+@pytest.fixture(scope="session")
+def upper_gi_dir() -> Path:
+    """Give the directory of the CT-derived upper tract (GCA-Models, CC BY 4.0)."""
+    return _find_data("upper_gi")
+
+
+@pytest.fixture(scope="session")
+def colon_dir() -> Path:
+    """Give the directory of the colon of the Visible Human female (GCA-Models, CC BY 4.0)."""
+    return _find_data("colon")
