@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -150,6 +152,7 @@ def find_centreline(
     ends: tuple[ArrayLike | None, ArrayLike | None] = (None, None),
     *,
     regions: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None] = (None, None),
+    via: Sequence[NDArray[np.float64]] = (),
     progress: Progress = no_progress,
 ) -> Centreline:
     """Find the centreline between two ends of a lumen.
@@ -164,12 +167,17 @@ def find_centreline(
         The lumen.
     ends : pair of (3,) float or None
         Start and end in the world frame [mm]. None: found as the ends of the longest way through
-        the lumen; the one that lies higher (world z) is the start.
+        the lumen; the one with the larger world z is the start. Which end a scope enters by is
+        for the caller to know (`Centreline.reverse`).
     regions : pair of (k, 3) float or None
         Centres of the voxels of a label that an end lies in, for an end that is not given as a
         point: the place in it farthest from the other end is taken. An end that is not given at
         all is sought far from the other one's label. A label that covers the whole lumen says
         nothing about where an end is.
+    via : sequence of (3,) or (k, 3) float
+        Places that the path goes through in this order, on its way from start to end: points in
+        the world frame [mm], or the centres of the voxels of a label. The smoothed line passes
+        them within its smoothing, a few mm.
 
     Raises
     ------
@@ -184,7 +192,7 @@ def find_centreline(
     end_nodes = graph.locate("end", ends[1], areas[1])
     start, goal = _choose_ends(graph, start_nodes, end_nodes)
     progress("centreline", 0.6)
-    nodes = graph.find_path(start, goal)
+    nodes = _find_path_via(graph, start, goal, via)
     progress("centreline", 0.8)
     others: list[OtherEnd] = []
     if end_nodes is None:
@@ -206,6 +214,39 @@ def find_centreline(
         radius=radius,
         other_ends=tuple(others),
     )
+
+
+def _find_path_via(
+    graph: LumenGraph,
+    start: NDArray[np.int64],
+    goal: NDArray[np.int64],
+    via: Sequence[NDArray[np.float64]],
+) -> NDArray[np.int64]:
+    """Return the nodes (n, 3) of the path from `start` through all places to `goal`."""
+    if not via:
+        return graph.find_path(start, goal)
+    from scipy.spatial import cKDTree
+
+    stops = [start]
+    for number, place in enumerate(via, start=1):
+        name = f"via {number}"
+        if place.ndim == 1:
+            found = graph.locate(name, place, None)
+        else:
+            found = graph.locate(name, None, graph.locate_region(name, place))
+        if found is None:  # a label that covers the whole lumen
+            continue
+        if len(found) > 1:
+            # Of a label the place nearest to the path so far, and of those the roomiest.
+            spacing = graph.field.spacing
+            path = graph.find_path(stops[-1], goal)
+            gaps = cKDTree(path * spacing).query(found * spacing)[0]
+            near = found[gaps <= gaps.min() + 3.0 * float(spacing.max())]
+            found = near[[int(np.argmax(graph.measure_depth(near * spacing)))]]
+        stops.append(found[0])
+    stops.append(goal)
+    legs = [graph.find_path(a, b) for a, b in pairwise(stops) if not np.array_equal(a, b)]
+    return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])]) if legs else goal[None]
 
 
 def _trim_path(
