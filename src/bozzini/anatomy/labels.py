@@ -41,7 +41,7 @@ def tract_from_labels(
     array: ArrayLike,
     affine: ArrayLike,
     *,
-    labels: Sequence[int] | None = None,
+    labels: Sequence[int | str] | str | None = None,
     source: str = "array",
     findings: Iterable[Finding] = (),
 ) -> LabelTract:
@@ -161,7 +161,7 @@ def _check_shear(matrix: Matrix, size: NDArray[np.float64]) -> list[Finding]:
 
 def _select(
     volume: NDArray[np.generic],
-    labels: Sequence[int] | None,
+    labels: Sequence[int | str] | str | None,
     source: str,
     found: list[Finding],
 ) -> Voxels:
@@ -201,7 +201,7 @@ def _select(
     return np.where(keep[values], values, np.uint16(0))
 
 
-def _check_labels(labels: Sequence[int]) -> list[int]:
+def _check_labels(labels: Sequence[int | str] | str) -> list[int]:
     wanted: list[int] = []
     for value in labels:
         if isinstance(value, bool) or value != int(value) or not 1 <= value <= MAX_LABEL:

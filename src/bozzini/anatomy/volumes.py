@@ -23,7 +23,12 @@ LABEL_SUFFIXES = (".nii", ".nii.gz")
 _SCALE_TO_MM = {"mm": 1.0, "meter": 1000.0, "micron": 0.001}
 
 
-def read_labels(path: str | os.PathLike[str], *, labels: Sequence[int] | None = None) -> LabelTract:
+def read_labels(
+    path: str | os.PathLike[str],
+    *,
+    labels: Sequence[int | str] | str | None = None,
+    frame: str | None = None,
+) -> LabelTract:
     """Read a label volume from a NIfTI file, in its world frame (RAS+) in mm.
 
     Parameters
