@@ -45,9 +45,9 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 if TYPE_CHECKING:  # generic in newer versions of click only
     _FloatType = click.ParamType[float]
     _FloatsType = click.ParamType[tuple[float, ...]]
-    _IntegersType = click.ParamType[tuple[int, ...]]
+    _LabelsType = click.ParamType[tuple[int | str, ...]]
 else:
-    _FloatType = _FloatsType = _IntegersType = click.ParamType
+    _FloatType = _FloatsType = _LabelsType = click.ParamType
 
 
 def json_option(function: _Function) -> _Function:
@@ -122,26 +122,31 @@ class VectorType(_FloatsType):
             self.fail(str(error), param, ctx)
 
 
-class LabelsType(_IntegersType):
-    """Comma-separated label numbers, such as ``1,2,3``, given on as a tuple of ints."""
+class LabelsType(_LabelsType):
+    """Comma-separated labels, by number or name, such as ``1,2,colon``; ``all`` for every one."""
 
     name = "labels"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, ...]:
-        """Return the labels in the order given, each once."""
+    ) -> tuple[int | str, ...]:
+        """Return the labels in the order given, each once: numbers as int, names as text."""
         if not isinstance(value, str):
             return tuple(value)
         parts = [part.strip() for part in value.split(",")]
-        if not all(part.isascii() and part.isdigit() and 1 <= int(part) <= 65535 for part in parts):
-            self.fail(
-                f"'{value}' is not a list of labels: give whole numbers in [1, 65535] "
-                "separated by commas, such as 1,2,3 (0 is the background)",
-                param,
-                ctx,
-            )
-        return tuple(dict.fromkeys(int(part) for part in parts))
+        numbers = [part.isascii() and part.isdigit() for part in parts]
+        for part, number in zip(parts, numbers, strict=True):
+            if not (1 <= int(part) <= 65535 if number else part[:1].isalpha()):
+                self.fail(
+                    f"'{value}' is not a list of labels: give whole numbers in [1, 65535] or "
+                    "names, separated by commas, such as 1,2,3 (0 is the background)",
+                    param,
+                    ctx,
+                )
+        labels = [
+            int(part) if number else part for part, number in zip(parts, numbers, strict=True)
+        ]
+        return tuple(dict.fromkeys(labels))
 
 
 def clean_json(value: Any) -> Any:
