@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import gzip
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError, OutputError
 from ..files import write_atomically
+from ._names import write_label_table
 from ._quiet import quiet_libraries
+from .frame import convert_frame
 from .tract import LabelTract, SurfaceTract
 
-__all__ = ["check_target", "write_tract"]
+__all__ = ["check_target", "encode_labels", "write_tract"]
 
 _LABELS = (".nii", ".nii.gz")
 _SURFACES = (".stl", ".ply", ".obj", ".glb")
@@ -51,6 +55,9 @@ def write_tract(
 ) -> Path:
     """Write labels as NIfTI or a surface as STL, PLY, OBJ or GLB, in mm and in its own frame.
 
+    NIfTI is RAS by definition: labels of another known frame (LPS of NRRD or DICOM) are written
+    so that they lie at the same place of the patient. Names of labels are written with them.
+
     GLB is written in mm too, axes as they are, although its standard says m and +y up: it is
     for reading back, not for viewing (that is what `bozzini.view` writes).
 
@@ -72,7 +79,11 @@ def write_tract(
     kind = check_target(path, force=force)
     if kind != tract.kind:
         raise InputError(f"{path} holds a {kind} tract, but the tract given is {tract.kind}")
-    data = _encode_labels(path, tract) if isinstance(tract, LabelTract) else _encode(path, tract)
+    if isinstance(tract, LabelTract):
+        affine, frame, names = tract.affine, tract.frame, tract.label_names
+        data = encode_labels(path, tract.labels, affine=affine, frame=frame, names=names)
+    else:
+        data = _encode(path, tract)
     return write_atomically(path, lambda temporary: _put(temporary, data))
 
 
@@ -89,15 +100,28 @@ def _encode(path: str | os.PathLike[str], tract: SurfaceTract) -> bytes:
     return data.encode("utf-8") if isinstance(data, str) else bytes(data)
 
 
-def _encode_labels(path: str | os.PathLike[str], tract: LabelTract) -> bytes:
+def encode_labels(
+    path: str | os.PathLike[str],
+    labels: NDArray[np.uint16],
+    *,
+    affine: NDArray[np.float64],
+    frame: str | None,
+    names: Mapping[int, str],
+) -> bytes:
+    """Return labels as the bytes of a NIfTI file, compressed if its name ends in ``.gz``."""
     import nibabel
 
     nifti: Any = nibabel
-    small = np.uint8 if tract.labels.max() < 256 else np.uint16
-    image: Any = nifti.Nifti1Image(tract.labels.astype(small), tract.affine)
+    small = np.uint8 if labels.max() < 256 else np.uint16
+    # NIfTI has one frame, RAS: labels of a known other frame are written in that.
+    affine = affine if frame is None else convert_frame(affine, frame)
+    image: Any = nifti.Nifti1Image(labels.astype(small), affine)
     image.header.set_xyzt_units("mm")
-    image.set_sform(tract.affine, code="scanner")
-    image.set_qform(tract.affine, code="scanner")
+    image.set_sform(affine, code="scanner")
+    image.set_qform(affine, code="scanner")
+    if names:
+        table = write_label_table(names).encode()
+        image.header.extensions.append(nifti.nifti1.Nifti1Extension(0, table))
     data: bytes = image.to_bytes()
     if os.fspath(path).lower().endswith(".gz"):
         return gzip.compress(data, compresslevel=6, mtime=0)
