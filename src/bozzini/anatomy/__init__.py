@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from .read import read_tract
     from .surface import tract_from_surface
     from .surfaces import read_surface
-    from .tract import LabelTract, Opening, Organ, SurfaceTract, Tract
+    from .tract import Component, LabelTract, Opening, Organ, SurfaceTract, Tract
     from .volumes import read_labels
     from .write import write_tract
 
 __all__ = [
     "CATALOGUE",
+    "Component",
     "FetchResult",
     "Finding",
     "LabelTract",
@@ -45,6 +46,7 @@ __all__ = [
 
 _MODULES = {
     "CATALOGUE": "catalogue",
+    "Component": "tract",
     "FetchResult": "fetch",
     "Finding": "findings",
     "LabelTract": "tract",

@@ -1,4 +1,4 @@
-"""The rotated frame nearest to an affine whose voxel axes are not quite at right angles."""
+"""Where a file's axes point in the patient, and the frame nearest to an affine."""
 
 from __future__ import annotations
 
@@ -7,9 +7,63 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["fit_frame", "measure_shift"]
+from ..errors import InputError
+
+__all__ = ["check_frame", "find_axis", "fit_frame", "measure_shift"]
 
 Matrix = NDArray[np.float64]
+
+_SIDES = ("RL", "AP", "SI")
+
+
+def check_frame(frame: str) -> str:
+    """Return the code of a frame in capitals.
+
+    Parameters
+    ----------
+    frame : str
+        Where the world's +x, +y, +z point in the patient, a letter each: one of R (right) or L
+        (left), one of A (front) or P (back), one of S (head) or I (feet), in any order: 48 codes.
+
+    Raises
+    ------
+    InputError
+        If it is none of them.
+    """
+    code = frame.strip().upper() if isinstance(frame, str) else ""
+    if len(code) != 3 or any(sum(letter in side for letter in code) != 1 for side in _SIDES):
+        raise InputError(
+            f"frame is '{frame}': it must be three letters, one of R L, one of A P, one of S I, "
+            f"such as RAS or LPS"
+        )
+    return code
+
+
+def find_axis(frame: str, side: str) -> NDArray[np.float64]:
+    """Return the unit vector in the world that points to a side of the patient.
+
+    Parameters
+    ----------
+    frame : str
+        Where the world's axes point, such as ``"RAS"``; see `check_frame`.
+    side : {"R", "L", "A", "P", "S", "I"}
+        Right, left, front, back, head or feet.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+
+    Raises
+    ------
+    InputError
+        If the frame or the side is none of those.
+    """
+    code = check_frame(frame)
+    for pair in _SIDES:
+        if side in pair and len(side) == 1:
+            at = next(k for k, letter in enumerate(code) if letter in pair)
+            return np.asarray(np.eye(3)[at] * (1.0 if code[at] == side else -1.0))
+    raise InputError(f"side is '{side}': it must be one of R, L, A, P, S, I")
 
 
 def fit_frame(affine: Matrix) -> tuple[Matrix, NDArray[np.float64]]:

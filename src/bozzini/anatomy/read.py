@@ -3,31 +3,46 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 
 from ..errors import FileFormatError, InputError
 from ._files import has_suffix
+from .labels import Labels
 from .surfaces import SURFACE_SUFFIXES, read_surface
 from .tract import LabelTract, SurfaceTract
-from .volumes import LABEL_SUFFIXES, read_labels
+from .volumes import LABEL_SUFFIXES, is_volume, read_labels
 
 __all__ = ["LABEL_SUFFIXES", "SURFACE_SUFFIXES", "read_labels", "read_surface", "read_tract"]
 
 
 def read_tract(
-    path: str | os.PathLike[str], *, labels: Sequence[int] | None = None, unit: str = "mm"
+    path: str | os.PathLike[str],
+    *,
+    labels: Labels | None = None,
+    part: str | None = None,
+    unit: str | None = None,
+    frame: str | None = None,
+    repair: bool = False,
 ) -> LabelTract | SurfaceTract:
     """Read a tract from a label volume or a surface, by the suffix of the file.
 
     Parameters
     ----------
     path : path-like
-        ``.nii``, ``.nii.gz`` (labels) or ``.stl``, ``.ply``, ``.obj``, ``.glb``, ``.off``,
+        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha``, ``.mhd`` or a folder of such masks
+        (labels), or ``.stl``, ``.ply``, ``.obj``, ``.glb``, ``.off``,
         ``.vtk`` (surface).
-    labels : sequence of int, optional
-        The labels that make up the lumen; only for a label volume.
-    unit : str
+    labels : sequence of int or str, optional
+        The labels that make up the lumen, by number or name, or ``"all"``; only for a label
+        volume.
+    part : str, optional
+        The part of a scene of several; only for a surface.
+    unit : str, optional
         Unit of the file's coordinates; only for a surface (a volume's header states its own).
+    frame : str, optional
+        Where the world axes of the file point in the patient, such as ``"LPS"``; by default as
+        the file says.
+    repair : bool
+        Mend what can be mended safely; only for a surface.
 
     Raises
     ------
@@ -36,14 +51,16 @@ def read_tract(
     InputError, GeometryError, UnitError
         If what it holds cannot be used, or an argument does not go with it.
     """
-    if has_suffix(path, LABEL_SUFFIXES):
-        if unit != "mm":
-            raise InputError(f"unit is '{unit}': a NIfTI file states its own unit, leave it out")
-        return read_labels(path, labels=labels)
+    if is_volume(path):
+        if unit not in (None, "mm"):
+            raise InputError(f"unit is '{unit}': a label volume states its own unit, leave it out")
+        if part is not None:
+            raise InputError(f"{path} is a label volume: it has labels, no parts")
+        return read_labels(path, labels=labels, frame=frame)
     if has_suffix(path, SURFACE_SUFFIXES):
         if labels is not None:
             raise InputError(f"{path} is a surface: it has no labels to select")
-        return read_surface(path, unit=unit)
+        return read_surface(path, part=part, unit=unit, frame=frame, repair=repair)
     raise FileFormatError(
         f"{path}: cannot tell its kind from the name; known are "
         f"{', '.join(LABEL_SUFFIXES + SURFACE_SUFFIXES)}"

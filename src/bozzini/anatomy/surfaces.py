@@ -24,7 +24,14 @@ _UNIT_WORD = re.compile(r"[^\W\d_][^\W\d]*")
 """A word: a number in it would multiply the unit."""
 
 
-def read_surface(path: str | os.PathLike[str], *, unit: str = "mm") -> SurfaceTract:
+def read_surface(
+    path: str | os.PathLike[str],
+    *,
+    part: str | None = None,
+    unit: str | None = None,
+    frame: str | None = None,
+    repair: bool = False,
+) -> SurfaceTract:
     """Read the wall of a lumen from a file of triangles, as mm in the file's own frame.
 
     A scene of several parts (GLB) is joined, each part moved to where its node puts it.
@@ -49,6 +56,7 @@ def read_surface(path: str | os.PathLike[str], *, unit: str = "mm") -> SurfaceTr
     """
     from ..units import parse_quantity
 
+    unit = "mm" if unit is None else unit
     if not _UNIT_WORD.fullmatch(unit):
         raise UnitError(f"unit is '{unit}': it must be a unit of length such as mm, cm, m or in")
     scale = parse_quantity(f"1 {unit}", "length")

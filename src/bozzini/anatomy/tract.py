@@ -13,7 +13,7 @@ from ..checks import check_points
 from ..errors import GeometryError, InputError
 from .findings import Finding
 
-__all__ = ["ORGANS", "LabelTract", "Opening", "Organ", "SurfaceTract", "Tract"]
+__all__ = ["ORGANS", "Component", "LabelTract", "Opening", "Organ", "SurfaceTract", "Tract"]
 
 Organ = Literal["upper-tract", "small-bowel", "colon"]
 """An organ whose entry is known: the upper tract and the small bowel are entered from their higher
@@ -44,6 +44,25 @@ class Opening:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Component:
+    """A part of the lumen of a file that is not joined to the part that was kept.
+
+    Attributes
+    ----------
+    volume : float
+        [mm^3].
+    point : tuple of float
+        The place inside it that is nearest to its middle, world frame [mm].
+    label_names : tuple of str
+        Its labels, by their names as far as they have any, else ``"label 3"``.
+    """
+
+    volume: float
+    point: Point
+    label_names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
 class LabelTract:
     """A lumen given by voxels.
 
@@ -66,6 +85,8 @@ class LabelTract:
         Named places in the world frame [mm], as far as the file has them.
     openings : tuple of Opening
         Open ends that were capped.
+    not_reached : tuple of Component
+        The other parts of the lumen, largest first: no motion in this tract reaches them.
     frame : str, optional
         Where the world axes point in the patient, a letter each (R or L, A or P, S or I), such as
         "RAS" or "LPS"; None where the file does not say.
@@ -91,6 +112,7 @@ class LabelTract:
     organ: Organ | None = None
     landmarks: Mapping[str, Point] = field(default_factory=dict)
     openings: tuple[Opening, ...] = ()
+    not_reached: tuple[Component, ...] = ()
     frame: str | None = None
     wall: str = ""
     wall_error: float | None = None
@@ -137,9 +159,11 @@ class LabelTract:
     @property
     def label_values(self) -> tuple[int, ...]:
         """The labels that are there."""
-        return tuple(
-            int(value) for value in np.flatnonzero(np.bincount(self.labels.ravel())) if value
-        )
+        there = np.zeros(1 << 16, dtype=bool)
+        for layer in self.labels:  # one at a time: an index takes eight bytes a voxel
+            there[layer] = True
+        there[0] = False
+        return tuple(int(value) for value in np.flatnonzero(there))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,6 +186,8 @@ class SurfaceTract:
         Named places in the world frame [mm], as far as the file has them.
     openings : tuple of Opening
         Open ends that were capped.
+    not_reached : tuple of Component
+        The other parts of the lumen, largest first: no motion in this tract reaches them.
     frame : str, optional
         Where the world axes point in the patient, a letter each (R or L, A or P, S or I), such as
         "RAS" or "LPS"; None where the file does not say.
@@ -183,6 +209,7 @@ class SurfaceTract:
     organ: Organ | None = None
     landmarks: Mapping[str, Point] = field(default_factory=dict)
     openings: tuple[Opening, ...] = ()
+    not_reached: tuple[Component, ...] = ()
     frame: str | None = None
     wall: str = ""
     wall_error: float | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -45,9 +46,9 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 if TYPE_CHECKING:  # generic in newer versions of click only
     _FloatType = click.ParamType[float]
     _FloatsType = click.ParamType[tuple[float, ...]]
-    _IntegersType = click.ParamType[tuple[int, ...]]
+    _LabelsType = click.ParamType[tuple[int | str, ...]]
 else:
-    _FloatType = _FloatsType = _IntegersType = click.ParamType
+    _FloatType = _FloatsType = _LabelsType = click.ParamType
 
 
 def json_option(function: _Function) -> _Function:
@@ -122,26 +123,34 @@ class VectorType(_FloatsType):
             self.fail(str(error), param, ctx)
 
 
-class LabelsType(_IntegersType):
-    """Comma-separated label numbers, such as ``1,2,3``, given on as a tuple of ints."""
+class LabelsType(_LabelsType):
+    """Comma-separated labels, numbers or names such as ``1,2`` or ``stomach,duodenum``, or ``all``.
+
+    Given on as a tuple of ints and strings.
+    """
 
     name = "labels"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, ...]:
+    ) -> tuple[int | str, ...]:
         """Return the labels in the order given, each once."""
         if not isinstance(value, str):
             return tuple(value)
         parts = [part.strip() for part in value.split(",")]
-        if not all(part.isascii() and part.isdigit() and 1 <= int(part) <= 65535 for part in parts):
+        numbers = [int(part) if part.isascii() and part.isdigit() else part for part in parts]
+        legal = (
+            1 <= part <= 65535 if isinstance(part, int) else re.search(r"[^\W\d_]", part)
+            for part in numbers
+        )
+        if not all(legal):
             self.fail(
-                f"'{value}' is not a list of labels: give whole numbers in [1, 65535] "
-                "separated by commas, such as 1,2,3 (0 is the background)",
+                f"'{value}' is not a list of labels: give names, or whole numbers in [1, 65535], "
+                "separated by commas, such as 1,2,3 (0 is the background), or all",
                 param,
                 ctx,
             )
-        return tuple(dict.fromkeys(int(part) for part in parts))
+        return tuple(dict.fromkeys(numbers))
 
 
 def clean_json(value: Any) -> Any:
