@@ -11,7 +11,7 @@ from . import _mesh
 from ._kernels import cross_groups
 from .findings import Finding, name_place
 
-__all__ = ["Parts", "resolve_parts"]
+__all__ = ["Parts", "find_touching", "resolve_parts"]
 
 FOLLOWS_VOLUME = 0.3
 """Share of the outer sheet's volume from which an inner one is taken for the inside of a wall."""
@@ -78,7 +78,7 @@ def resolve_parts(
         closed = _find_closed(triangles, part, number)
         first = int(np.where(closed, volume, -1.0).argmax()) if wall is None else wall
         chosen, inside = _find_wall(points, triangles, part, volume, closed, first, found)
-        touching, entering = _find_touching(points, triangles, part, chosen)
+        touching, entering = find_touching(points, triangles, part, chosen)
         free = closed & inside & ~touching
         is_body = free & ~_find_meeting(points, triangles, part, free)
         kept = (touching | entering) & ~is_body
@@ -94,7 +94,7 @@ def resolve_parts(
     return Parts(points[used], index[: ends[0]], index[ends[0] : ends[1]], index[ends[1] :])
 
 
-def _find_touching(
+def find_touching(
     points: Vertices, triangles: Faces, part: NDArray[np.int64], wall: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Say which parts cross or touch the wall, and which have a corner inside it, (number,)."""
