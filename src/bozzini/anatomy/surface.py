@@ -136,6 +136,7 @@ def tract_from_surface(
         source=source,
         findings=tuple(found),
         openings=openings,
+        not_reached=parts.apart,
         wall=wall_text,
     )
 

@@ -121,10 +121,11 @@ def read_surface(
         sizes = sizes * scale
     elif has_suffix(path, (".glb",)):
         sizes = sizes * 1000.0
-        message = "coordinates taken as m, as the GLB standard says; if they are mm, give --unit mm"
-        found.append(Finding("unit-assumed", "note", message))
     elif model is not None:
         sizes = model.voxel
+    if scale is None and has_suffix(path, (".glb",)) and marked is None:
+        message = "coordinates taken as m, as the GLB standard says; if they are mm, give --unit mm"
+        found.append(Finding("unit-assumed", "note", message))
     meshes = [_measure(replace(mesh, vertices=mesh.vertices * sizes), path) for mesh in meshes]
     meshes = [mesh for mesh in meshes if len(mesh.faces)]
     tract = _choose(meshes, part, name_file(path), found, repair=repair)
