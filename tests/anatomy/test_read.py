@@ -169,7 +169,7 @@ def test_the_nodes_of_a_scene_are_put_in_their_places(tmp_path):
     scene.add_geometry(box(), transform=mirror)
     scene.add_geometry(trimesh.creation.box((2.0, 2.0, 2.0)))
     scene.export(tmp_path / "scene.glb")
-    tract = read_surface(tmp_path / "scene.glb")
+    tract = read_surface(tmp_path / "scene.glb", unit="mm")
     np.testing.assert_allclose(tract.vertices.mean(axis=0), (50.0, 60.0, 70.0), atol=1e-4)
     assert tract.volume > 0
     assert "components-dropped" in codes(tract)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from . import _mesh
 from ._kernels import cross_groups
 from .findings import Finding, name_place
+from .tract import Component
 
-__all__ = ["Parts", "resolve_parts"]
+__all__ = ["Parts", "find_touching", "resolve_parts"]
 
 FOLLOWS_VOLUME = 0.3
 """Share of the outer sheet's volume from which an inner one is taken for the inside of a wall."""
@@ -19,6 +20,9 @@ FOLLOWS_VOLUME = 0.3
 FOLLOWS_LENGTH = 0.8
 THIN_VOLUME = 0.05
 """The same for a thick wall around a narrow lumen: of the longest side, and of the volume."""
+
+MOST_APART = 100
+"""Closed parts left out that are listed."""
 
 TOUCHING = 1e-6
 """Distance, by the size of the surface, below which a part touches the wall."""
@@ -40,12 +44,15 @@ class Parts(NamedTuple):
         Closed parts apart from each other inside it, turned inwards: the winding number is 0 there.
     sheets : (l, 3) int
         What else touches the lumen, each triangle once.
+    apart : tuple of Component
+        Closed parts that are left out, the largest first.
     """
 
     points: Vertices
     wall: Faces
     bodies: Faces
     sheets: Faces
+    apart: tuple[Component, ...] = ()
 
 
 def resolve_parts(
@@ -73,28 +80,36 @@ def resolve_parts(
         part = _mesh.label_parts(triangles, len(points))
     number = int(part.max()) + 1
     bodies = sheets = triangles[:0]
+    apart: tuple[Component, ...] = ()
     if number > 1:
         volume = np.abs(_mesh.measure_part_volumes(points, triangles, part, number))
         closed = _find_closed(triangles, part, number)
         first = int(np.where(closed, volume, -1.0).argmax()) if wall is None else wall
-        chosen, inside = _find_wall(points, triangles, part, volume, closed, first, found)
-        touching, entering = _find_touching(points, triangles, part, chosen)
+        chosen, inside, around = _find_wall(points, triangles, part, volume, closed, first, found)
+        touching, entering = find_touching(points, triangles, part, chosen)
         free = closed & inside & ~touching
         is_body = free & ~_find_meeting(points, triangles, part, free)
         kept = (touching | entering) & ~is_body
         kept[chosen] = False
         middles = _find_middles(points, triangles, part, number)
         _report(part, volume, chosen, is_body, kept, middles, found)
+        # The outer side of a wall with thickness is no lumen.
+        left = closed & ~kept & ~is_body & (np.arange(number) != chosen) & ~around
+        order = np.flatnonzero(left)[np.argsort(-volume[left], kind="stable")]
+        apart = tuple(
+            Component(volume=float(volume[k]), point=(x, y, z))
+            for k, (x, y, z) in ((int(k), middles[k].tolist()) for k in order[:MOST_APART])
+        )
         bodies = _turn_inwards(points, triangles[is_body[part]])
         sheets = triangles[kept[part]]
         triangles = triangles[part == chosen]
     used, index = np.unique(np.concatenate((triangles, bodies, sheets)), return_inverse=True)
     index = index.reshape(-1, 3).astype(np.int64)
     ends = np.cumsum((len(triangles), len(bodies)))
-    return Parts(points[used], index[: ends[0]], index[ends[0] : ends[1]], index[ends[1] :])
+    return Parts(points[used], index[: ends[0]], index[ends[0] : ends[1]], index[ends[1] :], apart)
 
 
-def _find_touching(
+def find_touching(
     points: Vertices, triangles: Faces, part: NDArray[np.int64], wall: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Say which parts cross or touch the wall, and which have a corner inside it, (number,)."""
@@ -194,8 +209,9 @@ def _find_wall(
     closed: NDArray[np.bool_],
     wall: int,
     found: list[Finding],
-) -> tuple[int, NDArray[np.bool_]]:
-    """Go inwards from a part as long as one sheet follows the other."""
+) -> tuple[int, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Go inwards from a part as long as one sheet follows the other; return those passed too."""
+    passed = np.zeros(len(volume), dtype=bool)
     order = np.argsort(part, kind="stable")
     first = np.searchsorted(part[order], np.arange(len(volume)))
     corners = points[triangles[order]]
@@ -211,17 +227,18 @@ def _find_wall(
         )
         sheets = np.flatnonzero(inside & closed & follows)
         if len(sheets) == 0:
-            return wall, inside
+            return wall, inside, passed
         inner = int(sheets[volume[sheets].argmax()])
         deeper = _find_inside(points, triangles, part, inner, closed)
         if not deeper[sheets[sheets != inner]].all():
-            return wall, inside
+            return wall, inside, passed
         message = (
             f"a closed sheet of {volume[inner] / 1000.0:.3g} mL lies inside one of "
             f"{volume[wall] / 1000.0:.3g} mL: taken for a wall with thickness, the lumen is inside "
             f"the inner sheet; if it is not, give the surface of the lumen alone"
         )
         found.append(Finding("wall-with-thickness", "warning", message))
+        passed[wall] = True
         wall = inner
 
 

@@ -136,12 +136,14 @@ def tract_from_surface(
         source=source,
         findings=tuple(found),
         openings=openings,
+        not_reached=parts.apart,
         wall=wall_text,
     )
 
 
 def unite_parts(
     parts: Sequence[tuple[str, Vertices, Faces]],
+    obstacles: Sequence[tuple[str, Vertices, Faces]] = (),
     *,
     source: str = "array",
     findings: Iterable[Finding] = (),
@@ -152,6 +154,8 @@ def unite_parts(
     ----------
     parts : sequence of (str, (n, 3) float, (m, 3) int)
         Name, corners [mm] and triangles.
+    obstacles : sequence of the same
+        What is wall where it stands in the lumen.
     source, findings
         As for `tract_from_surface`.
 
@@ -170,14 +174,19 @@ def unite_parts(
     copies: list[Sheet] = []
     outer: list[Sheet] = []
     start = 0
-    for name, vertices, faces in parts:
+    for k, (name, vertices, faces) in enumerate((*parts, *obstacles)):
         points, triangles = _check_arrays(vertices, faces, f"{source}, part '{name}'")
         points, triangles = _mesh.weld(points, triangles)
         triangles = _drop_bad(triangles, found)
-        if len(triangles) == 0:
-            raise GeometryError(f"{source}, part '{name}' encloses no volume: it is flat")
-        choice = choose_sheets(points, triangles)
-        if not choice.kept:
+        choice = choose_sheets(points, triangles) if len(triangles) else None
+        if k >= len(parts):
+            if choice is not None:
+                moved = choice.move(start)
+                others += [*moved.kept, *moved.outer, *moved.copies, *moved.others]
+                corners.append(points)
+                start += len(points)
+            continue
+        if choice is None or not choice.kept:
             raise GeometryError(f"{source}, part '{name}' encloses no volume: it is flat")
         moved = choice.move(start)
         names += [name] * len(moved.kept)
@@ -367,7 +376,7 @@ def _find_joints(triangles: Faces) -> NDArray[np.int64]:
     number, fan = _mesh.label_fans(triangles)
     corner = np.zeros(number, dtype=np.int64)
     corner[fan] = triangles
-    return np.flatnonzero(np.bincount(corner) > 1)
+    return np.asarray(np.flatnonzero(np.bincount(corner) > 1), dtype=np.int64)
 
 
 def _split_corners(

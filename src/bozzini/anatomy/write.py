@@ -16,6 +16,7 @@ from ..files import write_atomically
 from ._names import write_label_table
 from ._quiet import quiet_libraries
 from .frame import convert_frame
+from .surfaces import MARK
 from .tract import LabelTract, SurfaceTract
 
 __all__ = ["check_target", "encode_labels", "write_tract"]
@@ -53,13 +54,13 @@ def check_target(path: str | os.PathLike[str], *, force: bool = False) -> str:
 def write_tract(
     path: str | os.PathLike[str], tract: LabelTract | SurfaceTract, *, force: bool = False
 ) -> Path:
-    """Write labels as NIfTI or a surface as STL, PLY, OBJ or GLB, in mm and in its own frame.
+    """Write labels as NIfTI or a surface as STL, PLY, OBJ or GLB, in its own frame.
 
     NIfTI is RAS by definition: labels of another known frame (LPS of NRRD or DICOM) are written
     so that they lie at the same place of the patient. Names of labels are written with them.
 
-    GLB is written in mm too, axes as they are, although its standard says m and +y up: it is
-    for reading back, not for viewing (that is what `bozzini.view` writes).
+    All are in mm but GLB, which is in m as its standard says; its axes are as they are, and their
+    frame is kept in the file.
 
     Parameters
     ----------
@@ -94,10 +95,21 @@ def _put(path: Path, data: bytes) -> None:
 def _encode(path: str | os.PathLike[str], tract: SurfaceTract) -> bytes:
     import trimesh
 
+    kind = Path(path).suffix.lower().lstrip(".")
+    scale = 1e-3 if kind == "glb" else 1.0
     with quiet_libraries():
-        mesh = trimesh.Trimesh(vertices=tract.vertices, faces=tract.faces, process=False)
-        data: Any = mesh.export(file_type=Path(path).suffix.lower().lstrip("."))
+        mesh = trimesh.Trimesh(vertices=tract.vertices * scale, faces=tract.faces, process=False)
+        if kind == "glb":
+            data: Any = trimesh.exchange.gltf.export_glb(
+                mesh, tree_postprocessor=lambda tree: _mark_frame(tree, tract.frame)
+            )
+        else:
+            data = mesh.export(file_type=kind)
     return data.encode("utf-8") if isinstance(data, str) else bytes(data)
+
+
+def _mark_frame(tree: dict[str, Any], frame: str | None) -> None:
+    tree["asset"]["extras"] = {MARK: {"frame": frame}}
 
 
 def encode_labels(
