@@ -325,7 +325,8 @@ def _orient(
 
 
 def _article(organ: str) -> str:
-    return f"an {organ}" if organ.startswith("upper") else f"a {organ}"
+    name = organ.replace("-", " ")
+    return f"an {name}" if name.startswith("upper") else f"a {name}"
 
 
 def _guess_organ(tract: LabelTract | SurfaceTract) -> str | None:
