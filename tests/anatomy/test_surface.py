@@ -73,6 +73,13 @@ def inside_out(part):
     return part[0], part[1][:, ::-1]
 
 
+def holds_triangles(tract, vertices, faces):
+    """Say whether each triangle given is one of the tract's."""
+    wanted = {tuple(sorted(map(tuple, corners))) for corners in np.round(vertices[faces], 9)}
+    there = np.round(tract.vertices[tract.faces], 9)
+    return wanted <= {tuple(sorted(map(tuple, corners))) for corners in there}
+
+
 def winding_at(tract, *points):
     import igl
 
@@ -130,8 +137,10 @@ def test_two_large_bodies_side_by_side_are_not_taken_for_the_wall():
 def test_an_open_piece_inside_the_lumen_is_warned_of():
     vertices, faces = ball(3.0)
     half = (vertices, faces[vertices[faces].mean(axis=1)[:, 2] > 0])
-    found = codes(tract_from_surface(*join(ball(20.0), half)))
-    assert found["open-pieces-inside"].severity == "warning"
+    tract = tract_from_surface(*join(ball(20.0), half))
+    assert codes(tract)["pieces-inside"].severity == "warning"
+    assert winding_at(tract, (0, 0, 2), (0, 0, 10)) == pytest.approx([1, 1], abs=1e-9)
+    assert holds_triangles(tract, *half)
 
 
 def test_a_small_hole_is_filled_and_a_large_one_is_located():
@@ -142,11 +151,28 @@ def test_a_small_hole_is_filled_and_a_large_one_is_located():
     assert filled.volume == pytest.approx(whole.volume, rel=1e-3)
     middle = vertices[faces].mean(axis=1)
     with pytest.raises(GeometryError) as caught:
-        tract_from_surface(vertices + [100.0, 0, 0], faces[middle[:, 2] < 15.0])
+        tract_from_surface(vertices + [100.0, 0, 0], faces[middle[:, 2] < 0.0])
     said = str(caught.value)
     assert "boundary edges in 1 hole, near (100.0, " in said
     height = float(said.split("near (")[1].split(")")[0].split(",")[2])
-    assert 13.0 < height < 18.0
+    assert -3.0 < height < 3.0
+
+
+def test_an_open_end_is_capped_flat_and_is_a_candidate_for_an_end():
+    vertices, faces = ball()
+    height = vertices[faces].mean(axis=1)[:, 2]
+    for turned in (faces, faces[:, ::-1]):
+        tract = tract_from_surface(vertices, turned[(height < 15.0) & (height > -17.0)])
+        first, second = tract.openings
+        assert (first.name, second.name) == ("opening 1", "opening 2")
+        assert first.point == pytest.approx((0.0, 0.0, 15.0), abs=1.5)
+        assert second.point == pytest.approx((0.0, 0.0, -17.0), abs=1.5)
+        assert first.radius == pytest.approx(np.sqrt(20.0**2 - 15.0**2), rel=0.1)
+        mesh = trimesh.Trimesh(tract.vertices, tract.faces, process=False)
+        assert mesh.is_watertight
+        assert tract.volume > 0.0
+        assert "ends-capped" in codes(tract)
+        assert "capped" in tract.wall
 
 
 def test_corners_apart_by_rounding_are_welded():

@@ -32,7 +32,7 @@ def test_a_surface_comes_back(tmp_path, surface, suffix):
 @pytest.mark.parametrize("suffix", ["nii", "nii.gz"])
 def test_labels_come_back(tmp_path, labels, suffix):
     path = write_tract(tmp_path / f"tract.{suffix}", labels)
-    back = read_tract(path)
+    back = read_tract(path, labels="all")
     assert {item.code for item in back.findings} <= {"voxels-coarse"}
     assert back.label_values == (1, 2, 3)
     index = np.argwhere(labels.mask) @ labels.affine[:3, :3].T + labels.affine[:3, 3]

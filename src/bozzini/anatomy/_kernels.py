@@ -1,4 +1,4 @@
-"""Numba kernels of this room: the union of balls along a line, and triangles that cross."""
+"""Numba kernels: the union of balls along a line, triangles that cross, columns of voxels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-__all__ = ["count_crossing", "fill_distance", "measure_distance"]
+__all__ = [
+    "add_windings",
+    "count_crossing",
+    "cross_groups",
+    "fill_distance",
+    "measure_distance",
+]
 
 Array = Any  # inside a kernel every array is NumPy's; Numba infers the rest
 
@@ -151,6 +157,12 @@ def count_crossing(vertices: Array, faces: Array, cell: float) -> Array:
     Triangles are sorted into the cells of a grid that their boxes meet; those that share a cell
     are compared. Touching and lying in one plane are not crossing.
     """
+    return cross_groups(vertices, faces, cell, np.arange(len(faces)))
+
+
+@njit(cache=True)
+def cross_groups(vertices: Array, faces: Array, cell: float, group: Array) -> Array:
+    """Do the same for triangles of different groups (m,) only."""
     low = np.array([vertices[:, axis].min() for axis in range(3)])
     high = np.array([vertices[:, axis].max() for axis in range(3)])
     ranges, total = _cell_ranges(vertices, faces, low, cell)
@@ -180,7 +192,7 @@ def count_crossing(vertices: Array, faces: Array, cell: float) -> Array:
             one = items[order[i]]
             for j in range(i + 1, end):
                 other = items[order[j]]
-                if crossed[one] and crossed[other]:
+                if (crossed[one] and crossed[other]) or group[one] == group[other]:
                     continue
                 apart = False
                 for axis in range(3):
@@ -194,3 +206,57 @@ def count_crossing(vertices: Array, faces: Array, cell: float) -> Array:
                     crossed[other] = True
         begin = end
     return crossed
+
+
+@njit(cache=True)
+def _side(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> int:
+    """Say on which side of an edge a place lies, the same for both triangles of the edge."""
+    turn = 1
+    if ax > bx or (ax == bx and ay > by):
+        ax, ay, bx, by = bx, by, ax, ay
+        turn = -1
+    return turn if (bx - ax) * (y - ay) - (by - ay) * (x - ax) >= 0.0 else -turn
+
+
+@njit(cache=True)
+def add_windings(corners: Array, low: Array, voxel: float, steps: Array) -> None:
+    """Add to each voxel how much the winding number changes on the way up to its centre.
+
+    The sum along the last axis is the winding number of closed triangles about the centres.
+
+    Parameters
+    ----------
+    corners : (m, 3, 3) float
+        Triangles, outward [mm].
+    low : (3,) float
+        Centre of voxel (0, 0, 0) [mm].
+    voxel : float
+        Size of the voxels [mm].
+    steps : (nx, ny, nz) int16
+        Changed in place.
+    """
+    nx, ny, nz = steps.shape
+    for f in range(len(corners)):
+        ax, ay, az = corners[f, 0]
+        bx, by, bz = corners[f, 1]
+        cx, cy, cz = corners[f, 2]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        first_x = max(int(math.floor((min(ax, bx, cx) - low[0]) / voxel)), 0)
+        last_x = min(int(math.ceil((max(ax, bx, cx) - low[0]) / voxel)), nx - 1)
+        first_y = max(int(math.floor((min(ay, by, cy) - low[1]) / voxel)), 0)
+        last_y = min(int(math.ceil((max(ay, by, cy) - low[1]) / voxel)), ny - 1)
+        bottom, top = min(az, bz, cz), max(az, bz, cz)
+        for i in range(first_x, last_x + 1):
+            x = low[0] + i * voxel
+            for j in range(first_y, last_y + 1):
+                y = low[1] + j * voxel
+                side = _side(ax, ay, bx, by, x, y)
+                if _side(bx, by, cx, cy, x, y) != side or _side(cx, cy, ax, ay, x, y) != side:
+                    continue
+                u = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+                v = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                z = min(max(az + u * (bz - az) + v * (cz - az), bottom), top)
+                k = min(max(int(math.ceil((z - low[2]) / voxel)), 0), nz - 1)
+                steps[i, j, k] -= side

@@ -1,4 +1,4 @@
-"""Bookkeeping on triangles with NumPy: edges, parts, fans, winding."""
+"""Bookkeeping on triangles with NumPy: edges, parts, sheets, fans, holes, winding."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Edges",
+    "Hole",
     "agree",
     "count_edges",
     "count_fans",
     "drop_degenerate",
     "fill_small_holes",
+    "find_holes",
+    "label_fans",
     "label_parts",
+    "label_sheets",
     "measure_part_volumes",
     "measure_volume",
     "weld",
@@ -108,16 +112,78 @@ def measure_volume(points: Vertices, faces: Faces) -> float:
     return float(measure_part_volumes(points, faces, np.zeros(len(faces), dtype=np.int64), 1)[0])
 
 
-def fill_small_holes(points: Vertices, faces: Faces) -> tuple[Vertices, Faces]:
-    """Fill holes of three or four edges."""
-    import trimesh
+class Hole(NamedTuple):
+    """A hole of a surface, and the flat cap that closes it.
 
-    from ._quiet import quiet_libraries
+    Attributes
+    ----------
+    point : (3,) float
+        Middle of its border [mm].
+    radius : float
+        Of the circle of the area that the border encloses [mm].
+    deviation : float
+        Farthest of its border from the plane through its middle [mm].
+    length : float
+        Of its border [mm].
+    edges : (k, 2) int
+        Its border, in the sense in which the cap runs through it.
+    """
 
-    with quiet_libraries():
-        mesh = trimesh.Trimesh(vertices=points, faces=faces, process=False)
-        trimesh.repair.fill_holes(mesh)
-    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    point: NDArray[np.float64]
+    radius: float
+    deviation: float
+    length: float
+    edges: NDArray[np.int64]
+
+
+def find_holes(points: Vertices, faces: Faces) -> list[Hole]:
+    """Return the holes of triangles that agree in their turn, the largest first.
+
+    A border edge is one that is not run through as often one way as the other. Triangles from the
+    border's edges to its middle, ``(a, b, middle)``, close the surface exactly.
+    """
+    directed = _directed(faces)
+    width = int(faces.max()) + 1
+    forward = directed[:, 0] < directed[:, 1]
+    key, index = np.unique(np.sort(directed, axis=1) @ np.array([width, 1]), return_inverse=True)
+    net = np.bincount(index.reshape(-1), weights=np.where(forward, 1.0, -1.0), minlength=len(key))
+    net = np.rint(net).astype(np.int64)
+    pairs = np.stack((key // width, key % width), axis=1)
+    back = np.where((net > 0)[:, None], pairs[:, ::-1], pairs)  # the cap runs the other way
+    edges = np.repeat(back, np.abs(net), axis=0)
+    if len(edges) == 0:
+        return []
+    loop = label_parts(edges, width)
+    holes = []
+    for k in range(int(loop.max()) + 1):
+        border = edges[loop == k]
+        start, end = points[border[:, 0]], points[border[:, 1]]
+        lengths = np.linalg.norm(end - start, axis=1)
+        total = float(lengths.sum())
+        weights = lengths / total if total > 0.0 else np.full(len(lengths), 1.0 / len(lengths))
+        middle = np.asarray((0.5 * (start + end) * weights[:, None]).sum(axis=0))
+        area = 0.5 * np.cross(start - middle, end - middle).sum(axis=0)
+        size = float(np.linalg.norm(area))
+        radius = float(np.sqrt(size / np.pi))
+        off = (start - middle) @ area / size if size > 0.0 else np.linalg.norm(start - middle)
+        holes.append(Hole(middle, radius, float(np.abs(off).max()), total, border))
+    return sorted(holes, key=lambda hole: -hole.radius)
+
+
+def fill_small_holes(points: Vertices, faces: Faces) -> tuple[Faces, list[Hole]]:
+    """Fill holes of three or four edges with one or two triangles; return the holes filled."""
+    faces, _ = agree(faces, len(points))
+    filled, caps = [], [faces]
+    for hole in find_holes(points, faces):
+        following = {int(a): int(b) for a, b in hole.edges}
+        ring = [int(hole.edges[0, 0])]
+        while len(ring) < len(hole.edges) and following.get(ring[-1], ring[0]) != ring[0]:
+            ring.append(following[ring[-1]])
+        if len(hole.edges) > 4 or len(ring) != len(hole.edges):
+            continue
+        caps += [np.array([(ring[0], ring[k], ring[k + 1])]) for k in range(1, len(ring) - 1)]
+        filled.append(hole)
+    return np.concatenate(caps), filled
 
 
 def agree(faces: Faces, number: int) -> tuple[Faces, int]:
@@ -156,16 +222,8 @@ def agree(faces: Faces, number: int) -> tuple[Faces, int]:
     return result, int(np.count_nonzero(turn))
 
 
-def count_fans(faces: Faces) -> tuple[int, int]:
-    """Count the fans of triangles around vertices, and the sheets of triangles.
-
-    Corners of two triangles at one vertex are joined into a fan, and the triangles into a sheet,
-    where the triangles share an edge that has no other triangle. There are more fans than
-    vertices where a surface touches itself.
-    """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
+def _pair_corners(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the corners (3 face + corner) that meet across edges of exactly two triangles."""
     m = len(faces)
     directed = _directed(faces)
     width = int(faces.max()) + 1
@@ -180,11 +238,41 @@ def count_fans(faces: Faces) -> tuple[int, int]:
     key, low, high = key[order], low[order], high[order]
     first = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     first = first[np.diff(np.r_[first, len(key)]) == 2]
-    rows = np.concatenate((low[first], high[first]))
-    columns = np.concatenate((low[first + 1], high[first + 1]))
-    counts = []
-    for size, one, other in ((3 * m, rows, columns), (m, rows // 3, columns // 3)):
-        ones = np.ones(len(one), dtype=np.int8)
-        graph = coo_matrix((ones, (one, other)), shape=(size, size))
-        counts.append(int(connected_components(graph, directed=False)[0]))
-    return counts[0], counts[1]
+    return (
+        np.concatenate((low[first], high[first])),
+        np.concatenate((low[first + 1], high[first + 1])),
+    )
+
+
+def _join(
+    one: NDArray[np.int64], other: NDArray[np.int64], size: int
+) -> tuple[int, NDArray[np.int64]]:
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    ones = np.ones(len(one), dtype=np.int8)
+    graph = coo_matrix((ones, (one, other)), shape=(size, size))
+    number, label = connected_components(graph, directed=False)
+    return int(number), np.asarray(label, dtype=np.int64)
+
+
+def label_sheets(faces: Faces) -> tuple[int, NDArray[np.int64]]:
+    """Number the sheets (m,): triangles joined by edges that have no third triangle."""
+    rows, columns = _pair_corners(faces)
+    return _join(rows // 3, columns // 3, len(faces))
+
+
+def label_fans(faces: Faces) -> tuple[int, NDArray[np.int64]]:
+    """Number the fans of triangles around vertices, for each corner (m, 3).
+
+    Corners of two triangles at one vertex belong to one fan where the triangles share an edge that
+    has no third triangle. There are more fans than vertices where a surface touches itself.
+    """
+    rows, columns = _pair_corners(faces)
+    number, label = _join(rows, columns, 3 * len(faces))
+    return number, label.reshape(-1, 3)
+
+
+def count_fans(faces: Faces) -> tuple[int, int]:
+    """Count the fans of triangles around vertices, and the sheets of triangles."""
+    return label_fans(faces)[0], label_sheets(faces)[0]

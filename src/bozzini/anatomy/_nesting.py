@@ -1,14 +1,17 @@
-"""Closed parts of a surface inside one another: an organ's wall with thickness, or bodies."""
+"""Parts of a surface: which is the wall of the lumen, and which stand in its way."""
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _mesh
-from .findings import Finding
+from ._kernels import cross_groups
+from .findings import Finding, name_place
 
-__all__ = ["resolve_parts"]
+__all__ = ["Parts", "resolve_parts"]
 
 FOLLOWS_VOLUME = 0.3
 """Share of the outer sheet's volume from which an inner one is taken for the inside of a wall."""
@@ -17,44 +20,170 @@ FOLLOWS_LENGTH = 0.8
 THIN_VOLUME = 0.05
 """The same for a thick wall around a narrow lumen: of the longest side, and of the volume."""
 
+TOUCHING = 1e-6
+"""Distance, by the size of the surface, below which a part touches the wall."""
+
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 
-def resolve_parts(
-    points: Vertices, triangles: Faces, found: list[Finding]
-) -> tuple[Vertices, Faces, Faces]:
-    """Choose the part that is the wall of the lumen, and the bodies that stand inside it.
+class Parts(NamedTuple):
+    """The wall of the lumen and what else bounds it.
 
-    The part of the largest volume is taken. A closed part wholly inside it is never passed over:
+    Attributes
+    ----------
+    points : (n, 3) float
+        The corners in use [mm].
+    wall : (m, 3) int
+        The closed part that is the wall.
+    bodies : (k, 3) int
+        Closed parts apart from each other inside it, turned inwards: the winding number is 0 there.
+    sheets : (l, 3) int
+        What else touches the lumen, each triangle once.
+    """
+
+    points: Vertices
+    wall: Faces
+    bodies: Faces
+    sheets: Faces
+
+
+def resolve_parts(
+    points: Vertices,
+    triangles: Faces,
+    found: list[Finding],
+    *,
+    part: NDArray[np.int64] | None = None,
+    wall: int | None = None,
+) -> Parts:
+    """Choose the part that is the wall of the lumen, and keep all that stands in the lumen.
+
+    The part of the largest volume is taken, if `wall` does not say which. A closed part wholly
+    inside it is never passed over:
 
     - one that follows it (at least 30 % of its volume; or 80 % of its longest side and 5 % of its
       volume) is the inner side of a wall with thickness, and becomes the wall of the lumen;
     - others are bodies in the lumen.
 
     Where two parts side by side both follow, neither is taken for the inner side of a wall.
-
-    Returns
-    -------
-    points : (n, 3) float
-        The corners in use [mm].
-    wall : (m, 3) int
-    bodies : (k, 3) int
-        Turned inwards, so that the winding number inside them is 0.
+    Whatever else lies in the lumen, cuts the wall or touches it is wall too. Only parts wholly
+    outside that do not touch the wall are left out.
     """
-    part = _mesh.label_parts(triangles, len(points))
+    if part is None:
+        part = _mesh.label_parts(triangles, len(points))
     number = int(part.max()) + 1
-    bodies = triangles[:0]
+    bodies = sheets = triangles[:0]
     if number > 1:
         volume = np.abs(_mesh.measure_part_volumes(points, triangles, part, number))
-        wall, inside = _find_wall(points, triangles, part, volume, found)
-        is_body = _find_closed(triangles, part, number) & inside
-        _report(part, volume, wall, inside, is_body, found)
+        closed = _find_closed(triangles, part, number)
+        first = int(np.where(closed, volume, -1.0).argmax()) if wall is None else wall
+        chosen, inside = _find_wall(points, triangles, part, volume, closed, first, found)
+        touching, entering = _find_touching(points, triangles, part, chosen)
+        free = closed & inside & ~touching
+        is_body = free & ~_find_meeting(points, triangles, part, free)
+        kept = (touching | entering) & ~is_body
+        kept[chosen] = False
+        middles = _find_middles(points, triangles, part, number)
+        _report(part, volume, chosen, is_body, kept, middles, found)
         bodies = _turn_inwards(points, triangles[is_body[part]])
-        triangles = triangles[part == wall]
-    used, index = np.unique(np.concatenate((triangles, bodies)), return_inverse=True)
+        sheets = triangles[kept[part]]
+        triangles = triangles[part == chosen]
+    used, index = np.unique(np.concatenate((triangles, bodies, sheets)), return_inverse=True)
     index = index.reshape(-1, 3).astype(np.int64)
-    return points[used], index[: len(triangles)], index[len(triangles) :]
+    ends = np.cumsum((len(triangles), len(bodies)))
+    return Parts(points[used], index[: ends[0]], index[ends[0] : ends[1]], index[ends[1] :])
+
+
+def _find_touching(
+    points: Vertices, triangles: Faces, part: NDArray[np.int64], wall: int
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Say which parts cross or touch the wall, and which have a corner inside it, (number,)."""
+    import igl
+
+    number = int(part.max()) + 1
+    touching, entering = np.zeros(number, dtype=bool), np.zeros(number, dtype=bool)
+    sheet, _ = _mesh.agree(triangles[part == wall], len(points))
+    sheet = np.ascontiguousarray(sheet)
+    size = float(np.ptp(points[triangles].reshape(-1, 3), axis=0).max())
+    reach = TOUCHING * size
+    low, high = points[sheet].min(axis=(0, 1)) - reach, points[sheet].max(axis=(0, 1)) + reach
+    corners = points[triangles]
+    near = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+    near &= part != wall
+    if not near.any():
+        return touching, entering
+    others, owner = np.ascontiguousarray(triangles[near]), part[near]
+    both = np.concatenate((sheet, others))
+    group = np.concatenate((np.zeros(len(sheet), np.int64), np.ones(len(others), np.int64)))
+    crossed = cross_groups(points, both, _choose_cell(points, both), group)
+    touching[owner[crossed[len(sheet) :]]] = True
+    rest = ~touching[owner]
+    if not rest.any():
+        return touching, entering
+    others, owner = np.ascontiguousarray(others[rest]), owner[rest]
+    of_corner = np.zeros(len(points), dtype=np.int64)
+    of_corner[others] = owner[:, None]
+    used = np.unique(others)
+    places = np.ascontiguousarray(points[used])
+    winding = np.abs(igl.fast_winding_number(points, sheet, places))
+    entering[of_corner[used[winding > 0.5]]] = True
+    touching[of_corner[used[_measure_squared(points, sheet, places) <= reach**2]]] = True
+    ends = np.unique(sheet)
+    low, high = points[used].min(axis=0) - reach, points[used].max(axis=0) + reach
+    ends = ends[((points[ends] >= low) & (points[ends] <= high)).all(axis=1)]
+    if len(ends):
+        squared, face, _ = _ask_boxes(points, others, np.ascontiguousarray(points[ends]))
+        touching[owner[face[squared <= reach**2]]] = True
+    return touching, entering
+
+
+def _find_meeting(
+    points: Vertices,
+    triangles: Faces,
+    part: NDArray[np.int64],
+    asked: NDArray[np.bool_],
+) -> NDArray[np.bool_]:
+    """Say which of the parts asked for cross another part or lie in it."""
+    meets = np.zeros(len(asked), dtype=bool)
+    some = asked[part]
+    if int(asked.sum()) < 2:
+        return meets
+    faces, group = np.ascontiguousarray(triangles[some]), part[some]
+    crossed = cross_groups(points, faces, _choose_cell(points, faces), group)
+    meets[group[crossed]] = True
+    for one in np.flatnonzero(asked):
+        within = _find_inside(points, triangles, part, int(one), asked)
+        if (within & asked).any():
+            meets |= within & asked
+            meets[one] = True
+    return meets
+
+
+def _choose_cell(points: Vertices, faces: Faces) -> float:
+    extent = np.ptp(points[faces], axis=1).max(axis=1)
+    return max(2.0 * float(np.median(extent)), 1e-6 * float(np.ptp(points, axis=0).max()), 1e-9)
+
+
+def _ask_boxes(points: Vertices, faces: Faces, places: Vertices) -> Any:
+    import igl
+
+    boxes = igl.AABB()
+    boxes.init(points, faces)
+    return boxes.squared_distance(points, faces, places)
+
+
+def _measure_squared(points: Vertices, faces: Faces, places: Vertices) -> NDArray[np.float64]:
+    return np.asarray(_ask_boxes(points, faces, places)[0], dtype=np.float64)
+
+
+def _find_middles(
+    points: Vertices, triangles: Faces, part: NDArray[np.int64], number: int
+) -> Vertices:
+    """Return the middle of each part's triangles [mm], shape (number, 3)."""
+    count = np.bincount(part, minlength=number)
+    middle = points[triangles].mean(axis=1)
+    sums = [np.bincount(part, weights=middle[:, axis], minlength=number) for axis in range(3)]
+    return np.asarray(np.stack(sums, axis=1) / np.maximum(count, 1)[:, None])
 
 
 def _find_wall(
@@ -62,17 +191,17 @@ def _find_wall(
     triangles: Faces,
     part: NDArray[np.int64],
     volume: NDArray[np.float64],
+    closed: NDArray[np.bool_],
+    wall: int,
     found: list[Finding],
 ) -> tuple[int, NDArray[np.bool_]]:
-    """Go inwards from the largest part as long as one sheet follows the other."""
-    closed = _find_closed(triangles, part, len(volume))
+    """Go inwards from a part as long as one sheet follows the other."""
     order = np.argsort(part, kind="stable")
     first = np.searchsorted(part[order], np.arange(len(volume)))
     corners = points[triangles[order]]
     sides = np.maximum.reduceat(corners.max(axis=1), first) - np.minimum.reduceat(
         corners.min(axis=1), first
     )
-    wall = int(volume.argmax())
     while True:
         inside = _find_inside(points, triangles, part, wall, closed)
         axis = int(sides[wall].argmax())
@@ -156,8 +285,9 @@ def _report(
     part: NDArray[np.int64],
     volume: NDArray[np.float64],
     wall: int,
-    inside: NDArray[np.bool_],
     is_body: NDArray[np.bool_],
+    kept: NDArray[np.bool_],
+    middles: Vertices,
     found: list[Finding],
 ) -> None:
     number, bodies = len(volume), int(is_body.sum())
@@ -169,12 +299,17 @@ def _report(
             f"the scope cannot pass"
         )
         found.append(Finding("bodies-inside", "warning", message))
-    loose = int((inside & ~is_body).sum())
-    if loose:
-        what = "1 open piece lies" if loose == 1 else f"{loose} open pieces lie"
-        message = f"{what} inside the lumen: not closed, so left out; the scope may cross there"
-        found.append(Finding("open-pieces-inside", "warning", message))
-    dropped = ~is_body
+    pieces = int(kept.sum())
+    if pieces:
+        what = "1 part lies" if pieces == 1 else f"{pieces} parts lie"
+        largest = int(np.where(kept, np.bincount(part, minlength=number), -1).argmax())
+        message = (
+            f"{what} in the lumen or touch{'es' if pieces == 1 else ''} its wall "
+            f"({int(kept[part].sum())} triangles, the most near {name_place(middles[largest])} mm):"
+            f" kept as wall on both sides"
+        )
+        found.append(Finding("pieces-inside", "warning", message))
+    dropped = ~is_body & ~kept
     dropped[wall] = False
     count = int(dropped.sum())
     if not count:
@@ -183,7 +318,8 @@ def _report(
     message = (
         f"{number} components: the {'largest' if wall == volume.argmax() else 'one inside'} "
         f"({volume[wall] / 1000.0:.3g} mL) is kept, {count} {'other' if count == 1 else 'others'} "
-        f"with {int(dropped[part].sum())} triangles and {lost / 1000.0:.3g} mL dropped"
+        f"with {int(dropped[part].sum())} triangles and {lost / 1000.0:.3g} mL, wholly outside the "
+        f"lumen and not touching it, dropped"
     )
     severity = "warning" if lost > 0.01 * max(float(volume.sum()), 1e-300) else "note"
     found.append(Finding("components-dropped", severity, message))

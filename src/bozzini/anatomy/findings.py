@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..errors import InputError
 
-__all__ = ["Finding"]
+__all__ = ["Finding", "name_place"]
 
 SEVERITIES = ("note", "warning")
 
@@ -42,3 +43,8 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.message}"
+
+
+def name_place(point: Iterable[float]) -> str:
+    """Return a place of the world as text, ``"(12.0, -3.5, 80.1)"``."""
+    return "(" + ", ".join(f"{float(value):.1f}" for value in point) + ")"

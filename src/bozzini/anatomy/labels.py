@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,30 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_points
 from ..errors import GeometryError, InputError
+from ._names import (
+    TOTALSEGMENTATOR,
+    describe_label,
+    find_organ,
+    is_digestive,
+    list_sides,
+    normalise,
+)
 from ._scale import check_scale
 from .findings import Finding
-from .frame import measure_shift
-from .tract import LabelTract
+from .frame import check_frame, find_axis, measure_shift
+from .tract import Component, LabelTract
 
-__all__ = ["tract_from_labels"]
+__all__ = [
+    "Labels",
+    "Volume",
+    "select_labels",
+    "tract_from_labels",
+    "tract_from_volume",
+    "wants_all",
+]
+
+Labels = Sequence[int | str] | str
+"""Labels by number or name, or ``"all"``."""
 
 PADDING = 2
 """Voxels of zero around the lumen."""
@@ -33,23 +52,66 @@ COARSE = 3.0
 ANISOTROPIC = 2.0
 MANY_LABELS = 256
 
+LISTED = 12
+"""Labels that a message lists."""
+
+MANY_COMPONENTS = 100
+"""Components that are kept as not reached; those beyond are counted."""
+
+ENCLOSED = 0.5
+"""Share of a label's faces that touch the lumen, above which it lies inside the lumen."""
+
 Voxels = NDArray[np.uint16]
 Matrix = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Volume:
+    """A volume as a file holds it, before its lumen is selected.
+
+    Attributes
+    ----------
+    array : ndarray, shape (nx, ny, nz)
+    affine : ndarray, shape (4, 4)
+        Voxel index (centre of the voxel) to world [mm].
+    source : str
+        Where it came from, for reports and messages.
+    names : mapping of int to str
+        Names of labels, as far as the file states them.
+    frame : str, optional
+        Where the world axes point in the patient; see `LabelTract`.
+    findings : tuple of Finding
+        What was found while reading.
+    segments : tuple of (name, label, layer)
+        What a file of several layers holds, in which segments may overlap: then the array has a
+        fourth axis, one entry per layer.
+    """
+
+    array: NDArray[Any]
+    affine: NDArray[np.float64]
+    source: str
+    names: Mapping[int, str] = field(default_factory=dict)
+    frame: str | None = None
+    findings: tuple[Finding, ...] = ()
+    segments: tuple[tuple[str, int, int], ...] = ()
 
 
 def tract_from_labels(
     array: ArrayLike,
     affine: ArrayLike,
     *,
-    labels: Sequence[int | str] | str | None = None,
+    labels: Labels | None = "all",
+    names: Mapping[int, str] | None = None,
     source: str = "array",
     findings: Iterable[Finding] = (),
 ) -> LabelTract:
     """Check a label volume and keep the lumen that is asked for.
 
     The lumen is the union of the labels. Voxels are connected through their faces only (a scope
-    does not pass through an edge or a corner), and the largest component is kept. The array is
-    cropped to it, with a border of two voxels, and the affine moves with it.
+    does not pass through an edge or a corner), and the largest component is kept; the others are
+    listed in ``not_reached``. Everything that is not kept is wall, other labels too. The array is
+    cropped to the lumen, with a border of two voxels, and the affine moves with it.
 
     Parameters
     ----------
@@ -57,8 +119,11 @@ def tract_from_labels(
         Whole numbers; trailing axes of length 1 are dropped. 0 is not lumen.
     affine : array_like, shape (4, 4)
         Voxel index (centre of the voxel) to world [mm], without shear.
-    labels : sequence of int, optional
-        The labels that make up the lumen; by default every value but 0.
+    labels : sequence of int or str, optional
+        The labels that make up the lumen, by number or name; ``"all"`` (the default) is every
+        value but 0, None the only one there is.
+    names : mapping of int to str, optional
+        Names of labels.
     source : str
         Where it came from, for reports and messages.
     findings : iterable of Finding
@@ -71,30 +136,154 @@ def tract_from_labels(
     Raises
     ------
     InputError
-        If the array is not three-dimensional or holds no whole numbers, a label is not there, or
-        the affine is singular, sheared or not finite.
+        If the array is not three-dimensional or holds no whole numbers, a label is not there, the
+        affine is singular, sheared or not finite, or `labels` is None and there are several.
     GeometryError
         If the lumen is empty.
     """
-    volume = _check_volume(np.asarray(array), source)
-    matrix = _check_affine(affine, source)
-    found = list(findings)
-    selected = _select(volume, labels, source, found)
+    volume = Volume(
+        array=np.asarray(array),
+        affine=np.asarray(affine, dtype=np.float64),
+        source=source,
+        names={} if names is None else names,
+        findings=tuple(findings),
+    )
+    return tract_from_volume(volume, labels=labels)
+
+
+def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelTract:
+    """Check a volume and keep the lumen that is asked for; see `tract_from_labels`.
+
+    Parameters
+    ----------
+    volume : Volume
+    labels : sequence of int or str, optional
+        The labels that make up the lumen; None takes the only one there is.
+
+    Raises
+    ------
+    InputError, GeometryError
+        As `tract_from_labels` does.
+    """
+    source = volume.source
+    frame = None if volume.frame is None else check_frame(volume.frame)
+    array = _check_volume(np.asarray(volume.array), source)
+    matrix = _check_affine(volume.affine, source)
+    found = list(volume.findings)
+    values = _narrow(array, source)
+    # Runs lie along the axis that is contiguous in memory.
+    turned = values.flags.f_contiguous and not values.flags.c_contiguous
+    voxels = np.ascontiguousarray(values.T if turned else values)
+    axes = matrix[:, [2, 1, 0, 3]] if turned else matrix
+    runs = _Runs.find(voxels)
+    sizes = runs.sum_by(runs.labels)
+    if len(sizes) == 0:
+        raise GeometryError(f"{source} is empty: every voxel is 0")
+    voxel = abs(float(np.linalg.det(matrix[:3, :3])))
+    wanted = select_labels(sizes, labels, volume.names, source, voxel)
+    others = np.setdiff1d(np.flatnonzero(sizes), wanted)
+    if len(others):
+        shown = ", ".join(f"{v} {volume.names.get(int(v), '')}".strip() for v in others[:10])
+        more = " …" if len(others) > 10 else ""
+        word = "label" if len(others) == 1 else "labels"
+        found.append(Finding("labels-left-out", "note", f"{word} not selected: {shown}{more}"))
+    elif len(wanted) > MANY_LABELS:
+        message = f"{len(wanted)} different labels are all taken as lumen: give the labels"
+        found.append(Finding("many-labels", "warning", message))
+    if frame is not None and volume.names:
+        found += _check_sides(runs, axes, volume.names, frame)
     found += _check_voxels(matrix)
-    found += _check_border(selected)
-    kept, start = _keep_largest(selected, matrix, source, found)
+    selected = runs.keep(np.isin(runs.labels, wanted))
+    found += _check_border(selected, voxels.shape, turned)
+    kept, missed = _split(selected, axes, volume.names, found)
+    lumen, corner = _paint(kept, turned)
     matrix = matrix.copy()
-    matrix[:3, 3] += matrix[:3, :3] @ (start - PADDING)
-    kept = np.pad(kept, PADDING)
-    found += _check_topology(kept != 0)
-    index = np.argwhere(kept)
-    size = (np.ptp(index, axis=0) + 1) * np.linalg.norm(matrix[:3, :3], axis=0)
+    matrix[:3, 3] += axes[:3, :3] @ (corner - PADDING)
+    found += _check_topology(lumen, matrix)
+    if len(others):
+        found += _check_inside(runs, voxels, lumen.T if turned else lumen, corner, axes, volume)
+    there = np.flatnonzero(kept.sum_by(kept.labels))
+    names = {int(v): volume.names[int(v)] for v in there if int(v) in volume.names}
+    size = (np.array(lumen.shape) - 2 * PADDING) * np.linalg.norm(matrix[:3, :3], axis=0)
     found += _check_shear(matrix, size)
     found += check_scale(float(size.max()), hint="check the voxel size in the file's header")
-    return LabelTract(labels=kept, affine=matrix, source=source, findings=tuple(found))
+    return LabelTract(
+        labels=lumen,
+        affine=matrix,
+        source=source,
+        findings=tuple(found),
+        label_names=names,
+        organ=find_organ(names.values()),
+        not_reached=missed,
+        frame=frame,
+    )
 
 
-def _check_volume(volume: NDArray[np.generic], source: str) -> NDArray[np.generic]:
+@dataclass(frozen=True, kw_only=True)
+class _Runs:
+    """Stretches of voxels of one label along the last axis, in the order of the rows."""
+
+    shape: tuple[int, ...]
+    rows: Integers
+    begins: Integers
+    ends: Integers
+    labels: Integers
+
+    @staticmethod
+    def find(voxels: NDArray[Any]) -> _Runs:
+        from ._voxel_kernels import find_runs
+
+        _, rows, begins, ends, labels = find_runs(voxels)
+        return _Runs(shape=voxels.shape, rows=rows, begins=begins, ends=ends, labels=labels)
+
+    def keep(self, which: NDArray[np.bool_]) -> _Runs:
+        return _Runs(
+            shape=self.shape,
+            rows=self.rows[which],
+            begins=self.begins[which],
+            ends=self.ends[which],
+            labels=self.labels[which],
+        )
+
+    def sum_by(self, groups: Integers) -> Integers:
+        """Return the number of voxels of each group."""
+        lengths = self.ends - self.begins
+        counts = np.bincount(groups, weights=lengths) if len(groups) else np.zeros(0)
+        return np.rint(counts).astype(np.int64)
+
+    def join(self, *, corners: bool = False) -> tuple[Integers, int]:
+        """Return the number of each run's component, and how many components there are."""
+        from ._voxel_kernels import join_runs
+
+        nx, ny, _ = self.shape
+        first = np.searchsorted(self.rows, np.arange(nx * ny + 1))
+        result: tuple[Integers, int] = join_runs(first, self.begins, self.ends, ny, corners)
+        return result
+
+    def split_rows(self) -> tuple[Integers, Integers]:
+        return self.rows // self.shape[1], self.rows % self.shape[1]
+
+    def find_middles(self, groups: Integers) -> NDArray[np.float64]:
+        """Return the mean voxel index of each group, shape (n, 3)."""
+        lengths = self.ends - self.begins
+        total = np.maximum(np.bincount(groups, weights=lengths), 1.0)
+        places = (*self.split_rows(), 0.5 * (self.begins + self.ends - 1))
+        sums = [np.bincount(groups, weights=lengths * place) / total for place in places]
+        return np.stack(sums, axis=1)
+
+    def find_places(self, groups: Integers, axes: Matrix) -> NDArray[np.float64]:
+        """Return the voxel of each group that is nearest to the group's middle, in the world."""
+        middle = self.find_middles(groups)[groups]
+        along = np.clip(np.rint(middle[:, 2]), self.begins, self.ends - 1)
+        nearest = np.stack([*self.split_rows(), along], axis=1)
+        distance = np.linalg.norm((nearest - middle) @ axes[:3, :3].T, axis=1)
+        order = np.lexsort((distance, groups))
+        first = np.searchsorted(groups[order], np.arange(groups.max() + 1))
+        chosen = nearest[order[np.minimum(first, len(order) - 1)]]
+        return np.asarray(chosen @ axes[:3, :3].T + axes[:3, 3])
+
+
+def _check_volume(volume: NDArray[Any], source: str) -> NDArray[Any]:
     shape = volume.shape
     while volume.ndim > 3 and volume.shape[-1] == 1:
         volume = volume[..., 0]
@@ -104,17 +293,36 @@ def _check_volume(volume: NDArray[np.generic], source: str) -> NDArray[np.generi
         )
     if volume.size == 0:
         raise InputError(f"{source} has shape {shape}: it holds no voxels")
-    if volume.dtype.kind == "f":
-        _check_whole(volume, source)
-    elif volume.dtype.kind not in "iub":
+    if volume.dtype.kind not in "iubf":
         raise InputError(f"{source} holds {volume.dtype} values: labels are whole numbers")
     return volume
 
 
-def _check_whole(volume: NDArray[np.generic], source: str) -> None:
-    values = volume.reshape(-1)
-    for begin in range(0, values.size, 1 << 24):  # in pieces: a CT may not fit twice in memory
-        piece = values[begin : begin + (1 << 24)]
+def _narrow(volume: NDArray[Any], source: str) -> NDArray[Any]:
+    """Return the voxels as uint8 or uint16 in the same order of axes, without a copy if possible.
+
+    Large volumes are checked and converted in pieces: a CT may not fit twice in memory.
+    """
+    if volume.dtype.kind == "b":
+        return volume.view(np.uint8)
+    flat = volume.ravel(order="K")
+    if volume.dtype.kind == "f":
+        _check_whole(flat, source)
+    low, high = float(flat.min()), float(flat.max())
+    if low < 0 or high > MAX_LABEL:
+        raise InputError(
+            f"{source} has voxel values from {low:g} to {high:g}: labels lie in [0, {MAX_LABEL}] "
+            f"(this looks like an image, not a label volume; bozzini segment finds the gas in a "
+            f"CT image)"
+        )
+    if volume.dtype.itemsize <= 2 and volume.dtype.kind in "iu" and volume.dtype.isnative:
+        return volume.view(f"u{volume.dtype.itemsize}")
+    return volume.astype(np.uint8 if high < 256 else np.uint16, order="K")
+
+
+def _check_whole(values: NDArray[Any], source: str) -> None:
+    for begin in range(0, values.size, 1 << 22):
+        piece = values[begin : begin + (1 << 22)]
         if not np.isfinite(piece).all():
             raise InputError(f"{source} has voxels that are not finite: labels are whole numbers")
         whole = piece == np.rint(piece)
@@ -159,57 +367,149 @@ def _check_shear(matrix: Matrix, size: NDArray[np.float64]) -> list[Finding]:
     return [Finding("axes-squared", "note", message)]
 
 
-def _select(
-    volume: NDArray[np.generic],
-    labels: Sequence[int | str] | str | None,
+def wants_all(labels: Labels) -> bool:
+    """Whether labels are ``"all"``, or a sequence of just that."""
+    given = [labels] if isinstance(labels, str) else list(labels)
+    return len(given) == 1 and str(given[0]).strip().lower() == "all"
+
+
+def select_labels(
+    sizes: Integers,
+    labels: Labels | None,
+    names: Mapping[int, str],
     source: str,
-    found: list[Finding],
-) -> Voxels:
-    low, high = float(volume.min()), float(volume.max())
-    if low < 0 or high > MAX_LABEL:
-        raise InputError(
-            f"{source} has voxel values from {low:g} to {high:g}: labels lie in [0, {MAX_LABEL}] "
-            f"(this looks like an image, not a label volume)"
-        )
-    values = volume.astype(np.uint16, copy=False)
-    count = np.bincount(values.reshape(-1))
-    count[0] = 0
-    there = np.flatnonzero(count)
-    if len(there) == 0:
-        raise GeometryError(f"{source} is empty: every voxel is 0")
+    voxel: float,
+) -> list[int]:
+    """Return the numbers of the labels that are asked for; all of them are there.
+
+    Parameters
+    ----------
+    sizes : ndarray of int
+        Voxels of each label, from label 0.
+    labels : sequence of int or str, optional
+        See `tract_from_labels`.
+    names : mapping of int to str
+    source : str
+    voxel : float
+        Volume of a voxel [mm^3].
+
+    Raises
+    ------
+    InputError
+        If a label is not there, or none is given and there are several.
+    """
+    there = [int(value) for value in np.flatnonzero(sizes)]
     if labels is None:
-        if len(there) > MANY_LABELS:
-            message = f"{len(there)} different labels are all taken as lumen: give the labels"
-            found.append(Finding("many-labels", "warning", message))
-        return values
-    wanted = _check_labels(labels)
-    missing = [value for value in wanted if value >= len(count) or count[value] == 0]
+        if len(there) == 1:
+            return there
+        raise InputError(
+            f"{source} has {len(there)} labels: choose those that are lumen by number or name "
+            f"(--labels), or all of them (--labels all): "
+            f"{_list_labels(there, sizes, names, voxel)}"
+        )
+    if wants_all(labels):
+        return there
+    wanted = _find_labels([labels] if isinstance(labels, str) else labels, there, names, source)
+    missing = [value for value in wanted if value not in set(there)]
     if missing:
-        shown = ", ".join(str(value) for value in there[:20])
-        more = f" and {len(there) - 20} more" if len(there) > 20 else ""
         word = "label" if len(missing) == 1 else "labels"
         raise InputError(
-            f"{source} has no voxel of {word} {', '.join(map(str, missing))}: it has {shown}{more}"
+            f"{source} has no voxel of {word} {', '.join(map(str, missing))}: it has "
+            f"{_list_labels(there, sizes, names, voxel)}"
         )
-    keep = np.zeros(len(count), dtype=bool)
-    keep[wanted] = True
-    left = [int(value) for value in there if not keep[value]]
-    if left:
-        shown = ", ".join(map(str, left[:10])) + (" …" if len(left) > 10 else "")
-        word = "label" if len(left) == 1 else "labels"
-        found.append(Finding("labels-left-out", "note", f"{word} not selected: {shown}"))
-    return np.where(keep[values], values, np.uint16(0))
+    return wanted
 
 
-def _check_labels(labels: Sequence[int | str] | str) -> list[int]:
+def _list_labels(
+    there: Sequence[int], sizes: Integers, names: Mapping[int, str], voxel: float
+) -> str:
+    """Return number, name and volume of labels, at most `LISTED`: hollow organs, the largest."""
+
+    def rank(label: int) -> tuple[bool, int]:
+        return not is_digestive(names.get(label, "")), -int(sizes[label])
+
+    shown = sorted(sorted(there, key=rank)[:LISTED])
+    text = ", ".join(
+        f"{label}{f' {names[label]}' if label in names else ''} "
+        f"({sizes[label] * voxel / 1000.0:.3g} mL)"
+        for label in shown
+    )
+    more = len(there) - len(shown)
+    return f"{text} and {more} more" if more else text
+
+
+def _find_labels(
+    labels: Iterable[int | str], there: Sequence[int], names: Mapping[int, str], source: str
+) -> list[int]:
+    """Return the numbers of labels given by number or name."""
     wanted: list[int] = []
     for value in labels:
-        if isinstance(value, bool) or value != int(value) or not 1 <= value <= MAX_LABEL:
-            raise InputError(f"label is {value!r}: it must be a whole number in [1, {MAX_LABEL}]")
-        wanted.append(int(value))
+        if isinstance(value, str) and not value.strip().isdecimal():
+            wanted += _find_name(value, there, names, source)
+            continue
+        number = value if isinstance(value, bool) else float(value)
+        if isinstance(number, bool) or number != int(number) or not 1 <= number <= MAX_LABEL:
+            raise InputError(
+                f"label is {value!r}: it must be a name, or a whole number in [1, {MAX_LABEL}]"
+            )
+        wanted.append(int(number))
     if not wanted:
-        raise InputError("no labels were given: name at least one, or leave them out for all")
-    return wanted
+        raise InputError("no labels were given: name at least one, or 'all'")
+    return list(dict.fromkeys(wanted))
+
+
+def _find_name(name: str, there: Sequence[int], names: Mapping[int, str], source: str) -> list[int]:
+    text = normalise(name)
+    scheme, _, organ = name.strip().lower().partition(":")
+    if organ:
+        if scheme not in TOTALSEGMENTATOR or normalise(organ) not in (
+            known := {normalise(word): number for word, number in TOTALSEGMENTATOR[scheme].items()}
+        ):
+            raise InputError(
+                f"label is '{name}': known are {' and '.join(TOTALSEGMENTATOR)}, each with "
+                f"{', '.join(TOTALSEGMENTATOR['totalsegmentator-v2'])}, such as "
+                f"totalsegmentator-v2:colon"
+            )
+        return [known[normalise(organ)]]
+    found = [label for label in there if normalise(names.get(label, "")) == text]
+    if found:
+        return found
+    known_names = sorted(names[label] for label in there if label in names)
+    if known_names:
+        shown = sorted(known_names, key=lambda item: not is_digestive(item))[:LISTED]
+        more = len(known_names) - len(shown)
+        raise InputError(
+            f"{source} has no label named '{name}': it has {', '.join(shown)}"
+            f"{f' and {more} more' if more else ''}"
+        )
+    hint = ""
+    if any(text == normalise(word) for word in TOTALSEGMENTATOR["totalsegmentator-v2"]):
+        hint = (
+            f"; for a file of TotalSegmentator give totalsegmentator-v1:{text.replace(' ', '_')} "
+            f"or totalsegmentator-v2:{text.replace(' ', '_')}"
+        )
+    raise InputError(f"label is '{name}', but {source} states no names: give numbers{hint}")
+
+
+def _check_sides(runs: _Runs, axes: Matrix, names: Mapping[int, str], frame: str) -> list[Finding]:
+    """Warn where organs with names do not lie to each other as in a patient."""
+    middles = runs.find_middles(runs.labels) @ axes[:3, :3].T
+    by_name = {
+        normalise(name): middles[label]
+        for label, name in names.items()
+        if label < len(middles) and np.any(runs.labels == label)
+    }
+    for one, side, two in list_sides():
+        if one in by_name and two in by_name:
+            ahead = float((by_name[one] - by_name[two]) @ find_axis(frame, side))
+            if ahead < -10.0:
+                word = {"S": "above", "L": "to the patient's left of"}[side]
+                message = (
+                    f"{one} should lie {word} {two}, but by frame {frame} it lies {-ahead:.0f} mm "
+                    f"on the other side: the axes of the file may be wrong, check --frame"
+                )
+                return [Finding("frame-doubtful", "warning", message)]
+    return []
 
 
 def _check_voxels(matrix: Matrix) -> list[Finding]:
@@ -228,81 +528,122 @@ def _check_voxels(matrix: Matrix) -> list[Finding]:
     return found
 
 
-def _check_border(selected: Voxels) -> list[Finding]:
+def _check_border(runs: _Runs, shape: tuple[int, ...], turned: bool) -> list[Finding]:
+    places = (*runs.split_rows(), runs.begins, runs.ends - 1)
     ends = []
     for axis, name in enumerate("ijk"):
-        for index, side in ((0, "low"), (-1, "high")):
-            if selected.take(index, axis=axis).any():
-                ends.append(f"{side} {name}")
+        at = 2 - axis if turned else axis
+        low, high = (places[2], places[3]) if at == 2 else (places[at], places[at])
+        if np.any(low == 0):
+            ends.append(f"low {name}")
+        if np.any(high == shape[at] - 1):
+            ends.append(f"high {name}")
     if not ends:
         return []
     message = f"the lumen reaches the border of the volume ({', '.join(ends)} end): it is cut there"
     return [Finding("lumen-cut", "note", message)]
 
 
-def _keep_largest(
-    selected: Voxels, matrix: Matrix, source: str, found: list[Finding]
-) -> tuple[Voxels, NDArray[np.int64]]:
-    """Return the largest component cropped to its box, and the index of the box's first voxel."""
-    from scipy import ndimage
-
-    first = _find_box(selected)
-    selected = selected[first]
-    components, number = ndimage.label(selected)  # default structure: neighbours through faces
-    start = np.array([part.start for part in first], dtype=np.int64)
-    if number == 1:
-        return selected, start
-    counts = np.bincount(components.reshape(-1))
-    counts[0] = 0
-    largest = int(counts.argmax())
-    dropped = int(counts.sum() - counts[largest])
-    voxel = abs(float(np.linalg.det(matrix[:3, :3])))
-    message = (
-        f"{number} components (neighbours through faces): the largest is kept, "
-        f"{_count_voxels(dropped)} ({dropped * voxel / 1000.0:.3g} mL) in {number - 1} "
-        f"{'other' if number == 2 else 'others'} {'is' if dropped == 1 else 'are'} dropped"
+def _split(
+    runs: _Runs, axes: Matrix, names: Mapping[int, str], found: list[Finding]
+) -> tuple[_Runs, tuple[Component, ...]]:
+    """Return the runs of the largest component, and the other components, largest first."""
+    numbers, count = runs.join()
+    if count == 1:
+        return runs, ()
+    sizes = runs.sum_by(numbers)
+    largest = int(sizes.argmax())
+    voxel = abs(float(np.linalg.det(axes[:3, :3])))
+    places = runs.find_places(numbers, axes)
+    order = [int(at) for at in np.argsort(-sizes, kind="stable") if at != largest]
+    order = order[:MANY_COMPONENTS]
+    named: dict[int, list[str]] = {at: [] for at in order}
+    for pair in np.unique(numbers * (MAX_LABEL + 1) + runs.labels):
+        at, label = divmod(int(pair), MAX_LABEL + 1)
+        if at in named:
+            named[at].append(describe_label(label, names))
+    missed = tuple(
+        Component(
+            volume=float(sizes[at] * voxel),
+            point=(float(places[at, 0]), float(places[at, 1]), float(places[at, 2])),
+            label_names=tuple(named[at]),
+        )
+        for at in order
     )
-    if number > 2:
-        message += f", the largest of them {_count_voxels(int(np.sort(counts)[-2]))}"
-    share = dropped / counts.sum()
-    found.append(Finding("components-dropped", "warning" if share > 0.01 else "note", message))
-    kept = np.where(components == largest, selected, np.uint16(0))
-    lost = sorted(set(np.unique(selected).tolist()) - set(np.unique(kept).tolist()))
-    if lost:
+    wide, _ = runs.join(corners=True)
+    kept = numbers == largest
+    touching = len(np.unique(numbers[(wide == wide[kept][0]) & ~kept]))
+    lost = np.setdiff1d(runs.labels, runs.labels[kept])
+    found += _describe_split(missed, sizes, voxel, touching)
+    if len(lost):
         words = ("label", "lies") if len(lost) == 1 else ("labels", "lie")
-        where = "component" if number == 2 else "components"
-        message = f"{words[0]} {', '.join(map(str, lost))} {words[1]} wholly in the {where} dropped"
+        where = "component" if count == 2 else "components"
+        message = (
+            f"{words[0]} {', '.join(map(str, lost))} {words[1]} wholly in the {where} not reached"
+        )
         found.append(Finding("label-dropped", "warning", message))
-    second = _find_box(kept)
-    return kept[second], start + [part.start for part in second]
+    return runs.keep(kept), missed
 
 
-def _find_box(voxels: Voxels) -> tuple[slice, slice, slice]:
-    box = []
-    for axis in range(3):
-        others = tuple(other for other in range(3) if other != axis)
-        there = np.flatnonzero(voxels.any(axis=others))
-        box.append(slice(int(there[0]), int(there[-1]) + 1))
-    return box[0], box[1], box[2]
+def _describe_split(
+    missed: Sequence[Component], sizes: Integers, voxel: float, touching: int
+) -> list[Finding]:
+    number = len(sizes) - 1
+    dropped = int(sizes.sum() - sizes.max())
+    shown = "; ".join(
+        f"{item.volume / 1000.0:.3g} mL near {_place(item.point)} ({', '.join(item.label_names)})"
+        for item in missed[:3]
+    )
+    message = (
+        f"{number + 1} components (voxels joined through faces): the largest is kept, "
+        f"{number} {'other is' if number == 1 else 'others are'} not reached and counted as wall, "
+        f"{dropped} {'voxel' if dropped == 1 else 'voxels'} ({dropped * voxel / 1000.0:.3g} mL): "
+        f"{shown}{' …' if number > 3 else ''}"
+    )
+    if touching:
+        word = "meets" if touching == 1 else "meet"
+        message += f"; {touching} of them {word} the lumen along an edge or in a corner only"
+    share = dropped / sizes.sum()
+    return [Finding("components-dropped", "warning" if share > 0.01 else "note", message)]
 
 
-def _check_topology(mask: NDArray[np.bool_]) -> list[Finding]:
+def _paint(runs: _Runs, turned: bool) -> tuple[Voxels, Integers]:
+    """Return the runs as an array with `PADDING` zeros around, and the first voxel of their box."""
+    from ._voxel_kernels import paint_runs
+
+    i, j = runs.split_rows()
+    low = np.array([i.min(), j.min(), runs.begins.min()], dtype=np.int64)
+    high = np.array([i.max() + 1, j.max() + 1, runs.ends.max()], dtype=np.int64)
+    shape = tuple(int(length) for length in high - low + 2 * PADDING)
+    lumen = np.zeros(shape[::-1] if turned else shape, dtype=np.uint16)
+    target = lumen.T if turned else lumen
+    values = runs.labels.astype(np.uint16)
+    paint_runs(target, runs.rows, runs.begins, runs.ends, values, runs.shape[1], PADDING - low)
+    return lumen, low
+
+
+def _check_topology(lumen: Voxels, affine: Matrix) -> list[Finding]:
     """Count handles and cavities of one component from its Euler number.
 
     For voxels joined through faces: Euler number = components - handles + cavities.
     """
-    import skimage.measure
-    from scipy import ndimage
+    from ._voxel_kernels import count_euler
 
-    measure: Any = skimage.measure
-
-    _, outside = ndimage.label(~mask, structure=np.ones((3, 3, 3), dtype=int))
-    cavities = int(outside) - 1
-    handles = 1 + cavities - int(measure.euler_number(mask, connectivity=1))
+    outside = _Runs.find((lumen == 0).view(np.uint8))
+    numbers, count = outside.join(corners=True)
+    cavities = count - 1
+    handles = 1 + cavities - int(count_euler(lumen))
     found = []
     if cavities:
+        sizes = outside.sum_by(numbers)
+        sizes[numbers[0]] = 0  # the outside begins at the first voxel
+        places = outside.find_places(numbers, affine)
+        volume = float(sizes.sum()) * abs(float(np.linalg.det(affine[:3, :3])))
         word = "cavity" if cavities == 1 else "cavities"
-        message = f"{cavities} closed {word} inside the lumen: counted as wall"
+        message = (
+            f"{cavities} closed {word} inside the lumen ({volume / 1000.0:.3g} mL, near "
+            f"{_place(places[int(sizes.argmax())])}): counted as wall"
+        )
         found.append(Finding("cavities", "warning", message))
     if handles:
         word = "handle" if handles == 1 else "handles"
@@ -311,8 +652,38 @@ def _check_topology(mask: NDArray[np.bool_]) -> list[Finding]:
     return found
 
 
-def _count_voxels(number: int) -> str:
-    return f"{number} voxel{'' if number == 1 else 's'}"
+def _check_inside(
+    runs: _Runs,
+    voxels: NDArray[Any],
+    lumen: NDArray[np.uint16],
+    corner: Integers,
+    axes: Matrix,
+    volume: Volume,
+) -> list[Finding]:
+    """Warn of labels that are not selected and lie inside the lumen: they are wall."""
+    from ._voxel_kernels import count_faces
+
+    low = np.maximum(corner - 1, 0)
+    high = np.minimum(corner + np.array(lumen.shape) - 2 * PADDING + 1, voxels.shape)
+    box = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
+    at = low - corner + PADDING
+    inner = tuple(slice(int(a), int(a + b)) for a, b in zip(at, high - low, strict=True))
+    outer, touching = count_faces(voxels[box], lumen[inner], int(runs.labels.max()))
+    found = []
+    for label in np.flatnonzero(touching > ENCLOSED * outer):
+        part = runs.keep(runs.labels == label)
+        place = part.find_places(np.zeros(len(part.rows), dtype=np.int64), axes)[0]
+        size = int((part.ends - part.begins).sum()) * abs(float(np.linalg.det(axes[:3, :3])))
+        message = (
+            f"{describe_label(int(label), volume.names)} ({size / 1000.0:.3g} mL near "
+            f"{_place(place)}) is not selected and lies inside the lumen: counted as wall"
+        )
+        found.append(Finding("label-inside", "warning", message))
+    return found
+
+
+def _place(point: Sequence[float] | NDArray[np.float64]) -> str:
+    return f"({', '.join(f'{value:.0f}' for value in point)}) mm"
 
 
 def _join(size: NDArray[np.float64]) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 
 from ..errors import FileFormatError, InputError
 from ._files import has_suffix
+from .labels import Labels
 from .surfaces import SURFACE_SUFFIXES, read_surface
 from .tract import LabelTract, SurfaceTract
-from .volumes import LABEL_SUFFIXES, read_labels
+from .volumes import LABEL_SUFFIXES, is_volume, read_labels
 
 __all__ = ["LABEL_SUFFIXES", "SURFACE_SUFFIXES", "read_labels", "read_surface", "read_tract"]
 
@@ -17,7 +17,7 @@ __all__ = ["LABEL_SUFFIXES", "SURFACE_SUFFIXES", "read_labels", "read_surface", 
 def read_tract(
     path: str | os.PathLike[str],
     *,
-    labels: Sequence[int | str] | str | None = None,
+    labels: Labels | None = None,
     part: str | None = None,
     unit: str | None = None,
     frame: str | None = None,
@@ -28,7 +28,8 @@ def read_tract(
     Parameters
     ----------
     path : path-like
-        ``.nii``, ``.nii.gz`` (labels) or ``.stl``, ``.ply``, ``.obj``, ``.glb``, ``.off``,
+        ``.nii``, ``.nii.gz``, ``.nrrd``, ``.nhdr``, ``.mha``, ``.mhd`` or a folder of such masks
+        (labels), or ``.stl``, ``.ply``, ``.obj``, ``.glb``, ``.off``,
         ``.vtk`` (surface).
     labels : sequence of int or str, optional
         The labels that make up the lumen, by number or name, or ``"all"``; only for a label
@@ -50,7 +51,7 @@ def read_tract(
     InputError, GeometryError, UnitError
         If what it holds cannot be used, or an argument does not go with it.
     """
-    if has_suffix(path, LABEL_SUFFIXES):
+    if is_volume(path):
         if unit not in (None, "mm"):
             raise InputError(f"unit is '{unit}': a label volume states its own unit, leave it out")
         if part is not None:

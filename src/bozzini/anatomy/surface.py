@@ -1,8 +1,9 @@
-"""From loose triangles to a checked `SurfaceTract`: closed, one part, turned outwards."""
+"""From loose triangles to a checked tract: closed, one lumen, turned outwards."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,10 +12,12 @@ from ..errors import GeometryError, InputError
 from . import _mesh
 from ._nesting import resolve_parts
 from ._scale import check_scale
-from .findings import Finding
-from .tract import SurfaceTract
+from ._sheets import Choice, Sheet, choose_sheets, close_sheet
+from ._solidify import find_openings, report_holes, solidify
+from .findings import Finding, name_place
+from .tract import LabelTract, Opening, SurfaceTract
 
-__all__ = ["tract_from_surface"]
+__all__ = ["tract_from_surface", "unite_parts"]
 
 FLAT = 1e-6
 """Smallest side of the box around a surface, by its longest, that is not flat."""
@@ -28,6 +31,18 @@ FARTHEST = 1e9
 WELD = 1e-5
 """Distance, by the longest side, within which the corners of an open surface are welded."""
 
+REPAIR_WELD = 1e-3
+"""The same with `repair`."""
+
+MOST_OPEN = 0.3
+"""Largest area of the holes of an open sheet, by its own, that are ends to be capped."""
+
+MOST_DEVIATION = 0.5
+"""Farthest of a hole's border from a plane, by the hole's radius, that is capped unasked."""
+
+LEAST_ROUND = 0.4
+"""Smallest circumference of the circle of a hole's area, by the length of the hole's border."""
+
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
@@ -38,16 +53,23 @@ def tract_from_surface(
     *,
     source: str = "array",
     findings: Iterable[Finding] = (),
-) -> SurfaceTract:
-    """Check the wall of a lumen, mend what is small, and say what was done.
+    repair: bool = False,
+) -> SurfaceTract | LabelTract:
+    """Check the wall of a lumen, mend what is small, and report what was done.
 
     In this order: equal corners are welded; flat and doubled triangles are dropped; a surface
-    still open is welded within 1e-5 of its size and its holes of three or four edges are filled;
-    the largest part is kept, with the closed bodies inside it, or where a second sheet follows it
-    on the inside (an organ's wall with thickness) that inner sheet; faces are turned to agree,
-    outwards, those of bodies into them. Then handles, places
-    where the surface touches itself (an edge of more than two triangles, a corner that joins two
-    sheets) and triangles that cross (those that share no corner) are counted.
+    still open is welded within 1e-5 of its size and its holes of three or four edges are filled.
+
+    - A closed part: the largest is kept, or where a second sheet follows it on the inside (an
+      organ's wall with thickness) that inner sheet. Whatever stands in the lumen, cuts the wall or
+      touches it stays as wall; only parts wholly outside are left out.
+    - One open sheet: its ends are capped flat and become `openings`.
+    - Several open sheets, in pairs or one behind the other: those that bound the lumen are united
+      to a `LabelTract` of voxels, and a finding states how far its wall is from the triangles.
+
+    Faces are turned to agree, outwards, those of bodies in the lumen into them. Then handles,
+    places where the surface touches itself (an edge of more than two triangles, a corner that joins
+    two sheets) and triangles that cross (those that share no corner) are counted.
 
     Parameters
     ----------
@@ -58,13 +80,17 @@ def tract_from_surface(
         Where it came from, for reports and messages.
     findings : iterable of Finding
         What was found before, to be kept.
+    repair : bool
+        Also weld corners within 1e-3 of the size where that closes edges, fill small and ragged
+        holes, and split the corners where the surface touches itself.
 
     Raises
     ------
     InputError
         If a vertex is not finite, or a face points nowhere.
     GeometryError
-        If the surface is flat, encloses no volume, or stays open; the message says where.
+        If the surface is flat, encloses no volume, or is open so that it is not certain what is
+        inside; the message names the place.
     """
     points, triangles = _check_arrays(vertices, faces, source)
     found = list(findings)
@@ -77,18 +103,151 @@ def tract_from_surface(
         sides = " x ".join(f"{side:.3g}" for side in extent)
         raise GeometryError(f"{source} encloses no volume: it is flat, {sides} mm")
     if _count_open(triangles):
-        points, triangles = _close(points, triangles, float(extent.max()), found)
-    points, triangles, bodies = resolve_parts(points, triangles, found)
-    _refuse_open(points, triangles, source)
-    triangles = _orient(points, triangles, found)
-    size = float(np.ptp(points, axis=0).max())
+        points, triangles = _close(points, triangles, float(extent.max()), found, repair=repair)
+    part = _mesh.label_parts(triangles, len(points))
+    wall = _find_largest(points, triangles, part)
+    openings: tuple[Opening, ...] = ()
+    edges = _mesh.count_edges(triangles[part == wall])
+    if (edges.counts % 2 == 1).any():
+        choice = choose_sheets(points, triangles)
+        if not choice.kept:
+            raise GeometryError(f"{source} is open and encloses no volume")
+        if len(choice.kept) > 1:
+            return solidify(points, choice, source=source, found=found)
+        points, triangles, part, openings = _cap_sheet(points, choice, source, found, repair)
+        wall = 0
+    parts = resolve_parts(points, triangles, found, part=part, wall=wall)
+    points, triangles = parts.points, _orient(parts.points, parts.wall, found)
+    size = float(np.ptp(points[triangles].reshape(-1, 3), axis=0).max())
     if abs(_mesh.measure_volume(points, triangles)) <= HOLLOW * size**3:
         raise GeometryError(f"{source} encloses no volume: its two sides lie on each other")
-    triangles = np.concatenate((triangles, bodies))
-    found += _check_topology(triangles)
+    triangles = np.concatenate((triangles, parts.bodies))
+    found += _check_topology(points, triangles)
+    if repair:
+        points, triangles = _split_corners(points, triangles, found)
     found += _check_crossing(points, triangles)
     found += check_scale(size, hint="give the file's own unit, for example --unit m or --unit cm")
-    return SurfaceTract(vertices=points, faces=triangles, source=source, findings=tuple(found))
+    # Each triangle of a sheet both ways: it bounds, and winds about nothing.
+    triangles = np.concatenate((triangles, parts.sheets, parts.sheets[:, ::-1]))
+    wall_text = "triangles of the file, open ends capped flat" if openings else ""
+    return SurfaceTract(
+        vertices=points,
+        faces=triangles,
+        source=source,
+        findings=tuple(found),
+        openings=openings,
+        wall=wall_text,
+    )
+
+
+def unite_parts(
+    parts: Sequence[tuple[str, Vertices, Faces]],
+    *,
+    source: str = "array",
+    findings: Iterable[Finding] = (),
+) -> LabelTract:
+    """Unite closed or open parts that touch or overlap to one lumen of voxels, a label each.
+
+    Parameters
+    ----------
+    parts : sequence of (str, (n, 3) float, (m, 3) int)
+        Name, corners [mm] and triangles.
+    source, findings
+        As for `tract_from_surface`.
+
+    Raises
+    ------
+    InputError
+        If a vertex is not finite, or a face points nowhere.
+    GeometryError
+        If a part encloses nothing, or inside is ambiguous.
+    """
+    found = list(findings)
+    names: list[str] = []
+    kept: list[Sheet] = []
+    corners: list[Vertices] = []
+    others: list[Sheet] = []
+    copies: list[Sheet] = []
+    outer: list[Sheet] = []
+    start = 0
+    for name, vertices, faces in parts:
+        points, triangles = _check_arrays(vertices, faces, f"{source}, part '{name}'")
+        points, triangles = _mesh.weld(points, triangles)
+        triangles = _drop_bad(triangles, found)
+        if len(triangles) == 0:
+            raise GeometryError(f"{source}, part '{name}' encloses no volume: it is flat")
+        choice = choose_sheets(points, triangles)
+        if not choice.kept:
+            raise GeometryError(f"{source}, part '{name}' encloses no volume: it is flat")
+        moved = choice.move(start)
+        names += [name] * len(moved.kept)
+        kept += moved.kept
+        outer += moved.outer
+        copies += moved.copies
+        others += moved.others
+        corners.append(points)
+        start += len(points)
+    choice = Choice(kept=kept, outer=outer, copies=copies, others=others)
+    return solidify(np.concatenate(corners), choice, source=source, found=found, names=names)
+
+
+def _find_largest(points: Vertices, triangles: Faces, part: NDArray[np.int64]) -> int:
+    """Return the part of the largest volume, open ones with flat caps."""
+    number = int(part.max()) + 1
+    order = np.argsort(part, kind="stable")
+    pieces = np.split(triangles[order], np.cumsum(np.bincount(part, minlength=number))[:-1])
+    volumes = []
+    for piece in pieces:
+        turned, _ = _mesh.agree(piece, len(points))
+        holes = _mesh.find_holes(points, turned)
+        volumes.append(abs(_mesh.measure_volume(*close_sheet(points, turned, holes))))
+    return int(np.argmax(volumes))
+
+
+def _cap_sheet(
+    points: Vertices, choice: Choice, source: str, found: list[Finding], repair: bool
+) -> tuple[Vertices, Faces, NDArray[np.int64], tuple[Opening, ...]]:
+    """Cap the one sheet that bounds the lumen; the other sheets become parts beside it."""
+    sheet = choice.kept[0]
+    openings, small = find_openings(points, sheet.faces, sheet.holes)
+    area = sum(math.pi * hole.radius**2 for hole in sheet.holes)
+    bad = [hole for hole in sheet.holes if not _is_flat(hole)]
+    number = sum(len(hole.edges) for hole in sheet.holes)
+    word = "hole" if len(sheet.holes) == 1 else "holes"
+    what = f"{source} is open: {number} boundary edges in {len(sheet.holes)} {word}"
+    if area > MOST_OPEN * sheet.area:
+        hole = sheet.holes[0]
+        raise GeometryError(
+            f"{what}, near {name_place(hole.point)} mm, of {100 * area / sheet.area:.0f} % of its "
+            f"area: what is inside is ambiguous; close it first"
+        )
+    if (small or bad) and not repair:
+        hole = (bad or small)[0]
+        kind = "a small one" if not bad else "one whose border is not flat"
+        raise GeometryError(
+            f"{what}, {kind} near {name_place(hole.point)} mm; close it first, or give --repair to "
+            f"cap it"
+        )
+    corners, closed = close_sheet(points, sheet.faces, sheet.holes)
+    caps = np.arange(len(closed)) >= len(sheet.faces)
+    crossed = _find_crossing(corners, closed, caps.astype(np.int64))
+    if (crossed & caps).any():
+        place = corners[closed[int(np.argmax(crossed & caps))]].mean(axis=0)
+        raise GeometryError(
+            f"{what}; a flat cap would cross the surface near {name_place(place)} mm: close it "
+            f"there first"
+        )
+    found += report_holes(openings, small)
+    others = [s.faces for s in (*choice.outer, *choice.copies, *choice.others)]
+    part = np.repeat(np.arange(1 + len(others)), [len(closed), *(len(faces) for faces in others)])
+    return corners, np.concatenate((closed, *others)), part, openings
+
+
+def _is_flat(hole: _mesh.Hole) -> bool:
+    return (
+        hole.deviation <= MOST_DEVIATION * hole.radius
+        and hole.radius * 2.0 * math.pi >= LEAST_ROUND * hole.length
+    )
 
 
 def _check_arrays(vertices: ArrayLike, faces: ArrayLike, source: str) -> tuple[Vertices, Faces]:
@@ -130,49 +289,47 @@ def _drop_bad(triangles: Faces, found: list[Finding]) -> Faces:
 
 
 def _close(
-    points: Vertices, triangles: Faces, size: float, found: list[Finding]
+    points: Vertices, triangles: Faces, size: float, found: list[Finding], *, repair: bool
 ) -> tuple[Vertices, Faces]:
     """Weld nearly equal corners, then fill holes of three or four edges."""
-    before = after = _count_open(triangles)
-    welded, kept = _mesh.weld(points, triangles, tolerance=WELD * size)
-    kept = _mesh.drop_degenerate(kept)
-    if len(kept) and _count_open(kept) < before:
-        points, triangles, after = welded, kept, _count_open(kept)
-        message = f"corners within {WELD * size:.2g} mm welded: {before - after} open edges closed"
-        found.append(Finding("corners-welded", "note", message))
-    if after:
-        points, triangles = _mesh.fill_small_holes(points, triangles)
-        left = _count_open(triangles)
-        if left < after:
-            message = f"small holes filled: {after - left} open edges closed"
+    for tolerance in (WELD * size, REPAIR_WELD * size) if repair else (WELD * size,):
+        before = _count_open(triangles)
+        welded, kept = _mesh.weld(points, triangles, tolerance=tolerance)
+        kept = _mesh.drop_degenerate(kept)
+        if before and len(kept) and _count_open(kept) < before:
+            place = points[_find_open(triangles)].mean(axis=(0, 1))
+            points, triangles, after = welded, kept, _count_open(kept)
+            message = (
+                f"corners within {tolerance:.2g} mm welded, near {name_place(place)} mm: "
+                f"{before - after} open edges closed"
+            )
+            found.append(Finding("corners-welded", "note", message))
+    if _count_open(triangles):
+        whole, filled = _mesh.fill_small_holes(points, triangles)
+        if filled:
+            triangles = whole
+            message = (
+                f"small holes filled: {sum(len(hole.edges) for hole in filled)} open edges closed, "
+                f"near {name_place(filled[0].point)} mm"
+            )
             found.append(Finding("holes-filled", "warning", message))
     return points, triangles
 
 
-def _count_open(triangles: Faces) -> int:
-    return int(np.count_nonzero(_mesh.count_edges(triangles).counts == 1))
-
-
-def _refuse_open(points: Vertices, triangles: Faces, source: str) -> None:
+def _find_open(triangles: Faces) -> NDArray[np.int64]:
     edges = _mesh.count_edges(triangles)
-    open_edges = edges.pairs[edges.counts % 2 == 1]
-    if len(open_edges) == 0:
-        return
-    loops = _mesh.label_parts(open_edges, len(points))
-    middle = points[open_edges[loops == 0]].reshape(-1, 3).mean(axis=0)
-    where = ", ".join(f"{value:.1f}" for value in middle)
-    number = int(loops.max()) + 1
-    raise GeometryError(
-        f"{source} is open: {len(open_edges)} boundary edges in {number} "
-        f"{'hole' if number == 1 else 'holes'}, near ({where}) mm; close it first, for example "
-        f"by capping its ends"
-    )
+    return edges.pairs[edges.counts == 1]
+
+
+def _count_open(triangles: Faces) -> int:
+    return len(_find_open(triangles))
 
 
 def _orient(points: Vertices, triangles: Faces, found: list[Finding]) -> Faces:
     turned, number = _mesh.agree(triangles, len(points))
     if number:
-        message = f"{number} triangle(s) turned to agree with their neighbours"
+        place = name_place(points[triangles[(turned != triangles).any(axis=1)][0]].mean(axis=0))
+        message = f"{number} triangle(s) turned to agree with their neighbours, one near {place} mm"
         found.append(Finding("faces-turned", "note", message))
     if _mesh.measure_volume(points, turned) < 0:
         if not number:
@@ -182,16 +339,17 @@ def _orient(points: Vertices, triangles: Faces, found: list[Finding]) -> Faces:
     return np.ascontiguousarray(turned)
 
 
-def _check_topology(triangles: Faces) -> list[Finding]:
+def _check_topology(points: Vertices, triangles: Faces) -> list[Finding]:
     found = []
     edges = _mesh.count_edges(triangles)
     touching = int(np.count_nonzero(edges.counts > 2))
     fans, sheets = _mesh.count_fans(triangles)
     corners = len(np.unique(triangles))
     if touching or fans > corners:
+        where = points[_find_joints(triangles)[0]]
         message = (
             f"the surface touches itself: {touching} edge(s) of more than two triangles, "
-            f"{fans - corners} corner(s) that join separate sheets"
+            f"{fans - corners} corner(s) that join separate sheets, near {name_place(where)} mm"
         )
         found.append(Finding("self-touching", "warning", message))
     # Taken apart where it touches itself, an edge of 2k triangles is k edges, a corner its fans.
@@ -204,17 +362,52 @@ def _check_topology(triangles: Faces) -> list[Finding]:
     return found
 
 
-def _check_crossing(points: Vertices, triangles: Faces) -> list[Finding]:
-    from ._kernels import count_crossing
+def _find_joints(triangles: Faces) -> NDArray[np.int64]:
+    """Return the corners of more than one fan of triangles."""
+    number, fan = _mesh.label_fans(triangles)
+    corner = np.zeros(number, dtype=np.int64)
+    corner[fan] = triangles
+    return np.flatnonzero(np.bincount(corner) > 1)
+
+
+def _split_corners(
+    points: Vertices, triangles: Faces, found: list[Finding]
+) -> tuple[Vertices, Faces]:
+    """Give each fan of triangles a corner of its own: sheets that touch are then apart."""
+    joints = _find_joints(triangles)
+    if len(joints) == 0:
+        return points, triangles
+    number, fan = _mesh.label_fans(triangles)
+    corner = np.zeros(number, dtype=np.int64)
+    corner[fan] = triangles
+    message = (
+        f"{len(joints)} corner(s) where the surface touches itself split, near "
+        f"{name_place(points[joints[0]])} mm: each sheet has its own, the wall is where it was"
+    )
+    found.append(Finding("corners-split", "note", message))
+    return points[corner], fan
+
+
+def _find_crossing(
+    points: Vertices, triangles: Faces, group: NDArray[np.int64] | None = None
+) -> NDArray[np.bool_]:
+    from ._kernels import cross_groups
 
     extent = np.ptp(points[triangles], axis=1).max(axis=1)
     # ... a cell of about two triangles; the kernel enlarges it where triangles differ much
     cell = max(2.0 * float(np.median(extent)), 1e-6 * float(np.ptp(points, axis=0).max()))
-    number = int(np.count_nonzero(count_crossing(points, triangles, cell)))
+    groups = np.arange(len(triangles)) if group is None else group
+    return np.asarray(cross_groups(points, triangles, cell, groups), dtype=np.bool_)
+
+
+def _check_crossing(points: Vertices, triangles: Faces) -> list[Finding]:
+    crossed = _find_crossing(points, triangles)
+    number = int(np.count_nonzero(crossed))
     if not number:
         return []
+    place = points[triangles[int(np.argmax(crossed))]].mean(axis=0)
     message = (
         f"the surface crosses itself: {number} triangles (only those that share no corner are "
-        f"tested); inside and outside are not certain there"
+        f"tested), near {name_place(place)} mm; inside and outside are not certain there"
     )
     return [Finding("self-crossing", "warning", message)]

@@ -159,9 +159,11 @@ class LabelTract:
     @property
     def label_values(self) -> tuple[int, ...]:
         """The labels that are there."""
-        return tuple(
-            int(value) for value in np.flatnonzero(np.bincount(self.labels.ravel())) if value
-        )
+        there = np.zeros(1 << 16, dtype=bool)
+        for layer in self.labels:  # one at a time: an index takes eight bytes a voxel
+            there[layer] = True
+        there[0] = False
+        return tuple(int(value) for value in np.flatnonzero(there))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -123,30 +124,33 @@ class VectorType(_FloatsType):
 
 
 class LabelsType(_LabelsType):
-    """Comma-separated labels, by number or name, such as ``1,2,colon``; ``all`` for every one."""
+    """Comma-separated labels, numbers or names such as ``1,2`` or ``stomach,duodenum``, or ``all``.
+
+    Given on as a tuple of ints and strings.
+    """
 
     name = "labels"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[int | str, ...]:
-        """Return the labels in the order given, each once: numbers as int, names as text."""
+        """Return the labels in the order given, each once."""
         if not isinstance(value, str):
             return tuple(value)
         parts = [part.strip() for part in value.split(",")]
-        numbers = [part.isascii() and part.isdigit() for part in parts]
-        for part, number in zip(parts, numbers, strict=True):
-            if not (1 <= int(part) <= 65535 if number else part[:1].isalpha()):
-                self.fail(
-                    f"'{value}' is not a list of labels: give whole numbers in [1, 65535] or "
-                    "names, separated by commas, such as 1,2,3 (0 is the background)",
-                    param,
-                    ctx,
-                )
-        labels = [
-            int(part) if number else part for part, number in zip(parts, numbers, strict=True)
-        ]
-        return tuple(dict.fromkeys(labels))
+        numbers = [int(part) if part.isascii() and part.isdigit() else part for part in parts]
+        legal = (
+            1 <= part <= 65535 if isinstance(part, int) else re.search(r"[^\W\d_]", part)
+            for part in numbers
+        )
+        if not all(legal):
+            self.fail(
+                f"'{value}' is not a list of labels: give names, or whole numbers in [1, 65535], "
+                "separated by commas, such as 1,2,3 (0 is the background), or all",
+                param,
+                ctx,
+            )
+        return tuple(dict.fromkeys(numbers))
 
 
 def clean_json(value: Any) -> Any:

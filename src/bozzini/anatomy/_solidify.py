@@ -1,0 +1,365 @@
+"""From several sheets or parts to one lumen: voxels about whose centres the sheets wind."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import GeometryError
+from . import _mesh
+from ._kernels import add_windings
+from ._sheets import Choice, Sheet, close_sheet
+from .findings import Finding, name_place
+from .labels import tract_from_labels
+from .tract import LabelTract, Opening
+
+__all__ = ["find_openings", "report_holes", "solidify"]
+
+VOXEL = 1.0
+"""Voxel of a solidified surface [mm], smaller for a small one."""
+
+FEWEST = 200
+"""Voxels along the longest side, at least."""
+
+MOST = 30_000_000
+"""Voxels of the box around it, at most."""
+
+PADDING = 3
+OPENING = 0.15
+"""Radius of a hole, by twice the volume over the area, from which it is an open end."""
+
+AMBIGUOUS = 0.2
+"""Largest share of the lumen about which the triangles alone wind neither 0 nor 1."""
+
+ASKED = 20_000
+"""Voxels about which the winding number of the triangles alone is asked."""
+
+DEEP = 1.0
+"""Depth in the lumen from which a triangle counts as inside it [voxels]."""
+
+FINEST = 200
+"""Pieces into which the side of a triangle is cut to look for its depth, at most."""
+
+COARSE = 3
+"""Voxels in which missing lumen is looked for, by those of the lumen."""
+
+Vertices = NDArray[np.float64]
+Faces = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+class _Grid:
+    """Voxels around a surface, and about which of their centres closed triangles wind."""
+
+    def __init__(self, points: Vertices, faces: Faces, voxel: float | None = None) -> None:
+        low, high = points[faces].min(axis=(0, 1)), points[faces].max(axis=(0, 1))
+        size = high - low
+        wanted = min(VOXEL, float(size.max()) / FEWEST) if voxel is None else voxel
+        self.voxel = max(wanted, float(np.prod(np.maximum(size, wanted)) / MOST) ** (1.0 / 3.0))
+        # Not on the whole millimetres on which corners often lie.
+        self.low = low - (PADDING + 0.2887) * self.voxel
+        self.shape = tuple(int(n) for n in np.ceil(size / self.voxel) + 2 * PADDING + 1)
+
+    def wind(self, points: Vertices, parts: Sequence[Faces]) -> Mask:
+        """Return where closed triangles, all together, wind at least once."""
+        steps = np.zeros(self.shape, dtype=np.int16)
+        for faces in parts:
+            add_windings(np.ascontiguousarray(points[faces]), self.low, self.voxel, steps)
+        np.cumsum(steps, axis=2, out=steps)
+        return steps > 0
+
+    def place(self, index: NDArray[np.int64]) -> Vertices:
+        return np.asarray(self.low + self.voxel * index, dtype=np.float64)
+
+    def find(self, places: Vertices) -> tuple[NDArray[np.int64], ...]:
+        index = np.rint((places - self.low) / self.voxel).astype(np.int64)
+        return tuple(np.clip(index, 0, np.array(self.shape) - 1).T)
+
+
+def find_openings(
+    points: Vertices, faces: Faces, holes: Sequence[_mesh.Hole]
+) -> tuple[tuple[Opening, ...], list[_mesh.Hole]]:
+    """Tell the open ends of a surface, the largest first, from its small holes."""
+    closed = close_sheet(points, faces, list(holes))
+    corners = points[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    width = (
+        2.0
+        * abs(_mesh.measure_volume(*closed))
+        / max(0.5 * np.linalg.norm(normals, axis=1).sum(), 1e-300)
+    )
+    ends = [hole for hole in holes if hole.radius >= OPENING * width]
+    small = [hole for hole in holes if hole.radius < OPENING * width]
+    openings = tuple(
+        Opening(
+            point=(float(hole.point[0]), float(hole.point[1]), float(hole.point[2])),
+            radius=hole.radius,
+            name=f"opening {k + 1}",
+        )
+        for k, hole in enumerate(ends)
+    )
+    return openings, small
+
+
+def solidify(
+    points: Vertices,
+    choice: Choice,
+    *,
+    source: str,
+    found: list[Finding],
+    names: Sequence[str] = (),
+) -> LabelTract:
+    """Unite sheets into one lumen of voxels.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        World [mm].
+    choice : Choice
+        The sheets, open ends included: these are capped flat.
+    source : str
+    found : list of Finding
+        What was found before.
+    names : sequence of str
+        Of the sheets kept, where they are parts of a scene: each becomes a label.
+
+    Raises
+    ------
+    GeometryError
+        If inside is ambiguous for more than a fifth of the lumen, with where.
+    """
+    found = list(found)
+    kept = np.concatenate([sheet.faces for sheet in choice.kept])
+    holes = _mesh.find_holes(points, kept)
+    openings, small = find_openings(points, kept, holes)
+    corners, closed = close_sheet(points, kept, holes)
+    grid = _Grid(corners, closed)
+    lumen = grid.wind(corners, [closed])
+    if not lumen.any():
+        raise GeometryError(
+            f"{source} encloses no volume that a voxel of {grid.voxel:.2g} mm shows"
+        )
+    if holes:
+        found += _check_ambiguous(points, kept, lumen, grid, source)
+    found += report_holes(openings, small)
+    lumen = _carve(points, choice, lumen, grid, found)
+    found += _find_missing(points, choice.outer, kept, COARSE * grid.voxel)
+    volume = lumen.astype(np.uint16)
+    if len(names) > 1:
+        for k, sheet in reversed(list(enumerate(choice.kept))):
+            own = grid.wind(*_close_one(points, sheet))
+            volume[own & lumen] = k + 1
+    affine = np.diag([grid.voxel, grid.voxel, grid.voxel, 1.0])
+    affine[:3, 3] = grid.low
+    tract = tract_from_labels(volume, affine, source=source, findings=found)
+    sheets = np.concatenate((kept, *(sheet.faces for sheet in choice.copies)))
+    deviation, farthest, place = _measure_deviation(points, sheets, tract)
+    number = len(choice.kept)
+    message = (
+        f"{number} {'sheet' if number == 1 else 'sheets'} united to one lumen of voxels of "
+        f"{grid.voxel:.2g} mm ({len(choice.outer)} outer, {len(choice.copies)} doubled left out): "
+        f"its wall is within {deviation[0]:.2f} mm (95 %), {deviation[1]:.2f} mm (99 %), "
+        f"{farthest:.1f} mm (all) of the triangles, farthest near {name_place(place)} mm"
+    )
+    found = [*tract.findings, Finding("sheets-solidified", "warning", message)]
+    return replace(
+        tract,
+        findings=tuple(found),
+        openings=openings,
+        label_names={k + 1: name for k, name in enumerate(names) if k + 1 in tract.label_values},
+        wall=f"faces of voxels of {grid.voxel:.2g} mm of the solidified surface",
+        wall_error=0.5 * np.sqrt(3.0) * grid.voxel + deviation[1],
+    )
+
+
+def _close_one(points: Vertices, sheet: Sheet) -> tuple[Vertices, list[Faces]]:
+    corners, faces = close_sheet(points, sheet.faces, sheet.holes)
+    return corners, [faces]
+
+
+def report_holes(openings: Sequence[Opening], small: Sequence[_mesh.Hole]) -> list[Finding]:
+    """Return findings on open ends that were capped and on holes that were filled."""
+    found = []
+    if openings:
+        where = ", ".join(
+            f"{o.name} of radius {o.radius:.1f} mm near {name_place(o.point)}" for o in openings[:6]
+        )
+        more = f" and {len(openings) - 6} more" if len(openings) > 6 else ""
+        found.append(Finding("ends-capped", "warning", f"open ends capped flat: {where}{more} mm"))
+    if small:
+        message = (
+            f"{len(small)} small hole(s) filled, the largest near {name_place(small[0].point)} mm"
+        )
+        found.append(Finding("holes-filled", "warning", message))
+    return found
+
+
+def _check_ambiguous(
+    points: Vertices, kept: Faces, lumen: Mask, grid: _Grid, source: str
+) -> list[Finding]:
+    """Ask how often the triangles without caps wind about places in the lumen."""
+    import igl
+
+    index = np.flatnonzero(lumen)
+    index = index[:: max(1, len(index) // ASKED)]
+    places = grid.place(np.stack(np.unravel_index(index, lumen.shape), axis=1))
+    winding = igl.fast_winding_number(
+        np.ascontiguousarray(points), np.ascontiguousarray(kept), np.ascontiguousarray(places)
+    )
+    unclear = np.abs(winding - np.rint(winding)) > 0.3
+    unclear |= winding < 0.3
+    share = float(unclear.mean())
+    if share == 0.0:
+        return []
+    where = name_place(np.median(places[unclear], axis=0))
+    if share > AMBIGUOUS:
+        raise GeometryError(
+            f"{source} is open: what is inside is ambiguous for {100 * share:.0f} % of what its "
+            f"flat caps enclose, near {where} mm; close it first"
+        )
+    message = (
+        f"inside is ambiguous for {100 * share:.1f} % of the lumen, at open ends near {where} mm"
+    )
+    return [Finding("inside-ambiguous", "warning", message)]
+
+
+def _carve(
+    points: Vertices, choice: Choice, lumen: Mask, grid: _Grid, found: list[Finding]
+) -> Mask:
+    """Take out of the lumen each voxel that a small part fills or another sheet touches."""
+    obstacles = [sheet.faces for sheet in choice.others]
+    obstacles += [
+        sheet.faces[_find_deep(points, sheet.faces, lumen, grid)] for sheet in choice.outer
+    ]
+    before = int(lumen.sum())
+    for sheet in choice.others:
+        if sheet.volume:
+            side = 1 if sheet.volume > 0.0 else -1
+            corners, closed = close_sheet(points, sheet.faces, sheet.holes)
+            lumen &= ~grid.wind(corners, [closed[:, ::side]])
+    for faces in obstacles:
+        if len(faces):
+            _carve_touched(points, faces, lumen, grid)
+    used = [faces for faces in obstacles if len(faces)]
+    lost = before - int(lumen.sum())
+    if used and lost:
+        number = sum(len(faces) for faces in used)
+        place = points[np.concatenate(used)].mean(axis=(0, 1))
+        message = (
+            f"{number} triangles of small parts or of outer sheets stand in the lumen, near "
+            f"{name_place(place)} mm: the {lost} voxels that they touch or fill are wall"
+        )
+        found.append(Finding("pieces-inside", "warning", message))
+    within = [
+        sheet.faces[_find_deep(points, sheet.faces, lumen, grid)]
+        for sheet in (*choice.kept, *choice.copies)
+    ]
+    inner = np.concatenate(within)
+    if len(inner):
+        message = (
+            f"{len(inner)} triangles lie inside the lumen where sheets overlap, near "
+            f"{name_place(points[inner].mean(axis=(0, 1)))} mm: they are no wall of the union"
+        )
+        found.append(Finding("sheets-overlap", "warning", message))
+    return lumen
+
+
+def _find_deep(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> Mask:
+    """Say which triangles reach deeper into the lumen than `DEEP` voxels."""
+    corners = points[faces]
+    deep = np.zeros(len(faces), dtype=bool)
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    parts = np.clip(np.ceil(sides / grid.voxel), 1, FINEST).astype(np.int64)
+    for number in np.unique(parts):
+        some = np.flatnonzero(parts == number)
+        a, b = np.mgrid[0 : number + 1, 0 : number + 1].reshape(2, -1)
+        a, b = a[a + b <= number] / number, b[a + b <= number] / number
+        weights = np.stack((a, b, 1.0 - a - b), axis=1)
+        for begin in range(0, len(some), 1 + 1_000_000 // len(weights)):
+            chosen = some[begin : begin + 1 + 1_000_000 // len(weights)]
+            places = (weights @ corners[chosen]).reshape(-1, 3)
+            hits = lumen[grid.find(places)]
+            for way in itertools.product((-DEEP, 0.0, DEEP), repeat=3):
+                hits[hits] = lumen[grid.find(places[hits] + grid.voxel * np.array(way))]
+            deep[chosen] = hits.reshape(len(chosen), -1).any(axis=1)
+    return deep
+
+
+def _carve_touched(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> None:
+    """Take out each voxel whose centre is within half a voxel's diagonal of triangles."""
+    import igl
+
+    reach = 0.5 * np.sqrt(3.0) * grid.voxel
+    low = grid.find(points[faces].min(axis=(0, 1))[None] - 2.0 * grid.voxel)
+    high = grid.find(points[faces].max(axis=(0, 1))[None] + 2.0 * grid.voxel)
+    box = tuple(slice(int(a[0]), int(b[0]) + 1) for a, b in zip(low, high, strict=True))
+    index = np.argwhere(lumen[box]) + np.array([part.start for part in box])
+    if not len(index):
+        return
+    boxes = igl.AABB()
+    triangles = np.ascontiguousarray(faces)
+    boxes.init(points, triangles)
+    squared = boxes.squared_distance(points, triangles, np.ascontiguousarray(grid.place(index)))[0]
+    lumen[tuple(index[squared <= reach**2].T)] = False
+
+
+def _find_missing(
+    points: Vertices, outer: Sequence[Sheet], kept: Faces, step: float
+) -> list[Finding]:
+    """Say where an outer sheet encloses a place that no inner one does."""
+    from scipy import ndimage
+    from scipy.spatial import cKDTree
+
+    if not outer:
+        return []
+    grid = _Grid(points, np.concatenate((kept, *(sheet.faces for sheet in outer))), step)
+    step = grid.voxel
+    corners, closed = close_sheet(points, kept, _mesh.find_holes(points, kept))
+    inside = grid.wind(corners, [closed])
+    enclosed = np.zeros_like(inside)
+    for sheet in outer:
+        corners, closed = close_sheet(points, sheet.faces, sheet.holes)
+        enclosed |= grid.wind(corners, [closed if sheet.volume > 0.0 else closed[:, ::-1]])
+    theirs = points[np.unique(np.concatenate([sheet.faces for sheet in outer]))]
+    thick, _ = cKDTree(theirs).query(points[np.unique(kept)])
+    away = ndimage.distance_transform_edt(~inside, sampling=step)
+    missing = enclosed & (away > 2.0 * np.quantile(thick, 0.95) + step)
+    label, number = ndimage.label(missing)
+    if not number:
+        return []
+    sizes = np.bincount(label.reshape(-1))[1:] * step**3
+    largest = int(sizes.argmax())
+    if sizes[largest] < 0.005 * float(inside.sum()) * step**3:
+        return []
+    place = grid.place(np.argwhere(label == largest + 1)).mean(axis=0)
+    message = (
+        f"only an outer sheet is there round {sizes.sum() / 1000.0:.3g} mL, the most near "
+        f"{name_place(place)} mm: that lumen is missing"
+    )
+    return [Finding("lumen-missing", "warning", message)]
+
+
+def _measure_deviation(
+    points: Vertices, faces: Faces, tract: LabelTract
+) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+    """Return how far the faces of voxels are from triangles: 95 % and 99 %, most, and where."""
+    import igl
+
+    mask = tract.mask
+    places = []
+    for axis in range(3):
+        index = np.argwhere(np.diff(mask, axis=axis)).astype(np.float64)
+        index[:, axis] += 0.5
+        places.append(index)
+    found = np.concatenate(places) @ tract.affine[:3, :3].T + tract.affine[:3, 3]
+    boxes = igl.AABB()
+    triangles = np.ascontiguousarray(faces)
+    boxes.init(points, triangles)
+    squared = boxes.squared_distance(points, triangles, np.ascontiguousarray(found))[0]
+    distance = np.sqrt(squared)
+    most = int(distance.argmax())
+    return np.quantile(distance, (0.95, 0.99)), float(distance[most]), found[most]
