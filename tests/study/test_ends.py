@@ -93,7 +93,7 @@ def test_the_organ_decides_the_entry(tract, organ, frame, landmark, first) -> No
 
 
 def test_level_ends_of_a_colon_are_told_apart_by_the_back() -> None:
-    rear, front = np.array([0.0, -40.0, 0.0]), np.array([60.0, 20.0, 3.0])
+    rear, front = np.array([0.0, -40.0, 0.0]), np.array([60.0, 20.0, 0.0])
     level = make_tract(np.array([rear, [0.0, 0.0, 60.0], [60.0, 0.0, 60.0], front]))
     for frame, first in (("RAS", rear), ("RPS", front)):
         way = way_of(replace(level, organ="colon", frame=frame), None, None)

@@ -48,9 +48,10 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 )
 @click.option(
     "--method",
-    default="tube",
+    default="best",
     show_default=True,
-    help="The planner: tube (whole body, proved), follow (the leader), thesis (joints only).",
+    help="The planner: best (of the next two and some between), tube (whole body, proved), follow "
+    "(the leader), thesis (joints only).",
 )
 @click.option(
     "--slip",
