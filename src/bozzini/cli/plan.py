@@ -48,9 +48,10 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 )
 @click.option(
     "--method",
-    default="tube",
+    default="best",
     show_default=True,
-    help="The planner: tube (whole body, proved), follow (the leader), thesis (joints only).",
+    help="The planner: best (of the next two and some between), tube (whole body, proved), follow "
+    "(the leader), thesis (joints only).",
 )
 @click.option(
     "--slip",
@@ -217,9 +218,10 @@ def _describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) 
         )
     for item in summary.get("comparison", ()):
         proved = item["clearance_certified_mm"]
+        bound = "-" if proved is None else f"{proved:.2f} mm"
         lines.append(
             f"  {item['method']:<7}{item['status']:<9} at {item['inserted_mm']:6.1f} mm of its "
-            f"head path, clearance {'-' if proved is None else f'{proved:.2f} mm'} proved, joints move up to "
+            f"head path, clearance {bound} proved, joints move up to "
             f"{item['joint_step_ratio_max']:.2f} x head"
         )
     if study.robot is not None:

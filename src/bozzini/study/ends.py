@@ -259,34 +259,31 @@ def _find_line(
 def _step_inside(field: SampledField, place: Place) -> NDArray[np.float64]:
     """Return a point in the lumen for a place that may lie on the wall: a cap, a landmark.
 
-    It climbs from there towards more room, for an opening by about its radius.
+    It is the nearest node with about the opening's radius (at a landmark 5 mm) of room that is
+    seen from there through the lumen; if none has that, the roomiest.
     """
     point = np.array(place.points, dtype=np.float64)
     if place.kind == "point":
         return point
-    rest = field.inflate(-field.inflation)
-    enough = place.radius if place.kind == "opening" else 5.0
-    if float(rest.signed_distance(point)) >= 0.0:
-        from scipy.spatial import cKDTree
+    from scipy.spatial import cKDTree
 
-        nodes = rest.to_world(np.argwhere(rest.values < 0.0) * rest.spacing)
-        gap, nearest = cKDTree(nodes).query(point)
-        if gap > max(LANDMARK_REACH, 2.0 * place.radius):
-            raise GeometryError(f"{place.name} lies {gap:.0f} mm outside the lumen: give a point")
-        point = nodes[nearest]
-    step = 0.5 * float(rest.spacing.min())
-    room = -float(rest.signed_distance(point))
-    for _ in range(int(2.0 * enough / step)):
-        if room >= 0.95 * enough:
-            break
-        slope = rest.gradient(point)
-        size = float(np.linalg.norm(slope))
-        ahead = point - step * slope / max(size, 1e-9)
-        room_ahead = -float(rest.signed_distance(ahead))
-        if room_ahead <= room:
-            break
-        point, room = ahead, room_ahead
-    return point
+    rest = field.inflate(-field.inflation)
+    enough = 0.9 * place.radius if place.kind == "opening" else 5.0
+    if -float(rest.signed_distance(point)) >= enough:
+        return point
+    nodes = rest.to_world(np.argwhere(rest.values < 0.0) * rest.spacing)
+    tree = cKDTree(nodes)
+    gap, nearest = tree.query(point)
+    if gap > max(LANDMARK_REACH, 2.0 * place.radius):
+        raise GeometryError(f"{place.name} lies {gap:.0f} mm outside the lumen: give a point")
+    first = nodes[nearest]
+    near = nodes[tree.query_ball_point(first, 2.0 * enough)]
+    near = near[np.argsort(np.linalg.norm(near - first, axis=1), kind="stable")]
+    room = -rest.signed_distance(near)
+    share = np.linspace(0.0, 1.0, 21)[:, None, None]
+    seen = (rest.signed_distance(first + share * (near - first)) < 0.0).all(axis=0)
+    wide = np.flatnonzero(seen & (room >= enough))
+    return np.asarray(near[wide[0]] if len(wide) else near[np.argmax(np.where(seen, room, 0.0))])
 
 
 def _orient(
@@ -325,7 +322,8 @@ def _orient(
 
 
 def _article(organ: str) -> str:
-    return f"an {organ}" if organ.startswith("upper") else f"a {organ}"
+    name = organ.replace("-", " ")
+    return f"an {name}" if name.startswith("upper") else f"a {name}"
 
 
 def _guess_organ(tract: LabelTract | SurfaceTract) -> str | None:

@@ -249,7 +249,7 @@ def run_insertion(
     reverse: bool = False,
     voxel: float | None = None,
     inflate: float = 0.0,
-    method: str = "tube",
+    method: str = "best",
     head_step: float = 0.25,
     slip: float = 0.0,
     angle_limit: float | None = None,
@@ -381,10 +381,11 @@ def run_insertion(
     comparison: list[Plan] = []
     if compare:
         with _clock(times, "compare"):
-            for other in METHODS:
+            others = [name for name in METHODS if name != "best"]
+            for other in others:
                 plain = {"head_step": head_step} if other == "thesis" else options
                 comparison.append(plan_insertion(field, line, scope=scope, method=other, **plain))
-                progress("compare", len(comparison) / len(METHODS))
+                progress("compare", len(comparison) / len(others))
     given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
     for name, place in (("start", places[0]), ("end", places[1])):
         if place is not None:

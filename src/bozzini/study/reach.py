@@ -109,8 +109,7 @@ def find_unreached(
     thin = index[(index % stride == 0).all(axis=1)]
     if len(thin) < 8:
         thin, stride = index, 1
-    spacing = rest.spacing * stride
-    cell = float(np.prod(spacing))
+    cell = tract.volume / len(thin)
     grid = rest.to_grid(line.points)
     distance, nearest = cKDTree(grid).query(thin * rest.spacing)
     room = np.maximum(line.radius - field.inflation, 0.0)
@@ -149,9 +148,9 @@ def find_unreached(
             kind: Literal["component", "before", "beyond", "branch"] = "branch"
             if part not in joined:
                 kind = "component"
-            elif at <= 5.0:
+            elif at <= max(5.0, 1.5 * room[0]):
                 kind = "before"
-            elif at >= line.length - 5.0:
+            elif at >= line.length - max(5.0, 1.5 * room[-1]):
                 kind = "beyond"
             found.append(
                 Unreached(

@@ -173,15 +173,17 @@ def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: 
         return Verdict(tone="red", label="Stopped", sentence=sentence)
     sentence = f"{scope} stops at {place:.0f} mm of {whole:.0f} mm of centreline: {reason}."
     estimate, where = claim.estimate, _at(claim.place)
+    note = ""
     if claim.soft is not None:
-        sentence += f" Up to there {_describe_contact(claim, claim.soft)}."
+        note = f"Up to there {_describe_contact(claim, claim.soft)}."
     elif claim.certified:
-        sentence += f" Up to there it is proved to {_promise(claim)} at all times."
+        note = f"Up to there it is proved to {_promise(claim)} at all times."
     elif estimate is not None and estimate < 0.0:
-        sentence += f" Before that its body passes through the wall{where} by {-estimate:.2f} mm."
+        note = f"Before that its body passes through the wall{where} by {-estimate:.2f} mm."
     elif estimate is not None:
-        sentence += f" Up to there it keeps {estimate:.2f} mm from the wall (nearest{where})."
-    return Verdict(tone="red", label="Stopped", sentence=sentence)
+        note = f"Up to there it keeps {estimate:.2f} mm from the wall (nearest{where})."
+    notes = (note,) if note else ()
+    return Verdict(tone="red", label="Stopped", sentence=sentence, notes=notes)
 
 
 def _judge_contact(reaches: str, claim: Claim, soft: SoftWall) -> Verdict:
