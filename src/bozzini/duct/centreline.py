@@ -306,22 +306,20 @@ def find_roomy_path(
         World frame [mm]; None if the grid has no such way.
     """
     graph = LumenGraph(field)
-    free = graph.inside & (graph.room + field.inflation >= room)
-    graph.cost = np.where(free, graph.cost, -1.0)
+    free = graph.depths + field.inflation >= room
+    graph.weights = np.where(free, graph.weights, np.inf)
+    places = graph.places()
     nodes = []
     for point in (start, goal):
-        node = np.rint(field.to_grid(point) / field.spacing).astype(int)
-        low = np.maximum(node - 2, 0)
-        block = np.argwhere(free[tuple(slice(a, b + 3) for a, b in zip(low, node, strict=True))])
+        near = np.rint(field.to_grid(point) / field.spacing).astype(int)
+        block = places[np.all(np.abs(places - near) <= 2, axis=1) & free]
         if len(block) == 0:
             return None
-        gaps = np.linalg.norm(block + low - node, axis=1)
-        nodes.append(block[int(np.argmin(gaps))] + low)
-    mcp, costs = graph.search(nodes[0])
-    target = tuple(int(v) for v in nodes[1])
-    if not np.isfinite(costs[target]):
+        nodes.append(block[int(np.argmin(np.linalg.norm(block - near, axis=1)))])
+    search, costs = graph.search(nodes[0])
+    if not np.isfinite(costs[tuple(nodes[1])]):
         return None
-    middle = field.to_world(np.array(mcp.traceback(target)) * field.spacing)
+    middle = field.to_world(search.traceback(nodes[1]) * field.spacing)
     return np.concatenate(
         [np.asarray(start, dtype=np.float64)[None], middle[1:-1], np.asarray(goal)[None]]
     )
@@ -342,10 +340,7 @@ def _choose_ends(
     if start is not None:
         second = graph.farthest(start, None)
         return graph.farthest(second, start), second
-    deepest = np.array(np.unravel_index(int(np.argmax(graph.room)), graph.room.shape))
-    taut = graph.measure_taut(deepest)
-    taut[~np.isfinite(taut)] = -1.0
-    first = np.array(np.unravel_index(int(np.argmax(taut)), taut.shape))
+    first = graph.find_remotest(graph.find_deepest())
     second = graph.farthest(first, None)
     return graph.farthest(second, None), second
 
