@@ -178,7 +178,8 @@ def test_a_label_inside_the_lumen_is_wall_and_is_named():
         shuffled = np.asarray(array, order=order)
         tract = tract_from_labels(shuffled, np.eye(4), labels=[1], names={2: "polyp"})
         message = codes(tract)["label-inside"].message
-        assert message.startswith("polyp (0.016 mL near (5, 6, 12) mm) is not selected")
+        assert message.startswith("polyp (0.016 mL near (")
+        assert "is not selected and lies inside the lumen" in message
         assert tract.mask.sum() == np.count_nonzero(array == 1)
         assert "0.016 mL" in codes(tract)["cavities"].message
         assert "label-inside" not in codes(tract_from_labels(shuffled, np.eye(4), labels=[1, 2]))
