@@ -17,7 +17,7 @@ from .findings import Finding, name_place
 from .labels import tract_from_labels
 from .tract import LabelTract, Opening
 
-__all__ = ["find_openings", "report_holes", "solidify"]
+__all__ = ["find_missing", "find_openings", "measure_width", "report_holes", "solidify"]
 
 VOXEL = 1.0
 """Voxel of a solidified surface [mm], smaller for a small one."""
@@ -80,18 +80,18 @@ class _Grid:
         return tuple(np.clip(index, 0, np.array(self.shape) - 1).T)
 
 
-def find_openings(
-    points: Vertices, faces: Faces, holes: Sequence[_mesh.Hole]
-) -> tuple[tuple[Opening, ...], list[_mesh.Hole]]:
-    """Tell the open ends of a surface, the largest first, from its small holes."""
-    closed = close_sheet(points, faces, list(holes))
+def measure_width(points: Vertices, faces: Faces, holes: Sequence[_mesh.Hole]) -> float:
+    """Return twice the volume over the area [mm]: the radius of a long tube."""
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    width = (
-        2.0
-        * abs(_mesh.measure_volume(*closed))
-        / max(0.5 * np.linalg.norm(normals, axis=1).sum(), 1e-300)
-    )
+    area = max(0.5 * float(np.linalg.norm(normals, axis=1).sum()), 1e-300)
+    return 2.0 * abs(_mesh.measure_volume(*close_sheet(points, faces, list(holes)))) / area
+
+
+def find_openings(
+    holes: Sequence[_mesh.Hole], width: float
+) -> tuple[tuple[Opening, ...], list[_mesh.Hole]]:
+    """Tell the open ends of a surface of some width, the largest first, from its small holes."""
     ends = [hole for hole in holes if hole.radius >= OPENING * width]
     small = [hole for hole in holes if hole.radius < OPENING * width]
     openings = tuple(
@@ -135,10 +135,11 @@ def solidify(
     found = list(found)
     kept = np.concatenate([sheet.faces for sheet in choice.kept])
     holes = _mesh.find_holes(points, kept)
-    openings, small = find_openings(points, kept, holes)
     corners, closed = close_sheet(points, kept, holes)
     grid = _Grid(corners, closed)
     lumen = grid.wind(corners, [closed])
+    ends = [hole for hole in holes if not _leads_inside(points, hole, lumen, grid)]
+    openings, small = find_openings(ends, measure_width(points, kept, holes))
     if not lumen.any():
         raise GeometryError(
             f"{source} encloses no volume that a voxel of {grid.voxel:.2g} mm shows"
@@ -147,7 +148,7 @@ def solidify(
         found += _check_ambiguous(points, kept, lumen, grid, source)
     found += report_holes(openings, small)
     lumen = _carve(points, choice, lumen, grid, found)
-    found += _find_missing(points, choice.outer, kept, COARSE * grid.voxel)
+    found += find_missing(points, choice.outer, kept)
     volume = lumen.astype(np.uint16)
     if len(names) > 1:
         for k, sheet in reversed(list(enumerate(choice.kept))):
@@ -179,6 +180,17 @@ def solidify(
 def _close_one(points: Vertices, sheet: Sheet) -> tuple[Vertices, list[Faces]]:
     corners, faces = close_sheet(points, sheet.faces, sheet.holes)
     return corners, [faces]
+
+
+def _leads_inside(points: Vertices, hole: _mesh.Hole, lumen: Mask, grid: _Grid) -> bool:
+    """Say whether lumen goes on beyond the cap of a hole, in another sheet."""
+    start, end = points[hole.edges[:, 0]], points[hole.edges[:, 1]]
+    outward = np.cross(start - hole.point, end - hole.point).sum(axis=0)
+    size = float(np.linalg.norm(outward))
+    if size == 0.0:
+        return False
+    beyond = hole.point + max(2.0 * grid.voxel, hole.deviation) * outward / size
+    return bool(lumen[grid.find(beyond[None])][0])
 
 
 def report_holes(openings: Sequence[Opening], small: Sequence[_mesh.Hole]) -> list[Finding]:
@@ -307,16 +319,15 @@ def _carve_touched(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> 
     lumen[tuple(index[squared <= reach**2].T)] = False
 
 
-def _find_missing(
-    points: Vertices, outer: Sequence[Sheet], kept: Faces, step: float
-) -> list[Finding]:
-    """Say where an outer sheet encloses a place that no inner one does."""
+def find_missing(points: Vertices, outer: Sequence[Sheet], kept: Faces) -> list[Finding]:
+    """Report where an outer sheet encloses a place that no inner one does."""
     from scipy import ndimage
     from scipy.spatial import cKDTree
 
     if not outer:
         return []
-    grid = _Grid(points, np.concatenate((kept, *(sheet.faces for sheet in outer))), step)
+    faces = np.concatenate((kept, *(sheet.faces for sheet in outer)))
+    grid = _Grid(points, faces, COARSE * _Grid(points, kept).voxel)
     step = grid.voxel
     corners, closed = close_sheet(points, kept, _mesh.find_holes(points, kept))
     inside = grid.wind(corners, [closed])

@@ -13,7 +13,7 @@ from . import _mesh
 from ._nesting import resolve_parts
 from ._scale import check_scale
 from ._sheets import Choice, Sheet, choose_sheets, close_sheet
-from ._solidify import find_openings, report_holes, solidify
+from ._solidify import find_missing, find_openings, measure_width, report_holes, solidify
 from .findings import Finding, name_place
 from .tract import LabelTract, Opening, SurfaceTract
 
@@ -218,7 +218,8 @@ def _cap_sheet(
 ) -> tuple[Vertices, Faces, NDArray[np.int64], tuple[Opening, ...]]:
     """Cap the one sheet that bounds the lumen; the other sheets become parts beside it."""
     sheet = choice.kept[0]
-    openings, small = find_openings(points, sheet.faces, sheet.holes)
+    width = measure_width(points, sheet.faces, sheet.holes)
+    openings, small = find_openings(sheet.holes, width)
     area = sum(math.pi * hole.radius**2 for hole in sheet.holes)
     bad = [hole for hole in sheet.holes if not _is_flat(hole)]
     number = sum(len(hole.edges) for hole in sheet.holes)
@@ -247,6 +248,7 @@ def _cap_sheet(
             f"there first"
         )
     found += report_holes(openings, small)
+    found += find_missing(points, choice.outer, sheet.faces)
     others = [s.faces for s in (*choice.outer, *choice.copies, *choice.others)]
     part = np.repeat(np.arange(1 + len(others)), [len(closed), *(len(faces) for faces in others)])
     return corners, np.concatenate((closed, *others)), part, openings
