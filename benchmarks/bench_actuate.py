@@ -18,7 +18,7 @@ from tests.continuum.motions import make_robot
 
 @pytest.fixture(scope="module")
 def human(upper_gi_dir: Path) -> Any:
-    field = build_field(read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz"))
+    field = build_field(read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels="all"))
     return field, find_centreline(field)
 
 

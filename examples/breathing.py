@@ -1,7 +1,7 @@
 """Plan a scope again and again while breathing sways the tract sideways.
 
     python examples/breathing.py                  a phantom tract
-    python examples/breathing.py tract.nii.gz     your own: labels or a surface
+    python examples/breathing.py tract.nii.gz     your own: a surface or one label
 
 In each frame the field of the moved lumen is built anew (this takes nearly all of the time: see
 the table), the last head path is moved with the tissue, and the motion is planned and proved

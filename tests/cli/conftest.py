@@ -24,7 +24,8 @@ def tracts(tmp_path_factory: pytest.TempPathFactory) -> Tracts:
     mesh = trimesh.Trimesh(vertices, faces)
     mesh.export(folder / "tube.stl")
     labels = np.where(distance < 0.0, np.where(points[..., 2] < 10.0, 1, 2), 0).astype(np.uint8)
-    write_volume(folder / "tube.nii.gz", labels)
+    write_volume(folder / "halves.nii.gz", labels)
+    write_volume(folder / "tube.nii.gz", np.minimum(labels, 1))
     return Tracts(folder, mesh, labels)
 
 

@@ -27,7 +27,10 @@ def write_volume(path: Path, array: np.ndarray, spacing: float = 1.5) -> Path:
 
 @dataclass(frozen=True)
 class Tracts:
-    """One bent tube of 8 mm radius in every form: the lower half is label 1, the upper 2."""
+    """One bent tube of 8 mm radius in every form.
+
+    Of one label in `volume`; in `halves` and `labels` the lower half is label 1, the upper 2.
+    """
 
     folder: Path
     mesh: trimesh.Trimesh
@@ -36,6 +39,10 @@ class Tracts:
     @property
     def volume(self) -> Path:
         return self.folder / "tube.nii.gz"
+
+    @property
+    def halves(self) -> Path:
+        return self.folder / "halves.nii.gz"
 
     @property
     def surface(self) -> Path:

@@ -126,7 +126,7 @@ def test_an_internal_error_is_one_line_and_shows_its_traceback_when_asked(
         (["probe", "--diameter", "5 foobar"], ["--diameter", "unknown unit 'foobar'", "5mm"]),
         (["probe", "--diameter", "5 kg"], ["--diameter", "wrong kind of unit"]),
         (["probe", "--start", "1,2"], ["--start", "give 3"]),
-        (["probe", "--labels", "1,two"], ["--labels", "'1,two'", "[1, 65535]"]),
+        (["probe", "--labels", "1,-2"], ["--labels", "'1,-2'", "[1, 65535]"]),
         (["probe", "--labels", "0"], ["--labels", "background"]),
         (["probe", "--labels", ""], ["--labels"]),
     ],

@@ -144,7 +144,17 @@ def test_ends_given_as_points_and_as_labels(tracts: Tracts, run: Run, tmp_path: 
     assert plan.path[0] == pytest.approx(start, abs=1e-3)
     assert plan.path[-1] == pytest.approx(end, abs=1e-3)
     labels = run(
-        tracts.volume, *SCOPE, "--start", "2", "--end", "1", "--json", "--out", tmp_path / "l"
+        tracts.halves,
+        *SCOPE,
+        "--labels",
+        "all",
+        "--start",
+        "2",
+        "--end",
+        "1",
+        "--json",
+        "--out",
+        tmp_path / "l",
     )
     plan = Plan.load(tmp_path / "l" / "plan.npz")
     ends = [tracts.labels[tuple(np.rint(plan.path[k] / 1.5).astype(int))] for k in (0, -1)]
@@ -198,7 +208,7 @@ def test_force_replaces_a_result_and_keeps_other_files(
 
 
 def test_findings_are_told_once_on_stderr(tracts: Tracts, run: Run, tmp_path: Path) -> None:
-    outcome = run(tracts.volume, *SCOPE, "--labels", "2", "--quiet", "--out", tmp_path / "plan")
+    outcome = run(tracts.halves, *SCOPE, "--labels", "2", "--quiet", "--out", tmp_path / "plan")
     assert outcome.code in (0, 1)
     summary = json.loads((tmp_path / "plan" / "summary.json").read_text("utf-8"))
     told = [f"bozzini: {item['severity']}: {item['message']}" for item in summary["findings"]]

@@ -20,7 +20,7 @@ from tests.exact import VoxelWall
 
 @pytest.fixture(scope="module")
 def human(upper_gi_dir):
-    tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz")
+    tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels="all")
     field = build_field(tract)
     return field, find_centreline(field), VoxelWall(tract.mask, tract.affine)
 

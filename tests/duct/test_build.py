@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from bozzini.duct import field_from_mask, field_from_mesh
-from bozzini.duct.build import MAX_NODES, _divide, _mark_wall
+from bozzini.duct._walls import MeshWall
+from bozzini.duct.build import MAX_NODES, _divide
 from bozzini.errors import GeometryError, InputError
 
 
@@ -135,7 +136,8 @@ def test_every_point_of_the_wall_has_a_marked_node_near():
     vertices = random.uniform(15, 25, (30, 3)).repeat(3, axis=0)
     vertices += scale * random.uniform(-1, 1, (90, 3))
     vertices[1::6] = vertices[0::6] + 0.01  # half of them slivers
-    marked = _mark_wall(vertices, faces, np.zeros(3), 1.0, (41, 41, 41))
+    marked = np.zeros((41, 41, 41), dtype=np.uint8)
+    slack = MeshWall(vertices, faces).mark(marked, np.zeros(3), np.ones(3))
     weights = random.dirichlet([0.6, 0.6, 0.6], 400)
     points = np.einsum("kc,fcd->fkd", weights, vertices[faces]).reshape(-1, 3)
     far, _ = cKDTree(np.argwhere(marked)).query(points)

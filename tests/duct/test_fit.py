@@ -391,7 +391,7 @@ def test_voxel_faces_are_the_wall_of_the_sampled_field():
 
 @pytest.fixture(scope="module")
 def stomach(upper_gi_dir):
-    tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz")
+    tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels="all")
     field = build_field(tract, voxel=1.5)
     return mesh_from_mask(tract.mask, tract.affine), field, find_centreline(field)
 

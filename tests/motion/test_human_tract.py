@@ -15,7 +15,7 @@ FILES = {"labels": "upper_gi_labels_1mm.nii.gz", "surface": "upper_gi_mc1mm.stl"
 
 class Human:
     def __init__(self, path):
-        self.tract = read_tract(path)
+        self.tract = read_tract(path, labels="all" if path.name == FILES["labels"] else None)
         self.field = build_field(self.tract)
         self.line = find_centreline(self.field)
         if self.tract.kind == "labels":

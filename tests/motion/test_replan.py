@@ -247,7 +247,7 @@ def test_planar_and_analytic_lumens_are_planned_again_too():
 
 
 def test_a_human_tract_in_a_breath(upper_gi_dir):
-    tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz")
+    tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels="all")
     mask, affine = np.pad(tract.mask, 6), tract.affine.copy()
     affine[:3, 3] -= 6.0 * affine[:3, :3].sum(axis=1)
     field = field_from_mask(mask, affine, voxel=2.0)

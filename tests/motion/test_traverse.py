@@ -227,7 +227,9 @@ def test_the_human_tract(upper_gi_dir: Path) -> None:
     from bozzini.anatomy import read_tract
     from bozzini.duct import build_field, find_centreline
 
-    field = build_field(read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz"), voxel=2.0)
+    field = build_field(
+        read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels="all"), voxel=2.0
+    )
     assert isinstance(field, SampledField)
     line = find_centreline(field)
     limits = find_link_limits(field, line, diameter=5.0, stations=25)

@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from .labels import tract_from_labels
     from .phantom import Phantom, make_phantom
     from .read import read_tract
+    from .segment import GasSegment, Segmentation, segment_gas
     from .surface import tract_from_surface
     from .surfaces import read_surface
     from .tract import Component, LabelTract, Opening, Organ, SurfaceTract, Tract
-    from .volumes import read_labels
+    from .volumes import read_labels, read_volume
     from .write import write_tract
 
 __all__ = [
@@ -27,11 +28,13 @@ __all__ = [
     "Component",
     "FetchResult",
     "Finding",
+    "GasSegment",
     "LabelTract",
     "Opening",
     "Organ",
     "Phantom",
     "PublicData",
+    "Segmentation",
     "SurfaceTract",
     "Tract",
     "fetch_data",
@@ -39,6 +42,8 @@ __all__ = [
     "read_labels",
     "read_surface",
     "read_tract",
+    "read_volume",
+    "segment_gas",
     "tract_from_labels",
     "tract_from_surface",
     "write_tract",
@@ -49,6 +54,8 @@ _MODULES = {
     "Component": "tract",
     "FetchResult": "fetch",
     "Finding": "findings",
+    "GasSegment": "segment",
+    "Segmentation": "segment",
     "LabelTract": "tract",
     "Opening": "tract",
     "Organ": "tract",
@@ -61,6 +68,8 @@ _MODULES = {
     "read_labels": "volumes",
     "read_surface": "surfaces",
     "read_tract": "read",
+    "read_volume": "volumes",
+    "segment_gas": "segment",
     "tract_from_labels": "labels",
     "tract_from_surface": "surface",
     "write_tract": "write",

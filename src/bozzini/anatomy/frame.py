@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 
-__all__ = ["check_frame", "find_axis", "fit_frame", "measure_shift"]
+__all__ = ["check_frame", "convert_frame", "find_axis", "fit_frame", "measure_shift"]
 
 Matrix = NDArray[np.float64]
 
@@ -64,6 +64,20 @@ def find_axis(frame: str, side: str) -> NDArray[np.float64]:
             at = next(k for k, letter in enumerate(code) if letter in pair)
             return np.asarray(np.eye(3)[at] * (1.0 if code[at] == side else -1.0))
     raise InputError(f"side is '{side}': it must be one of R, L, A, P, S, I")
+
+
+def convert_frame(affine: Matrix, frame: str, to: str = "RAS") -> Matrix:
+    """Return the affine that takes the same voxels to the same places in another world frame.
+
+    Parameters
+    ----------
+    affine : ndarray, shape (4, 4)
+    frame, to : str
+        Where the world's axes point before and after; see `check_frame`.
+    """
+    turn = np.eye(4)
+    turn[:3, :3] = np.stack([find_axis(frame, side) for side in check_frame(to)])
+    return turn @ affine
 
 
 def fit_frame(affine: Matrix) -> tuple[Matrix, NDArray[np.float64]]:

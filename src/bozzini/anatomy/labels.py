@@ -168,7 +168,7 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
     source = volume.source
     frame = None if volume.frame is None else check_frame(volume.frame)
     array = _check_volume(np.asarray(volume.array), source)
-    matrix = _check_affine(volume.affine, source)
+    matrix = check_affine(volume.affine, source)
     found = list(volume.findings)
     values = _narrow(array, source)
     # Runs lie along the axis that is contiguous in memory.
@@ -260,6 +260,14 @@ class _Runs:
         result: tuple[Integers, int] = join_runs(first, self.begins, self.ends, ny, corners)
         return result
 
+    def expand(self) -> Integers:
+        """Return the index of every voxel, shape (n, 3)."""
+        lengths = self.ends - self.begins
+        before = np.repeat(np.cumsum(lengths) - lengths, lengths)
+        along = np.arange(int(lengths.sum())) - before + np.repeat(self.begins, lengths)
+        i, j = self.split_rows()
+        return np.stack([np.repeat(i, lengths), np.repeat(j, lengths), along], axis=1)
+
     def split_rows(self) -> tuple[Integers, Integers]:
         return self.rows // self.shape[1], self.rows % self.shape[1]
 
@@ -333,7 +341,14 @@ def _check_whole(values: NDArray[Any], source: str) -> None:
             )
 
 
-def _check_affine(affine: ArrayLike, source: str) -> Matrix:
+def check_affine(affine: ArrayLike, source: str) -> Matrix:
+    """Return a 4 x 4 affine that is finite, not singular and not sheared.
+
+    Raises
+    ------
+    InputError
+        If it is not so.
+    """
     matrix = check_points(f"the affine of {source}", affine, dim=4)
     if matrix.shape != (4, 4) or not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
         raise InputError(f"the affine of {source} is not a 4 x 4 matrix with last row 0 0 0 1")

@@ -130,7 +130,14 @@ class Phantom:
         label = np.append(self.region[:-1], np.uint8(0)).astype(np.uint16)
         affine = np.diag([voxel, voxel, voxel, 1.0])
         affine[:3, 3] = origin
-        return LabelTract(labels=label[owner], affine=affine, source=self._name())
+        return LabelTract(
+            labels=label[owner],
+            affine=affine,
+            source=self._name(),
+            label_names=dict(REGIONS),
+            organ="upper-tract",
+            frame="RAS",
+        )
 
     def to_surface(self, spacing: float = 1.5) -> SurfaceTract:
         """Return the wall as a closed surface, by marching cubes on a grid.
@@ -162,7 +169,13 @@ class Phantom:
         triangles = faces.astype(np.int64)
         if _mesh.measure_volume(vertices, triangles) < 0:
             triangles = np.ascontiguousarray(triangles[:, ::-1])
-        return SurfaceTract(vertices=vertices, faces=triangles, source=self._name())
+        return SurfaceTract(
+            vertices=vertices,
+            faces=triangles,
+            source=self._name(),
+            organ="upper-tract",
+            frame="RAS",
+        )
 
     def _grid(self, step: float, margin: float) -> tuple[NDArray[np.float64], tuple[int, ...]]:
         reach = self.radii[:, None] + margin

@@ -244,6 +244,11 @@ def _merge_segments(volume: Volume, labels: Labels | None) -> Volume:
 
 def _read_dicom(folder: Path) -> Volume:
     """Read the series of a folder by SimpleITK, in its world frame, which is LPS, in mm."""
+    if not any(_is_dicom(file) for file in sorted(folder.iterdir())):
+        raise FileFormatError(
+            f"{folder} is a folder without volumes: known are a DICOM series, and masks named "
+            f"{', '.join(LABEL_SUFFIXES)}"
+        )
     try:
         import SimpleITK
     except ImportError:
@@ -285,6 +290,13 @@ def _read_dicom(folder: Path) -> Volume:
         message = f"the folder holds {len(series)} series: the one of most files is taken"
         findings = (Finding("series-left-out", "warning", message),)
     return Volume(array=array.T, affine=affine, source=folder.name, frame="LPS", findings=findings)
+
+
+def _is_dicom(file: Path) -> bool:
+    if not file.is_file():
+        return False
+    with file.open("rb") as handle:
+        return handle.read(132)[128:] == b"DICM"
 
 
 def _read_origin(itk: Any, file: str) -> tuple[float, ...]:

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import gzip
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError, OutputError
 from ..files import write_atomically
+from ._names import write_label_table
 from ._quiet import quiet_libraries
+from .frame import convert_frame
 from .surfaces import MARK
 from .tract import LabelTract, SurfaceTract
 
-__all__ = ["check_target", "write_tract"]
+__all__ = ["check_target", "encode_labels", "write_tract"]
 
 _LABELS = (".nii", ".nii.gz")
 _SURFACES = (".stl", ".ply", ".obj", ".glb")
@@ -52,6 +56,9 @@ def write_tract(
 ) -> Path:
     """Write labels as NIfTI or a surface as STL, PLY, OBJ or GLB, in its own frame.
 
+    NIfTI is RAS by definition: labels of another known frame (LPS of NRRD or DICOM) are written
+    so that they lie at the same place of the patient. Names of labels are written with them.
+
     All are in mm but GLB, which is in m as its standard says; its axes are as they are, and their
     frame is kept in the file.
 
@@ -73,7 +80,11 @@ def write_tract(
     kind = check_target(path, force=force)
     if kind != tract.kind:
         raise InputError(f"{path} holds a {kind} tract, but the tract given is {tract.kind}")
-    data = _encode_labels(path, tract) if isinstance(tract, LabelTract) else _encode(path, tract)
+    if isinstance(tract, LabelTract):
+        affine, frame, names = tract.affine, tract.frame, tract.label_names
+        data = encode_labels(path, tract.labels, affine=affine, frame=frame, names=names)
+    else:
+        data = _encode(path, tract)
     return write_atomically(path, lambda temporary: _put(temporary, data))
 
 
@@ -101,15 +112,28 @@ def _mark_frame(tree: dict[str, Any], frame: str | None) -> None:
     tree["asset"]["extras"] = {MARK: {"frame": frame}}
 
 
-def _encode_labels(path: str | os.PathLike[str], tract: LabelTract) -> bytes:
+def encode_labels(
+    path: str | os.PathLike[str],
+    labels: NDArray[np.uint16],
+    *,
+    affine: NDArray[np.float64],
+    frame: str | None,
+    names: Mapping[int, str],
+) -> bytes:
+    """Return labels as the bytes of a NIfTI file, compressed if its name ends in ``.gz``."""
     import nibabel
 
     nifti: Any = nibabel
-    small = np.uint8 if tract.labels.max() < 256 else np.uint16
-    image: Any = nifti.Nifti1Image(tract.labels.astype(small), tract.affine)
+    small = np.uint8 if labels.max() < 256 else np.uint16
+    # NIfTI has one frame, RAS: labels of a known other frame are written in that.
+    affine = affine if frame is None else convert_frame(affine, frame)
+    image: Any = nifti.Nifti1Image(labels.astype(small), affine)
     image.header.set_xyzt_units("mm")
-    image.set_sform(tract.affine, code="scanner")
-    image.set_qform(tract.affine, code="scanner")
+    image.set_sform(affine, code="scanner")
+    image.set_qform(affine, code="scanner")
+    if names:
+        table = write_label_table(names).encode()
+        image.header.extensions.append(nifti.nifti1.Nifti1Extension(0, table))
     data: bytes = image.to_bytes()
     if os.fspath(path).lower().endswith(".gz"):
         return gzip.compress(data, compresslevel=6, mtime=0)

@@ -109,11 +109,15 @@ def _read(
     if source.suffix.lower() not in SUFFIXES:
         tract, ways = read_with_options(source, options, quiet=quiet)
         return tract, tract.findings, ways
-    labels, unit, ways = sort_options(options)
-    if labels is not None:
+    reading, organ, ways = sort_options(options)
+    if reading["labels"] is not None:
         raise InputError(f"{source} holds shapes: it has no labels to select")
-    if unit not in (None, "mm"):
-        raise InputError(f"unit is '{unit}': a file of shapes is in mm, leave it out")
+    if reading["unit"] not in (None, "mm"):
+        raise InputError(f"unit is '{reading['unit']}': a file of shapes is in mm, leave it out")
+    others = reading | {"labels": None, "unit": None, "organ": organ}
+    given = [name for name, value in others.items() if value]
+    if given:
+        raise InputError(f"--{given[0]} has no effect on a file of shapes: leave it out")
     file = load_shapes_file(source)
     return file.shapes, (), ways | {"fit": file.fit}
 

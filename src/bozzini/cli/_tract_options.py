@@ -20,35 +20,60 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 class EndType(click.ParamType):  # type: ignore[type-arg]
-    """An end of the centreline: ``x,y,z`` with units, or the number of a label."""
+    """An end of the way: ``x,y,z`` with units, a label (number or name), or a named place."""
 
-    name = "x,y,z|label"
+    name = "x,y,z|label|name"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...] | int:
-        """Return a label as int, or a point as a tuple in mm."""
+    ) -> tuple[float, ...] | int | str:
+        """Return a label as int, a name as text, or a point as a tuple in mm."""
         from ..errors import BozziniError
         from ..units import parse_vector
 
         if not isinstance(value, str):
             return value  # type: ignore[no-any-return]
-        if value.strip().isascii() and value.strip().isdigit():
-            return int(value)
+        text = value.strip()
+        if text.isascii() and text.isdigit():
+            return int(text)
+        # A name has a letter first; what begins like a number is a point.
+        if text[:1].isalpha() and text.partition(",")[0].lower() not in ("nan", "inf"):
+            return text
         try:
             return parse_vector(value, "length")
         except BozziniError as error:
-            self.fail(f"{error} (or give one label number)", param, ctx)
+            self.fail(f"{error} (or give the number or name of a label or place)", param, ctx)
 
 
 def tract_options(function: _Function) -> _Function:
-    """Add what a tract is read with, and where its centreline runs; None where not given."""
+    """Add what a tract is read with, and where its way runs; None where not given."""
     for option in reversed(
         (
             click.option(
-                "--labels", type=LabelsType(), help="Labels that are lumen: 1,2,3 (default: all)."
+                "--labels",
+                type=LabelsType(),
+                help="Labels that are lumen, by number or name: 1,2,colon; or all.",
             ),
-            click.option("--unit", help="Unit of a surface file (default: mm)."),
+            click.option(
+                "--part",
+                multiple=True,
+                metavar="NAME",
+                help="The part of a scene to read; may be repeated: the parts are united.",
+            ),
+            click.option("--unit", help="Unit of a surface file (default: mm; GLB: m)."),
+            click.option(
+                "--frame",
+                metavar="RAS|LPS|...",
+                help="Where the file's axes point in the patient (default: as the file states).",
+            ),
+            click.option(
+                "--repair", is_flag=True, help="Mend small faults of a surface, and list them."
+            ),
+            click.option(
+                "--organ",
+                type=click.Choice(_ORGANS),
+                help="Which organ this is: it decides which end is the entry.",
+            ),
             click.option(
                 "--voxel", type=QuantityType("length"), help="Grid of the distance field."
             ),
@@ -57,8 +82,19 @@ def tract_options(function: _Function) -> _Function:
                 type=QuantityType("length"),
                 help="Move the wall outwards, as insufflation does (default: 0mm).",
             ),
-            click.option("--start", type=EndType(), help="Where the way begins: a point or label."),
-            click.option("--end", type=EndType(), help="Where the way ends: a point or label."),
+            click.option(
+                "--start",
+                type=EndType(),
+                help="Where the way begins: a point, a label, a landmark, an opening or "
+                "largest-opening.",
+            ),
+            click.option("--end", type=EndType(), help="Where the way ends; as --start."),
+            click.option(
+                "--via",
+                type=EndType(),
+                multiple=True,
+                help="Where the way goes through; as --start; may be repeated.",
+            ),
             click.option("--reverse", is_flag=True, help="Enter at the other end."),
         )
     ):
@@ -66,29 +102,40 @@ def tract_options(function: _Function) -> _Function:
     return function
 
 
-def sort_options(
-    options: dict[str, Any],
-) -> tuple[tuple[int, ...] | None, str | None, dict[str, Any]]:
-    """Return labels and unit, as given, and the rest of a tract's options for a study."""
+_ORGANS = ("upper-tract", "small-bowel", "colon")
+# As `bozzini.anatomy.ORGANS`, which is not imported for --help; a test compares them.
+
+_READING = ("labels", "part", "unit", "frame", "repair")
+
+
+def sort_options(options: dict[str, Any]) -> tuple[dict[str, Any], str | None, dict[str, Any]]:
+    """Return what a tract is read with, its organ, and the rest of the options for a study."""
     ways = dict(options)
-    labels, unit = ways.pop("labels"), ways.pop("unit")
+    reading = {name: ways.pop(name) for name in _READING}
+    part = reading["part"]
+    if reading["labels"] == ("all",):
+        reading["labels"] = "all"
+    reading["part"] = (part[0] if len(part) == 1 else tuple(part)) if part else None
+    organ = ways.pop("organ")
     ways["inflate"] = 0.0 if ways["inflate"] is None else ways["inflate"]
-    return labels, unit, ways
+    return reading, organ, ways
 
 
 def read_with_options(
     source: Path, options: dict[str, Any], *, quiet: bool
 ) -> tuple[LabelTract | SurfaceTract, dict[str, Any]]:
     """Return the tract, and the rest of its options for a study."""
+    from dataclasses import replace
+
     from ..anatomy import read_tract
 
-    labels, unit, ways = sort_options(options)
+    reading, organ, ways = sort_options(options)
     with progress_bar(quiet=quiet) as progress:
         progress("read", 0.0)
-        tract = read_tract(source, labels=labels, unit="mm" if unit is None else unit)
-    # Told at once, not with the result: a later stage may fail just because of them.
+        tract = read_tract(source, **reading)
+    # Written at once, not with the result: a later stage may fail just because of them.
     tell_findings(tract.findings)
-    return tract, ways
+    return (tract if organ is None else replace(tract, organ=organ)), ways
 
 
 def tell_findings(findings: Sequence[Finding]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -54,11 +55,12 @@ def command(
     scope = choose_scope(machine, diameter=diameter, link=link)
     with progress_bar(quiet=quiet) as progress:
         progress("phantom", 0.0)
-        from ..anatomy import make_phantom
+        from ..anatomy.phantom import REGIONS, make_phantom
         from ..study import run_insertion
 
         begin = time.perf_counter()
         tract = make_phantom(seed=seed).to_labels(voxel=voxel)
+        tract = replace(tract, organ="upper-tract", frame="RAS", label_names=REGIONS)
         seconds = {"phantom": time.perf_counter() - begin}
     tell_findings(tract.findings)
     with progress_bar(quiet=quiet) as progress:

@@ -170,7 +170,7 @@ def show_command(
     else:
         if spacing is not None:
             raise InputError("--spacing has no effect on a file of shapes: leave it out")
-        given = [f"--{name}" for name, value in options.items() if value not in (None, False)]
+        given = [f"--{name}" for name, value in options.items() if value not in (None, False, ())]
         if given and over is None:
             raise InputError(f"{given[0]} has no effect on a file of shapes: give --over too")
         result, text = _show_shapes(source, over, out, options, quiet=quiet)

@@ -25,6 +25,7 @@ COMMANDS = {
     "demo": "Run the whole way on a phantom tract: plan, report, 3-D scene.",
     "plan": "Plan a scope's motion through your own scan or surface.",
     "phantom": "Write a phantom upper gastro-intestinal tract to a file.",
+    "segment": "Find the gas-filled lumen in a CT without labels.",
     "data": "List and fetch public anatomy.",
     "duct": "Fit shapes to a tract, show them, find the longest link.",
     "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",

@@ -23,6 +23,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..anatomy.tract import LabelTract, SurfaceTract
     from ..study import InsertionStudy
 
 __all__ = ["command", "write_result"]
@@ -47,9 +48,10 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 )
 @click.option(
     "--method",
-    default="tube",
+    default="best",
     show_default=True,
-    help="The planner: tube (whole body, proved), follow (the leader), thesis (joints only).",
+    help="The planner: best (of the next two and some between), tube (whole body, proved), follow "
+    "(the leader), thesis (joints only).",
 )
 @click.option(
     "--slip",
@@ -75,6 +77,16 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
     show_default=True,
     help="The body may displace the wall by up to this; the report says where.",
 )
+@click.option(
+    "--label-error",
+    type=QuantityType("length"),
+    help="How far the given wall may be from the true one: is that covered by the proof?",
+)
+@click.option(
+    "--export",
+    is_flag=True,
+    help="Also write the distance field and the lumen as NIfTI volumes.",
+)
 @click.option("--largest", is_flag=True, help="Also find the largest diameter and longest link.")
 @click.option("--compare", is_flag=True, help="Also plan by the other methods, side by side.")
 @click.option(
@@ -99,6 +111,8 @@ def command(
     angle_limit: float | None,
     route: str,
     soft_wall: float,
+    label_error: float | None,
+    export: bool,
     largest: bool,
     compare: bool,
     out: Path,
@@ -110,8 +124,10 @@ def command(
     """Plan how a scope moves through the lumen in INPUT.
 
     INPUT is a label volume (.nii, .nii.gz) or a surface (.stl, .ply, .obj, .glb). Lengths take
-    units (5mm, 0.5cm). With --robot the motion of a tendon robot is made too: tendons.csv tells its
-    drives. Exit code 0: it fits; 1: it does not, and the report says where; 2: bad input.
+    units (5mm, 0.5cm). The organ decides which end is the entry: a colon is entered from its lower
+    end, other organs from the higher one; of an unknown organ both ends are tried. With --robot the
+    motion of a tendon robot is made too: tendons.csv tells its drives. Exit code 0: it fits; 1: it
+    does not, and the report says where; 2: bad input.
     """
     from ..files import check_new_directory
 
@@ -133,35 +149,50 @@ def command(
             angle_limit=angle_limit,
             route=ROUTES[route],
             soft_wall=soft_wall,
+            label_error=label_error,
             largest=largest,
             compare=compare,
             robot=machine,
-            inputs=_describe_input(source, options),
+            inputs=_describe_input(source, tract, options),
             seconds=seconds,
             progress=progress,
             **ways,
         )
     tell_findings(study.findings[len(tract.findings) :])
-    write_result(study, out, force=force, as_json=as_json, quiet=quiet)
+    write_result(study, out, force=force, export=export, as_json=as_json, quiet=quiet)
 
 
-def _describe_input(source: Path, options: dict[str, Any]) -> dict[str, Any]:
-    labels, unit = options["labels"], options["unit"]
+def _describe_input(
+    source: Path, tract: LabelTract | SurfaceTract, options: dict[str, Any]
+) -> dict[str, Any]:
+    """Return what the input was read with: enough to read it again, by `read_tract`."""
+    labels = options["labels"]
     return {
         "file": source.name,
-        "sha256": hashlib.sha256(source.read_bytes()).hexdigest(),
+        "sha256": None if source.is_dir() else hashlib.sha256(source.read_bytes()).hexdigest(),
         "labels": list(labels) if labels else None,
-        "unit": "mm" if unit is None else unit,
+        "part": list(options["part"]) or None,
+        "unit": options["unit"],
+        "frame": options["frame"],
+        "repair": options["repair"],
+        "organ": tract.organ,
         "voxel_mm": options["voxel"],
+        "inflate_mm": options["inflate"] or 0.0,
     }
 
 
 def write_result(
-    study: InsertionStudy, out: Path, *, force: bool, as_json: bool, quiet: bool
+    study: InsertionStudy,
+    out: Path,
+    *,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+    export: bool = False,
 ) -> None:
     """Write the files of a plan and its summary, and end with the exit code that it says."""
     with progress_bar(quiet=quiet) as progress:
-        summary = study.write(out, force=force, progress=progress)
+        summary = study.write(out, force=force, export=export, progress=progress)
     emit(summary, as_json=as_json, text=_describe_result(study, summary, out))
     if not study.fits:
         run_exit(EXIT_NEGATIVE)
@@ -172,7 +203,7 @@ def _describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) 
     from ..view.verdict import judge_plan
 
     verdict = judge_plan(study.plan, summary, error=summary["clearance_error_mm"])
-    lines = [f"{verdict.label}. {verdict.sentence}"]
+    lines = [f"{verdict.label}. {verdict.sentence}", *verdict.notes]
     if not summary["certified"] and summary["clearance_min_mm"] is not None:
         lines.append(
             f"Clearance is estimated to within {summary['clearance_error_mm']:.2f} mm of the "
@@ -187,9 +218,10 @@ def _describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) 
         )
     for item in summary.get("comparison", ()):
         proved = item["clearance_certified_mm"]
+        bound = "-" if proved is None else f"{proved:.2f} mm"
         lines.append(
-            f"  {item['method']:<7}{item['status']:<9} at {item['inserted_mm']:6.1f} mm, clearance "
-            f"{'-' if proved is None else f'{proved:.2f} mm'} proved, joints move up to "
+            f"  {item['method']:<7}{item['status']:<9} at {item['inserted_mm']:6.1f} mm of its "
+            f"head path, clearance {bound} proved, joints move up to "
             f"{item['joint_step_ratio_max']:.2f} x head"
         )
     if study.robot is not None:

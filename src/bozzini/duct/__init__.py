@@ -17,6 +17,7 @@ from .polygon import Polygon
 from .polyhedron import ConvexPolyhedra
 from .protocol import Duct
 from .quads import StitchedQuads
+from .refined import RefinedField, refine_field
 from .super_ellipse import SuperEllipses
 from .super_ellipsoid import SuperEllipsoids
 
@@ -32,6 +33,7 @@ __all__ = [
     "PlanarField",
     "PointCloud",
     "Polygon",
+    "RefinedField",
     "RoundCones",
     "SampledField",
     "StitchedQuads",
@@ -44,6 +46,7 @@ __all__ = [
     "field_from_mask",
     "field_from_mesh",
     "find_centreline",
+    "refine_field",
     "to_field",
     "union",
     "without",

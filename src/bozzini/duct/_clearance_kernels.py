@@ -22,6 +22,7 @@ from ._kernels import field_and_gradient, field_value
 from ._shape_kernels import cone_slope, nearest_cone, nearest_edge, polygon_slope
 
 __all__ = [
+    "BricksData",
     "ConesData",
     "GridData",
     "PolygonData",
@@ -34,6 +35,18 @@ __all__ = [
 class GridData(NamedTuple):
     """A sampled field: exact signed node distances, spacings, inflation, and rounding slack."""
 
+    values: Any
+    step: Any
+    inflation: float
+    slack: float
+
+
+class BricksData(NamedTuple):
+    """Node distances in bricks, which brick a place has, spacing; then as `GridData`'s."""
+
+    bricks: Any
+    table: Any
+    fine_step: Any
     values: Any
     step: Any
     inflation: float
@@ -73,17 +86,16 @@ def clearance_slope(duct, x, y, z):
 
 
 @njit(cache=True)
-def grid_bound(duct, x, y, z):
-    """Lower bound from exact node distances.
+def nodes_bound(values, step, x, y, z):
+    """Lower bound from exact node distances, before inflation and without rounding.
 
     With f the fractions in the cell and e^2 = sum h_k^2 f_k (1 - f_k):
     the squared distance to a closed set minus |x|^2 is a minimum of affine functions, hence
     concave, so T[d^2] - e^2 <= d^2; and any 1-Lipschitz s has |T[s] - s| <= e. A wall moved
     outwards by the inflation c is at least c + d away inside the lumen, and c - s outside it.
     """
-    values = duct.values
     nx, ny, nz = values.shape
-    hx, hy, hz = duct.step[0], duct.step[1], duct.step[2]
+    hx, hy, hz = step[0], step[1], step[2]
     fx = x / hx
     fy = y / hy
     fz = z / hz
@@ -121,7 +133,13 @@ def grid_bound(duct, x, y, z):
         dy = (fy - cy) * hy
         dz = (fz - cz) * hz
         best -= math.sqrt(dx * dx + dy * dy + dz * dz)
-    return best + duct.inflation - duct.slack
+    return best
+
+
+@njit(cache=True)
+def grid_bound(duct, x, y, z):
+    """Lower bound from exact node distances."""
+    return nodes_bound(duct.values, duct.step, x, y, z) + duct.inflation - duct.slack
 
 
 @njit(cache=True)
@@ -138,6 +156,61 @@ def grid_slope(duct, x, y, z):
     s, gx, gy, gz = field_and_gradient(
         duct.values, step[0], step[1], step[2], duct.inflation, x, y, z
     )
+    return -s, -gx, -gy, -gz
+
+
+@njit(cache=True)
+def find_brick(duct, x, y, z):
+    """Return the brick at a place, -1 for none, and the place in the brick."""
+    cells = duct.bricks.shape[1] - 1
+    wx = cells * duct.fine_step[0]
+    wy = cells * duct.fine_step[1]
+    wz = cells * duct.fine_step[2]
+    i = math.floor(x / wx)
+    j = math.floor(y / wy)
+    k = math.floor(z / wz)
+    a, b, c = duct.table.shape
+    if i < 0 or j < 0 or k < 0 or i >= a or j >= b or k >= c:
+        return -1, 0.0, 0.0, 0.0
+    return duct.table[int(i), int(j), int(k)], x - i * wx, y - j * wy, z - k * wz
+
+
+@njit(cache=True)
+def bricks_bound(duct, x, y, z):
+    """Lower bound from exact node distances, the finer ones where there are some."""
+    n, u, v, w = find_brick(duct, x, y, z)
+    if n >= 0:
+        best = nodes_bound(duct.bricks[n], duct.fine_step, u, v, w)
+    else:
+        best = nodes_bound(duct.values, duct.step, x, y, z)
+    return best + duct.inflation - duct.slack
+
+
+@njit(cache=True)
+def bricks_estimate(duct, x, y, z):
+    """Trilinear clearance."""
+    n, u, v, w = find_brick(duct, x, y, z)
+    if n >= 0:
+        step = duct.fine_step
+        return -field_value(duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w)
+    step = duct.step
+    return -field_value(duct.values, step[0], step[1], step[2], duct.inflation, x, y, z)
+
+
+@njit(cache=True)
+def bricks_slope(duct, x, y, z):
+    """Trilinear clearance and its gradient."""
+    n, u, v, w = find_brick(duct, x, y, z)
+    if n >= 0:
+        step = duct.fine_step
+        s, gx, gy, gz = field_and_gradient(
+            duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w
+        )
+    else:
+        step = duct.step
+        s, gx, gy, gz = field_and_gradient(
+            duct.values, step[0], step[1], step[2], duct.inflation, x, y, z
+        )
     return -s, -gx, -gy, -gz
 
 
@@ -185,6 +258,7 @@ def plane_slope(duct, x, y, z):
 
 _KERNELS: dict[Any, tuple[Any, Any, Any]] = {
     GridData: (grid_bound, grid_estimate, grid_slope),
+    BricksData: (bricks_bound, bricks_estimate, bricks_slope),
     ConesData: (cones_bound, cones_estimate, cones_slope),
     PolygonData: (polygon_bound, polygon_estimate, plane_slope),
     ShapesData: (family_bound, family_estimate, family_slope),

@@ -3,7 +3,7 @@
 A field is passed as ``values`` (float32, node distances to the wall before inflation), the three
 spacings, and ``inflation``; the signed distance is the trilinear interpolant minus ``inflation``.
 Outside the grid it is the value at the nearest point of the grid plus the distance to it, which
-keeps it an upper bound (never more room than there is).
+keeps it an upper bound of the lesser of distance and reach (never more room than there is).
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 __all__ = [
-    "box_distance_pass",
     "evaluate_field",
     "field_and_gradient",
     "field_value",
+    "mark_boxes",
     "mark_triangles",
 ]
 
@@ -118,44 +118,21 @@ def evaluate_field(values, hx, hy, hz, inflation, points, distance, gradient):
             distance[n] = field_value(values, hx, hy, hz, inflation, x, y, z)
 
 
-@njit(cache=True, parallel=True)
-def box_distance_pass(source, nodes, spacing, result):
-    """One axis of the separable squared distance to a union of closed voxel boxes.
-
-    Parameters
-    ----------
-    source : (a, n) float
-        Squared distance so far at voxel centres along the axis (0 in a box of the set on the
-        first pass, infinite elsewhere).
-    nodes : (m,) float
-        Node positions along the axis in mm, voxel k centred at ``k * spacing``.
-    spacing : float
-        Voxel size along the axis [mm].
-    result : (a, m) float
-        Filled with the squared distance at the nodes.
-
-    Saito and Toriwaki's separable transform (Pattern Recognition 27, 1994), with the distance to
-    a box instead of to its centre; each scan stops when the axis distance alone is larger.
-    """
-    rows, count = source.shape
-    for a in prange(rows):
-        for m in range(nodes.shape[0]):
-            t = nodes[m]
-            centre = int(min(max(math.floor(t / spacing + 0.5), 0.0), count - 1.0))
-            best = np.inf
-            for k in range(centre, count):
-                gap = max(abs(t - k * spacing) - 0.5 * spacing, 0.0)
-                gap *= gap
-                if gap >= best:
-                    break
-                best = min(best, source[a, k] + gap)
-            for k in range(centre - 1, -1, -1):
-                gap = max(abs(t - k * spacing) - 0.5 * spacing, 0.0)
-                gap *= gap
-                if gap >= best:
-                    break
-                best = min(best, source[a, k] + gap)
-            result[a, m] = best
+@njit(cache=True)
+def mark_boxes(low, high, marked):
+    """Mark the nodes of the cells that boxes, (m, 3) in cells, touch."""
+    nx, ny, nz = marked.shape
+    for n in range(low.shape[0]):
+        i0 = max(int(math.floor(low[n, 0])), 0)
+        j0 = max(int(math.floor(low[n, 1])), 0)
+        k0 = max(int(math.floor(low[n, 2])), 0)
+        i1 = min(int(math.ceil(high[n, 0])) + 1, nx)
+        j1 = min(int(math.ceil(high[n, 1])) + 1, ny)
+        k1 = min(int(math.ceil(high[n, 2])) + 1, nz)
+        for i in range(i0, i1):
+            for j in range(j0, j1):
+                for k in range(k0, k1):
+                    marked[i, j, k] = True
 
 
 @njit(cache=True)

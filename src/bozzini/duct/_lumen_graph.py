@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,20 +60,68 @@ class Region:
         return np.asarray(within)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Search:
+    """The least costs from some nodes to all others of the lumen, and the ways."""
+
+    graph: LumenGraph
+    costs: NDArray[np.float64]
+    before: NDArray[np.int32]
+
+    def __getitem__(self, node: tuple[int, int, int]) -> float:
+        """Return the cost of the way to a node; infinite where there is none."""
+        number = int(self.graph.number[node])
+        return float(self.costs[number]) if number >= 0 else float("inf")
+
+    def traceback(self, node: tuple[int, ...] | NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the way (n, 3) to a node."""
+        way = [int(self.graph.number[tuple(node)])]
+        while self.before[way[-1]] >= 0:
+            way.append(int(self.before[way[-1]]))
+        return self.graph.places(np.array(way[::-1]))
+
+
 class LumenGraph:
-    """The lumen's nodes as a graph for `skimage.graph.MCP_Geometric`."""
+    """The lumen's nodes as a graph: each with its 26 neighbours.
+
+    Attributes
+    ----------
+    nodes : (n,) int64
+        Flat indices of the lumen's nodes.
+    number : (nx, ny, nz) int32
+        Which of them a node of the grid is; -1 outside the lumen.
+    depths : (n,) float32
+        Their room [mm].
+    weights : (n,) float
+        What a mm of way costs there.
+    """
 
     def __init__(self, field: SampledField) -> None:
+        from ._graph_kernels import number_nodes
+
         # The topology is that of the lumen before inflation, where it has one at this voxel.
         self.field = field.inflate(-field.inflation)
-        self.room = -self.field.values
-        self.inside = self.room > 0.0
-        self._last: tuple[Key, Any, NDArray[np.float64]] | None = None
+        values = self.field.values
+        self.number = np.full(values.shape, -1, dtype=np.int32)
+        self.nodes = np.empty(0, dtype=np.int64)
+        count = number_nodes(values, 0.0, self.number, self.nodes)
+        self.nodes = np.empty(count, dtype=np.int64)
+        number_nodes(values, 0.0, self.number, self.nodes)
+        self.depths = -values.reshape(-1)[self.nodes]
+        self._last: tuple[Key, Search] | None = None
         self._tips: dict[Key, list[Tip]] = {}
         floor = 0.25 * float(self.field.spacing.min())
-        self.cost = np.where(
-            self.inside, (np.maximum(self.room, floor) / 10.0) ** -COST_POWER, -1.0
-        )
+        self.weights = (np.maximum(self.depths.astype(float), floor) / 10.0) ** -COST_POWER
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which nodes of the grid are in the lumen (nx, ny, nz)."""
+        return self.number >= 0
+
+    def places(self, numbers: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
+        """Return grid indices (k, 3) of nodes by their numbers; by default of all."""
+        flat = self.nodes if numbers is None else self.nodes[numbers]
+        return np.stack(np.unravel_index(flat, self.number.shape), axis=1)
 
     def locate_region(self, name: str, centres: NDArray[np.float64] | None) -> Region | None:
         """Turn the voxels of a label into a region, or None if they cover the whole lumen."""
@@ -82,8 +129,7 @@ class LumenGraph:
             return None
         field = self.field
         region = Region(field.to_grid(check_points(name, centres)), field.spacing)
-        inside = np.argwhere(self.inside)
-        return None if region.contains(inside * field.spacing).all() else region
+        return None if region.contains(self.places() * field.spacing).all() else region
 
     def locate(
         self, name: str, point: ArrayLike | None, region: Region | None
@@ -98,12 +144,12 @@ class LumenGraph:
             if distance >= 0.0:
                 raise GeometryError(
                     f"{name} ({', '.join(f'{v:g}' for v in position)}) mm lies outside the lumen "
-                    f"by {distance:.1f} mm: give a point inside it, or leave it out"
+                    f"by {_say_distance(field, distance)}: give a point inside it, or leave it out"
                 )
             node = np.rint(field.to_grid(position) / field.spacing).astype(int)
             return self._nearest_inside(node)[None]
         if region is not None:
-            nodes = np.argwhere(self.inside)
+            nodes = self.places()
             nodes = nodes[region.contains(nodes * field.spacing)]
             if len(nodes) == 0:
                 raise GeometryError(
@@ -114,34 +160,56 @@ class LumenGraph:
 
     def _nearest_inside(self, node: NDArray[np.int64]) -> NDArray[np.int64]:
         low = np.maximum(node - 3, 0)
-        block = self.inside[tuple(slice(a, b + 4) for a, b in zip(low, node, strict=True))]
+        block = self.number[tuple(slice(a, b + 4) for a, b in zip(low, node, strict=True))] >= 0
         candidates = np.argwhere(block) + low
         if len(candidates) == 0:
             raise GeometryError("no node of the field near that end: use a smaller --voxel")
         gaps = np.linalg.norm((candidates - node) * self.field.spacing, axis=1)
         return np.asarray(candidates[int(np.argmin(gaps))])
 
-    def search(self, source: NDArray[np.int64]) -> tuple[Any, NDArray[np.float64]]:
+    def search(self, source: NDArray[np.int64]) -> tuple[Search, Search]:
         """Minimum-cost paths from nodes (3,) or (k, 3) to all others: the search, and the costs.
 
         The last one is kept: settling the ends and the path itself often ask for the same.
         """
-        from skimage.graph import MCP_Geometric
+        from ._graph_kernels import find_costs
 
         key = make_key(source)
         if self._last is None or self._last[0] != key:
-            step = tuple(self.field.spacing)
-            mcp = MCP_Geometric(self.cost, sampling=step, fully_connected=True)
-            self._last = (key, mcp, np.asarray(mcp.find_costs(list(key))[0]))
-        return self._last[1], self._last[2]
+            costs = np.full(len(self.nodes), np.inf)
+            before = np.full(len(self.nodes), -1, dtype=np.int32)
+            arguments = (self.number, self.nodes, self.weights, self.field.spacing)
+            find_costs(*arguments, self._number(source), costs, before)
+            self._last = (key, Search(graph=self, costs=costs, before=before))
+        return self._last[1], self._last[1]
 
-    def measure_taut(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Length of the shortest way from nodes to every node [mm]; infinite outside."""
-        from skimage.graph import MCP_Geometric
+    def measure_lengths(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Length (n,) of the shortest way from nodes (3,) or (k, 3) to all nodes [mm]."""
+        from ._graph_kernels import find_lengths
 
-        cost = np.where(self.inside, 1.0, -1.0)
-        mcp = MCP_Geometric(cost, sampling=tuple(self.field.spacing), fully_connected=True)
-        return np.asarray(mcp.find_costs(list(make_key(source)))[0])
+        lengths = np.full(len(self.nodes), np.inf)
+        find_lengths(self.number, self.nodes, self.field.spacing, self._number(source), lengths)
+        return lengths
+
+    def measure_taut(self, source: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Length of the shortest way from nodes to every node of the grid [mm]; else infinite."""
+        dense = np.full(self.number.shape, np.inf, dtype=np.float32)
+        dense.reshape(-1)[self.nodes] = self.measure_lengths(source)
+        return dense
+
+    def find_deepest(self) -> NDArray[np.int64]:
+        """Return the node (3,) with the most room."""
+        return np.asarray(self.places(np.array([int(np.argmax(self.depths))]))[0])
+
+    def find_remotest(self, source: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the node (3,) with the longest taut way from `source`."""
+        lengths = self.measure_lengths(source)
+        farthest = int(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)))
+        return np.asarray(self.places(np.array([farthest]))[0])
+
+    def _number(self, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+        index = np.atleast_2d(np.asarray(nodes, dtype=np.int64))
+        return np.asarray(self.number[tuple(index.T)], dtype=np.int64)
 
     def farthest(
         self, source: NDArray[np.int64], among: NDArray[np.int64] | None
@@ -161,18 +229,18 @@ class LumenGraph:
         key = make_key(source)
         if among is None and key in self._tips:
             return self._tips[key]
-        taut = self.measure_taut(source)
-        reachable = np.isfinite(taut)
+        lengths = self.measure_lengths(source)
+        lengths[~np.isfinite(lengths)] = -1.0
         if among is not None:
-            allowed = np.zeros_like(reachable)
-            allowed[tuple(among.T)] = True
-            reachable &= allowed
-        if not reachable.any():
+            allowed = np.zeros(len(lengths), dtype=bool)
+            allowed[self._number(among)] = True
+            lengths[~allowed] = -1.0
+        if lengths.max() < 0.0:
             raise GeometryError("start and end are not connected inside the lumen at this grid")
         search, _ = self.search(source)
         tips = []
-        for node in self._find_tips(np.where(reachable, taut, -1.0)):
-            path = np.array(search.traceback(tuple(int(v) for v in node))) * self.field.spacing
+        for node in self._find_tips(lengths):
+            path = search.traceback(node) * self.field.spacing
             crest = find_first_crest(path[::-1], self.measure_depth(path)[::-1])
             path = path[: len(path) - crest]
             tips.append(Tip(node=node, path=path, length=float(measure_arc_length(path)[-1])))
@@ -180,20 +248,20 @@ class LumenGraph:
             self._tips[key] = tips
         return tips
 
-    def _find_tips(self, taut: NDArray[np.float64], most: int = 12) -> list[NDArray[np.int64]]:
+    def _find_tips(self, lengths: NDArray[np.float64], most: int = 12) -> list[NDArray[np.int64]]:
         """Return the nodes of locally longest taut way, longest first, well apart."""
-        left = taut.copy()
+        left = lengths.copy()
         apart = 25.0
+        places = self.places()
         tips: list[NDArray[np.int64]] = []
-        floor = 0.5 * float(taut.max())
+        floor = 0.5 * float(left.max())
         while len(tips) < most:
-            node = np.array(np.unravel_index(int(np.argmax(left)), left.shape))
-            if left[tuple(node)] <= floor and tips:
+            number = int(np.argmax(left))
+            if left[number] <= floor and tips:
                 break
-            tips.append(node)
+            tips.append(places[number])
             reach = np.ceil(apart / self.field.spacing).astype(int)
-            low = np.maximum(node - reach, 0)
-            left[tuple(slice(a, b + 1) for a, b in zip(low, node + reach, strict=True))] = -1.0
+            left[np.all(np.abs(places - places[number]) <= reach, axis=1)] = -1.0
         return tips
 
     def find_path(self, start: NDArray[np.int64], goal: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -201,14 +269,14 @@ class LumenGraph:
         keys = make_key(start), make_key(goal)
         if self._last is not None and self._last[0] == keys[1] != keys[0]:
             return self.find_path(goal, start)[::-1]
-        mcp, costs = self.search(start)
+        search, costs = self.search(start)
         target = tuple(int(v) for v in goal)
-        if not np.isfinite(costs[target]):
+        if not np.isfinite(costs[target]):  # type: ignore[index]
             raise GeometryError(
                 "start and end are not connected inside the lumen at this grid: use a smaller "
                 "--voxel, or other ends"
             )
-        return np.array(mcp.traceback(target))
+        return search.traceback(target)
 
     def measure_depth(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Room at points (n, 3) of the grid frame, before inflation [mm]."""
@@ -217,6 +285,12 @@ class LumenGraph:
     def measure_slope(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Direction (n, 3) of growing room, grid frame."""
         return -self.field.gradient(self.field.to_world(points)) @ self.field.rotation
+
+
+def _say_distance(field: SampledField, distance: float) -> str:
+    """Name how far outside a point lies; beyond its reach the field only knows "at least"."""
+    known = distance < field.reach - field.error
+    return f"{distance:.1f} mm" if known else f"at least {distance - field.error:.1f} mm"
 
 
 def make_key(nodes: NDArray[np.int64]) -> Key:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import GeometryError
 
-__all__ = ["check_sides"]
+__all__ = ["check_sides", "find_parts"]
 
 ASIDE = 1e-6
 """How far off a triangle it is looked on which side is inside, as a fraction of the mesh's size."""
@@ -41,7 +41,7 @@ def check_sides(
     """
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    part = _find_parts(len(vertices), faces)
+    part = find_parts(len(vertices), faces)
     around = corners[:, 0] - corners.mean(axis=(0, 1))
     volumes = np.bincount(part, weights=np.einsum("ij,ij->i", around, normals))
     sizes = np.linalg.norm(normals, axis=1)
@@ -61,7 +61,7 @@ def check_sides(
         )
 
 
-def _find_parts(count: int, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def find_parts(count: int, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the connected part (m,) of each triangle."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components

@@ -93,7 +93,10 @@ def to_field(duct: Duct, voxel: float) -> SampledField | PlanarField:
         for index, x in enumerate(axes[0]):
             points = np.concatenate([np.full((*sheet.shape[:-1], 1), x), sheet], axis=-1)
             values[index] = duct.signed_distance(points) + more
-    known_outside = duct.kind == "exact" or bool(getattr(duct, "exact_outside", False))
+    # An interpolant is not exact; at its nodes only it may be.
+    known_outside = duct.kind == "exact" or (
+        duct.kind != "sampled" and bool(getattr(duct, "exact_outside", False))
+    )
     sampled = SampledField(
         values=values,
         spacing=spacing,

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..anatomy.frame import fit_frame, measure_shift
 from ..checks import check_number
 from ..errors import GeometryError
 from ..progress import Progress, no_progress
-from ._mesh_sides import check_sides
+from ._walls import MeshWall, VoxelWall, make_wall
 from .field import SampledField
 
 if TYPE_CHECKING:
@@ -25,11 +25,13 @@ MAX_NODES = 40_000_000
 NODE_SPACING = 1.5
 """Voxels are divided until nodes are no farther apart than this by default [mm]."""
 
-ROUNDING = 1e-6
-"""Depth in the lumen below which a node counts as on the wall [mm]."""
-
 MARGIN = 6.0
-"""How far the grid reaches beyond the (inflated) lumen [mm]."""
+"""How far the grid, and exact distances, reach beyond the (inflated) lumen [mm]."""
+
+SHARES, CALLS = 64, 10
+"""Into how many shares the nodes are divided for the processors, and how often progress shows."""
+
+Grid = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
 
 
 def build_field(
@@ -37,6 +39,7 @@ def build_field(
     *,
     voxel: float | None = None,
     inflate: float = 0.0,
+    reach: float | None = None,
     progress: Progress = no_progress,
 ) -> SampledField:
     """Sample the signed distance to the wall of a tract.
@@ -51,34 +54,28 @@ def build_field(
         median edge (at most 1 mm); a grid beyond 40 million nodes is made coarser.
     inflate : float
         Move the wall outwards by this much [mm].
+    reach : float, optional
+        How far the wall may be moved outwards later, in all [mm]: see `SampledField.inflate`.
+        Distances outside are exact up to two cells more than this, and than the inflation, and up
+        to 6 mm more than the inflation.
     progress : Progress
         Called with the stage and a fraction.
 
     Raises
     ------
     InputError
-        If `voxel` or `inflate` is not legal.
+        If `voxel`, `inflate` or `reach` is not legal.
     GeometryError
         If the grid would be too large, or no node lies inside the lumen.
     """
-    check_number("inflation", inflate, low=0.0, high=100.0, unit="mm")
-    if voxel is not None:
-        check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
-    if tract.kind == "labels":
-        return field_from_mask(
-            tract.mask,  # type: ignore[union-attr]
-            tract.affine,  # type: ignore[union-attr]
-            voxel=voxel,
-            inflate=inflate,
-            progress=progress,
-        )
-    return field_from_mesh(
-        tract.vertices,  # type: ignore[union-attr]
-        tract.faces,  # type: ignore[union-attr]
-        voxel=voxel,
-        inflate=inflate,
-        progress=progress,
-    )
+    options = {"voxel": voxel, "inflate": inflate, "reach": reach, "progress": progress}
+    field = _sample(make_wall(tract), **options)  # type: ignore[arg-type]
+    error = field.wall_error
+    if tract.wall_error is not None:
+        # What squaring the axes of labels moved comes on top.
+        more = 0.0 if error is None else error - 0.5 * float(np.linalg.norm(tract.spacing))  # type: ignore[union-attr]
+        error = tract.wall_error + max(more, 0.0)
+    return replace(field, wall=tract.wall or field.wall, wall_error=error)
 
 
 def field_from_mask(
@@ -87,12 +84,14 @@ def field_from_mask(
     *,
     voxel: float | None = None,
     inflate: float = 0.0,
+    reach: float | None = None,
     progress: Progress = no_progress,
 ) -> SampledField:
     """Sample the distance to the faces between lumen voxels and the others.
 
     The lumen is the union of the closed boxes of the voxels in `mask`, the wall the faces where
-    it meets other voxels (or the volume's border). Node distances are exact (to float32).
+    it meets other voxels (or the volume's border). Node distances are exact, and rounded towards 0
+    to float32; outside the lumen up to the field's reach.
 
     Parameters
     ----------
@@ -103,59 +102,158 @@ def field_from_mask(
         squared about the middle of the lumen, and how far that moves the wall is added to the
         field's `wall_error`.
     """
-    lumen, matrix = _crop(np.asarray(mask, dtype=bool), np.asarray(affine, dtype=np.float64))
-    rotation, spacing_data = fit_frame(matrix)
-    middle = 0.5 * (np.array(lumen.shape) - 1.0)
-    corner = matrix[:3, 3] + (matrix[:3, :3] - rotation * spacing_data) @ middle
-    shift = measure_shift(matrix, tuple(n - 2 for n in lumen.shape))
-    size = np.array(lumen.shape) * spacing_data
-    pad = inflate + MARGIN
-    spacing = _divide(spacing_data, size + 2 * pad) if voxel is None else np.full(3, float(voxel))
-    parts = spacing_data / spacing
-    if np.allclose(parts, np.rint(parts)):  # then nodes lie on the centres of the voxels
-        start = -spacing * np.ceil((pad + 0.5 * spacing_data) / spacing)
+    wall = VoxelWall.from_mask(np.asarray(mask, dtype=bool), np.asarray(affine, dtype=np.float64))
+    return _sample(wall, voxel=voxel, inflate=inflate, reach=reach, progress=progress)
+
+
+def field_from_mesh(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    *,
+    voxel: float | None = None,
+    inflate: float = 0.0,
+    reach: float | None = None,
+    progress: Progress = no_progress,
+) -> SampledField:
+    """Sample the distance to a closed triangle mesh; inside is where it winds at least once.
+
+    Node distances are exact, and rounded towards 0 to float32; outside the lumen up to the field's
+    reach. All triangles are wall, also those within the lumen: where closed parts overlap, the
+    distance is a lower bound of the room. A sheet that is there twice, once turned each way, is a
+    wall with lumen on both sides, and a body turned inwards one without. Where these, or a fold of
+    the mesh that is inside out, lie outside the lumen, moving the wall outwards would make a lumen
+    around them: for such parts that is refused, for a fold the wall may reach farther, by the
+    fold's size (`TriangleMesh` refuses it).
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+        World frame [mm].
+    faces : (m, 3) int
+        Outward oriented.
+
+    Raises
+    ------
+    GeometryError
+        If the grid would be too large, no node lies inside, or a wall that is to be moved outwards
+        has parts outside the lumen, with where.
+    """
+    points = np.ascontiguousarray(vertices, dtype=np.float64)
+    triangles = np.ascontiguousarray(faces, dtype=np.int64)
+    wall = MeshWall(points, triangles)
+    return _sample(wall, voxel=voxel, inflate=inflate, reach=reach, progress=progress)
+
+
+def _sample(
+    wall: MeshWall | VoxelWall,
+    *,
+    voxel: float | None,
+    inflate: float,
+    reach: float | None,
+    progress: Progress,
+) -> SampledField:
+    check_number("inflation", inflate, low=0.0, high=100.0, unit="mm")
+    if voxel is not None:
+        check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
+    if reach is not None:
+        check_number("reach", reach, low=0.0, high=200.0, unit="mm")
+    pad = max(inflate, reach or 0.0) + MARGIN
+    if isinstance(wall, VoxelWall):
+        low, spacing, counts = _lay_on_voxels(wall, voxel, pad)
+        stated = {
+            "wall": "faces between lumen voxels and the others",
+            "wall_error": 0.5 * float(np.linalg.norm(wall.spacing)) + wall.shift,
+        }
     else:
-        start = -0.5 * spacing_data - pad
-    counts = _count_nodes(size + 2 * pad, spacing, more=2)
-    axes = [start[a] + spacing[a] * np.arange(counts[a]) for a in range(3)]
-    progress("distance", 0.0)
-    inside = _box_distance(~lumen, axes, spacing_data, beyond=True)
-    progress("distance", 0.5)
-    outside = _box_distance(lumen, axes, spacing_data, beyond=False)
-    # A node on a face between two wall voxels is off it by rounding, and not in the lumen.
-    values = np.where(inside > ROUNDING, -inside, outside).astype(np.float32)
-    if not (values < 0.0).any():
+        low, spacing, counts = _lay_on_mesh(wall, voxel, pad)
+        stated = {"wall": "triangles of the surface", "wall_error": None}
+    limit = max(inflate + MARGIN, max(inflate, reach or 0.0) + 2.0 * float(spacing.max()))
+    exact = True
+    if isinstance(wall, MeshWall):
+        outliers = wall.find_outliers()
+        exact = len(outliers) == 0
+        if not exact and max(inflate, reach or 0.0) > 0.0:
+            where = ", ".join(f"{x:.1f}" for x in outliers[0])
+            raise GeometryError(
+                f"the mesh has parts that are turned inside out near ({where}) mm or enclose "
+                f"nothing, {len(outliers)} triangles outside the lumen: its wall cannot be moved "
+                "outwards"
+            )
+    values = _measure(wall, low, spacing, counts, limit, progress)
+    if not float(values.min()) < 0.0:
         raise GeometryError(
             f"no node of the {spacing.max():g} mm grid lies inside the lumen: use a smaller --voxel"
         )
-    progress("distance", 1.0)
     return SampledField(
-        values=np.ascontiguousarray(values),
-        spacing=spacing.astype(np.float64),
-        origin=corner + rotation @ start,
-        rotation=rotation,
+        values=values,
+        spacing=spacing,
+        origin=wall.origin + wall.rotation @ low,
+        rotation=wall.rotation,
         inflation=float(inflate),
-        wall="faces between lumen voxels and the others",
-        wall_error=0.5 * float(np.linalg.norm(spacing_data)) + shift,
+        reach=limit,
+        exact_outside=exact,
+        **stated,  # type: ignore[arg-type]
     )
 
 
-def _crop(
-    lumen: NDArray[np.bool_], affine: NDArray[np.float64]
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Crop to the lumen's box plus one layer of wall, and carry the affine along."""
-    if not lumen.any():
-        raise GeometryError("the lumen is empty: no voxel is set")
-    bounds = []
-    for axis in range(3):
-        others = tuple(a for a in range(3) if a != axis)
-        hit = np.flatnonzero(lumen.any(axis=others))
-        bounds.append((int(hit[0]), int(hit[-1]) + 1))
-    core = lumen[tuple(slice(low, high) for low, high in bounds)]
-    matrix = affine.copy()
-    first = np.array([low - 1 for low, _ in bounds], dtype=np.float64)
-    matrix[:3, 3] = affine[:3, :3] @ first + affine[:3, 3]
-    return np.pad(core, 1), matrix
+def _lay_on_voxels(wall: VoxelWall, voxel: float | None, pad: float) -> Grid:
+    """Return node 0, spacing and counts of the grid for a wall of voxels."""
+    voxels = wall.spacing
+    size = np.array(wall.lumen.shape) * voxels
+    spacing = _divide(voxels, size + 2 * pad) if voxel is None else np.full(3, float(voxel))
+    parts = voxels / spacing
+    if np.allclose(parts, np.rint(parts)):  # then nodes lie on the centres of the voxels
+        start = -spacing * np.ceil((pad + 0.5 * voxels) / spacing)
+    else:
+        start = -0.5 * voxels - pad
+    return start, spacing.astype(np.float64), _count_nodes(size + 2 * pad, spacing, more=2)
+
+
+def _lay_on_mesh(wall: MeshWall, voxel: float | None, pad: float) -> Grid:
+    """Return node 0, spacing and counts of the grid for a mesh."""
+    points = wall.vertices
+    low, high = points.min(axis=0) - pad, points.max(axis=0) + pad
+    if voxel is None:
+        edges = points[wall.faces] - points[np.roll(wall.faces, 1, axis=1)]
+        wanted = min(1.0, float(np.median(np.linalg.norm(edges, axis=2))))
+        wanted = max(wanted, float((high - low).max()) / 400.0)
+        voxel = wanted * max(1.0, _coarsen(high - low, np.full(3, wanted)))
+    spacing = np.full(3, float(voxel))
+    return low, spacing, _count_nodes(high - low, spacing, more=1)
+
+
+def _measure(
+    wall: MeshWall | VoxelWall,
+    low: NDArray[np.float64],
+    spacing: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    limit: float,
+    progress: Progress,
+) -> NDArray[np.float32]:
+    """Return the distance at all nodes: exact in the lumen, and outside it up to `limit`."""
+    from ._nearest_kernels import BAND, INSIDE, dilate, fill_grid
+
+    progress("distance", 0.0)
+    shape = tuple(int(c) for c in counts)
+    flags = np.zeros(shape, dtype=np.uint8)
+    slack = wall.mark(flags, low, spacing)
+    progress("distance", 0.1)
+    dilate(flags, np.floor(limit / spacing + slack).astype(np.int64))
+    wall.flag_inside(flags, low, spacing)
+    progress("distance", 0.2)
+    below = np.float32(limit)
+    below = np.nextafter(below, np.float32(0.0)) if below > limit else below
+    values = np.full(shape, below, dtype=np.float32)
+    work = np.count_nonzero(flags & (INSIDE | BAND), axis=2).reshape(-1).cumsum()
+    tree = wall.tree
+    # Rows of nodes in shares of about the same work, some for each time that progress is shown.
+    rows = np.searchsorted(work, np.linspace(0.0, float(work[-1]), SHARES * CALLS + 1))
+    rows[0], rows[-1] = 0, len(work)
+    for call in range(CALLS):
+        part = rows[call * SHARES : (call + 1) * SHARES + 1]
+        fill_grid(tree, flags, low, spacing, float(limit), part, values)
+        progress("distance", 0.2 + 0.8 * (call + 1) / CALLS)
+    return values
 
 
 def _divide(spacing: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -188,171 +286,3 @@ def _count_nodes(
             f"{MAX_NODES:,}, give at least {least * 1.02:.3g} mm"
         )
     return counts.astype(np.int64)
-
-
-def _box_distance(
-    boxes: NDArray[np.bool_],
-    axes: list[NDArray[np.float64]],
-    spacing: NDArray[np.float64],
-    *,
-    beyond: bool,
-) -> NDArray[np.float32]:
-    """Distance from the nodes to the union of voxel boxes; `beyond`: all outside counts as box."""
-    from ._kernels import box_distance_pass
-
-    squared = np.where(boxes, 0.0, np.inf)
-    for axis in range(3):
-        moved = np.ascontiguousarray(np.moveaxis(squared, axis, -1))
-        rows = moved.reshape(-1, moved.shape[-1])
-        result = np.empty((rows.shape[0], len(axes[axis])))
-        box_distance_pass(rows, axes[axis], float(spacing[axis]), result)
-        squared = np.moveaxis(result.reshape(*moved.shape[:-1], -1), -1, axis)
-    distance = np.sqrt(squared, out=np.ascontiguousarray(squared))
-    if beyond:
-        for axis in range(3):
-            low = -0.5 * spacing[axis]
-            high = low + boxes.shape[axis] * spacing[axis]
-            out = (axes[axis] <= low) | (axes[axis] >= high)
-            index: list[slice | NDArray[np.bool_]] = [slice(None)] * 3
-            index[axis] = out
-            distance[tuple(index)] = 0.0
-    return distance.astype(np.float32)
-
-
-def field_from_mesh(
-    vertices: ArrayLike,
-    faces: ArrayLike,
-    *,
-    voxel: float | None = None,
-    inflate: float = 0.0,
-    progress: Progress = no_progress,
-) -> SampledField:
-    """Sample the distance to a closed triangle mesh, the inside by its winding number.
-
-    Node distances are exact inside and, outside, up to the inflation plus two cells; farther out
-    they are upper bounds (nearest exact node plus the way to it). A fold of the mesh that is inside
-    out counts as wall, though it is not the lumen's: moved outwards, the wall may reach farther
-    there, by the fold's size (`TriangleMesh` refuses it).
-
-    Parameters
-    ----------
-    vertices : (n, 3) float
-        World frame [mm].
-    faces : (m, 3) int
-        Outward oriented.
-
-    Raises
-    ------
-    GeometryError
-        If the grid would be too large, no node lies inside, or a part of the mesh is turned inside
-        out, with where.
-    """
-    points = np.ascontiguousarray(vertices, dtype=np.float64)
-    triangles = np.ascontiguousarray(faces, dtype=np.int64)
-    pad = inflate + MARGIN
-    low, high = points.min(axis=0) - pad, points.max(axis=0) + pad
-    if voxel is None:
-        edges = points[triangles] - points[np.roll(triangles, 1, axis=1)]
-        wanted = min(1.0, float(np.median(np.linalg.norm(edges, axis=2))))
-        wanted = max(wanted, float((high - low).max()) / 400.0)
-        voxel = wanted * max(1.0, _coarsen(high - low, np.full(3, wanted)))
-    spacing = np.full(3, float(voxel))
-    counts = _count_nodes(high - low, spacing, more=1)
-    values, reach = _mesh_distance(points, triangles, low, float(voxel), counts, inflate, progress)
-    if not (values < 0.0).any():
-        raise GeometryError(
-            f"no node of the {voxel:g} mm grid lies inside the surface: use a smaller --voxel"
-        )
-    return SampledField(
-        values=values,
-        spacing=spacing,
-        origin=low,
-        rotation=np.eye(3),
-        inflation=float(inflate),
-        wall="triangles of the surface",
-        reach=reach,
-    )
-
-
-def _mesh_distance(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    low: NDArray[np.float64],
-    voxel: float,
-    counts: NDArray[np.int64],
-    inflate: float,
-    progress: Progress,
-) -> tuple[NDArray[np.float32], float]:
-    import igl
-    from scipy import ndimage
-
-    check_sides(
-        vertices,
-        faces,
-        lambda places: igl.fast_winding_number(vertices, faces, np.ascontiguousarray(places)),
-        everywhere=False,
-    )
-    shape = tuple(int(c) for c in counts)
-    reach = inflate + 2.0 * voxel
-    # Every wall point has a marked node within 1.5 cells (see _mark_wall).
-    to_marked = ndimage.distance_transform_edt(
-        ~_mark_wall(vertices, faces, low, voxel, shape), sampling=voxel
-    )
-    near = to_marked <= 2.5 * voxel
-    # All other nodes are more than one cell away from the wall, so connected ones lie on one side
-    # of it: one winding number settles each component.
-    blocks, count = ndimage.label(~near)
-    first = ndimage.minimum(
-        np.arange(near.size).reshape(shape), blocks, index=np.arange(1, count + 1)
-    )
-    queries = np.concatenate([np.asarray(first, dtype=np.int64), np.flatnonzero(near)])
-    winding = igl.fast_winding_number(vertices, faces, _node_points(queries, shape, low, voxel))
-    inside = np.concatenate([[False], winding[:count] > 0.5])[blocks]
-    inside[near] = winding[count:] > 0.5
-    exact = inside | (to_marked <= reach + 1.5 * voxel)
-    index = np.flatnonzero(exact)
-    boxes = igl.AABB()
-    boxes.init(vertices, faces)
-    distance = np.full(near.size, np.inf)
-    chunk = 50_000
-    for start in range(0, len(index), chunk):
-        part = index[start : start + chunk]
-        squared = boxes.squared_distance(vertices, faces, _node_points(part, shape, low, voxel))[0]
-        distance[part] = np.sqrt(squared)
-        progress("distance", min(1.0, (start + len(part)) / len(index)))
-    signed = np.where(inside.reshape(-1), -distance, distance).reshape(shape)
-    if not exact.all():
-        way, nearest = ndimage.distance_transform_edt(~exact, sampling=voxel, return_indices=True)
-        signed = np.where(exact, signed, signed[tuple(nearest)] + way)
-    return np.ascontiguousarray(signed, dtype=np.float32), reach
-
-
-def _mark_wall(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    low: NDArray[np.float64],
-    voxel: float,
-    shape: tuple[int, ...],
-) -> NDArray[np.bool_]:
-    """Mark the nodes nearest to points spread over the triangles.
-
-    A wall point is within 1/sqrt(3) cell of such a point (`mark_triangles`), and that within
-    sqrt(3)/2 cell of its node: 1.45 cells in all. Triangles are cut finer along long sides only,
-    so that long thin ones cost no more than their length.
-    """
-    from ._kernels import mark_triangles
-
-    corners = vertices[faces] - low
-    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-    # Side k runs from corner k to k + 1: turn the corners until the shortest is from 1 to 2.
-    turn = (np.argmin(sides, axis=1)[:, None] + np.array([2, 0, 1])) % 3
-    corners = np.take_along_axis(corners, turn[:, :, None], axis=1)
-    marked = np.zeros(shape, dtype=bool)
-    mark_triangles(np.ascontiguousarray(corners), voxel, marked)
-    return marked
-
-
-def _node_points(
-    index: NDArray[np.int64], shape: tuple[int, ...], low: NDArray[np.float64], voxel: float
-) -> NDArray[np.float64]:
-    return np.ascontiguousarray(np.stack(np.unravel_index(index, shape), axis=1) * voxel + low)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -150,6 +152,7 @@ def find_centreline(
     ends: tuple[ArrayLike | None, ArrayLike | None] = (None, None),
     *,
     regions: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None] = (None, None),
+    via: Sequence[NDArray[np.float64]] = (),
     progress: Progress = no_progress,
 ) -> Centreline:
     """Find the centreline between two ends of a lumen.
@@ -164,12 +167,17 @@ def find_centreline(
         The lumen.
     ends : pair of (3,) float or None
         Start and end in the world frame [mm]. None: found as the ends of the longest way through
-        the lumen; the one that lies higher (world z) is the start.
+        the lumen; the one with the larger world z is the start. Which end a scope enters by is
+        for the caller to know (`Centreline.reverse`).
     regions : pair of (k, 3) float or None
         Centres of the voxels of a label that an end lies in, for an end that is not given as a
         point: the place in it farthest from the other end is taken. An end that is not given at
         all is sought far from the other one's label. A label that covers the whole lumen says
         nothing about where an end is.
+    via : sequence of (3,) or (k, 3) float
+        Places that the path goes through in this order, on its way from start to end: points in
+        the world frame [mm], or the centres of the voxels of a label. The smoothed line passes
+        them within its smoothing, a few mm.
 
     Raises
     ------
@@ -184,7 +192,7 @@ def find_centreline(
     end_nodes = graph.locate("end", ends[1], areas[1])
     start, goal = _choose_ends(graph, start_nodes, end_nodes)
     progress("centreline", 0.6)
-    nodes = graph.find_path(start, goal)
+    nodes = _find_path_via(graph, start, goal, via)
     progress("centreline", 0.8)
     others: list[OtherEnd] = []
     if end_nodes is None:
@@ -206,6 +214,39 @@ def find_centreline(
         radius=radius,
         other_ends=tuple(others),
     )
+
+
+def _find_path_via(
+    graph: LumenGraph,
+    start: NDArray[np.int64],
+    goal: NDArray[np.int64],
+    via: Sequence[NDArray[np.float64]],
+) -> NDArray[np.int64]:
+    """Return the nodes (n, 3) of the path from `start` through all places to `goal`."""
+    if not via:
+        return graph.find_path(start, goal)
+    from scipy.spatial import cKDTree
+
+    stops = [start]
+    for number, place in enumerate(via, start=1):
+        name = f"via {number}"
+        if place.ndim == 1:
+            found = graph.locate(name, place, None)
+        else:
+            found = graph.locate(name, None, graph.locate_region(name, place))
+        if found is None:  # a label that covers the whole lumen
+            continue
+        if len(found) > 1:
+            # Of a label the place nearest to the path so far, and of those the roomiest.
+            spacing = graph.field.spacing
+            path = graph.find_path(stops[-1], goal)
+            gaps = cKDTree(path * spacing).query(found * spacing)[0]
+            near = found[gaps <= gaps.min() + 3.0 * float(spacing.max())]
+            found = near[[int(np.argmax(graph.measure_depth(near * spacing)))]]
+        stops.append(found[0])
+    stops.append(goal)
+    legs = [graph.find_path(a, b) for a, b in pairwise(stops) if not np.array_equal(a, b)]
+    return np.concatenate([legs[0], *(leg[1:] for leg in legs[1:])]) if legs else goal[None]
 
 
 def _trim_path(
@@ -265,22 +306,20 @@ def find_roomy_path(
         World frame [mm]; None if the grid has no such way.
     """
     graph = LumenGraph(field)
-    free = graph.inside & (graph.room + field.inflation >= room)
-    graph.cost = np.where(free, graph.cost, -1.0)
+    free = graph.depths + field.inflation >= room
+    graph.weights = np.where(free, graph.weights, np.inf)
+    places = graph.places()
     nodes = []
     for point in (start, goal):
-        node = np.rint(field.to_grid(point) / field.spacing).astype(int)
-        low = np.maximum(node - 2, 0)
-        block = np.argwhere(free[tuple(slice(a, b + 3) for a, b in zip(low, node, strict=True))])
+        near = np.rint(field.to_grid(point) / field.spacing).astype(int)
+        block = places[np.all(np.abs(places - near) <= 2, axis=1) & free]
         if len(block) == 0:
             return None
-        gaps = np.linalg.norm(block + low - node, axis=1)
-        nodes.append(block[int(np.argmin(gaps))] + low)
-    mcp, costs = graph.search(nodes[0])
-    target = tuple(int(v) for v in nodes[1])
-    if not np.isfinite(costs[target]):
+        nodes.append(block[int(np.argmin(np.linalg.norm(block - near, axis=1)))])
+    search, costs = graph.search(nodes[0])
+    if not np.isfinite(costs[tuple(nodes[1])]):
         return None
-    middle = field.to_world(np.array(mcp.traceback(target)) * field.spacing)
+    middle = field.to_world(search.traceback(nodes[1]) * field.spacing)
     return np.concatenate(
         [np.asarray(start, dtype=np.float64)[None], middle[1:-1], np.asarray(goal)[None]]
     )
@@ -301,10 +340,7 @@ def _choose_ends(
     if start is not None:
         second = graph.farthest(start, None)
         return graph.farthest(second, start), second
-    deepest = np.array(np.unravel_index(int(np.argmax(graph.room)), graph.room.shape))
-    taut = graph.measure_taut(deepest)
-    taut[~np.isfinite(taut)] = -1.0
-    first = np.array(np.unravel_index(int(np.argmax(taut)), taut.shape))
+    first = graph.find_remotest(graph.find_deepest())
     second = graph.farthest(first, None)
     return graph.farthest(second, None), second
 

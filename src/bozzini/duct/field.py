@@ -49,8 +49,8 @@ class SampledField:
         How far the true wall may be from the stated one [mm]: half a voxel's diagonal for labels;
         None where it is not known, as for a surface from a file.
     reach : float
-        Distances outside the lumen are exact up to this value [mm]; beyond it they are upper
-        bounds.
+        Distances outside the lumen are exact up to this value [mm]; farther out the field has this
+        value or another lower bound of the distance, so `inflate` must stay below it.
     exact_outside : bool
         Whether distances outside the lumen are as `reach` says. Sampled from a duct that only has
         lower bounds of them they are not, and `inflate` is refused: it would promise too much.
@@ -121,6 +121,11 @@ class SampledField:
         world = self.to_world(corners)
         return np.stack([world.min(axis=0), world.max(axis=0)])
 
+    @property
+    def inflation_max(self) -> float:
+        """How far the wall can be moved outwards, in all: two cells less than the reach [mm]."""
+        return self.reach - 2.0 * float(self.spacing.max())
+
     def to_grid(self, points_world: ArrayLike) -> NDArray[np.float64]:
         """Turn world points (..., 3) into the field's own frame [mm from node 0]."""
         points = np.asarray(points_world, dtype=np.float64)
@@ -171,13 +176,21 @@ class SampledField:
         Raises
         ------
         InputError
-            If distances outside the lumen are not exact: inflate the duct before it is sampled.
+            If that is beyond `inflation_max`, or distances outside the lumen are not exact: inflate
+            the duct before it is sampled.
         """
         check_number("distance", distance, unit="mm")
         if not self.exact_outside and distance > 0.0:
             raise InputError(
                 f"distance is {distance:g} mm: it must be 0 mm, because this field was sampled "
                 "from lower bounds of the distance; inflate the duct before it is sampled"
+            )
+        most = self.inflation_max - self.inflation
+        if distance > 0.0 and distance > most * (1.0 + 1e-12):
+            raise InputError(
+                f"distance is {distance:g} mm: it must be at most {max(most, 0.0):g} mm, because "
+                f"distances outside this field's lumen are known up to {self.reach:g} mm; build "
+                "the field with a larger reach or inflation"
             )
         return replace(self, inflation=self.inflation + distance)
 

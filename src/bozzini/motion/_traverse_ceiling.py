@@ -82,10 +82,13 @@ def make_ceiling(duct: Duct) -> Ceiling:
     if isinstance(duct, SampledField):
         step = np.asarray(duct.spacing, dtype=np.float64)
         distance = duct.values.astype(np.float64) - duct.inflation
-        # Beyond its reach a distance is not known, only that it is at least that.
+        # Beyond the reach distances are only known to be at least that: as bounds of the clearance
+        # from above these are right, but no wall can be found from there.
         beyond = max(duct.reach - duct.inflation, 0.0)
         nodes = duct.to_world(np.moveaxis(np.indices(distance.shape), 0, -1) * step)
-        values = _measure_outside(duct, nodes, distance, step, known=duct.values <= duct.reach)
+        values = _measure_outside(
+            duct, nodes, distance, step, known=duct.values < duct.reach - duct.error
+        )
         return Ceiling(
             values=_round_down(values), step=step, origin=np.zeros(3), floor=-beyond, duct=duct
         )

@@ -28,6 +28,9 @@ TOLERANCE = 0.1
 FINEST = 0.02
 """How far the tolerance is lowered at most, to settle whether a motion is certified [mm]."""
 
+ROUNDING = 1e-6
+"""How far a bore may lie above what the entry offers [mm]."""
+
 BUDGET = 100_000_000
 
 
@@ -39,8 +42,8 @@ class Certificate:
     ----------
     clearance : float
         No point of the scope's surface ever comes nearer to the wall than this [mm], joints
-        moving straight between recorded steps; negative: nothing is proved but that it goes
-        through by no more than this. Infinite if the scope never leaves the introducer.
+        moving straight between recorded steps; negative: nothing is proved. Infinite if the
+        scope never leaves the introducer.
     found : float
         The smallest lower bound met at a point [mm]: the clearance lies between, up to the
         looseness of the field's bound there.
@@ -93,8 +96,9 @@ def certify_motion(
         Of the body [mm].
     introducer : Introducer, optional
         A straight tube outside; links in it, from the tail on, are not held against the duct if
-        they stand there from the first step on or came in through its mouth. Where the scope
-        needs it wider than the lumen at its end, the difference counts as negative clearance.
+        they stand there from the first step on or came in through its mouth. It counts only as
+        wide as the lumen is proved to be at its end. Where the scope needs more, or the bore is
+        wider than the lumen can be there, the difference counts as negative clearance.
     tolerance : float
         How far the bound may stay below the smallest value found [mm].
     budget : int
@@ -120,7 +124,16 @@ def certify_motion(
         )
     check_number("radius", radius, low=0.0, unit="mm")
     check_number("tolerance", tolerance, low=1e-4, high=10.0, unit="mm")
-    packed = np.zeros(7) if introducer is None else introducer.pack(duct)
+    packed = np.zeros(7)
+    excess = 0.0
+    if introducer is not None:
+        packed = introducer.pack(duct)
+        offered = float(duct.clearance_bound(introducer.entry))
+        # What is exempt from the wall is the bore that the lumen offers, whatever is stated.
+        packed[6] = min(introducer.bore, max(offered, radius))
+        most = float(-duct.signed_distance(introducer.entry)) + duct.error
+        if introducer.bore > max(offered, most) + ROUNDING:
+            excess = introducer.bore - offered
     chains = np.ascontiguousarray(duct.to_grid(array))
     worst = np.zeros(6)
     code, bound, found, total = bound_motion(
@@ -135,12 +148,16 @@ def certify_motion(
         total += used
         if finer > bound:
             bound, found, worst = finer, least, closer
+    clearance, least, place = float(bound) - radius, float(found) - radius, worst[3:6]
+    if introducer is not None and excess > 0.0 and clearance > -excess:
+        clearance = least = -excess
+        worst[:3], place = 0.0, packed[:3]
     return Certificate(
-        clearance=float(bound) - radius,
-        found=float(found) - radius,
+        clearance=clearance,
+        found=least,
         step=float(worst[0]),
         link=int(worst[1]),
-        place=duct.to_world(worst[3:6]),
+        place=duct.to_world(place),
         resolved=code == RESOLVED,
         evaluations=int(total),
         wall=duct.wall,

@@ -13,23 +13,23 @@ from numpy.typing import NDArray
 
 from ..checks import check_number
 from ..duct.centreline import Centreline, measure_arc_length
-from ..duct.field import SampledField
 from ..duct.protocol import Duct, count_dimensions
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .introducer import Introducer
+from .largest import find_advice
 from .measures import measure_plan
 from .plan import Plan
 from .refusal import Refusal
 from .scope import Scope
 from .thesis import move_by_thesis
-from .tube import TubeMotion, TubeOptions, plan_in_tube
+from .tube import Job, TubeMotion, TubeOptions, grid_of, plan_in_tube
 
 __all__ = ["METHODS", "check_link", "check_options", "plan_insertion"]
 
-METHODS = ("tube", "follow", "thesis")
-"""The planners: the default, the same with all joints on the path, and the thesis's scheme."""
+METHODS = ("best", "tube", "follow", "thesis")
+"""The planners: the best of the next two, joints in a tube, joints on the path, the thesis's."""
 
 
 def plan_insertion(
@@ -37,7 +37,7 @@ def plan_insertion(
     line: Centreline,
     *,
     scope: Scope,
-    method: str = "tube",
+    method: str = "best",
     head_step: float = 0.25,
     slip: float = 0.0,
     angle_limit: float | None = None,
@@ -54,8 +54,10 @@ def plan_insertion(
         The way from the entry to the goal.
     scope : Scope
         The scope; without a length it is made long enough for the whole line.
-    method : {"tube", "follow", "thesis"}
-        ``"tube"``: the whole body stays inside, proved, and joints move little. ``"follow"``: the
+    method : {"best", "tube", "follow", "thesis"}
+        ``"best"``: ``"tube"``, ``"follow"`` and a few motions between them, along paths shaped for
+        more or less clearance; the one with the most certified clearance, of those whose joints
+        step at most four times as far as the head. ``"tube"``: the whole body stays inside, proved, and joints move little. ``"follow"``: the
         same, with every joint on the head's path. ``"thesis"``: section 5.3, each next joint
         moves least with the link length kept and the **joints** kept one scope radius inside the
         wall; the links between them are not.
@@ -74,47 +76,68 @@ def plan_insertion(
     -------
     Plan
         Also when the scope does not fit: then ``status`` is ``"stopped"``, the motion goes as far
-        as it certifiably can, and ``reason`` says why it ends there. Every plan carries its
-        certificate in ``meta``; only ``meta["certified"]`` is a proof.
+        as it certifiably can, and ``reason`` says why it ends there and what would fit: scopes
+        and inflations for which a certified plan of the whole way was made. Every plan carries
+        its certificate in ``meta``; only ``meta["certified"]`` is a proof. ``method`` is the one
+        that made it; with ``"best"`` ``meta["candidates"]`` lists what was compared.
 
     Raises
     ------
     InputError
-        If the method is unknown, the link is longer than the tract, or a number is out of range.
+        If the method is unknown, the link is longer than the tract, a number is out of range, or
+        the motion would have more than `POSITIONS_MAX` positions of joints.
     """
-    check_options(
-        scope=scope,
-        method=method,
-        head_step=head_step,
-        slip=slip,
-        angle_limit=angle_limit,
-        route=route,
-    )
+    options = {
+        "method": method,
+        "head_step": head_step,
+        "slip": slip,
+        "angle_limit": angle_limit,
+        "route": tuple(route),
+    }
+    check_options(scope=scope, **options)
+    return plan_unadvised(duct, line, scope=scope, progress=progress, advise=True, **options)
+
+
+def plan_unadvised(
+    duct: Duct,
+    line: Centreline,
+    *,
+    scope: Scope,
+    method: str,
+    head_step: float,
+    slip: float,
+    angle_limit: float | None,
+    route: tuple[float, ...],
+    progress: Progress,
+    advise: bool = False,
+) -> Plan:
+    """Plan as `plan_insertion` does; what would fit is only sought with `advise`."""
     check_link(scope, line)
     dim = count_dimensions(duct)
     if line.points.shape[1] != dim:
         raise InputError(
             f"the centreline's points have shape {line.points.shape}: this duct needs (n, {dim})"
         )
-    if scope.length is not None and scope.length < line.length - 1e-6:
-        return _plan_short_scope(
-            duct,
-            line,
-            scope=scope,
-            method=method,
-            head_step=head_step,
-            slip=slip,
-            angle_limit=angle_limit,
-            route=route,
-            progress=progress,
-        )
-    links = scope.count_links(line.length)
-    bore = max(float(duct.clearance_bound(line.points[0])), scope.radius)
-    introducer = Introducer.at_start(line, bore=bore, along=scope.link_length)
+    way = line
+    short = scope.length is not None and scope.length < line.length - 1e-6
+    if short:
+        # It gets in as far as it is long.
+        way = line.cut(float(scope.length or 0.0))
+    check_size(scope, way, head_step=head_step, route=route)
+    options = TubeOptions(
+        head_step=head_step,
+        freedom=0.0 if method == "follow" else 1.0,
+        slip=slip,
+        angle_limit=angle_limit,
+        route=route,
+        compare=method == "best",
+    )
     if method == "thesis":
+        links = scope.count_links(way.length)
+        introducer = Introducer.at_entry(duct, way, along=scope.link_length)
         thesis = move_by_thesis(
             duct,
-            line,
+            way,
             scope=scope,
             introducer=introducer,
             links=links,
@@ -128,36 +151,27 @@ def plan_insertion(
         planned = TubeMotion(
             joints=thesis.joints,
             head_arc_length=thesis.head_arc_length,
-            path=line.points,
+            path=way.points,
             certificate=certificate,
         )
         outcome = (thesis.status, thesis.reason_code, thesis.reason)
     else:
-        planned = plan_in_tube(
-            duct,
-            line,
-            scope=scope,
-            introducer=introducer,
-            links=links,
-            options=TubeOptions(
-                head_step=head_step,
-                freedom=0.0 if method == "follow" else 1.0,
-                slip=slip,
-                angle_limit=angle_limit,
-                route=tuple(route),
-            ),
-            progress=progress,
-        )
-        outcome = None
-    options = {"slip": slip, "angle_limit_rad": angle_limit, "route": [float(v) for v in route]}
+        job = Job(duct, way, scope, options)
+        introducer = job.introducer
+        planned, outcome = plan_in_tube(job, progress=progress), None
+        if planned.refusal is not None and advise and not short:
+            refusal = find_advice(job, planned.refusal, progress=progress)
+            planned = replace(planned, refusal=refusal)
+    if short and (outcome[0] == "complete" if outcome else planned.refusal is None):
+        refusal = _explain_short(scope, line)
+        planned, outcome = replace(planned, refusal=refusal), None
     plan = finish_plan(
         duct,
         planned,
-        line=line,
+        line=way,
         scope=scope,
         introducer=introducer,
         method=method,
-        head_step=head_step,
         options=options,
         outcome=outcome,
     )
@@ -165,26 +179,15 @@ def plan_insertion(
     return plan
 
 
-def _plan_short_scope(duct: Duct, line: Centreline, *, scope: Scope, **options: Any) -> Plan:
-    """Plan for a scope shorter than the way: it gets in as far as it is long."""
+def _explain_short(scope: Scope, line: Centreline) -> Refusal:
     length = float(scope.length or 0.0)
-    plan = plan_insertion(duct, line.cut(length), scope=scope, **options)
-    if plan.status != "complete":
-        return plan
-    refusal = Refusal(
+    return Refusal(
         code="SCOPE_TOO_SHORT",
         at=length,
         needs=line.length,
         offers=length,
-        what=f"the scope is {length:g} mm long and wholly inserted: the goal is "
-        f"{line.length:.1f} mm from the entry",
-    )
-    return replace(
-        plan,
-        status="stopped",
-        reason_code=refusal.code,
-        reason=refusal.reason,
-        meta={**plan.meta, "refusal": refusal.describe()},
+        what=f"the scope is {length:g} mm long and wholly inserted: the goal is at "
+        f"{line.length:.1f} mm of the centreline",
     )
 
 
@@ -196,14 +199,15 @@ def finish_plan(
     scope: Scope,
     introducer: Introducer,
     method: str,
-    head_step: float,
-    options: dict[str, Any],
+    options: TubeOptions,
     outcome: tuple[str, str, str] | None = None,
 ) -> Plan:
     """Measure a motion and put it, with all it was made from, into a plan.
 
     Parameters
     ----------
+    method : str
+        What was asked for; the plan names what it comes to.
     outcome : (str, str, str), optional
         Status, reason code and reason; by default what the motion's refusal says.
     """
@@ -221,8 +225,17 @@ def finish_plan(
         line=replace(line, points=duct.to_grid(line.points)),
         worst=np.append(duct.to_grid(worst[:-1]), worst[-1]),
     )
-    meta = _describe(duct, scope, introducer, head_step, measures, motion.certificate)
-    meta["options"] = options
+    meta = _describe(duct, scope, introducer, options.head_step, measures, motion.certificate)
+    meta["options"] = {
+        "slip": options.slip,
+        "angle_limit_rad": options.angle_limit,
+        "route": [float(share) for share in options.route],
+        "asked": method,
+    }
+    if method == "best":
+        method = "follow" if motion.freedom == 0.0 else "tube"
+        meta["options"]["freedom"] = motion.freedom
+        meta["candidates"] = list(motion.candidates)
     if refusal is not None:
         meta["refusal"] = refusal.describe()
     return Plan(
@@ -240,6 +253,25 @@ def finish_plan(
     )
 
 
+LINKS_MAX = 10_000
+"""A scope has at most as many links."""
+
+POSITIONS_MAX = 10_000_000
+"""A plan holds at most as many positions: of all joints, at all steps. They take 240 MB."""
+
+
+def check_size(scope: Scope, line: Centreline, *, head_step: float, route: Sequence[float]) -> None:
+    """Raise `InputError` if a motion along `line` would be too large to hold."""
+    joints = scope.count_links(line.length) + 1
+    travel = float(np.abs(np.diff([0.0, *route])).sum()) * line.length
+    if joints * (travel / head_step + 1.0) > POSITIONS_MAX:
+        least = travel * joints / POSITIONS_MAX
+        raise InputError(
+            f"head step is {head_step:g} mm: it must be at least {least * 1.01:.3g} mm for "
+            f"{joints} joints on a way of {travel:.0f} mm, or give longer links"
+        )
+
+
 def check_options(
     *,
     scope: Scope,
@@ -252,6 +284,11 @@ def check_options(
     """Raise `InputError` for any option of `plan_insertion` that is not legal for every tract."""
     if method not in METHODS:
         raise InputError(f"method is {method!r}: it must be one of {', '.join(METHODS)}")
+    if scope.length is not None and scope.length > LINKS_MAX * scope.link_length:
+        raise InputError(
+            f"scope length is {scope.length:g} mm: it must be at most "
+            f"{LINKS_MAX * scope.link_length:g} mm, {LINKS_MAX} links of {scope.link_length:g} mm"
+        )
     check_number("head step", head_step, low=1e-3, high=scope.link_length, unit="mm")
     check_number("slip", slip, low=0.0, high=1.0)
     if angle_limit is not None:
@@ -262,7 +299,7 @@ def check_options(
         raise InputError(f"route is {tuple(route)}: one of its fractions must lie in (0, 1]")
     if method == "thesis" and (slip != 0.0 or angle_limit is not None or tuple(route) != (1.0,)):
         raise InputError(
-            "method 'thesis' knows no slip, angle limit or route: leave them out, or use one of "
+            "method 'thesis' has no slip, angle limit or route: leave them out, or use one of "
             f"{', '.join(m for m in METHODS if m != 'thesis')}"
         )
 
@@ -282,9 +319,8 @@ BODY_PITCH = 0.25
 
 def body_pitch(duct: Duct) -> float:
     """Distance between the samples along a link in the body check [mm]."""
-    if isinstance(duct, SampledField):
-        return 0.5 * float(np.min(duct.spacing))
-    return BODY_PITCH
+    grid = grid_of(duct)
+    return BODY_PITCH if grid is None else 0.5 * float(np.min(grid.spacing))
 
 
 def measure_body(
@@ -305,7 +341,7 @@ def measure_body(
     -------
     clearance : (steps, joints - 1) float
         Scope surface to wall, the least over samples of each link [mm]; infinite for links wholly
-        in the introducer.
+        in the introducer, which is taken as wide as the scope where it is narrower.
     worst : (dim + 1,) float
         The place of the smallest clearance in the world frame, and its value [mm].
     """
@@ -314,6 +350,7 @@ def measure_body(
     chains = np.ascontiguousarray(duct.to_grid(joints))
     clearance = np.empty((joints.shape[0], joints.shape[1] - 1))
     worst = np.zeros(4)
+    introducer = replace(introducer, bore=max(introducer.bore, scope.radius))
     measure(
         duct.pack(),
         introducer.pack(duct),
@@ -365,12 +402,10 @@ def _describe(
 
 
 def _describe_grid(duct: Duct) -> dict[str, Any]:
-    if not isinstance(duct, SampledField):
+    grid = grid_of(duct)
+    if grid is None:
         return {}
-    return {
-        "spacing_mm": [float(h) for h in duct.spacing],
-        "nodes": list(duct.values.shape),
-    }
+    return {"spacing_mm": [float(h) for h in grid.spacing], "nodes": list(grid.values.shape)}
 
 
 @functools.cache

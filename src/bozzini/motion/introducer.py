@@ -13,7 +13,15 @@ from ..duct.centreline import Centreline
 from ..duct.protocol import Duct
 from ..errors import InputError
 
-__all__ = ["Introducer"]
+__all__ = ["Introducer", "measure_bore"]
+
+
+def measure_bore(duct: Duct, entry: NDArray[np.float64]) -> float:
+    """Return the widest bore [mm] that an introducer ending at `entry` may have.
+
+    It is the proved clearance there, whatever the scope: a wider one would end in the wall.
+    """
+    return max(float(duct.clearance_bound(entry)), 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +51,11 @@ class Introducer:
         stop = max(2, int(np.searchsorted(line.arc_length, along)) + 1)
         chord = line.points[0] - line.points[:stop].mean(axis=0)
         return cls(entry=line.points[0], outward=chord / np.linalg.norm(chord), bore=bore)
+
+    @classmethod
+    def at_entry(cls, duct: Duct, line: Centreline, *, along: float) -> Introducer:
+        """Put an introducer before a centreline, as wide as is proved that the lumen is there."""
+        return cls.at_start(line, bore=measure_bore(duct, line.points[0]), along=along)
 
     @classmethod
     def from_description(cls, description: Mapping[str, Any]) -> Introducer:

@@ -1,19 +1,32 @@
-"""The largest scope that fits: by diameter at a given link, by link at a given diameter."""
+"""What would fit: the largest scope, the longest link, the least inflation; each one planned.
+
+A value is only named if a certified plan of the whole way was made for it, in the way that a new
+run with that value makes it: same method, same centreline, an introducer as wide as the entry.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from ..duct.centreline import Centreline
-from ..duct.field import SampledField
+from ..duct.protocol import Duct
+from ..errors import BozziniError
 from ..progress import Progress, no_progress
-from .introducer import Introducer
+from .refusal import Refusal
 from .scope import Scope
-from .tube import Job, TubeOptions
+from .shape import SHORTEST
+from .tube import MARGINS, Job, TubeOptions, Ways
 
-__all__ = ["Largest", "find_largest"]
+__all__ = ["Largest", "find_advice", "find_largest"]
+
+DIAMETER_STEP, LINK_STEP, INFLATION_STEP = 0.05, 0.25, 0.1
+"""Values that are tried are multiples of these, so that they are printed as they are [mm]."""
+
+INFLATION_MAX = 100.0
+"""As much may a lumen be inflated [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +67,7 @@ class Largest:
 
 
 def find_largest(
-    duct: SampledField,
+    duct: Duct,
     line: Centreline,
     *,
     scope: Scope,
@@ -75,52 +88,179 @@ def find_largest(
     Largest
         Diameter to 0.05 mm, link to 0.25 mm.
     """
-    count = 0
-    options = options or TubeOptions()
+    trials = _Trials(duct, line, options or TubeOptions(), thorough=True)
+    trials.progress = lambda count: progress("largest", min(0.95, count / 24.0))
 
     def passes(diameter: float, link: float) -> bool:
-        nonlocal count
-        count += 1
-        progress("largest", min(0.95, count / 24.0))
-        trial = Scope(diameter=diameter, link_length=link, length=scope.length)
-        bore = float(duct.clearance_bound(line.points[0]))
-        if bore < trial.radius:
-            return False
-        introducer = Introducer.at_start(line, bore=bore, along=link)
-        links = trial.count_links(line.length)
-        motion = Job(duct, line, trial, introducer, links, options).try_whole_way()
-        return motion is not None and motion.refusal is None
+        return trials.pass_with(Scope(diameter=diameter, link_length=link, length=scope.length))
 
     widest = 2.0 * float(min(line.radius[0], line.radius[-1]))
-    diameter = _bisect(lambda d: passes(d, scope.link_length), scope.diameter, widest, 0.05)
     longest = min(line.length, scope.length or line.length)
-    link = _bisect(lambda length: passes(scope.diameter, length), scope.link_length, longest, 0.25)
+    diameter = _find_last(
+        lambda d: passes(d, scope.link_length), scope.diameter, widest, DIAMETER_STEP
+    )
+    link = _find_last(
+        lambda length: passes(scope.diameter, length), scope.link_length, longest, LINK_STEP
+    )
     progress("largest", 1.0)
     return Largest(
         diameter=diameter,
         link=link,
         link_tested=scope.link_length,
         diameter_tested=scope.diameter,
-        plans=count,
+        plans=trials.count,
     )
 
 
-def _bisect(passes: Callable[[float], bool], start: float, high: float, resolution: float) -> float:
-    """Return the largest value in (0, high] that passes: grow from a guess, then halve."""
-    low = 0.0
-    trial = min(start, high)
-    factor = 1.5
-    while trial < high:
-        if passes(trial):
-            low = trial
-            trial = min(high, trial * factor)
-        else:
-            high = trial
+def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress) -> Refusal:
+    """Add to a refusal what a certified plan of the whole way is found for.
+
+    A smaller diameter, shorter links, or a lumen inflated by more, each with all else as it was.
+    Without any the refusal gets the diameter above which it is proved that nothing passes.
+    """
+    scope, options, line = job.scope, job.options, job.line
+    trials = _Trials(job.duct, line, options, ways=job.ways)
+    trials.progress = lambda count: progress("advice", min(0.95, count / 40.0))
+    passage = job.ways.passage if min(job.bound[0], job.bound[-1]) > 0.0 else None
+    level = float(job.bound.min())
+    if passage is not None:
+        level = max(level, min(passage.level, float(job.bound[0]), float(job.bound[-1])))
+    fits = max(level - MARGINS[-1], 0.0)
+
+    def pass_diameter(value: float) -> bool:
+        return trials.pass_with(
+            Scope(diameter=value, link_length=scope.link_length, length=scope.length)
+        )
+
+    def pass_link(value: float) -> bool:
+        return trials.pass_with(
+            Scope(diameter=scope.diameter, link_length=value, length=scope.length)
+        )
+
+    diameter = _find_near(
+        pass_diameter, 2.0 * fits, refused=scope.diameter, last=0.0, step=DIAMETER_STEP
+    )
+    link = None
+    if refusal.code in ("LINK_TOO_LONG", "FOLD", "CERTIFICATE_UNRESOLVED", "ANGLE"):
+        guess = job.largest_link or 0.5 * scope.link_length
+        link = _find_near(
+            pass_link, guess, refused=scope.link_length, last=SHORTEST, step=LINK_STEP
+        )
+    inflation = _find_inflation(job, scope.radius - fits, trials)
+    progress("advice", 1.0)
+    bound = None if passage is None or not math.isfinite(passage.bound) else 2.0 * passage.bound
+    return refusal.advise(
+        diameter_max=diameter, link_max=link, inflate=inflation, diameter_bound=bound
+    )
+
+
+def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
+    """Return the least inflation found, all of it, for which the whole way is planned [mm]."""
+    duct = job.duct
+    inflate = getattr(duct, "inflate", None)
+    if inflate is None or not getattr(duct, "exact_outside", True):
+        return None
+    # Beyond its reach a field does not know how far the wall is outside the lumen.
+    last = min(float(getattr(duct, "reach", math.inf)), INFLATION_MAX)
+
+    def passes(value: float) -> bool:
+        wider = inflate(value - duct.inflation)
+        ways = Ways(wider, job.line, before=job.ways)
+        other = _Trials(wider, job.line, job.options, ways=ways)
+        other.count, other.progress = trials.count, trials.progress
+        done = other.pass_with(job.scope)
+        trials.count = other.count
+        return done
+
+    guess = duct.inflation + max(lack, 0.0)
+    return _find_near(passes, guess, refused=duct.inflation, last=last, step=INFLATION_STEP)
+
+
+class _Trials:
+    """Scopes tried in one duct along one line, each as `plan_insertion` would plan it."""
+
+    def __init__(
+        self,
+        duct: Duct,
+        line: Centreline,
+        options: TubeOptions,
+        *,
+        ways: Ways | None = None,
+        thorough: bool = False,
+    ) -> None:
+        self.duct, self.line, self.options, self.thorough = duct, line, options, thorough
+        self.ways = ways or Ways(duct, line)
+        self.count = 0
+        self.progress: Callable[[int], None] = lambda count: None
+
+    def pass_with(self, scope: Scope) -> bool:
+        """Whether a certified plan of the whole way is found for a scope."""
+        from .insertion import check_size
+
+        self.count += 1
+        self.progress(self.count)
+        if self.ways.bound[0] < scope.radius or scope.link_length > self.line.length:
+            return False
+        try:
+            check_size(scope, self.line, head_step=self.options.head_step, route=self.options.route)
+        except BozziniError:
+            return False
+        job = Job(self.duct, self.line, scope, self.options, ways=self.ways)
+        motion = job.try_whole_way(thorough=self.thorough)
+        return motion is not None and motion.refusal is None
+
+
+def _find_near(
+    passes: Callable[[float], bool], guess: float, *, refused: float, last: float, step: float
+) -> float | None:
+    """Return a multiple of `step` that passes, as near to `refused` as is found; None if none.
+
+    From a guess the distance to `refused` doubles until one passes, up to `last`, then the gap is
+    halved.
+    """
+    sign = 1 if last > refused else -1
+    # Counted from the refused value on: 1 is the first multiple beyond it.
+    origin = math.floor(refused / step + 1e-9) if sign > 0 else math.ceil(refused / step - 1e-9)
+
+    def value(k: int) -> float:
+        return round((origin + sign * k) * step, 6)
+
+    most = math.floor(abs(last / step - origin) + 1e-9)
+    if value(most) <= 0.0:
+        most -= 1
+    bad, good, stride = 0, None, 1
+    k = min(max(math.ceil(sign * (guess / step - origin) - 1e-9), 1), max(most, 1))
+    while most >= 1:
+        if passes(value(k)):
+            good = k
             break
-    while high - low > resolution:
-        trial = 0.5 * (low + high)
-        if passes(trial):
-            low = trial
+        bad = k
+        if k == most:
+            break
+        k = min(k + stride, most)
+        stride *= 2
+    if good is None:
+        return None
+    while good - bad > 1:
+        middle = (good + bad) // 2
+        if passes(value(middle)):
+            good = middle
         else:
-            high = trial
-    return low
+            bad = middle
+    return value(good)
+
+
+def _find_last(passes: Callable[[float], bool], start: float, high: float, step: float) -> float:
+    """Return the largest multiple of `step` in (0, high] that passes: grow from a guess, halve."""
+    most = math.floor(high / step + 1e-9)
+    good, bad = 0, most + 1
+    k = min(max(math.floor(start / step + 1e-9), 1), most)
+    while bad - good > 1:
+        if passes(round(k * step, 6)):
+            good = k
+            grown = math.ceil(1.5 * k)
+            k = min(grown, most) if bad > most else (good + bad) // 2
+        else:
+            bad = k
+            k = (good + bad) // 2
+    return round(good * step, 6)

@@ -12,7 +12,7 @@ from ..duct.centreline import Centreline
 if TYPE_CHECKING:
     from .plan import Plan
 
-__all__ = ["measure_angles", "measure_displacement", "measure_plan"]
+__all__ = ["measure_angles", "measure_displacement", "measure_plan", "measure_step_ratio"]
 
 
 def measure_angles(joints: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -27,6 +27,16 @@ def measure_angles(joints: NDArray[np.float64]) -> NDArray[np.float64]:
             np.linalg.norm(first - second, axis=-1), np.linalg.norm(first + second, axis=-1)
         )
     )
+
+
+def measure_step_ratio(joints: NDArray[np.float64], head_arc_length: NDArray[np.float64]) -> float:
+    """Return the largest step of any joint over the head's, of the steps where it moves."""
+    heads = np.abs(np.diff(head_arc_length))
+    moving = heads > 1e-9
+    if not moving.any():
+        return 0.0
+    moves = np.linalg.norm(np.diff(joints, axis=0), axis=2).max(axis=1)
+    return float((moves[moving] / heads[moving]).max())
 
 
 def measure_plan(
@@ -48,15 +58,12 @@ def measure_plan(
         the smallest clearance) and ``clearance_insertion_mm`` (the head's arc length then).
     """
     moves = np.linalg.norm(np.diff(joints, axis=0), axis=2)
-    heads = np.diff(head_arc_length)
-    moving = heads > 1e-9
-    ratio = moves[moving].max(axis=1) / heads[moving] if moving.any() else np.zeros(1)
     near = int(np.argmin(np.linalg.norm(line.points - worst[:3], axis=1)))
     step = int(np.unravel_index(int(np.argmin(clearance)), clearance.shape)[0])
     angles = measure_angles(joints) if joints.shape[1] > 2 else np.zeros(1)
     return {
         "joint_step_max_mm": float(moves.max()) if len(moves) else 0.0,
-        "joint_step_ratio_max": float(ratio.max()),
+        "joint_step_ratio_max": measure_step_ratio(joints, head_arc_length),
         "joint_angle_max_rad": float(angles.max()),
         "joint_travel_mm": float(moves.sum()),
         "clearance_min_mm": float(worst[3]),

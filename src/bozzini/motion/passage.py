@@ -7,7 +7,8 @@ neighbours. So if the widest way on the grid has less, nothing passes, whatever 
 
 With inflation the field answers a lower bound of the room inside the moved wall, which proves
 nothing here. A node at least the inflation away from the lumen is in the moved wall, so the
-distance to the nearest such node bounds the room of a node from above.
+distance to the nearest such node bounds the room of a node from above. Node distances are never
+above the exact ones, so a node that has at least the inflation is known to be that far away.
 
 An analytic duct is put on a grid for this. Its distance inside may be less than the true room, so
 there the room of a node is bounded from above, by the distance to points that are known to lie on
@@ -17,6 +18,7 @@ the wall: outside, the distance is exact, and its foot point is one.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +40,7 @@ class Passage:
         Smallest room of the nodes along the widest way on the grid [mm]; -inf if there is none.
     bound : float
         No way at all has more room than this everywhere [mm]; proved. Infinite where nothing is
-        known: a surface's field inflated afterwards beyond its reach.
+        known: no node of the grid lies in the moved wall.
     place : (dim,) float
         Where the widest way is tightest, world frame [mm].
     """
@@ -47,6 +49,11 @@ class Passage:
     bound: float
     place: NDArray[np.float64]
 
+
+REMEMBERED = 8
+"""So many answers are kept with a sampled field."""
+
+_KNOWN: WeakKeyDictionary[SampledField, dict[object, Passage]] = WeakKeyDictionary()
 
 NODES_MAX = 300_000
 """An analytic duct is put on a grid of this many nodes at most."""
@@ -59,11 +66,18 @@ def find_passage(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
     """Find the widest way from `start` to `goal` (world frame, mm) through a duct.
 
     In a sampled field room is what the field answers: with inflation, the inflation minus the
-    signed distance to the wall before it.
+    signed distance to the wall before it. The last answers for a sampled field are remembered with
+    it.
     """
-    if isinstance(duct, SampledField):
-        return _find_in_field(duct, start, goal)
-    return _find_in_shape(duct, start, goal)
+    if not isinstance(duct, SampledField):
+        return _find_in_shape(duct, start, goal)
+    known = _KNOWN.setdefault(duct, {})
+    key = (tuple(np.asarray(start, float).tolist()), tuple(np.asarray(goal, float).tolist()))
+    if key not in known:
+        known[key] = _find_in_field(duct, start, goal)
+        if len(known) > REMEMBERED:
+            known.pop(next(iter(known)))
+    return known[key]
 
 
 def _find_in_shape(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
@@ -91,8 +105,9 @@ def _find_in_shape(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
     for point in (start, goal):
         index = np.rint((np.asarray(point, dtype=np.float64) - low) / pitch).astype(int) + 1
         ends.append(int(np.ravel_multi_index((*index, *(0,) * (3 - dim)), shape)))
-    level = _find_widest(-distance, shape, ends)[0]
-    _, limit, node = _find_widest(above, shape, ends)
+    every = np.arange(len(nodes))
+    level = _find_widest(-distance, every, shape, ends)[0]
+    _, limit, node = _find_widest(above, every, shape, ends)
     return Passage(
         level=level,
         bound=max(limit, 0.0) + 0.5 * pitch * float(np.sqrt(dim - 1)),
@@ -101,34 +116,49 @@ def _find_in_shape(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
 
 
 def _find_widest(
-    room: NDArray[np.float64], shape: tuple[int, ...], ends: list[int]
+    room: NDArray[np.floating],
+    nodes: NDArray[np.int64],
+    shape: tuple[int, ...],
+    ends: list[int],
 ) -> tuple[float, float, int]:
     """Return the widest way's least room, the same without its two ends, and the node of that.
 
-    The nodes of the ends do not count for the proof: they are corners of cells where the way
-    begins or ends, not of faces that it crosses.
+    Given is the room of some nodes, by rising flat index; all others have none. The nodes of the
+    ends do not count for the proof: they are corners of cells where the way begins or ends, not
+    of faces that it crosses.
     """
     from ._passage_kernels import widest_level
 
-    raised = room.copy()
-    raised[ends] = max(float(raised.max()), 1e-9)
+    numbers = np.searchsorted(nodes, ends)
+    own = [
+        float(room[n]) if n < len(nodes) and nodes[n] == end else -np.inf
+        for n, end in zip(numbers, ends, strict=True)
+    ]
+    lacking = sorted({end for end, has in zip(ends, own, strict=True) if has == -np.inf})
+    where = np.searchsorted(nodes, lacking)
+    nodes, raised = np.insert(nodes, where, lacking), np.insert(room, where, 0.0)
+    numbers = np.searchsorted(nodes, ends)
+    raised[numbers] = max(float(raised.max()), 1e-9)
     order = np.flatnonzero(raised > 0.0)
     order = order[np.argsort(-raised[order], kind="stable")]
-    limit, node = widest_level(raised, order, shape, ends[0], ends[1])
-    return min(float(limit), float(room[ends].min())), float(limit), int(node)
+    place = np.full(shape, -1, dtype=np.int32)
+    limit, node = widest_level(raised, nodes, order, place, int(numbers[0]), int(numbers[1]))
+    found = int(nodes[node]) if node >= 0 else -1
+    return min(float(limit), *own), float(limit), found
 
 
 def _find_in_field(duct: SampledField, start: ArrayLike, goal: ArrayLike) -> Passage:
-    room = (duct.inflation - duct.values.astype(np.float64)).ravel()
     shape = duct.values.shape
+    nodes = np.flatnonzero(duct.values < duct.inflation)
+    room = duct.inflation - duct.values.reshape(-1)[nodes].astype(np.float64)
     ends = []
     for point in (start, goal):
         near = np.rint(duct.to_grid(point) / duct.spacing).astype(int)
         near = np.clip(near, 0, np.array(shape) - 1)
         ends.append(int(np.ravel_multi_index(tuple(near), shape)))
-    level, limit, node = _find_widest(room, shape, ends)
+    level, limit, node = _find_widest(room, nodes, shape, ends)
     if duct.inflation > 0.0:
-        limit = _find_widest(_bound_inflated_room(duct), shape, ends)[1]
+        limit = _find_widest(_bound_inflated_room(duct, nodes), nodes, shape, ends)[1]
     half = 0.5 * float(np.linalg.norm(np.sort(duct.spacing)[1:]))
     index = np.array(np.unravel_index(max(node, 0), shape))
     return Passage(
@@ -138,14 +168,28 @@ def _find_in_field(duct: SampledField, start: ArrayLike, goal: ArrayLike) -> Pas
     )
 
 
-def _bound_inflated_room(duct: SampledField) -> NDArray[np.float64]:
-    """Upper bound of every node's distance to the moved wall [mm], flat; infinite if unknown."""
-    from scipy import ndimage
+def _bound_inflated_room(duct: SampledField, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Upper bounds (n,) of the distance of nodes to the moved wall [mm]; infinite if unknown.
 
-    # Beyond its reach the field's own values are only upper bounds of the distance outside.
-    known = min(duct.inflation, duct.reach)
-    wall = duct.values >= duct.inflation if duct.inflation <= known else np.zeros(1, dtype=bool)
-    if not wall.any():
-        return np.full(duct.values.size, np.inf)
-    distance = ndimage.distance_transform_edt(~wall, sampling=tuple(duct.spacing))
-    return np.asarray(distance, dtype=np.float64).ravel()
+    The nearest node in the moved wall is next to one that is not: a step towards would be nearer.
+    """
+    from scipy.spatial import KDTree
+
+    from ._passage_kernels import find_rim
+
+    level = np.float32(duct.inflation)
+    level = np.nextafter(level, np.float32(np.inf)) if level < duct.inflation else level
+    if not duct.exact_outside:
+        return np.full(len(nodes), np.inf)
+    rim = np.empty(find_rim(duct.values, level, np.empty(0, dtype=np.int64)), dtype=np.int64)
+    if len(rim) == 0:
+        return np.full(len(nodes), np.inf)
+    find_rim(duct.values, level, rim)
+    shape = duct.values.shape
+    tree = KDTree(np.stack(np.unravel_index(rim, shape), axis=1) * duct.spacing)
+    room = np.empty(len(nodes))
+    for begin in range(0, len(nodes), 100_000):
+        part = nodes[begin : begin + 100_000]
+        places = np.stack(np.unravel_index(part, shape), axis=1) * duct.spacing
+        room[begin : begin + len(part)] = tree.query(places)[0]
+    return room

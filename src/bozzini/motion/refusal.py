@@ -20,11 +20,14 @@ REASON_CODES = {
     "SCOPE_TOO_SHORT": "the scope is wholly inserted before the goal",
     "ANGLE": "neighbouring links would turn by more than the limit",
     "CERTIFICATE_UNRESOLVED": "a motion was found, but its clearance could not be proved",
-    "HEAD_CLEARANCE": "the head's path lacks the room (method thesis)",
+    "HEAD_CLEARANCE": "the head's path lacks clearance (method thesis)",
     "LINK_INFEASIBLE": "a link has no feasible place (method thesis)",
     "LINK_LOCKED": "a link's next feasible place is a jump away (method thesis)",
 }
-"""Every reason code and what it says."""
+"""Every reason code and what it means."""
+
+NEAR = 10.0
+"""A motion that ends farther than this from the place that stops it names its end [mm]."""
 
 
 def floor_mm(value: float) -> str:
@@ -43,11 +46,17 @@ class Refusal:
     at : float
         Arc length along the centreline of the place that decides [mm].
     needs, offers : float
-        Room needed and room there [mm].
+        Clearance needed and clearance there, from the scope's axis to the wall [mm].
     what : str
-        The statement, without the advice.
+        The statement, one sentence without its full stop.
     diameter_max, link_max, inflate : float or None
-        What would make it fit, each alone [mm]; None where it was not found or does not apply.
+        What a certified plan of the whole way was found for, each alone: a diameter, a link
+        length, an inflation (all of it, with what the lumen was inflated by already) [mm]. None
+        where none was found or sought.
+    diameter_bound : float or None
+        No wider scope passes, proved [mm].
+    ends_at : float or None
+        Arc length along the centreline at which the motion ends [mm].
     """
 
     code: str
@@ -58,26 +67,35 @@ class Refusal:
     diameter_max: float | None = None
     link_max: float | None = None
     inflate: float | None = None
+    diameter_bound: float | None = None
+    ends_at: float | None = None
 
     @property
     def reason(self) -> str:
-        """The statement and the advice, one sentence."""
+        """The statement and the advice, at most two sentences; the last without its full stop."""
+        statement = self.what
+        if self.ends_at is not None and abs(self.ends_at - self.at) > NEAR:
+            statement += f"; the motion ends at {self.ends_at:.1f} mm of the centreline"
         advice = []
-        if self.diameter_max is not None and self.diameter_max > 0.0:
-            advice.append(f"a scope of at most {floor_mm(self.diameter_max)} mm diameter")
-        if self.link_max is not None and self.link_max > 0.0:
-            advice.append(f"links of at most {floor_mm(self.link_max)} mm")
-        if self.inflate is not None and self.inflate > 0.0:
-            advice.append(f"the wall inflated by about {math.ceil(10 * self.inflate) / 10:.1f} mm")
-        return self.what + (f"; would fit: {' or '.join(advice)}" if advice else "")
+        if self.diameter_max is not None:
+            advice.append(f"a scope of {self.diameter_max:.2f} mm diameter")
+        if self.link_max is not None:
+            advice.append(f"links of {self.link_max:.2f} mm")
+        if self.inflate is not None:
+            advice.append(f"the wall inflated by {self.inflate:.1f} mm")
+        if advice:
+            return f"{statement}. Would fit, planned and certified: {' or '.join(advice)}"
+        if self.diameter_bound is not None and self.diameter_bound < 2.0 * self.needs:
+            bound = math.ceil(100.0 * self.diameter_bound) / 100.0
+            return (
+                f"{statement}. A scope of at most {bound:.2f} mm could pass, but no plan was "
+                "found for one"
+            )
+        return statement
 
-    def stop_at(self, arc: float, blocked: str) -> Refusal:
+    def stop_at(self, arc: float) -> Refusal:
         """Return the refusal with where on the centreline the motion itself ends."""
-        if abs(arc - self.at) < 5.0:
-            return self
-        return replace(
-            self, what=f"{self.what}; this motion ends at {arc:.1f} mm of the centreline{blocked}"
-        )
+        return replace(self, ends_at=arc)
 
     def advise(self, **changes: float | None) -> Refusal:
         """Return the refusal with advice filled in."""
@@ -93,30 +111,30 @@ class Refusal:
             "diameter_max_mm": self.diameter_max,
             "link_max_mm": self.link_max,
             "inflate_mm": self.inflate,
+            "diameter_bound_mm": self.diameter_bound,
+            "ends_at_mm": self.ends_at,
         }
 
     @classmethod
-    def at_entry(cls, scope: Scope, room: float, *, slack: float = 0.0) -> Refusal:
-        """The lumen at the entry is too narrow; `slack`: room asked for beyond the radius."""
+    def at_entry(cls, scope: Scope, clearance: float, *, slack: float = 0.0) -> Refusal:
+        """The lumen at the entry is too narrow; `slack`: asked for beyond the radius [mm]."""
         return cls(
             code="ENTRY_CLEARANCE",
             at=0.0,
             needs=scope.radius + slack,
-            offers=room,
-            what=f"does not fit at the entry: needs {scope.radius + slack:.2f} mm from the wall, "
-            f"the lumen offers {floor_mm(room)} mm there",
-            diameter_max=2.0 * (room - slack),
-            inflate=scope.radius + slack - room,
+            offers=clearance,
+            what=f"does not fit at the entry: the scope needs {scope.radius + slack:.2f} mm from "
+            f"its axis to the wall, the lumen is sure to have {floor_mm(clearance)} mm there",
         )
 
     @classmethod
-    def at_angle(cls, limit: float, head: float) -> Refusal:
-        """Links turn too far."""
+    def at_angle(cls, limit: float, head: float, *, at: float) -> Refusal:
+        """Links turn too far beyond a head `head` mm along its path, at `at` on the centreline."""
         return cls(
             code="ANGLE",
-            at=head,
+            at=at,
             needs=limit,
             offers=limit,
             what=f"neighbouring links would turn by more than {math.degrees(limit):.1f} deg beyond "
-            f"a head at {head:.1f} mm of its path; shorter links turn less",
+            f"{at:.1f} mm of the centreline, with the head {head:.1f} mm inserted along its path",
         )

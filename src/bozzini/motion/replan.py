@@ -20,7 +20,7 @@ from ..duct.protocol import Duct, count_dimensions
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from .insertion import check_link, check_options, finish_plan
-from .introducer import Introducer
+from .introducer import Introducer, measure_bore
 from .plan import Plan
 from .scope import Scope
 from .shape import HOPELESS, _run
@@ -51,7 +51,7 @@ def replan(
     """Plan an insertion again after the lumen has moved or changed.
 
     Entry, goal, introducer and head path of the last plan move with the tissue; the path is then
-    bent where it has lost its room, and the motion and its certificate are made anew. Where that
+    bent where it has lost its clearance, and the motion and its certificate are made anew. Where that
     fails, the insertion is planned in full. Head step, slip, angle limit and route are the last
     plan's.
 
@@ -108,22 +108,20 @@ def replan(
     progress("plan", 0.0)
     attempt = _Attempt(reason="the last plan did not reach its goal")
     if plan.status == "complete":
-        attempt = _try_path(Job(duct, moved, scope, introducer, links, options))
+        attempt = _try_path(Job(duct, moved, scope, options, introducer=introducer, links=links))
     motion = attempt.motion
     if motion is None:
         if line is not None:
-            introducer = Introducer.at_start(
-                line, bore=_measure_bore(duct, line.points[0], scope), along=scope.link_length
-            )
-        motion = plan_in_tube(
+            introducer = Introducer.at_entry(duct, line, along=scope.link_length)
+        job = Job(
             duct,
             moved if line is None else line,
-            scope=scope,
+            scope,
+            options,
             introducer=introducer,
             links=links,
-            options=options,
-            progress=progress,
         )
+        motion = plan_in_tube(job, progress=progress)
     result = finish_plan(
         duct,
         motion,
@@ -131,12 +129,7 @@ def replan(
         scope=scope,
         introducer=introducer,
         method=plan.method,
-        head_step=options.head_step,
-        options={
-            "slip": options.slip,
-            "angle_limit_rad": options.angle_limit,
-            "route": [float(share) for share in options.route],
-        },
+        options=options,
     )
     progress("certify", 1.0)
     note = {
@@ -218,7 +211,7 @@ def _read_options(plan: Plan) -> TubeOptions:
     given: dict[str, Any] = plan.meta.get("options", {})
     return TubeOptions(
         head_step=plan.meta.get("head_step_mm", TubeOptions.head_step),
-        freedom=0.0 if plan.method == "follow" else 1.0,
+        freedom=0.0 if plan.method == "follow" else given.get("freedom", TubeOptions.freedom),
         slip=given.get("slip", TubeOptions.slip),
         angle_limit=given.get("angle_limit_rad", TubeOptions.angle_limit),
         route=given.get("route", TubeOptions.route),
@@ -251,11 +244,7 @@ def _move_introducer(
     size = float(np.linalg.norm(outward))
     if size < 1e-6 * scope.link_length:
         raise InputError("advect folds the tissue at the entry: the introducer has no direction")
-    return Introducer(entry=entry, outward=outward / size, bore=_measure_bore(duct, entry, scope))
-
-
-def _measure_bore(duct: Duct, entry: NDArray[np.float64], scope: Scope) -> float:
-    return max(float(duct.clearance_bound(entry)), scope.radius)
+    return Introducer(entry=entry, outward=outward / size, bore=measure_bore(duct, entry))
 
 
 def _measure_line(path: NDArray[np.float64], duct: Duct) -> Centreline:

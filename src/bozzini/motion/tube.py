@@ -22,16 +22,16 @@ from ..duct.protocol import Duct
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .introducer import Introducer
-from .measures import measure_angles
+from .measures import measure_angles, measure_step_ratio
 from .passage import Passage, find_passage
 from .refusal import Refusal
 from .scope import Scope
-from .shape import ShapedPath, continue_length, measure_folds, shape_path
+from .shape import ShapedPath, continue_length, cut_path, measure_folds, shape_path
 
-__all__ = ["TubeMotion", "TubeOptions", "move_in_tube", "plan_in_tube"]
+__all__ = ["Job", "TubeMotion", "TubeOptions", "Ways", "grid_of", "move_in_tube", "plan_in_tube"]
 
 MARGINS = (0.25, 0.12, 0.05)
-"""Room beyond the radius that the path is shaped for, tried in turn [mm]."""
+"""Clearance beyond the radius that the path is shaped for, tried in turn [mm]."""
 
 MARGIN_HOPE = 0.1
 """A margin is skipped if the last shape lacks more than this even for it [mm]."""
@@ -39,8 +39,27 @@ MARGIN_HOPE = 0.1
 FOLD_COSINE = 0.25
 """Below this the chain would amplify the head's motion more than fourfold: a fold."""
 
+STEP_RATIO_MAX = 1.0 / FOLD_COSINE
+"""A joint's step over the head's, above which a motion is taken only if there is no calmer one.
+
+It is the limit that a path is called folded by. Beyond it the joints, not the head, set the pace,
+and what is proved between two recorded steps is proved for large moves.
+"""
+
+FREEDOMS = (1.0, 0.5, 0.0)
+"""Shares of the tube that are compared for the best motion; 0 follows the leader."""
+
+WIDER = (0.8, 0.4)
+"""Shares of the centreline's spare clearance that wider paths are shaped for, tried in turn."""
+
 DEVIATION_CAP = 0.3
 """Joints stray from the path by at most this fraction of a link."""
+
+ROOMY_STEP = 0.5
+"""Ways along nodes are found for clearances that are multiples of this [mm]."""
+
+CUTS = 8
+"""How often a path is cut at most where what moves along it could not be certified."""
 
 TUBE_SLOPE = 0.1
 """How fast the tube may widen along the path."""
@@ -62,6 +81,8 @@ class TubeOptions:
         Largest angle between neighbouring links [rad].
     route : sequence of float
         Fractions of the way that the head goes to in turn; (1,) is in, (1, 0, 1) in, out, in.
+    compare : bool
+        Whether wider paths and other freedoms are tried too, and the best certified motion kept.
     """
 
     head_step: float = 0.25
@@ -69,6 +90,7 @@ class TubeOptions:
     slip: float = 0.0
     angle_limit: float | None = None
     route: Sequence[float] = (1.0,)
+    compare: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,6 +110,11 @@ class TubeMotion:
         Why it does not reach the goal.
     shaped : ShapedPath or None
         The path in the duct's own frame, to plan again from.
+    freedom, margin : float
+        Share of the tube that the joints used, and the clearance beyond the radius that the path
+        was shaped for [mm].
+    candidates : tuple of dict
+        The motions that were compared for it: freedom, margin, certified clearance, step ratio.
     """
 
     joints: NDArray[np.float64]
@@ -96,75 +123,158 @@ class TubeMotion:
     certificate: Certificate
     refusal: Refusal | None = None
     shaped: ShapedPath | None = field(default=None, repr=False)
+    freedom: float = 1.0
+    margin: float = 0.0
+    candidates: tuple[dict[str, float], ...] = ()
+
+    @property
+    def step_ratio(self) -> float:
+        """Largest step of a joint over the head's."""
+        return measure_step_ratio(self.joints, self.head_arc_length)
+
+    def describe(self) -> dict[str, float]:
+        """Return what it is compared by, as JSON-able values."""
+        return {
+            "freedom": self.freedom,
+            "margin_mm": self.margin,
+            "clearance_mm": float(self.certificate.clearance),
+            "joint_step_ratio": self.step_ratio,
+        }
 
 
-def plan_in_tube(
-    duct: Duct,
-    line: Centreline,
-    *,
-    scope: Scope,
-    introducer: Introducer,
-    links: int,
-    options: TubeOptions,
-    progress: Progress = no_progress,
-) -> TubeMotion:
+def plan_in_tube(job: Job, *, progress: Progress = no_progress) -> TubeMotion:
     """Plan a certified motion as far as it goes, and say why it ends where it does."""
     from .limits import explain_stop, find_prefix
 
-    job = Job(duct, line, scope, introducer, links, options)
     progress("plan", 0.0)
-    room = float(duct.clearance_bound(line.points[0]))
-    if room < scope.radius:
+    if float(job.bound[0]) < job.scope.radius:
         return job.stand_still(explain_stop(job))
     motion = job.try_whole_way()
-    progress("plan", 0.5)
+    progress("plan", 0.4)
     if motion is None:
         refusal = explain_stop(job)
-        progress("plan", 0.7)
-        motion = find_prefix(job, refusal)
+        progress("plan", 0.5)
+        motion = find_prefix(
+            job, refusal, progress=lambda _, share: progress("plan", 0.5 + 0.4 * share)
+        )
+    elif job.options.compare:
+        motion = job.improve(motion)
     progress("plan", 1.0)
     return motion
 
 
+def grid_of(duct: Duct) -> SampledField | None:
+    """Return the grid that a duct can be searched on: itself, its coarse part, or none."""
+    if isinstance(duct, SampledField):
+        return duct
+    coarse = getattr(duct, "coarse", None)
+    return coarse if isinstance(coarse, SampledField) else None
+
+
+class Ways:
+    """The ways through one duct between two ends: what any scope's plan there can share.
+
+    Parameters
+    ----------
+    duct, line
+        As for `plan_insertion`.
+    before : Ways, optional
+        Of the same duct, inflated by less: its widest way is this one's, and so are its ways
+        along nodes. How wide any way can be at most is then not bounded.
+    """
+
+    def __init__(self, duct: Duct, line: Centreline, *, before: Ways | None = None) -> None:
+        self.grid = grid_of(duct)
+        self.duct: Duct = duct if self.grid is None else self.grid
+        self.ends = line.points[0], line.points[-1]
+        self.bound = np.asarray(duct.clearance_bound(line.points))
+        self._passage: Passage | None = None
+        self._roomy: dict[float, NDArray[np.float64] | None] = {}
+        if before is not None and before.passage.level > 0.0:
+            self._roomy = before._roomy
+            more = self.duct.inflation - before.duct.inflation
+            self._passage = replace(before.passage, level=before.passage.level + more, bound=np.inf)
+
+    @property
+    def passage(self) -> Passage:
+        """The widest way between the ends."""
+        if self._passage is None:
+            self._passage = find_passage(self.duct, *self.ends)
+        return self._passage
+
+    def find_roomy(self, clearance: float) -> NDArray[np.float64] | None:
+        """Return a way along nodes that all have this clearance, or a little more [mm]."""
+        grid = self.grid
+        if grid is None:
+            return None
+        # Few different ways serve all scopes and inflations.
+        level = np.ceil((clearance - grid.inflation) / ROOMY_STEP - 1e-6) * ROOMY_STEP
+        level = min(level, self.passage.level - grid.inflation - 1e-6)
+        level = round(float(max(level, clearance - grid.inflation)), 6)
+        if level not in self._roomy:
+            self._roomy[level] = find_roomy_path(grid, *self.ends, room=level + grid.inflation)
+        return self._roomy[level]
+
+
 class Job:
-    """One planning job: the packed inputs, and the steps that every attempt shares."""
+    """One planning job: the packed inputs, and the steps that every attempt shares.
+
+    Parameters
+    ----------
+    duct, line, scope, options
+        As for `plan_insertion`.
+    introducer : Introducer, optional
+        By default in line with the beginning of `line`, as wide as the lumen at its end.
+    links : int, optional
+        By default what the scope's length, or the line's, takes.
+    ways : Ways, optional
+        Of the same duct and line, where another job has found them already.
+    """
 
     def __init__(
         self,
         duct: Duct,
         line: Centreline,
         scope: Scope,
-        introducer: Introducer,
-        links: int,
         options: TubeOptions,
+        *,
+        introducer: Introducer | None = None,
+        links: int | None = None,
+        ways: Ways | None = None,
     ) -> None:
-        self.duct, self.line, self.scope = duct, line, scope
-        self.introducer, self.links, self.options = introducer, links, options
+        self.duct, self.line, self.scope, self.options = duct, line, scope, options
+        self.introducer = introducer or Introducer.at_entry(duct, line, along=scope.link_length)
+        self.links = links or scope.count_links(line.length)
         self.data: Any = duct.pack()
-        self.intro = introducer.pack(duct)
-        self.lead = (links + 2) * scope.link_length
-        self.bound = duct.clearance_bound(line.points)
+        self.intro = self.introducer.pack(duct)
+        self.lead = (self.links + 2) * scope.link_length
+        self.ways = ways or Ways(duct, line)
+        self.bound = self.ways.bound
         self.failed: ShapedPath | None = None
         self.fold: ShapedPath | None = None
         self.largest_link = 0.0
         self.unresolved: Certificate | None = None
-        self.passage: Passage | None = None
         self.widest: NDArray[np.float64] | None = None
         self.bases: list[tuple[float, NDArray[np.float64]]] = []
 
-    def try_whole_way(self) -> TubeMotion | None:
-        """Plan to the goal with the largest margin that works, or return None."""
+    def try_whole_way(self, *, thorough: bool = True) -> TubeMotion | None:
+        """Plan to the goal with the largest margin that works, or return None.
+
+        What succeeds with ``thorough=False`` also succeeds, in the same way, with True.
+        """
         for margin in MARGINS:
             base = self.find_base(self.scope.radius + margin)
-            thorough = margin == MARGINS[-1]
-            if not thorough and self.failed is not None:
+            last = margin == MARGINS[-1]
+            if not last and self.failed is not None:
                 if self.failed.room < self.scope.radius + margin - MARGIN_HOPE:
                     continue
-            motion = None if base is None else self.try_path(base, margin, thorough=thorough)
+            motion = None
+            if base is not None:
+                motion = self.try_path(base, margin, thorough=thorough and last)
             if motion is not None:
                 return motion
         base = self.find_base(self.scope.radius + MARGINS[-1])
-        if base is None:
+        if base is None or not thorough:
             return None
         shaped, self.largest_link = continue_length(
             self.data,
@@ -180,32 +290,64 @@ class Job:
         """Return a way to the goal whose points have `room`: the centreline, or another."""
         if self.bound[0] < room or self.bound[-1] < room:
             return None
-        if self.bound.min() >= room:
-            return self.line.points
-        duct = self.duct
-        if not isinstance(duct, SampledField):
+        if self.bound.min() >= room or self.ways.grid is None:
             return self.line.points
         for level, known in self.bases:
             if level >= room:
                 return known
-        ends = self.line.points[0], self.line.points[-1]
-        if self.passage is None:
-            self.passage = find_passage(duct, *ends)
-        if self.passage.level >= room:
-            base = find_roomy_path(duct, *ends, room=room)
+        passage = self.ways.passage
+        if passage.level >= room:
+            base = self.ways.find_roomy(room)
             if base is not None:
                 self.bases.append((room, base))
                 return base
         # The widest way along nodes: there may be room between them.
-        if self.widest is None and self.passage.level > 0.0 and self.passage.bound >= room:
-            self.widest = find_roomy_path(duct, *ends, room=self.passage.level - 1e-6)
-        return self.widest if self.passage.bound >= room else None
+        if self.widest is None and passage.level > 0.0 and passage.bound >= room:
+            self.widest = self.ways.find_roomy(passage.level - 1e-6)
+        return self.widest if passage.bound >= room else None
 
-    def try_path(
-        self, base: NDArray[np.float64], margin: float, *, thorough: bool = True
-    ) -> TubeMotion | None:
-        """Shape `base`, move along it, certify; None (with the reason kept) where that fails."""
-        shaped = shape_path(
+    def improve(self, motion: TubeMotion) -> TubeMotion:
+        """Return the motion with the most certified clearance of a few as far as this one.
+
+        Joints that stray less from the same path, and paths shaped for more clearance; of those
+        whose joints move at most `STEP_RATIO_MAX` as far as the head, if there are any.
+        """
+        if motion.shaped is None or motion.refusal is not None:
+            return motion
+        tried = [motion]
+        paths = [(motion.shaped, motion.margin)]
+        bound = min(self.bound[0], self.bound[-1], float(np.quantile(self.bound, 0.02)))
+        for share in WIDER:
+            margin = share * (bound - self.scope.radius)
+            if margin <= 1.5 * motion.margin:
+                break
+            way = self.duct.to_world(motion.shaped.points[motion.shaped.first :])
+            wider = self.shape(way, margin)
+            if wider.clear:
+                paths.append((wider, margin))
+                break
+        for shaped, margin in paths:
+            if measure_folds(shaped, self.scope.link_length).min() < FOLD_COSINE:
+                continue
+            for freedom in FREEDOMS:
+                if shaped is motion.shaped and freedom == motion.freedom:
+                    continue
+                other = self.move(shaped, margin, freedom=freedom)
+                if not other.certificate.certified or other.refusal is not None:
+                    continue
+                tried.append(other)
+        calm = [one for one in tried if one.step_ratio <= STEP_RATIO_MAX]
+        if calm:
+            best = max(calm, key=lambda one: one.certificate.clearance)
+        else:
+            best = min(tried, key=lambda one: one.step_ratio)
+        return replace(best, candidates=tuple(one.describe() for one in tried))
+
+    def shape(
+        self, base: NDArray[np.float64], margin: float, *, thorough: bool = False
+    ) -> ShapedPath:
+        """Shape a way in the world frame for the scope's radius and a margin beyond it."""
+        return shape_path(
             self.data,
             self.intro,
             np.ascontiguousarray(self.duct.to_grid(base)),
@@ -214,6 +356,12 @@ class Job:
             lead=self.lead,
             thorough=thorough,
         )
+
+    def try_path(
+        self, base: NDArray[np.float64], margin: float, *, thorough: bool = True
+    ) -> TubeMotion | None:
+        """Shape `base`, move along it, certify; None (with the reason kept) where that fails."""
+        shaped = self.shape(base, margin, thorough=thorough)
         if not shaped.clear:
             self.failed = shaped
             return None
@@ -241,6 +389,25 @@ class Job:
             return None
         return motion
 
+    def follow_until(self, shaped: ShapedPath, margin: float) -> TubeMotion | None:
+        """Move along a shaped path as far as it is clear, unfolded and certified."""
+        for _ in range(CUTS):
+            arc = shaped.clear_until
+            folded = np.flatnonzero(measure_folds(shaped, self.scope.link_length) < FOLD_COSINE)
+            if len(folded):
+                arc = min(arc, float(shaped.arc_length[folded[0] - 1]))
+            if arc <= self.options.head_step:
+                return None
+            shaped = cut_path(shaped, arc)
+            motion = self.follow(shaped, margin)
+            if motion is not None or self.unresolved is None:
+                return motion
+            # Cut where the certificate fails; the chain there may stand anywhere on its way.
+            heads = spread_heads(shaped.length, self.options)
+            reached = float(heads[: int(self.unresolved.step) + 1].max())
+            shaped = cut_path(shaped, min(reached, shaped.length) - 1.0)
+        return None
+
     def certify(self, joints: NDArray[np.float64], *, settle: bool) -> Certificate:
         """Certify a motion of this scope."""
         return certify_motion(
@@ -255,6 +422,7 @@ class Job:
         self, shaped: ShapedPath, margin: float, *, freedom: float | None = None
     ) -> TubeMotion:
         """Move the chain along a shaped path, and certify what comes out."""
+        freedom = self.options.freedom if freedom is None else freedom
         heads = spread_heads(shaped.length, self.options)
         joints = move_in_tube(
             self.data,
@@ -264,7 +432,7 @@ class Job:
             length=self.scope.link_length,
             links=self.links,
             room=self.scope.radius + margin,
-            freedom=self.options.freedom if freedom is None else freedom,
+            freedom=freedom,
             slip=self.options.slip,
         )
         world = self.duct.to_world(joints)
@@ -273,7 +441,11 @@ class Job:
         if limit is not None and self.links > 1:
             over = np.flatnonzero(measure_angles(world).max(axis=1) > limit)
             if len(over):
-                refusal = Refusal.at_angle(limit, float(heads[over[0]]))
+                head = world[over[0], 0]
+                near = int(np.argmin(np.linalg.norm(self.line.points - head, axis=1)))
+                refusal = Refusal.at_angle(
+                    limit, float(heads[over[0]]), at=float(self.line.arc_length[near])
+                )
                 keep = max(1, int(over[0]))
                 world, heads = world[:keep], heads[:keep]
         certificate = self.certify(world, settle=False)
@@ -284,6 +456,8 @@ class Job:
             certificate=certificate,
             refusal=refusal,
             shaped=shaped,
+            freedom=freedom,
+            margin=margin,
         )
 
     def stand_still(self, refusal: Refusal) -> TubeMotion:
@@ -297,11 +471,6 @@ class Job:
             certificate=certificate,
             refusal=refusal,
         )
-
-    def cut_line(self, arc: float) -> NDArray[np.float64]:
-        """Return the centreline's points up to an arc length."""
-        keep = int(np.searchsorted(self.line.arc_length, arc, "right"))
-        return self.line.points[: max(keep, 2)]
 
 
 def spread_heads(length: float, options: TubeOptions) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from ..anatomy.findings import Finding
 from ..anatomy.tract import LabelTract, SurfaceTract
+from ..checks import check_number
 from ..continuum import ContinuumRobot
 from ..continuum.actuate import actuate_plan
 from ..continuum.actuation import Actuation
-from ..duct import Centreline, SampledField, build_field, find_centreline
+from ..duct import Centreline, SampledField, build_field
 from ..files import new_directory, write_text
 from ..motion import (
     METHODS,
@@ -33,9 +34,13 @@ from ..motion import (
     plan_insertion,
     plan_with_soft_wall,
 )
+from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
-from ._inputs import End, check_options, describe_end, explain_scale, find_branches, sort_ends
+from ._inputs import check_options, explain_scale
 from ._robot import find_robot_trouble, write_robot
+from .ends import End, Way, find_way, resolve_places, turn_way
+from .exports import write_centreline, write_volumes
+from .reach import Unreached, find_unreached
 
 __all__ = ["InsertionStudy", "run_insertion"]
 
@@ -49,8 +54,8 @@ class InsertionStudy:
     tract : LabelTract or SurfaceTract
     field : SampledField
         The lumen.
-    line : Centreline
-        The path of the head.
+    way : Way
+        The way that is planned: its centreline, and how its ends were chosen.
     plan : Plan
         The motion.
     seconds : dict
@@ -65,11 +70,17 @@ class InsertionStudy:
         What a tendon robot is told to go this way, if one was given.
     findings : tuple of Finding
         What the checks of the tract found, and what finding the centreline did.
+    unreached : tuple of Unreached
+        Parts of the lumen that the way does not reach, largest first.
+    entries : tuple of dict
+        Of an organ that is not known: what came of entering at either end, the better one first.
+    label_error : float, optional
+        How far the labels or the surface may be from the true wall, as the user states it [mm].
     """
 
     tract: LabelTract | SurfaceTract
     field: SampledField
-    line: Centreline
+    way: Way
     plan: Plan
     seconds: dict[str, float]
     passage: Passage | None = None
@@ -77,6 +88,14 @@ class InsertionStudy:
     comparison: tuple[Plan, ...] = ()
     robot: Actuation | None = None
     findings: tuple[Finding, ...] = ()
+    unreached: tuple[Unreached, ...] = ()
+    entries: tuple[dict[str, Any], ...] = ()
+    label_error: float | None = None
+
+    @property
+    def line(self) -> Centreline:
+        """The centreline from the entry to the goal."""
+        return self.way.line
 
     @property
     def fits(self) -> bool:
@@ -103,6 +122,24 @@ class InsertionStudy:
             ]
         if self.robot is not None:
             summary["robot"] = self.robot.summarise()
+        summary |= {
+            "organ": self.tract.organ,
+            "frame": self.tract.frame,
+            "entry": {
+                "point_mm": np.round(self.line.points[0], 3).tolist(),
+                "basis": self.way.basis,
+            },
+            "goal": {
+                "point_mm": np.round(self.line.points[-1], 3).tolist(),
+                "name": self.way.goal,
+            },
+            "ends": [candidate.describe() for candidate in self.way.candidates],
+            "unreached": [part.describe() for part in self.unreached],
+            "wall_error_covered_mm": summary["clearance_certified_mm"],
+            "label_error_mm": self.label_error,
+        }
+        if self.entries:
+            summary["entries"] = list(self.entries)
         summary["findings"] = [
             {"code": item.code, "severity": item.severity, "message": item.message}
             for item in self.findings
@@ -115,12 +152,16 @@ class InsertionStudy:
         directory: str | os.PathLike[str],
         *,
         force: bool = False,
+        export: bool = False,
         progress: Progress = no_progress,
     ) -> dict[str, Any]:
-        """Write plan.npz, scene.glb, report.html, picture.png and summary.json.
+        """Write the plan, the report, pictures, the scene, the centreline and the summary.
 
-        With a robot also tendons.csv, tendons.parquet if ``pyarrow`` is there, robot.npz and
-        robot.png. Nothing is left behind if any of them fails.
+        These are plan.npz, report.html, picture.png, scene.glb, summary.json, centreline.mrk.json
+        (3D Slicer) and centreline.vtp (VTK). With a robot also tendons.csv, tendons.parquet if
+        ``pyarrow`` is there, robot.npz and robot.png; with `export` the distance field and the
+        lumen as volumes, field.nii.gz and labels.nii.gz. Nothing is left behind if any of them
+        fails.
 
         Returns
         -------
@@ -141,6 +182,11 @@ class InsertionStudy:
                 other.save(folder / f"plan-{other.method}.npz")
             if self.robot is not None:
                 write_robot(self.robot, folder)
+            frame = self.tract.frame or "RAS"
+            write_centreline(self.line, folder, frame=frame)
+            if export:
+                with _clock(self.seconds, "export"):
+                    write_volumes(self.field, self.tract, folder, frame=frame)
             progress("report", 0.2)
             with _clock(self.seconds, "scene"):
                 write_scene(
@@ -199,15 +245,17 @@ def run_insertion(
     scope: Scope,
     start: End = None,
     end: End = None,
+    via: Sequence[End] = (),
     reverse: bool = False,
     voxel: float | None = None,
     inflate: float = 0.0,
-    method: str = "tube",
+    method: str = "best",
     head_step: float = 0.25,
     slip: float = 0.0,
     angle_limit: float | None = None,
     route: Sequence[float] = (1.0,),
     soft_wall: float = 0.0,
+    label_error: float | None = None,
     largest: bool = False,
     compare: bool = False,
     robot: ContinuumRobot | None = None,
@@ -222,9 +270,14 @@ def run_insertion(
     tract : LabelTract or SurfaceTract
         What `bozzini.anatomy.read_tract` or `make_phantom` gives.
     scope : Scope
-    start, end : (3,) float, int or None
-        Ends of the centreline: a point in the world frame [mm], a label (the end lies in it), or
-        None to find it. See `bozzini.duct.find_centreline`.
+    start, end : (3,) float, int, str or None
+        Ends of the way: a point in the world frame [mm], a label by number or name (the end lies
+        in it), the name of a landmark or of an opening of the tract, ``"largest-opening"``, or
+        None to find it. Where neither is given the organ of the tract says which end is the
+        entry; of an unknown organ both are tried, and the one is taken from which the scope gets
+        farther, or with more clearance proved.
+    via : sequence
+        Places that the way goes through, in this order; each as `start`.
     reverse : bool
         Insert from the other end.
     voxel, inflate : float
@@ -233,6 +286,9 @@ def run_insertion(
         See `bozzini.motion.plan_insertion`.
     soft_wall : float
         See `bozzini.motion.plan_with_soft_wall` [mm].
+    label_error : float, optional
+        How far the given wall may be from the true one [mm]: the result states whether the proof
+        covers it.
     largest : bool
         Also find the largest diameter and the longest link that fit.
     compare : bool
@@ -262,7 +318,9 @@ def run_insertion(
         route=route,
         soft_wall=soft_wall,
     )
-    points, regions = sort_ends(tract, start, end)
+    if label_error is not None:
+        check_number("label error", label_error, low=0.0, high=100.0, unit="mm")
+    places = resolve_places(tract, start, end, via)
     options: dict[str, Any] = {
         "head_step": head_step,
         "slip": slip,
@@ -273,20 +331,28 @@ def run_insertion(
         with _clock(times, "distance"):
             field = build_field(tract, voxel=voxel, inflate=inflate, progress=progress)
         with _clock(times, "centreline"):
-            line = find_centreline(field, points, regions=regions, progress=progress)
-            if reverse:
-                line = line.reverse()
-        with _clock(times, "plan"):
-            plan = plan_with_soft_wall(
+            way = find_way(tract, field, places, reverse=reverse, progress=progress)
+
+        def make_plan(along: Centreline) -> Plan:
+            return plan_with_soft_wall(
                 field,
-                line,
+                along,
                 scope=scope,
                 soft_wall=soft_wall,
                 method=method,
                 progress=progress,
                 **options,
             )
-    findings = (*tract.findings, *find_branches(line))
+
+        with _clock(times, "plan"):
+            if way.decided:
+                plan, entries = make_plan(way.line), ()
+            else:
+                way, plan, entries = _try_both_ends(tract, way, make_plan, reverse=reverse)
+    line = way.line
+    with _clock(times, "unreached"):
+        unreached = find_unreached(tract, field, line)
+    findings = (*tract.findings, *way.findings, *_find_other_entry(entries))
     moved = None
     if robot is not None:
         with _clock(times, "robot"):
@@ -315,17 +381,21 @@ def run_insertion(
     comparison: list[Plan] = []
     if compare:
         with _clock(times, "compare"):
-            for other in METHODS:
+            others = [name for name in METHODS if name != "best"]
+            for other in others:
                 plain = {"head_step": head_step} if other == "thesis" else options
                 comparison.append(plan_insertion(field, line, scope=scope, method=other, **plain))
-                progress("compare", len(comparison) / len(METHODS))
+                progress("compare", len(comparison) / len(others))
     given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
-    for name, chosen in (("start", start), ("end", end)):
-        if chosen is not None:
-            given[name] = describe_end(chosen)
+    for name, place in (("start", places[0]), ("end", places[1])):
+        if place is not None:
+            given[name] = place.given
+    if places[2]:
+        given["via"] = [place.given for place in places[2]]
     meta = {
         **plan.meta,
         "input": given,
+        "ends": [candidate.describe() for candidate in way.candidates],
         "findings": [f"{item.severity}: {item.message}" for item in findings],
         "centreline": {
             "points_mm": np.round(line.points, 3).tolist(),
@@ -336,7 +406,7 @@ def run_insertion(
     return InsertionStudy(
         tract=tract,
         field=field,
-        line=line,
+        way=way,
         plan=replace(plan, meta=meta),
         seconds=times,
         passage=passage,
@@ -344,7 +414,94 @@ def run_insertion(
         comparison=tuple(comparison),
         robot=moved,
         findings=findings,
+        unreached=unreached,
+        entries=entries,
+        label_error=label_error,
     )
+
+
+def _try_both_ends(
+    tract: LabelTract | SurfaceTract,
+    way: Way,
+    make_plan: Callable[[Centreline], Plan],
+    *,
+    reverse: bool,
+) -> tuple[Way, Plan, tuple[dict[str, Any], ...]]:
+    """Plan from either end of a way; the better result, and both in short.
+
+    Better is: fits, proved; else gets farther; else the larger certified clearance. Of equal
+    results that of the higher end is taken, which comes first. With `reverse` it is the other one.
+    """
+    turned = turn_way(tract, way, way.basis)
+    pair = [(way, make_plan(way.line)), (turned, make_plan(turned.line))]
+    if reverse:
+        pair.reverse()  # the way came reversed: the higher end first again
+    (first, plan), (second, other) = pair
+    if _is_better(other, plan):
+        basis = "the organ is not known: the end from which the scope gets farther"
+        pair = [(second, other), (first, plan)]
+        if _judge(other)[:2] == _judge(plan)[:2]:
+            basis = "the organ is not known: the end from which more clearance is proved"
+    else:
+        basis = "the organ is not known: both ends do alike, and this is the higher one"
+        if _is_better(plan, other):
+            basis = "the organ is not known: the end from which the scope does better"
+    if reverse:
+        pair.reverse()
+        basis = f"reversed ({basis}, was the other one)"
+    entries = tuple(
+        {
+            "point_mm": np.round(each.line.points[0], 3).tolist(),
+            "status": result.status,
+            "certified": bool(result.meta["certified"]),
+            "clearance_certified_mm": result.meta["certificate"]["clearance_mm"]
+            if result.meta["certified"]
+            else None,
+            "inserted_mm": result.inserted,
+            "reason": result.reason,
+        }
+        for each, result in pair
+    )
+    chosen, plan = pair[0]
+    return replace(chosen, basis=basis), plan, entries
+
+
+def _judge(plan: Plan) -> tuple[bool, float, float]:
+    certified = bool(plan.meta["certified"])
+    clearance = plan.meta["certificate"]["clearance_mm"] if certified else None
+    # A path along which links pass is a few mm longer or shorter from the one end or the other.
+    inserted = np.inf if plan.status == "complete" else 10.0 * round(0.1 * plan.inserted)
+    return (
+        plan.status == "complete" and certified,
+        inserted,
+        round(-1.0 if clearance is None else clearance, 1),
+    )
+
+
+def _is_better(plan: Plan, other: Plan) -> bool:
+    return _judge(plan) > _judge(other)
+
+
+def _find_other_entry(entries: Sequence[Mapping[str, Any]]) -> tuple[Finding, ...]:
+    """Return a warning that names both results where both ends were tried."""
+    if not entries:
+        return ()
+    texts = []
+    for entry in entries:
+        place = ", ".join(f"{value:.0f}" for value in entry["point_mm"])
+        proved = entry["clearance_certified_mm"]
+        result = "reaches the other end" if entry["status"] == "complete" else "stops"
+        result += f" after {entry['inserted_mm']:.0f} mm of the head's path"
+        if proved is not None:
+            result += f", {floor_mm(proved)} mm of clearance proved"
+        elif entry["status"] == "complete":
+            result += ", not proved"
+        texts.append(f"entered at ({place}) mm the scope {result}")
+    message = (
+        f"the organ is not known, so both ends were tried: {'; '.join(texts)}. The first is "
+        "reported here: give --organ, --start or --reverse to choose"
+    )
+    return (Finding("organ-unknown", "warning", message),)
 
 
 @contextmanager

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ..anatomy.findings import Finding
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_integer, check_number
-from ..duct import Centreline, SampledField, build_field, find_centreline
+from ..duct import Centreline, SampledField, build_field
 from ..duct.fit import PERCENTS, FittedDuct, fit_duct, mesh_from_mask
 from ..duct.mesh import TriangleMesh
 from ..duct.sections import SectionCircles, Sections, cut_sections
 from ..progress import Progress, no_progress
-from ._inputs import End, explain_scale, find_branches, sort_ends
+from ._inputs import explain_scale
+from .ends import End, Way, find_way, resolve_places
 
 __all__ = ["SPACING_MIN", "FitStudy", "SectionStudy", "run_fit", "run_sections"]
 
@@ -122,6 +124,7 @@ def run_fit(
     inside: bool = True,
     start: End = None,
     end: End = None,
+    via: Sequence[End] = (),
     reverse: bool = False,
     voxel: float | None = None,
     inflate: float = 0.0,
@@ -134,7 +137,7 @@ def run_fit(
     tract : LabelTract or SurfaceTract
     kind, max_error, pieces, inside
         See `bozzini.duct.fit.fit_duct`.
-    start, end, reverse, voxel, inflate, progress
+    start, end, via, reverse, voxel, inflate, progress
         See `run_insertion`.
 
     Raises
@@ -145,7 +148,7 @@ def run_fit(
     check_number("max error", max_error, low=0.0, low_open=True, unit="mm")
     if pieces is not None:
         check_integer("pieces", pieces, low=1)
-    field, line = _find_line(tract, start, end, reverse, voxel, inflate, progress)
+    field, way = _find_line(tract, (start, end, via), reverse, voxel, inflate, progress)
     with explain_scale(tract):
         if isinstance(tract, LabelTract):
             mesh = mesh_from_mask(tract.mask, tract.affine, inflation=inflate)
@@ -153,7 +156,7 @@ def run_fit(
             mesh = TriangleMesh(tract.vertices, tract.faces, inflation=inflate)
         fitted = fit_duct(
             mesh,
-            line,
+            way.line,
             kind,
             max_error=max_error,
             pieces=pieces,
@@ -164,9 +167,9 @@ def run_fit(
     return FitStudy(
         mesh=mesh,
         field=field,
-        line=line,
+        line=way.line,
         fitted=fitted,
-        findings=(*tract.findings, *find_branches(line)),
+        findings=(*tract.findings, *way.findings),
     )
 
 
@@ -176,6 +179,7 @@ def run_sections(
     spacing: float = 2.0,
     start: End = None,
     end: End = None,
+    via: Sequence[End] = (),
     reverse: bool = False,
     voxel: float | None = None,
     inflate: float = 0.0,
@@ -188,7 +192,7 @@ def run_sections(
     tract : LabelTract or SurfaceTract
     spacing : float
         Of the sections, `SPACING_MIN` or more [mm].
-    start, end, reverse, voxel, inflate, progress
+    start, end, via, reverse, voxel, inflate, progress
         See `run_insertion`.
 
     Raises
@@ -197,32 +201,30 @@ def run_sections(
         If an input is not legal.
     """
     check_number("spacing", spacing, low=SPACING_MIN, unit="mm")
-    field, line = _find_line(tract, start, end, reverse, voxel, inflate, progress)
-    sections = cut_sections(field, line, spacing=spacing)
+    field, way = _find_line(tract, (start, end, via), reverse, voxel, inflate, progress)
+    sections = cut_sections(field, way.line, spacing=spacing)
     return SectionStudy(
         field=field,
-        line=line,
+        line=way.line,
         sections=sections,
         fitted=sections.fit_circles(),
         inscribed=sections.inscribe_circles(progress=progress),
-        findings=(*tract.findings, *find_branches(line)),
+        findings=(*tract.findings, *way.findings),
     )
 
 
 def _find_line(
     tract: LabelTract | SurfaceTract,
-    start: End,
-    end: End,
+    ends: tuple[End, End, Sequence[End]],
     reverse: bool,
     voxel: float | None,
     inflate: float,
     progress: Progress,
-) -> tuple[SampledField, Centreline]:
-    points, regions = sort_ends(tract, start, end)
+) -> tuple[SampledField, Way]:
+    places = resolve_places(tract, *ends)
     with explain_scale(tract):
         field = build_field(tract, voxel=voxel, inflate=inflate, progress=progress)
-        line = find_centreline(field, points, regions=regions, progress=progress)
-    return field, line.reverse() if reverse else line
+        return field, find_way(tract, field, places, reverse=reverse, progress=progress)
 
 
 def _list_findings(findings: tuple[Finding, ...]) -> list[dict[str, str]]:

@@ -58,7 +58,7 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
         "inflation_mm": field.inflation,
         "scope": plan.meta["scope"],
     }
-    for key in ("refusal", "soft_wall", "input"):
+    for key in ("refusal", "soft_wall", "candidates", "input"):
         if key in plan.meta and plan.meta[key] is not None:
             summary[key] = plan.meta[key]
     return summary

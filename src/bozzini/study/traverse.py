@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any
@@ -28,7 +29,8 @@ from ..errors import InputError
 from ..motion.traverse import LinkLimits, find_link_limits
 from ..motion.traverse_diameter import DiameterLimits, find_diameter_limits
 from ..progress import Progress, no_progress
-from ._inputs import End, explain_scale, find_branches, sort_ends
+from ._inputs import explain_scale
+from .ends import End, find_way, list_branches, resolve_places
 
 __all__ = ["LimitsStudy", "run_limits"]
 
@@ -111,6 +113,7 @@ def run_limits(
     link: float | None = None,
     start: End = None,
     end: End = None,
+    via: Sequence[End] = (),
     reverse: bool = False,
     voxel: float | None = None,
     inflate: float = 0.0,
@@ -131,7 +134,7 @@ def run_limits(
         A length to judge, and to find the largest diameter for [mm].
     fit : str
         How a duct of shapes was fitted to a tract, one of `bozzini.duct.shapes_file.FITS`.
-    start, end, reverse, voxel, inflate, progress
+    start, end, via, reverse, voxel, inflate, progress
         See `run_insertion`.
 
     Raises
@@ -147,17 +150,19 @@ def run_limits(
         raise InputError(f"fit is '{fit}': it must be one of {', '.join(FITS)}")
     findings: tuple[Finding, ...] = ()
     if isinstance(source, (LabelTract, SurfaceTract)):
-        points, regions = sort_ends(source, start, end)
+        places = resolve_places(source, start, end, via)
         with explain_scale(source):
             field = build_field(source, voxel=voxel, inflate=inflate, progress=progress)
-            line = find_centreline(field, points, regions=regions, progress=progress)
+            way = find_way(source, field, places, reverse=reverse, progress=progress)
         duct: Duct = field
-        findings = source.findings
+        line, findings = way.line, (*source.findings, *way.findings)
     else:
+        if via:
+            raise InputError("via has no effect on shapes: leave it out")
         duct, line = _prepare_duct(source, start, end, voxel, inflate, progress)
-        findings = _explain_fit(fit, duct)
-    if reverse:
-        line = line.reverse()
+        if reverse:
+            line = line.reverse()
+        findings = (*_explain_fit(fit, duct), *list_branches(line))
     links = find_link_limits(duct, line, diameter=diameter, progress=progress)
     diameters = _lower_top(find_diameter_limits(duct, line, progress=progress), links)
     narrow = None
@@ -173,7 +178,7 @@ def run_limits(
         diameters=diameters,
         diameters_of_link=narrow,
         fit=fit,
-        findings=(*findings, *find_branches(line)),
+        findings=findings,
     )
 
 
@@ -205,8 +210,11 @@ def _prepare_duct(
     duct: Duct, start: End, end: End, voxel: float | None, inflate: float, progress: Progress
 ) -> tuple[Duct, Centreline]:
     for name, chosen in (("start", start), ("end", end)):
-        if isinstance(chosen, Integral):
-            raise InputError(f"{name} is label {chosen}, but shapes have no labels: give a point")
+        if isinstance(chosen, (Integral, str)):
+            raise InputError(
+                f"{name} is label {chosen}, but shapes have no labels and no named places: give a "
+                "point"
+            )
     if inflate > 0.0:
         if not hasattr(duct, "inflate"):
             raise InputError(f"inflation is {inflate:g} mm: this duct's wall cannot be moved")

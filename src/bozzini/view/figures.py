@@ -17,10 +17,11 @@ from ..checks import check_integer
 from ..files import write_atomically
 from .claim import read_claim
 from .clearance_plot import choose_abscissa, draw_clearance, fill_clearance
+from .end_marks import list_marks
 from .fluoroscopy import render_fluoroscopy
 from .palette import NIGHT, ClearanceScale, choose_clearance_scale
 from .sampling import MotionSample, find_radius, sample_motion
-from .scope_drawing import REST, draw_color_bar, draw_panel, draw_rest, draw_scope
+from .scope_drawing import REST, draw_color_bar, draw_marks, draw_panel, draw_rest, draw_scope
 from .way import RefusalMark, Way, find_refusal, find_way
 
 if TYPE_CHECKING:
@@ -105,6 +106,8 @@ def draw_depths(
             top -= size[1]
             axes = _add_axes(figure, left + 0.5 * (column - size[0]), top, size[0], size[1])
             draw_panel(axes, picture, legend=i == 0)
+            if i == 0:
+                draw_marks(axes, picture, list_marks(plan))
             if rest is not None:
                 draw_rest(axes, picture, rest[0], reached=rest[1], mark=rest[2])
             draw_scope(axes, picture, sample, row, scale=scale, radius=find_radius(plan))
@@ -161,6 +164,8 @@ def draw_overview(
             left = 0.5 * (16.0 - whole) + i * (wide + gap)
         axes = _add_axes(figure, left, strip + 0.5 * (room_tall - tall), wide, tall)
         draw_panel(axes, picture, legend=i == 0)
+        if i == 0:
+            draw_marks(axes, picture, list_marks(plan))
         if rest is not None:
             draw_rest(axes, picture, rest[0], reached=rest[1], mark=rest[2])
         draw_scope(axes, picture, sample, row, scale=scale, radius=find_radius(plan))

@@ -26,7 +26,14 @@ from .fluoroscopy import Projection, render_fluoroscopy
 from .limitations import list_limitations
 from .palette import AMBER, GREEN, RED, choose_clearance_scale, list_clearance_colors
 from .report_parts import encode_figure, render_comparison, render_contact, render_panel
-from .report_text import list_rows, render_cards, render_findings, render_table
+from .report_text import (
+    list_rows,
+    render_cards,
+    render_ends,
+    render_findings,
+    render_notes,
+    render_table,
+)
 from .sampling import check_plan, find_radius, place_tightest, sample_motion
 from .verdict import judge_plan
 from .viewer_data import pack_viewer
@@ -111,6 +118,8 @@ def write_report(
             "label": escape(verdict.label),
             "sentence": escape(verdict.sentence),
             "basis": escape(_describe_basis(claim, plan, field)),
+            "notes": render_notes(verdict.notes),
+            "ends": render_ends(plan, summary),
             "cards": render_cards(plan, summary),
             "panels": "".join(render_panel(picture, plan, way, summary) for picture in pictures),
             "below": "pushing the wall" if claim.soft is not None else "through the wall",

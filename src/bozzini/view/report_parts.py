@@ -11,8 +11,9 @@ import numpy as np
 
 from ..motion.plan import Plan
 from .claim import Claim, read_claim
+from .end_marks import list_marks
 from .fluoroscopy import Projection
-from .scope_drawing import REST, choose_bar_length
+from .scope_drawing import MARK, REST, choose_bar_length
 from .viewer_data import encode_picture
 from .way import Way, find_refusal, share_centreline
 
@@ -34,8 +35,30 @@ def render_panel(picture: Projection, plan: Plan, way: Way, summary: Mapping[str
         f'<span class="name">{picture.axis}</span><span class="l">{left}</span>'
         f'<span class="r">{right}</span><span class="t">{top}</span><span class="b">{bottom}</span>'
         f'<span class="bar" style="width:{100.0 * bar / picture.width:.2f}%">{bar:g} mm</span>'
-        f"{_render_rest(picture, plan, way, summary)}<canvas></canvas></div>"
+        f"{_render_marks(picture, plan)}{_render_rest(picture, plan, way, summary)}"
+        "<canvas></canvas></div>"
     )
+
+
+def _render_marks(picture: Projection, plan: Plan) -> str:
+    """Return the ends of the tract as numbered rings, "" where the plan records none."""
+    marks = list_marks(plan)
+    if not marks:
+        return ""
+    corner = np.array([picture.extent[0], picture.extent[3]])
+    size = 0.012 * picture.height
+    parts = [
+        f'<svg viewBox="0 0 {picture.width:.2f} {picture.height:.2f}" fill="none" '
+        f'stroke="{MARK}" stroke-width="{0.25 * size:.2f}" aria-hidden="true">'
+    ]
+    for mark in marks:
+        u, v = (picture.project(mark.point) - corner) * [1.0, -1.0]
+        parts.append(
+            f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{size:.2f}"/><text x="{u + 1.4 * size:.1f}" '
+            f'y="{v + 0.8 * size:.1f}" fill="{MARK}" stroke="none" font-size="{2.4 * size:.1f}">'
+            f"{mark.number}</text>"
+        )
+    return "".join(parts) + "</svg>"
 
 
 def _render_rest(picture: Projection, plan: Plan, way: Way, summary: Mapping[str, Any]) -> str:

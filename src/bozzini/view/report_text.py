@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 from ..motion.plan import Plan
 from ..motion.refusal import floor_mm
 from .claim import SoftWall, read_claim
+from .end_marks import list_marks
 from .records import ceil_mm, read_number
 from .sampling import find_link_length, find_radius
+from .verdict import list_unreached
 from .way import find_way
 
 if TYPE_CHECKING:
@@ -21,7 +23,9 @@ if TYPE_CHECKING:
 __all__ = [
     "list_rows",
     "render_cards",
+    "render_ends",
     "render_findings",
+    "render_notes",
     "render_table",
 ]
 
@@ -72,8 +76,10 @@ def _show_upper(values: Mapping[str, Any], key: str, digits: int) -> str:
 def render_cards(plan: Plan, summary: Mapping[str, Any]) -> str:
     """Return the few numbers that matter most."""
     claim = read_claim(plan, summary)
-    whole = summary.get("centreline_length_mm", find_way(plan).length)
+    way = find_way(plan)
+    whole = summary.get("centreline_length_mm", way.length)
     stopped = plan.status == "stopped"
+    reached = whole if not stopped else float(way.place(plan.head_arc_length).max())
     if claim.soft is not None:
         first = (_show(claim.soft.contact, 2, "mm"), "deepest contact: wall pushed outwards", False)
     elif claim.certified and claim.proved is not None:
@@ -88,10 +94,9 @@ def render_cards(plan: Plan, summary: Mapping[str, Any]) -> str:
     cards = [
         first,
         (
-            _show(plan.inserted, 1, "mm"),
-            f"inserted, of {_show(whole, 1, 'mm')} along the centreline"
-            if stopped
-            else f"inserted, to the far end; the centreline has {_show(whole, 1, 'mm')}",
+            _show(reached, 1, "mm"),
+            f"of the centreline's {_show(whole, 1, 'mm')} reached; "
+            f"{_show(plan.inserted, 1, 'mm')} inserted along the head's path",
             stopped,
         ),
         (_show_angle(summary), "largest angle at a joint", False),
@@ -120,16 +125,18 @@ def list_rows(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> li
         ("Status", plan.status),
         ("Reason", plan.reason + (f" ({plan.reason_code})" if plan.reason_code else "") or "–"),
         ("Clearance certified", "yes" if claim.certified else "no: estimated"),
-        ("Centreline", _show(summary.get("centreline_length_mm"), 1, "mm")),
+        ("Centreline, its length", _show(summary.get("centreline_length_mm"), 1, "mm")),
         ("Inserted, along the head's path", _show(plan.inserted, 1, "mm")),
-        ("Stopped at", _show(summary.get("stopped_at_mm"), 1, "mm")),
+        ("Stopped at, along the head's path", _show(summary.get("stopped_at_mm"), 1, "mm")),
         ("Scope diameter", _show(2.0 * radius if radius > 0.0 else None, 2, "mm")),
         ("Link length", _show(find_link_length(plan), 2, "mm")),
         ("Links", str(plan.links)),
         ("Recorded steps", str(plan.steps)),
         ("Proved clearance, at least", _show_lower(claim.proved)),
+        ("… so the proof holds for a wall wrong by at most", _show_lower(claim.proved)),
+        ("Stated error of the wall", _show(summary.get("label_error_mm"), 2, "mm")),
         ("Smallest clearance, estimated", _show(claim.estimate, 3, "mm")),
-        ("… at this place of the tract", _show(claim.place, 1, "mm")),
+        ("… at this place of the centreline", _show(claim.place, 1, "mm")),
         *_list_fit(summary),
         *_list_contact(claim.soft),
         ("Largest angle at a joint", _show_angle(summary)),
@@ -164,7 +171,7 @@ def _list_fit(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return what stands in the way, and what would fit."""
     refusal, largest = _read_part(summary, "refusal"), _read_part(summary, "largest")
     return [
-        ("Refused at this place of the tract", _show(refusal.get("at_mm"), 1, "mm")),
+        ("Refused at this place of the centreline", _show(refusal.get("at_mm"), 1, "mm")),
         ("… needs, from the axis to the wall", _show(refusal.get("needs_mm"), 2, "mm")),
         ("… offers", _show_lower(read_number(refusal, "offers_mm"))),
         ("Would fit: diameter of at most", _show_lower(read_number(refusal, "diameter_max_mm"))),
@@ -199,7 +206,7 @@ def _list_contact(soft: SoftWall | None) -> list[tuple[str, str]]:
         ("Wall may give way by", _show(soft.allowed, 2, "mm")),
         ("Wall taken as displaced by", _show(soft.used, 2, "mm")),
         ("Deepest contact, estimated", _show(soft.contact, 2, "mm")),
-        ("… contact at this place of the tract", _show(soft.place, 1, "mm")),
+        ("… contact at this place of the centreline", _show(soft.place, 1, "mm")),
     ]
 
 
@@ -212,17 +219,58 @@ def render_table(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def render_findings(findings: Sequence[Finding]) -> str:
-    """Return the findings as a list, warnings first."""
-    if not findings:
-        return "<p>Nothing unusual was found.</p>"
-    ordered = sorted(findings, key=lambda finding: finding.severity != "warning")
+    """Return the findings: warnings as a list, notes folded behind it."""
+    parts = []
+    warnings = [item for item in findings if item.severity == "warning"]
+    notes = [item for item in findings if item.severity != "warning"]
+    if warnings:
+        parts.append(_render_list(warnings))
+    if notes:
+        count = f"{len(notes)} notes" if len(notes) > 1 else "1 note"
+        parts.append(
+            f"<details><summary>{count} about the input</summary>{_render_list(notes)}</details>"
+        )
+    return "".join(parts) or '<p class="small">Nothing unusual was found in the input.</p>'
+
+
+def _render_list(findings: Sequence[Finding]) -> str:
     return (
         "<ul>"
         + "".join(
             f'<li><span class="tag{" warning" if item.severity == "warning" else ""}">'
             f"{escape(item.severity)}</span>{escape(item.message)} "
             f'<span class="note">({escape(item.code)})</span></li>'
-            for item in ordered
+            for item in findings
         )
         + "</ul>"
+    )
+
+
+def render_notes(notes: Sequence[str]) -> str:
+    """Return what belongs to a verdict, a line each."""
+    return "".join(f'<div class="note">{escape(note)}</div>' for note in notes)
+
+
+def render_ends(plan: Plan, summary: Mapping[str, Any]) -> str:
+    """Return the section on the ends of the tract and what is not reached, "" without a record."""
+    marks = list_marks(plan)
+    if not marks:
+        return ""
+    rows = "".join(
+        f'<tr><th scope="row">{mark.number}</th><td>{escape(mark.role or "–")}</td>'
+        f"<td>{escape(mark.name)}</td><td>{escape(mark.place)}</td>"
+        f"<td>{_show(mark.radius, 1, 'mm')}</td><td>{_show(mark.length, 0, 'mm')}</td></tr>"
+        for mark in marks
+    )
+    entry = _read_part(summary, "entry")
+    basis = f"The entry is this end because {entry['basis']}. " if entry.get("basis") else ""
+    parts = "".join(f"<li>{escape(str(part['text']))}</li>" for part in list_unreached(summary))
+    rest = f"<p>Not reached:</p><ul>{parts}</ul>" if parts else ""
+    return (
+        f"<h2>Ends of the tract</h2><p>{escape(basis)}Every place where the way could begin or "
+        "end; the numbers are those in the pictures. Choose with --start, --end, --via or "
+        '--reverse.</p><div class="wide"><table class="methods"><thead><tr><th>No.</th>'
+        "<th>Taken for</th><th>What it is</th><th>x, y, z [mm]</th><th>Radius of the opening</th>"
+        "<th>Centreline from the opposite end</th></tr></thead>"
+        f"<tbody>{rows}</tbody></table></div>{rest}"
     )

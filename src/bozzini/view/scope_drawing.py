@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .end_marks import EndMark
 from .fluoroscopy import Projection
 from .palette import ClearanceScale, color_lumen
 from .sampling import MotionSample
@@ -17,10 +19,22 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["REST", "draw_color_bar", "draw_panel", "draw_rest", "draw_scope", "find_violations"]
+__all__ = [
+    "MARK",
+    "REST",
+    "draw_color_bar",
+    "draw_marks",
+    "draw_panel",
+    "draw_rest",
+    "draw_scope",
+    "find_violations",
+]
 
 REST = "#ff9d3c"
 """Colour of what was not reached, and of the place that was refused, on dark ground."""
+
+MARK = "#ffe066"
+"""Colour of the numbered ends of the tract, on dark ground."""
 
 _OUTLINE = "#05080c"
 _INTRODUCER = "#7b8a99"
@@ -211,6 +225,25 @@ def draw_rest(
                 *spot, marker="x", markersize=size, markeredgecolor=color, markeredgewidth=wide,
                 linestyle="none", zorder=4,
             )  # fmt: skip
+
+
+def draw_marks(axes: Axes, picture: Projection, marks: Sequence[EndMark]) -> None:
+    """Draw the ends of the tract as numbered rings."""
+    for mark in marks:
+        u, v = picture.project(mark.point)
+        axes.plot(
+            u, v, marker="o", markersize=7.0, markerfacecolor="none", markeredgecolor=MARK,
+            markeredgewidth=1.4, linestyle="none", zorder=5,
+        )  # fmt: skip
+        axes.annotate(
+            str(mark.number),
+            (u, v),
+            xytext=(6, 3),
+            textcoords="offset points",
+            color=MARK,
+            fontsize=9,
+            zorder=5,
+        )
 
 
 def draw_color_bar(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..motion.plan import Plan
@@ -13,7 +13,9 @@ from .records import read_number
 from .sampling import find_radius
 from .way import find_way
 
-__all__ = ["Verdict", "judge_plan"]
+__all__ = ["Verdict", "judge_plan", "list_unreached"]
+
+FAR_END = "the far end"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,12 +30,16 @@ class Verdict:
     label : str
         The same in a word or two.
     sentence : str
-        The verdict.
+        The verdict: one or two sentences.
+    notes : tuple of str
+        What belongs to it, a sentence each: what was not reached where the sentence does not
+        state it, up to which error of the wall the proof holds.
     """
 
     tone: str
     label: str
     sentence: str
+    notes: tuple[str, ...] = ()
 
 
 def judge_plan(plan: Plan, summary: Mapping[str, Any], *, error: float = 0.0) -> Verdict:
@@ -52,9 +58,20 @@ def judge_plan(plan: Plan, summary: Mapping[str, Any], *, error: float = 0.0) ->
     claim = read_claim(plan, summary)
     radius = find_radius(plan)
     scope = f"The {2.0 * radius:.1f} mm scope" if radius > 0.0 else "The scope"
+    verdict = _judge(plan, summary, claim, scope, error)
+    verdict = _add_unreached(verdict, plan, summary)
+    return _add_wall_error(verdict, claim, summary)
+
+
+def _judge(
+    plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str, error: float
+) -> Verdict:
     if plan.status == "stopped":
         return _judge_stopped(plan, summary, claim, scope)
-    reaches = f"{scope} reaches the far end ({_read_length(plan, summary):.0f} mm)"
+    reaches = (
+        f"{scope} reaches {_read_goal(summary)} "
+        f"({_read_length(plan, summary):.0f} mm of centreline)"
+    )
     if claim.soft is not None:
         return _judge_contact(reaches, claim, claim.soft)
     if claim.certified:
@@ -87,6 +104,66 @@ def judge_plan(plan: Plan, summary: Mapping[str, Any], *, error: float = 0.0) ->
     )
 
 
+def _add_unreached(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> Verdict:
+    """Say what of the lumen is not reached: a plan fits only to the end that it reaches."""
+    parts = [part for part in list_unreached(summary) if part.get("stated")]
+    if not parts:
+        return verdict
+    text = f"Not reached: {join_words([str(part['text']) for part in parts])}."
+    if plan.status == "stopped":
+        return replace(verdict, notes=(*verdict.notes, text))
+    label, tone = verdict.label, verdict.tone
+    if label.startswith("Fits"):
+        goal = _read_goal(summary)
+        if goal == FAR_END:
+            share = sum(read_number(part, "share") or 0.0 for part in parts)
+            label = f"{label}; {max(1.0, 100.0 * share):.0f} % of the lumen not reached"
+            tone = "amber"
+        else:
+            label = label.replace("Fits", f"Fits to {goal}", 1)
+    return replace(verdict, label=label, tone=tone, sentence=f"{verdict.sentence} {text}")
+
+
+def _add_wall_error(verdict: Verdict, claim: Claim, summary: Mapping[str, Any]) -> Verdict:
+    """Say up to which error of the given wall the proof holds."""
+    if not claim.certified or claim.proved is None:
+        return verdict
+    covered, voxel = claim.proved, read_number(summary, "wall_error_mm")
+    text = f"The proof holds as long as the given wall is wrong by at most {floor_mm(covered)} mm"
+    if voxel:
+        relation = "more" if covered >= voxel else "less"
+        text += f", {relation} than the {voxel:.2f} mm by which its resolution may displace it"
+    stated = read_number(summary, "label_error_mm")
+    if stated is None:
+        return replace(verdict, notes=(*verdict.notes, f"{text}."))
+    if covered >= stated:
+        text += f"; it covers the stated error of {stated:g} mm"
+        return replace(verdict, notes=(*verdict.notes, f"{text}."))
+    label, tone = verdict.label, verdict.tone
+    if verdict.tone != "red":
+        label, tone = f"{label}; not for a wall wrong by {stated:g} mm", "amber"
+    text += f"; it does not cover the stated error of {stated:g} mm"
+    return replace(verdict, label=label, tone=tone, notes=(*verdict.notes, f"{text}."))
+
+
+def list_unreached(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return what a summary lists as not reached, largest first."""
+    parts = summary.get("unreached") or ()
+    if isinstance(parts, str) or not isinstance(parts, Sequence):
+        return []
+    return [part for part in parts if isinstance(part, Mapping) and part.get("text")]
+
+
+def join_words(words: Sequence[str]) -> str:
+    """Return words as a list for people: ``a, b and c``."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _read_goal(summary: Mapping[str, Any]) -> str:
+    goal = summary.get("goal")
+    return str(goal.get("name") or FAR_END) if isinstance(goal, Mapping) else FAR_END
+
+
 def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str) -> Verdict:
     reason = plan.reason.strip().rstrip(".") or plan.reason_code or "no reason was recorded"
     place = float(find_way(plan).place(plan.head_arc_length).max())
@@ -94,17 +171,19 @@ def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: 
     if place <= 0.0:
         sentence = f"{scope} does not enter: {reason}."
         return Verdict(tone="red", label="Stopped", sentence=sentence)
-    sentence = f"{scope} stops at {place:.0f} mm of {whole:.0f} mm: {reason}."
+    sentence = f"{scope} stops at {place:.0f} mm of {whole:.0f} mm of centreline: {reason}."
     estimate, where = claim.estimate, _at(claim.place)
+    note = ""
     if claim.soft is not None:
-        sentence += f" Up to there {_describe_contact(claim, claim.soft)}."
+        note = f"Up to there {_describe_contact(claim, claim.soft)}."
     elif claim.certified:
-        sentence += f" Up to there it is proved to {_promise(claim)} at all times."
+        note = f"Up to there it is proved to {_promise(claim)} at all times."
     elif estimate is not None and estimate < 0.0:
-        sentence += f" Before that its body passes through the wall{where} by {-estimate:.2f} mm."
+        note = f"Before that its body passes through the wall{where} by {-estimate:.2f} mm."
     elif estimate is not None:
-        sentence += f" Up to there it keeps {estimate:.2f} mm from the wall (nearest{where})."
-    return Verdict(tone="red", label="Stopped", sentence=sentence)
+        note = f"Up to there it keeps {estimate:.2f} mm from the wall (nearest{where})."
+    notes = (note,) if note else ()
+    return Verdict(tone="red", label="Stopped", sentence=sentence, notes=notes)
 
 
 def _judge_contact(reaches: str, claim: Claim, soft: SoftWall) -> Verdict:
@@ -140,7 +219,7 @@ def _promise(claim: Claim) -> str:
 
 
 def _at(place: float | None) -> str:
-    return "" if place is None else f" at {place:.0f} mm"
+    return "" if place is None else f" at {place:.0f} mm of the centreline"
 
 
 def _read_length(plan: Plan, summary: Mapping[str, Any]) -> float:

@@ -1,0 +1,416 @@
+"""The gas in a CT without labels: a lumen where a scope can go, with its limits stated.
+
+Gas and nothing else is found: a collapsed or fluid-filled stretch is missing, and the wall is
+where the image crosses a threshold. This does not replace a segmentation tool.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_number, check_points
+from ..errors import GeometryError, InputError
+from ..progress import Progress, no_progress
+from .findings import Finding
+from .frame import find_axis
+from .labels import Volume, _Runs, check_affine
+from .tract import Point
+
+__all__ = ["GasSegment", "Segmentation", "segment_gas"]
+
+TISSUE = -300.0
+"""Above this a voxel is body or table [HU]."""
+
+AIR = -500.0
+"""Below this a voxel is gas or lung [HU]."""
+
+LUNG = -930.0
+"""A body of air whose median lies above this is lung: its air is mixed with tissue [HU]."""
+
+LUNG_VOLUME = 100e3
+"""Smallest lung [mm^3]."""
+
+TAGGED = 150.0
+"""Fluid above this differs from tissue [HU]."""
+
+MUSCLE = 40.0
+"""The wall beside fluid [HU]."""
+
+SHARE = 0.6
+"""Where the wall lies beside fluid: this part of the way from tissue to the fluid's brightness."""
+
+LEVEL_AREA = 25.0
+"""Smallest level between gas and fluid [mm^2]."""
+
+DEPTH = 3
+"""Voxels from gas down to fluid, between which the image shows a mixture of both."""
+
+NEAR = 5.0
+"""Largest distance of a seed from gas [mm]."""
+
+MOST_SEGMENTS = 200
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GasSegment:
+    """One connected body of gas (voxels joined through faces), with its fluid if bridged.
+
+    Attributes
+    ----------
+    label : int
+        Its number in `Segmentation.labels`.
+    volume : float
+        [mm^3].
+    point : tuple of float
+        The place inside it that is nearest to its middle, world frame [mm].
+    fluid : float
+        The part of its volume that is fluid [mm^3].
+    at_border : bool
+        Whether it reaches the border of the image, where it is cut.
+    """
+
+    label: int
+    volume: float
+    point: Point
+    fluid: float
+    at_border: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segmentation:
+    """What was found in a CT.
+
+    Attributes
+    ----------
+    labels : ndarray of uint16, shape (nx, ny, nz)
+        0 is no gas; the others are the numbers of `segments`, the largest first.
+    affine : ndarray, shape (4, 4)
+        Voxel index to world [mm].
+    segments : tuple of GasSegment
+    lungs : float
+        Volume that was left out as lung [mm^3].
+    threshold : float
+        [HU].
+    findings : tuple of Finding
+        What was left out or could not be done.
+    frame : str, optional
+        Where the world axes point in the patient.
+    source : str
+    """
+
+    labels: NDArray[np.uint16]
+    affine: NDArray[np.float64]
+    segments: tuple[GasSegment, ...]
+    lungs: float
+    threshold: float
+    findings: tuple[Finding, ...]
+    frame: str | None
+    source: str
+
+
+def segment_gas(
+    volume: Volume,
+    *,
+    threshold: float = -800.0,
+    smallest: float = 1000.0,
+    seeds: ArrayLike | None = None,
+    bridge_fluid: bool = False,
+    progress: Progress = no_progress,
+) -> Segmentation:
+    """Find the gas inside the body of a CT.
+
+    The body is the largest piece of tissue, its holes filled slice by slice; air outside of it is
+    left out. Air inside that is mixed with tissue (median above -930 HU) and of 100 mL or more is
+    lung, with the airways that open into it. What is left below the threshold falls into
+    segments, one label each.
+
+    The threshold lies below the middle between gas and tissue (about -480 HU): the wall that is
+    found is inside the true one by a part of a voxel, about 0.3 of it at -800 HU.
+
+    Parameters
+    ----------
+    volume : Volume
+        A CT in HU; see `bozzini.anatomy.read_volume`.
+    threshold : float
+        Gas lies below it [HU].
+    smallest : float
+        Smallest volume of a segment that is kept [mm^3].
+    seeds : array_like, shape (n, 3), optional
+        Points in the world [mm]: only the segments that hold one, or lie within 5 mm of one, are
+        kept.
+    bridge_fluid : bool
+        Add fluid that lies under a flat level of gas and is brighter than tissue by contrast
+        medium (above 150 HU), and join what it connects. Fluid as bright as tissue can not be
+        told from the wall, and is not added.
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        If the image is not a CT in HU, a value is out of range, or a seed lies at no gas.
+    GeometryError
+        If there is no body, or no gas in it.
+    """
+    from ._voxel_kernels import paint_runs
+
+    threshold = check_number("threshold", threshold, low=-1000.0, high=-400.0, unit="HU")
+    smallest = check_number("smallest volume", smallest, low=0.0, unit="mm^3")
+    image = _check_image(volume)
+    affine = check_affine(volume.affine, volume.source)
+    voxel = abs(float(np.linalg.det(affine[:3, :3])))
+    found = list(volume.findings)
+    # All work is on the axes in which the voxels lie in memory.
+    turned = image.flags.f_contiguous and not image.flags.c_contiguous
+    axes = affine[:, [2, 1, 0, 3]] if turned else affine
+    ct = np.ascontiguousarray(image.T if turned else image)
+    slices = 0 if turned else 2
+    if volume.frame is not None:
+        upward = find_axis(volume.frame, "S") @ axes[:3, :3]
+        slices = int(np.abs(upward / np.linalg.norm(axes[:3, :3], axis=0)).argmax())
+    progress("body", 0.0)
+    body = _find_body(ct, slices, volume.source, progress)
+    progress("gas", 0.0)
+    lungs = _find_lungs(ct, body, voxel)
+    gas = body & (ct < threshold) & ~lungs
+    fluid = np.zeros(gas.shape if bridge_fluid else (0, 0, 0), dtype=bool)
+    if bridge_fluid:
+        fluid = _find_fluid(ct, gas, body, np.linalg.norm(axes[:3, :3], axis=0), found)
+        gas |= fluid
+    progress("gas", 0.7)
+    runs = _Runs.find(gas.view(np.uint8))
+    if len(runs.rows) == 0:
+        raise GeometryError(
+            f"{volume.source} has no gas below {threshold:g} HU inside the body, lungs left out"
+        )
+    numbers, _ = runs.join()
+    sizes = runs.sum_by(numbers)
+    if seeds is None:
+        wanted = np.flatnonzero(sizes * voxel >= smallest)
+    else:
+        wanted = _find_seeded(runs, numbers, axes, seeds)
+    if len(wanted) == 0:
+        raise GeometryError(
+            f"{volume.source} has no gas of {smallest / 1000.0:g} mL or more inside the body: the "
+            f"largest has {sizes.max() * voxel / 1000.0:.3g} mL"
+        )
+    wanted = wanted[np.argsort(-sizes[wanted], kind="stable")][:MOST_SEGMENTS]
+    left = int(sizes.sum() - sizes[wanted].sum())
+    if left:
+        message = (
+            f"{left * voxel / 1000.0:.3g} mL of gas in {len(sizes) - len(wanted)} other segments "
+            f"left out"
+        )
+        found.append(Finding("gas-left-out", "note", message))
+    label = np.zeros(len(sizes), dtype=np.uint16)
+    label[wanted] = np.arange(1, len(wanted) + 1)
+    labels = np.zeros(image.shape, dtype=np.uint16)
+    target = labels.T if turned else labels
+    values = label[numbers]
+    zero = np.zeros(3, dtype=np.int64)
+    paint_runs(target, runs.rows, runs.begins, runs.ends, values, runs.shape[1], zero)
+    wet = np.bincount(target[fluid] if bridge_fluid else [], minlength=len(wanted) + 1)
+    progress("gas", 1.0)
+    return Segmentation(
+        labels=labels,
+        affine=affine,
+        segments=_describe_segments(runs, numbers, wanted, axes, wet),
+        lungs=float(np.count_nonzero(lungs)) * voxel,
+        threshold=threshold,
+        findings=tuple(found),
+        frame=volume.frame,
+        source=volume.source,
+    )
+
+
+def _check_image(volume: Volume) -> NDArray[Any]:
+    image = volume.array
+    while image.ndim > 3 and image.shape[-1] == 1:
+        image = image[..., 0]
+    if image.ndim != 3 or image.dtype.kind not in "iuf":
+        raise InputError(f"{volume.source} is not a CT image: {image.dtype}, shape {image.shape}")
+    low, high = float(image.min()), float(image.max())
+    if not (np.isfinite((low, high)).all() and low < -800.0 and high > -100.0):
+        raise InputError(
+            f"{volume.source} has values from {low:g} to {high:g}: a CT in HU has air (-1000) and "
+            f"tissue (above -100)"
+        )
+    return image
+
+
+def _label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the number of each voxel's component (faces), and how large each is."""
+    from ._voxel_kernels import paint_runs
+
+    runs = _Runs.find(mask.view(np.uint8))
+    numbers, count = runs.join()
+    result = np.zeros(mask.shape, dtype=np.int32)
+    zero = np.zeros(3, dtype=np.int64)
+    paint_runs(result, runs.rows, runs.begins, runs.ends, numbers + 1, mask.shape[1], zero)
+    sizes = np.zeros(count + 1, dtype=np.int64)
+    if count:
+        sizes[1:] = runs.sum_by(numbers)
+    return result, sizes
+
+
+def _find_body(ct: NDArray[Any], slices: int, source: str, progress: Progress) -> Mask:
+    """Return the largest piece of tissue, its holes filled in every slice.
+
+    It is looked for with a voxel eroded, so that a table that touches it is not taken for it.
+    """
+    from scipy import ndimage
+
+    tissue = ct > TISSUE
+    numbers, sizes = _label(ndimage.binary_erosion(tissue, border_value=1))
+    if len(sizes) < 2:
+        raise GeometryError(f"{source} has no tissue above {TISSUE:g} HU")
+    body: Mask = ndimage.binary_dilation(numbers == int(sizes.argmax()), mask=tissue)
+    del numbers
+    view = np.moveaxis(body, slices, 0)
+    for at in range(len(view)):
+        view[at] = ndimage.binary_fill_holes(view[at])
+        progress("body", (at + 1) / len(view))
+    return body
+
+
+def _find_lungs(ct: NDArray[Any], body: Mask, voxel: float) -> Mask:
+    numbers, sizes = _label(body & (ct < AIR))
+    lungs = np.zeros(ct.shape, dtype=bool)
+    for number in np.flatnonzero(sizes * voxel >= LUNG_VOLUME):
+        part = numbers == number
+        if float(np.median(ct[part])) > LUNG:
+            lungs |= part
+    return lungs
+
+
+def _find_fluid(
+    ct: NDArray[Any],
+    gas: Mask,
+    body: Mask,
+    spacing: NDArray[np.float64],
+    found: list[Finding],
+) -> Mask:
+    """Return bright fluid that lies under flat levels of gas, with the layer between.
+
+    Down is the direction, of the six along the axes, with the largest such levels. Fluid grows
+    from a level through voxels lower than it that are nearer to its own brightness than to tissue.
+    """
+    bright = body & (ct > TAGGED)
+    fluid = np.zeros(gas.shape, dtype=bool)
+    best: tuple[float, int, int, list[NDArray[np.int64]]] = (0.0, 0, 1, [])
+    for axis in range(3):
+        face = float(np.prod(np.delete(spacing, axis)))
+        for sign in (1, -1):
+            levels = _find_levels(_turn(gas, axis, sign), _turn(bright, axis, sign), face)
+            total = face * sum(len(level) for level in levels)
+            if total > best[0]:
+                best = (total, axis, sign, levels)
+    total, axis, sign, levels = best
+    if not levels:
+        message = (
+            f"no level of gas over fluid brighter than {TAGGED:g} HU was found: nothing is bridged "
+            f"(fluid without contrast medium can not be told from the wall)"
+        )
+        found.append(Finding("fluid-none", "warning", message))
+        return fluid
+    target, inside = _turn(fluid, axis, sign), _turn(body, axis, sign)
+    image, below = _turn(ct, axis, sign), _turn(bright, axis, sign)
+    for level in levels:
+        i, j, k = level.T
+        deep = np.stack([below[i + step, j, k] for step in range(1, DEPTH + 1)])
+        first = deep.argmax(axis=0) + 1
+        for step in range(1, DEPTH):
+            between = step < first
+            target[i[between] + step, j[between], k[between]] = True
+        top = int(i.min()) + 1
+        own = float(np.median(image[i + DEPTH, j, k]))
+        cut = max(TAGGED, MUSCLE + SHARE * (own - MUSCLE))
+        numbers, _ = _label(np.ascontiguousarray(inside[top:] & (image[top:] > cut)))
+        seeds = numbers[i + DEPTH - top, j, k]
+        target[top:] |= np.isin(numbers, np.setdiff1d(seeds, 0))
+    word = "level" if len(levels) == 1 else "levels"
+    message = f"{len(levels)} {word} of {total:.0f} mm^2 between gas and bright fluid bridged"
+    found.append(Finding("fluid-bridged", "note", message))
+    return fluid
+
+
+def _turn(array: NDArray[Any], axis: int, sign: int) -> NDArray[Any]:
+    """Return a view in which down is along the first axis."""
+    return np.moveaxis(array, axis, 0)[::sign]
+
+
+def _find_levels(gas: Mask, bright: Mask, face: float) -> list[NDArray[np.int64]]:
+    """Return the voxels of gas above each flat level; down is along the first axis."""
+    if len(gas) <= DEPTH:
+        return []
+    depth = DEPTH
+    over = np.zeros((len(gas) - depth, *gas.shape[1:]), dtype=bool)
+    for step in range(1, depth + 1):
+        over |= bright[step : len(gas) - depth + step]
+    over &= gas[:-depth] & ~gas[1 : len(gas) - depth + 1]
+    runs = _Runs.find(over.view(np.uint8))
+    if len(runs.rows) == 0:
+        return []
+    numbers, count = runs.join(corners=True)
+    height = runs.rows // runs.shape[1]
+    high, low = np.full(count, -1), np.full(count, len(gas))
+    np.maximum.at(high, numbers, height)
+    np.minimum.at(low, numbers, height)
+    flat = (high - low <= 1) & (runs.sum_by(numbers) * face >= LEVEL_AREA)
+    return [runs.keep(numbers == at).expand() for at in np.flatnonzero(flat)]
+
+
+def _find_seeded(
+    runs: _Runs, numbers: NDArray[np.int64], axes: NDArray[np.float64], seeds: ArrayLike
+) -> NDArray[np.int64]:
+    """Return the components nearest to points, each within `NEAR`."""
+    points = np.atleast_2d(check_points("seeds", seeds))
+    places = np.linalg.solve(axes[:3, :3], (points - axes[:3, 3]).T).T
+    i, j = runs.split_rows()
+    wanted = []
+    for point, place in zip(points, places, strict=True):
+        along = np.clip(np.rint(place[2]), runs.begins, runs.ends - 1)
+        nearest = np.stack([i, j, along], axis=1)
+        distance = np.linalg.norm((nearest - place) @ axes[:3, :3].T, axis=1)
+        at = int(distance.argmin())
+        if distance[at] > NEAR:
+            text = ", ".join(f"{value:g}" for value in point)
+            raise InputError(
+                f"seed ({text}) mm lies {distance[at]:.1f} mm from the nearest gas that is not "
+                f"lung: it must lie within {NEAR:g} mm"
+            )
+        wanted.append(int(numbers[at]))
+    return np.unique(wanted)
+
+
+def _describe_segments(
+    runs: _Runs,
+    numbers: NDArray[np.int64],
+    chosen: NDArray[np.int64],
+    axes: NDArray[np.float64],
+    fluid: NDArray[np.int64],
+) -> tuple[GasSegment, ...]:
+    """Return the segments; `fluid` holds the number of voxels of fluid of each label."""
+    voxel = abs(float(np.linalg.det(axes[:3, :3])))
+    sizes = runs.sum_by(numbers)
+    places = runs.find_places(numbers, axes)
+    i, j = runs.split_rows()
+    edges = (i == 0) | (i == runs.shape[0] - 1) | (j == 0) | (j == runs.shape[1] - 1)
+    edges |= (runs.begins == 0) | (runs.ends == runs.shape[2])
+    cut = np.zeros(len(sizes), dtype=bool)
+    cut[numbers[edges]] = True
+    return tuple(
+        GasSegment(
+            label=label,
+            volume=float(sizes[at]) * voxel,
+            point=(float(places[at, 0]), float(places[at, 1]), float(places[at, 2])),
+            fluid=float(fluid[label]) * voxel,
+            at_border=bool(cut[at]),
+        )
+        for label, at in enumerate(chosen, start=1)
+    )

@@ -1,0 +1,471 @@
+"""The two ends of the way: what the user named, what the file offers, and which is the entry.
+
+Nothing in the shape of a lumen tells its entry: "the higher end" is wrong on every colon, "the
+wider end" and "the end from which a scope gets farther" are wrong or tied on some. The organ
+decides. Where it is not known, both ends are tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..anatomy.findings import Finding
+from ..anatomy.frame import find_axis
+from ..anatomy.tract import LabelTract, SurfaceTract
+from ..checks import check_points
+from ..duct import Centreline, SampledField, find_centreline
+from ..errors import GeometryError, InputError
+from ..progress import Progress, no_progress
+
+__all__ = [
+    "Candidate",
+    "End",
+    "Place",
+    "Way",
+    "find_way",
+    "list_branches",
+    "resolve_places",
+    "turn_way",
+]
+
+End = ArrayLike | int | str | None
+"""An end of the way: a point (3,) [mm], a label (number or name), the name of a landmark or of an
+opening, ``"largest-opening"``, or None to find it."""
+
+ENTRY_LANDMARKS = {
+    "colon": ("anus", "anal"),
+    "upper-tract": ("mouth", "incisor", "pharyn"),
+    "small-bowel": ("gastro-duoden", "pylor"),
+}
+"""What the name of a landmark at the entry of an organ contains."""
+
+OPENING_RADIUS = 3.0
+"""A smaller opening is not taken for an end of the tract [mm]."""
+
+OPENING_REACH = 25.0
+"""An opening this near to an end that was found is that end [mm], or within two radii of it."""
+
+LANDMARK_REACH = 25.0
+"""A landmark may lie this far outside the lumen [mm]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Place:
+    """A place that was named: a point, or the voxels of a label.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    given : object
+        What was given, as JSON-able values.
+    kind : {"point", "label", "landmark", "opening"}
+    points : ndarray
+        One point (3,), or the centres of voxels (k, 3); world frame [mm].
+    radius : float
+        Of an opening [mm], else 0.
+    """
+
+    name: str
+    given: Any
+    kind: Literal["point", "label", "landmark", "opening"]
+    points: NDArray[np.float64]
+    radius: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A place of the tract where a way could begin or end.
+
+    Attributes
+    ----------
+    kind : {"end", "opening", "landmark"}
+        An end of the lumen that was found, an opening of the file's surface, or a named place.
+    name : str
+    point : tuple of float
+        World frame [mm].
+    role : {"entry", "goal", ""}
+        What it was taken for.
+    radius : float or None
+        Of an opening [mm].
+    length : float or None
+        Of the centreline from its opposite end to here, for an end that was not taken [mm].
+    """
+
+    kind: Literal["end", "opening", "landmark"]
+    name: str
+    point: tuple[float, float, float]
+    role: Literal["entry", "goal", ""] = ""
+    radius: float | None = None
+    length: float | None = None
+
+    def describe(self) -> dict[str, Any]:
+        """Return JSON-able values."""
+        return {
+            "kind": self.kind,
+            "name": self.name,
+            "point_mm": [round(value, 3) for value in self.point],
+            "role": self.role,
+            "radius_mm": self.radius,
+            "length_mm": self.length,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Way:
+    """The way of a scope: its centreline from the entry on, and how that entry was chosen.
+
+    Attributes
+    ----------
+    line : Centreline
+    basis : str
+        Why this end is the entry, in words.
+    decided : bool
+        Whether that is known; otherwise the other end may be the entry as well.
+    goal : str
+        What the way leads to: ``"the far end"``, or the name of what was given.
+    candidates : tuple of Candidate
+    findings : tuple of Finding
+    """
+
+    line: Centreline
+    basis: str
+    decided: bool
+    goal: str
+    candidates: tuple[Candidate, ...]
+    findings: tuple[Finding, ...] = ()
+
+
+def resolve_places(
+    tract: LabelTract | SurfaceTract, start: End, end: End, via: Sequence[End] = ()
+) -> tuple[Place | None, Place | None, tuple[Place, ...]]:
+    """Turn what was given into places, before any long work.
+
+    Raises
+    ------
+    InputError
+        If a name, label or point is none of the tract's; the legal ones are named.
+    """
+    stops = tuple(_resolve(tract, "via", chosen) for chosen in via)
+    return (
+        _resolve(tract, "start", start),
+        _resolve(tract, "end", end),
+        tuple(place for place in stops if place is not None),
+    )
+
+
+def find_way(
+    tract: LabelTract | SurfaceTract,
+    field: SampledField,
+    places: tuple[Place | None, Place | None, tuple[Place, ...]],
+    *,
+    reverse: bool = False,
+    progress: Progress = no_progress,
+) -> Way:
+    """Find the centreline of a tract, from the end that is its entry to the other.
+
+    The entry is what was given; else the organ's: a colon is entered from its lower end, every
+    other organ from its higher one, in the axes of the patient, or at a landmark that marks the
+    entry. Of an unknown organ the higher end is taken, and the way is marked as not decided.
+
+    Parameters
+    ----------
+    places
+        What `resolve_places` gives.
+    reverse : bool
+        Enter at the other end.
+    """
+    start, end, via = places
+    findings: list[Finding] = []
+    taken: list[Place | None] = [start, end]
+    if start is None and end is None and not via:
+        wide = [o for o in tract.openings if o.radius >= OPENING_RADIUS]
+        if len(wide) == 2:  # a file with two open ends is clear about its ends
+            taken = [_resolve(tract, "start", opening.name) for opening in wide]
+    line = _find_line(field, taken, via, progress)
+    basis, decided = "it was given", True
+    if start is None and end is None:
+        line, basis, decided, assumed = _orient(tract, line)
+        if assumed:
+            findings.append(
+                Finding(
+                    "frame-assumed",
+                    "warning",
+                    f"which end is the {assumed} one was judged with +z to the patient's head: "
+                    "the file does not state its axes; give --frame",
+                )
+            )
+    elif start is None:
+        basis = "it is the far end from the end that was given"
+    if reverse:
+        line, basis = line.reverse(), f"reversed ({basis})"
+    goal = end if not reverse else start
+    words = "the far end" if goal is None else f"the given end ({goal.name})"
+    candidates = _list_candidates(tract, line)
+    findings += list_branches(line)
+    return Way(
+        line=line,
+        basis=basis,
+        decided=decided,
+        goal=words,
+        candidates=candidates,
+        findings=tuple(findings),
+    )
+
+
+def turn_way(tract: LabelTract | SurfaceTract, way: Way, basis: str) -> Way:
+    """Return the same way from its other end."""
+    line = way.line.reverse()
+    other = {item.code: item for item in way.findings if item.code != "branches"}
+    return Way(
+        line=line,
+        basis=basis,
+        decided=way.decided,
+        goal=way.goal,
+        candidates=_list_candidates(tract, line),
+        findings=(*other.values(), *list_branches(line)),
+    )
+
+
+def _find_line(
+    field: SampledField,
+    taken: Sequence[Place | None],
+    via: Sequence[Place],
+    progress: Progress,
+) -> Centreline:
+    points: list[NDArray[np.float64] | None] = [None, None]
+    regions: list[NDArray[np.float64] | None] = [None, None]
+    for k, place in enumerate(taken):
+        if place is not None and place.kind == "label":
+            regions[k] = place.points
+        elif place is not None:
+            points[k] = _step_inside(field, place)
+    stops = [p.points if p.kind == "label" else _step_inside(field, p) for p in via]
+    return find_centreline(
+        field,
+        (points[0], points[1]),
+        regions=(regions[0], regions[1]),
+        via=stops,
+        progress=progress,
+    )
+
+
+def _step_inside(field: SampledField, place: Place) -> NDArray[np.float64]:
+    """Return a point in the lumen for a place that may lie on the wall: a cap, a landmark.
+
+    It is the nearest node with about the opening's radius (at a landmark 5 mm) of room that is
+    seen from there through the lumen; if none has that, the roomiest.
+    """
+    point = np.array(place.points, dtype=np.float64)
+    if place.kind == "point":
+        return point
+    from scipy.spatial import cKDTree
+
+    rest = field.inflate(-field.inflation)
+    enough = 0.9 * place.radius if place.kind == "opening" else 5.0
+    if -float(rest.signed_distance(point)) >= enough:
+        return point
+    nodes = rest.to_world(np.argwhere(rest.values < 0.0) * rest.spacing)
+    tree = cKDTree(nodes)
+    gap, nearest = tree.query(point)
+    if gap > max(LANDMARK_REACH, 2.0 * place.radius):
+        raise GeometryError(f"{place.name} lies {gap:.0f} mm outside the lumen: give a point")
+    first = nodes[nearest]
+    near = nodes[tree.query_ball_point(first, 2.0 * enough)]
+    near = near[np.argsort(np.linalg.norm(near - first, axis=1), kind="stable")]
+    room = -rest.signed_distance(near)
+    share = np.linspace(0.0, 1.0, 21)[:, None, None]
+    seen = (rest.signed_distance(first + share * (near - first)) < 0.0).all(axis=0)
+    wide = np.flatnonzero(seen & (room >= enough))
+    return np.asarray(near[wide[0]] if len(wide) else near[np.argmax(np.where(seen, room, 0.0))])
+
+
+def _orient(
+    tract: LabelTract | SurfaceTract, line: Centreline
+) -> tuple[Centreline, str, bool, str]:
+    """Turn a line so that it begins at the organ's entry.
+
+    Returns the line, why, whether that is known, and "lower" or "higher" where a frame had to be
+    assumed for it.
+    """
+    ends = line.points[[0, -1]]
+    organ = tract.organ or _guess_organ(tract)
+    for part in ENTRY_LANDMARKS.get(organ or "", ()):
+        for name, place in tract.landmarks.items():
+            if part in name.lower():
+                gaps = np.linalg.norm(ends - np.array(place), axis=1)
+                turned = line.reverse() if gaps[1] < gaps[0] else line
+                return turned, f"the landmark '{name}' marks the entry of the {organ}", True, ""
+    head = find_axis(tract.frame or "RAS", "S")
+    heights = ends @ head
+    which = "lower" if organ == "colon" else "higher"
+    if organ == "colon" and abs(heights[0] - heights[1]) < 0.1 * np.ptp(line.points @ head):
+        # About level: the rectum lies in front of the sacrum, behind everything else.
+        which, heights = "rear", ends @ find_axis(tract.frame or "RAS", "P")
+    first = int(np.argmin(heights)) if which == "lower" else int(np.argmax(heights))
+    turned = line.reverse() if first == 1 else line
+    if organ is None:
+        return turned, "the organ is not known: the higher end", False, ""
+    named = {"lower": "lower", "higher": "higher", "rear": "rear (both are about level)"}[which]
+    return (
+        turned,
+        f"{_article(organ)} is entered at its {named} end",
+        True,
+        which if tract.frame is None else "",
+    )
+
+
+def _article(organ: str) -> str:
+    name = organ.replace("-", " ")
+    return f"an {name}" if name.startswith("upper") else f"a {name}"
+
+
+def _guess_organ(tract: LabelTract | SurfaceTract) -> str | None:
+    """Return the organ whose entry is among the landmarks, if that is only one."""
+    names = [name.lower() for name in tract.landmarks]
+    found = [
+        organ
+        for organ, parts in ENTRY_LANDMARKS.items()
+        if any(part in name for part in parts for name in names)
+    ]
+    return found[0] if len(found) == 1 else None
+
+
+def _list_candidates(tract: LabelTract | SurfaceTract, line: Centreline) -> tuple[Candidate, ...]:
+    """Return the two ends of the line, the others that were found, openings and landmarks."""
+    found: list[Candidate] = []
+    openings = sorted(tract.openings, key=lambda opening: -opening.radius)
+    roles: dict[str, Literal["entry", "goal"]] = {}
+    ends: tuple[tuple[Literal["entry", "goal"], int], ...] = (("entry", 0), ("goal", -1))
+    for role, at in ends:
+        point = line.points[at]
+        near = [
+            (float(np.linalg.norm(point - np.array(o.point))), o.name)
+            for o in openings
+            if o.name not in roles
+            and np.linalg.norm(point - np.array(o.point)) <= max(OPENING_REACH, 2.0 * o.radius)
+        ]
+        if near:
+            roles[min(near)[1]] = role
+        x, y, z = (float(v) for v in point)
+        name = f"{role}, at the opening '{min(near)[1]}'" if near else role
+        found.append(Candidate(kind="end", name=name, point=(x, y, z), role=role))
+    found += [
+        Candidate(
+            kind="end",
+            name=f"further end, could be the {'entry' if other.end == 'start' else 'goal'}",
+            point=other.point,
+            length=other.distance,
+        )
+        for other in line.other_ends
+    ]
+    found += [
+        Candidate(
+            kind="opening", name=o.name, point=o.point, role=roles.get(o.name, ""), radius=o.radius
+        )
+        for o in openings
+    ]
+    found += [
+        Candidate(kind="landmark", name=name, point=place)
+        for name, place in tract.landmarks.items()
+    ]
+    return tuple(found)
+
+
+def list_branches(line: Centreline) -> tuple[Finding, ...]:
+    """Return a warning for every other end that the centreline could have had."""
+    found = []
+    for other in line.other_ends:
+        place = ", ".join(f"{value:.0f}" for value in other.point)
+        opposite = "start" if other.end == "end" else "end"
+        message = (
+            f"another end was found near ({place}) mm, about {other.distance:.0f} mm of centreline "
+            f"from the {opposite}: give --{other.end} to choose"
+        )
+        found.append(Finding("branches", "warning", message))
+    return tuple(found)
+
+
+def _resolve(tract: LabelTract | SurfaceTract, option: str, chosen: End) -> Place | None:
+    if chosen is None:
+        return None
+    if isinstance(chosen, (bool, np.bool_)):
+        raise InputError(
+            f"{option} is {bool(chosen)}: it must be a point (x, y, z) in mm, a name, or the "
+            "number of a label"
+        )
+    if isinstance(chosen, Integral):
+        return _find_label(tract, option, int(chosen))
+    if isinstance(chosen, str):
+        return _find_name(tract, option, chosen)
+    point = check_points(option, chosen)
+    if point.shape != (3,):
+        raise InputError(f"{option} has shape {point.shape}: it must be (3,)")
+    place = ", ".join(f"{value:g}" for value in point)
+    return Place(name=f"({place}) mm", given=point.tolist(), kind="point", points=point)
+
+
+def _find_label(tract: LabelTract | SurfaceTract, option: str, label: int) -> Place:
+    if not isinstance(tract, LabelTract):
+        raise InputError(f"{option} is label {label}, but a surface has no labels: give a point")
+    there = tract.label_values
+    if label not in there:
+        raise InputError(
+            f"{option} is label {label}, which is not in the lumen: it must be one of "
+            f"{', '.join(str(v) for v in there)}"
+        )
+    voxels = np.argwhere(tract.labels == label)
+    centres = np.asarray(voxels @ tract.affine[:3, :3].T + tract.affine[:3, 3])
+    named = tract.label_names.get(label)
+    name = f"label {label}" + (f", {named}" if named else "")
+    return Place(name=name, given=label, kind="label", points=centres)
+
+
+def _find_name(tract: LabelTract | SurfaceTract, option: str, chosen: str) -> Place:
+    wanted = " ".join(chosen.split()).lower()
+    if isinstance(tract, LabelTract):
+        for label, name in tract.label_names.items():
+            if name.lower() == wanted and label in tract.label_values:
+                place = _find_label(tract, option, label)
+                return Place(name=place.name, given=name, kind="label", points=place.points)
+    for name, point in tract.landmarks.items():
+        if name.lower() == wanted:
+            return Place(
+                name=f"landmark '{name}'", given=name, kind="landmark", points=np.array(point)
+            )
+    openings = sorted(tract.openings, key=lambda opening: -opening.radius)
+    for k, opening in enumerate(openings):
+        if opening.name.lower() == wanted or (k == 0 and wanted == "largest-opening"):
+            return Place(
+                name=f"opening '{opening.name}'",
+                given=opening.name,
+                kind="opening",
+                points=np.array(opening.point),
+                radius=opening.radius,
+            )
+    raise InputError(
+        f"{option} is '{chosen}', which names nothing in this tract: it must be a point "
+        f"x,y,z{_list_names(tract)}"
+    )
+
+
+def _list_names(tract: LabelTract | SurfaceTract, most: int = 12) -> str:
+    """Return the names that an end may have, as what follows "a point x,y,z"."""
+    names: list[str] = []
+    if isinstance(tract, LabelTract):
+        for label in tract.label_values:
+            named = tract.label_names.get(label)
+            names.append(f"{label} ({named})" if named else f"{label}")
+    names += [f"'{name}'" for name in tract.landmarks]
+    if tract.openings:
+        names += ["'largest-opening'", *(f"'{opening.name}'" for opening in tract.openings)]
+    if not names:
+        return "; it has no labels, landmarks or openings"
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f", or one of {', '.join(names[:most])}{more}"

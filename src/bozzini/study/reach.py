@@ -1,0 +1,185 @@
+"""What of a lumen a way does not reach: other components, what lies beyond its ends, branches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..anatomy.tract import LabelTract, SurfaceTract
+from ..duct import Centreline, SampledField
+
+__all__ = ["Unreached", "find_unreached"]
+
+SHARE_MIN = 0.02
+"""A smaller share of the lumen is not listed."""
+
+SHARE_STATED = 0.10
+"""From this share of the lumen on, or from `LENGTH_STATED` on, a part stands in the verdict."""
+
+LENGTH_STATED = 40.0
+"""How far a part that stands in the verdict reaches away from the way's own width [mm]."""
+
+SUBSAMPLE = 200_000
+"""About so many nodes of the lumen are looked at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unreached:
+    """A part of the lumen that the way does not reach.
+
+    Attributes
+    ----------
+    kind : {"component", "before", "beyond", "branch"}
+        Not joined to the lumen of the way; before its entry; beyond its goal; beside it.
+    volume : float
+        [mm^3].
+    share : float
+        Of the volume of the whole lumen, this part and all other components included.
+    point : tuple of float
+        In it, farthest from the way, world frame [mm].
+    at : float or None
+        Where it leaves the way: arc length of the centreline [mm].
+    length : float or None
+        How far it reaches, in a straight line, from the body of lumen along the way [mm].
+    name : str
+        Names of its labels, where there are any.
+    """
+
+    kind: Literal["component", "before", "beyond", "branch"]
+    volume: float
+    share: float
+    point: tuple[float, float, float]
+    at: float | None = None
+    length: float | None = None
+    name: str = ""
+
+    @property
+    def stated(self) -> bool:
+        """Whether it is large enough to stand in the verdict."""
+        long = self.length is None or self.length >= LENGTH_STATED
+        return self.share >= SHARE_STATED or (long and self.share >= SHARE_MIN)
+
+    @property
+    def words(self) -> str:
+        """The part in a few words."""
+        size = f"{self.volume / 1000.0:.3g} mL ({100.0 * self.share:.0f} % of the lumen)"
+        named = f" ({self.name})" if self.name else ""
+        if self.kind == "component":
+            return f"a separate component{named} of {size}"
+        if self.kind == "beyond":
+            return f"{size} beyond the goal"
+        if self.kind == "before":
+            return f"{size} before the entry"
+        return f"a side branch of {size} at {self.at or 0.0:.0f} mm of the centreline"
+
+    def describe(self) -> dict[str, Any]:
+        """Return JSON-able values."""
+        return {
+            "kind": self.kind,
+            "volume_mm3": self.volume,
+            "share": self.share,
+            "point_mm": [round(value, 3) for value in self.point],
+            "at_mm": self.at,
+            "length_mm": self.length,
+            "name": self.name,
+            "stated": self.stated,
+            "text": self.words,
+        }
+
+
+def find_unreached(
+    tract: LabelTract | SurfaceTract, field: SampledField, line: Centreline
+) -> tuple[Unreached, ...]:
+    """Find the parts of a tract's lumen that a centreline does not reach, largest first.
+
+    A node of the lumen belongs to the way if it is no farther from the centreline than 1.5 times
+    the largest inscribed radius within about that distance, and 5 mm more: this holds the lumen
+    round the line also where its section is not round. What is farther is grouped into connected
+    parts. Components that are not in the field at all are those that the tract lists.
+    """
+    from scipy import ndimage
+    from scipy.spatial import cKDTree
+
+    rest = field.inflate(-field.inflation)
+    index = np.argwhere(rest.values < 0.0)
+    stride = max(1, round((len(index) / SUBSAMPLE) ** (1.0 / 3.0)))
+    thin = index[(index % stride == 0).all(axis=1)]
+    if len(thin) < 8:
+        thin, stride = index, 1
+    cell = tract.volume / len(thin)
+    grid = rest.to_grid(line.points)
+    distance, nearest = cKDTree(grid).query(thin * rest.spacing)
+    room = np.maximum(line.radius - field.inflation, 0.0)
+    far = distance > 1.5 * _spread(room, line.arc_length)[nearest] + 5.0
+    others = [
+        (part.volume, part.point, part.label_names) for part in getattr(tract, "not_reached", ())
+    ]
+    total = len(thin) * cell + sum(volume for volume, _, _ in others)
+    found = [
+        Unreached(
+            kind="component",
+            volume=part.volume,
+            share=part.volume / total,
+            point=part.point,
+            name=", ".join(part.label_names),
+        )
+        for part in tract.not_reached
+    ]
+    if far.any():
+        nodes = thin // stride
+        low = nodes.min(axis=0)
+        shape = tuple(nodes.max(axis=0) - low + 1)
+        mask = np.zeros(shape, dtype=bool)
+        mask[tuple((nodes[far] - low).T)] = True
+        marks, _ = ndimage.label(mask, structure=np.ones((3, 3, 3)))
+        number = marks[tuple((nodes - low).T)]
+        joined = _find_joined(marks, nodes[~far] - low)
+        for part in range(1, int(number.max()) + 1):
+            chosen = np.flatnonzero(number == part)
+            share = len(chosen) * cell / total
+            if share < SHARE_MIN:
+                continue
+            mouth, tip = chosen[np.argmin(distance[chosen])], chosen[np.argmax(distance[chosen])]
+            x, y, z = (float(v) for v in rest.to_world(thin[tip] * rest.spacing))
+            at = float(line.arc_length[nearest[mouth]])
+            kind: Literal["component", "before", "beyond", "branch"] = "branch"
+            if part not in joined:
+                kind = "component"
+            elif at <= max(5.0, 1.5 * room[0]):
+                kind = "before"
+            elif at >= line.length - max(5.0, 1.5 * room[-1]):
+                kind = "beyond"
+            found.append(
+                Unreached(
+                    kind=kind,
+                    volume=len(chosen) * cell,
+                    share=share,
+                    point=(x, y, z),
+                    at=at,
+                    length=float(distance[tip] - distance[mouth]),
+                )
+            )
+    return tuple(sorted(found, key=lambda part: -part.volume))
+
+
+def _spread(radius: NDArray[np.float64], arc: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return for each point the largest radius within that radius along the line."""
+    from scipy.ndimage import maximum_filter1d
+
+    step = float(arc[-1]) / max(len(arc) - 1, 1)
+    half = int(np.median(radius) / max(step, 1e-9)) + 1
+    return np.asarray(maximum_filter1d(radius, 2 * half + 1))
+
+
+def _find_joined(marks: NDArray[np.int32], near: NDArray[np.int64]) -> set[int]:
+    """Return the numbers of the parts that touch one of the nodes near the way."""
+    joined: set[int] = set()
+    shape = np.array(marks.shape)
+    for step in np.argwhere(np.ones((3, 3, 3))) - 1:
+        beside = near + step
+        beside = beside[((beside >= 0) & (beside < shape)).all(axis=1)]
+        joined.update(np.unique(marks[tuple(beside.T)]).tolist())
+    return joined

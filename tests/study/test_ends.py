@@ -1,0 +1,313 @@
+"""Which end is the entry, named places, what is not reached, and the files for other tools."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from pathlib import Path
+
+import nibabel
+import numpy as np
+import pytest
+
+from bozzini.anatomy.labels import tract_from_labels
+from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
+from bozzini.cli._tract_options import _ORGANS
+from bozzini.duct import build_field, find_centreline
+from bozzini.errors import InputError
+from bozzini.motion import Scope
+from bozzini.study import run_insertion
+from bozzini.study.ends import find_way, resolve_places
+from bozzini.study.exports import write_centreline, write_volumes
+from bozzini.study.reach import find_unreached
+from bozzini.view.verdict import judge_plan
+from tests.shapes import curve_distance
+
+VOXEL = 2.0
+SCOPE = Scope(diameter=5.0, link_length=8.0)
+LOW, HIGH = np.array([0.0, -30.0, -60.0]), np.array([50.0, 10.0, 20.0])
+# Up on one side, across, and half-way down on the other: the wide end is the low one.
+COLON = np.array([LOW, [0.0, 0.0, 50.0], [50.0, 0.0, 50.0], HIGH])
+
+
+def make_tract(*curves: np.ndarray, radius: float = 8.0, split: bool = False) -> LabelTract:
+    points = np.concatenate(curves)
+    low = points.min(axis=0) - radius - 4.0 * VOXEL
+    axes = [
+        np.arange(a, b + radius + 4.0 * VOXEL, VOXEL)
+        for a, b in zip(low, points.max(axis=0), strict=True)
+    ]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    inside = np.min([curve_distance(curve, radius)(grid) for curve in curves], axis=0) < 0.0
+    labels = np.where(inside, np.where(split & (grid[..., 2] > 30.0), 2, 1), 0).astype(np.uint16)
+    affine = np.diag([VOXEL, VOXEL, VOXEL, 1.0])
+    affine[:3, 3] = low
+    return tract_from_labels(labels, affine, source="tube")
+
+
+@pytest.fixture(scope="module")
+def tract() -> LabelTract:
+    made = make_tract(COLON, split=True)
+    return replace(
+        made,
+        frame="RAS",
+        label_names={1: "sigmoid", 2: "transverse"},
+        landmarks={"splenic flexure": (0.0, 0.0, 50.0), "appendix tip": tuple(HIGH)},
+        openings=(
+            Opening(point=(0.0, -34.0, -67.0), radius=8.0, name="opening 1"),
+            Opening(point=(0.0, 8.0, 50.0), radius=2.0, name="opening 2"),
+        ),
+    )
+
+
+def near(point: np.ndarray, place: np.ndarray, reach: float = 16.0) -> bool:
+    return bool(np.linalg.norm(point - place) < reach)
+
+
+def way_of(tract: LabelTract, *ends: object, **options: object) -> object:
+    return find_way(tract, build_field(tract), resolve_places(tract, *ends), **options)
+
+
+@pytest.mark.parametrize(
+    ("organ", "frame", "landmark", "first"),
+    [
+        ("colon", "RAS", None, LOW),
+        ("upper-tract", "RAS", None, HIGH),
+        ("small-bowel", "LPS", None, HIGH),
+        # +z to the feet: what has the smaller z lies higher in the patient.
+        ("colon", "RPI", None, HIGH),
+        ("upper-tract", "RPI", None, LOW),
+        # A landmark at the entry is worth more than any axis, and says which organ it is.
+        ("colon", "RPI", ("anus", LOW), LOW),
+        (None, None, ("Anus", LOW), LOW),
+        (None, None, ("mouth", LOW), LOW),
+    ],
+)
+def test_the_organ_decides_the_entry(tract, organ, frame, landmark, first) -> None:
+    marks = {landmark[0]: tuple(landmark[1])} if landmark else {}
+    way = way_of(replace(tract, organ=organ, frame=frame, landmarks=marks), None, None)
+    assert near(way.line.points[0], first), way.basis
+    assert way.decided
+    assert not [item for item in way.findings if item.code == "frame-assumed"]
+
+
+def test_level_ends_of_a_colon_are_told_apart_by_the_back() -> None:
+    rear, front = np.array([0.0, -40.0, 0.0]), np.array([60.0, 20.0, 0.0])
+    level = make_tract(np.array([rear, [0.0, 0.0, 60.0], [60.0, 0.0, 60.0], front]))
+    for frame, first in (("RAS", rear), ("RPS", front)):
+        way = way_of(replace(level, organ="colon", frame=frame), None, None)
+        assert near(way.line.points[0], first)
+        assert "rear" in way.basis
+
+
+def test_an_assumed_frame_is_a_finding(tract) -> None:
+    way = way_of(replace(tract, organ="colon", frame=None, landmarks={}), None, None)
+    assert [item.code for item in way.findings] == ["frame-assumed"]
+    assert near(way.line.points[0], LOW)
+
+
+def test_places_have_names(tract) -> None:
+    by_name = {
+        "splenic flexure": [0.0, 0.0, 50.0],
+        "Opening 1": [0.0, -34.0, -67.0],
+        "largest-opening": [0.0, -34.0, -67.0],
+    }
+    for name, place in by_name.items():
+        way = way_of(tract, name, None)
+        assert near(way.line.points[0], np.array(place), 10.0), name
+        assert way.line.radius[0] > 4.0  # a place on the wall is moved into the lumen
+    for name, number in (("Transverse", 2), ("sigmoid", 1)):
+        named, numbered = way_of(tract, name, None), way_of(tract, number, None)
+        assert named.line.points == pytest.approx(numbered.line.points)
+    assert way_of(tract, None, "appendix tip").goal == "the given end (landmark 'appendix tip')"
+
+
+def test_a_wrong_name_lists_the_legal_ones_in_one_line(tract) -> None:
+    with pytest.raises(InputError) as caught:
+        resolve_places(tract, "caecum", None)
+    text = str(caught.value)
+    for word in ("start is 'caecum'", "1 (sigmoid)", "'splenic flexure'", "'opening 2'"):
+        assert word in text
+    assert "\n" not in text
+    bare = replace(tract, landmarks={}, openings=(), label_names={})
+    with pytest.raises(InputError, match="via is 'x'.* or one of 1, 2$"):
+        resolve_places(bare, None, None, ("x",))
+
+
+def test_via_chooses_between_two_ways() -> None:
+    # A ring: the short half is taken, unless the way shall go through the long one.
+    low, high = np.array([0.0, 0.0, -60.0]), np.array([0.0, 0.0, 60.0])
+    short = np.array([low, [0.0, 0.0, -30.0], [20.0, 0.0, 0.0], [0.0, 0.0, 30.0], high])
+    long = np.array([[0.0, 0.0, -30.0], [-45.0, 0.0, 0.0], [0.0, 0.0, 30.0]])
+    ring = make_tract(short, long, radius=7.0)
+    field = build_field(ring)
+    plain = find_centreline(field, (low, high))
+    there = np.array([-45.0, 0.0, 0.0])
+    through = find_centreline(field, (low, high), via=[there])
+    assert np.linalg.norm(plain.points - there, axis=1).min() > 40.0
+    assert np.linalg.norm(through.points - there, axis=1).min() < 8.0
+    assert through.length > plain.length + 10.0
+    assert np.all(field.signed_distance(through.points) < 0.0)
+    # The same by a label.
+    labels = ring.labels.copy()
+    centres = np.argwhere(labels > 0) @ ring.affine[:3, :3].T + ring.affine[:3, 3]
+    chosen = np.argwhere(labels > 0)[centres[:, 0] < -35.0]
+    labels[tuple(chosen.T)] = 5
+    marked = replace(ring, labels=labels)
+    way = find_way(marked, field, resolve_places(marked, low, high, (5,)))
+    assert way.line.points[:, 0].min() < -35.0
+
+
+@pytest.fixture(scope="module")
+def both(tract):
+    bare = replace(tract, organ=None, landmarks={}, openings=())
+    return bare, run_insertion(bare, scope=SCOPE, head_step=2.0)
+
+
+def test_of_an_unknown_organ_both_ends_are_tried_and_named(both) -> None:
+    bare, study = both
+    summary = study.summarise()
+    assert len(summary["entries"]) == 2
+    firsts = np.array([entry["point_mm"] for entry in summary["entries"]])
+    assert firsts[0] == pytest.approx(study.line.points[0], abs=1e-3)
+    assert firsts[1] == pytest.approx(study.line.points[-1], abs=1e-3)
+    (note,) = (item for item in study.findings if item.code == "organ-unknown")
+    for point in firsts:
+        assert f"({', '.join(f'{v:.0f}' for v in point)}) mm" in note.message
+    other = run_insertion(bare, scope=SCOPE, head_step=2.0, reverse=True)
+    assert other.line.points[0] == pytest.approx(study.line.points[-1])
+    known = run_insertion(replace(bare, organ="colon"), scope=SCOPE, head_step=2.0)
+    assert "entries" not in known.summarise()
+    same = study if near(study.line.points[0], LOW) else other
+    assert known.plan.joints == pytest.approx(same.plan.joints)
+
+
+def test_the_end_that_gets_farther_is_taken() -> None:
+    # Narrow at its higher end, and a scope that does not go through there.
+    wide, narrow = np.array([[0, 0, -80.0], [0, 0, 20.0]]), np.array([[0, 0, 20.0], [0, 0, 70.0]])
+    points = np.concatenate([wide, narrow])
+    low = points.min(axis=0) - 20.0
+    axes = [np.arange(a, b + 20.0, 1.5) for a, b in zip(low, points.max(axis=0), strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    inside = np.minimum(curve_distance(wide, 9.0)(grid), curve_distance(narrow, 5.0)(grid)) < 0.0
+    affine = np.diag([1.5, 1.5, 1.5, 1.0])
+    affine[:3, 3] = low
+    funnel = tract_from_labels(inside.astype(np.uint16), affine, source="funnel")
+    study = run_insertion(funnel, scope=Scope(diameter=13.0, link_length=8.0), head_step=2.0)
+    assert study.line.points[0, 2] < study.line.points[-1, 2]
+    entries = study.summarise()["entries"]
+    assert entries[0]["inserted_mm"] > entries[1]["inserted_mm"]
+
+
+def test_what_lies_beyond_a_given_end_stands_in_the_verdict(tract) -> None:
+    end = COLON[1]
+    study = run_insertion(
+        replace(tract, organ="colon"), scope=SCOPE, end=end, head_step=2.0, start=LOW
+    )
+    (part,) = study.unreached
+    assert part.kind == "beyond"
+    # The rest of the tube, but for about a sphere round the end.
+    rest = np.linalg.norm(COLON[2] - COLON[1]) + np.linalg.norm(COLON[3] - COLON[2])
+    whole = rest + np.linalg.norm(COLON[1] - COLON[0])
+    assert 0.5 * rest / whole < part.share < rest / whole
+    summary = study.summarise()
+    verdict = judge_plan(study.plan, summary, error=summary["clearance_error_mm"])
+    assert verdict.label.startswith("Fits to the given end")
+    assert "beyond the goal" in verdict.sentence
+
+
+def test_a_whole_tube_is_reached_and_a_side_branch_is_not(tract) -> None:
+    field = build_field(tract)
+    assert find_unreached(tract, field, find_centreline(field)) == ()
+    branch = np.array([[0.0, 0.0, 50.0], [0.0, 75.0, 50.0]])
+    forked = make_tract(COLON, branch)
+    lumen = build_field(forked)
+    line = find_centreline(lumen, (LOW, HIGH))
+    (part,) = find_unreached(forked, lumen, line)
+    assert part.kind == "branch" and part.stated
+    assert near(np.array(part.point), branch[1])
+    flexure = line.arc_length[np.argmin(np.linalg.norm(line.points - branch[0], axis=1))]
+    assert part.at == pytest.approx(flexure, abs=15.0)
+
+
+def test_a_component_that_is_not_joined_stands_in_the_verdict(tract, both) -> None:
+    bare, study = both
+    part = Component(volume=0.3 * bare.volume, point=(0.0, 0.0, 0.0), label_names=("caecum",))
+    torn = replace(
+        study, unreached=find_unreached(replace(bare, not_reached=(part,)), study.field, study.line)
+    )
+    summary = torn.summarise()
+    (record,) = summary["unreached"]
+    assert record["kind"] == "component"
+    assert record["share"] == pytest.approx(0.3 / 1.3, rel=0.01)
+    verdict = judge_plan(torn.plan, summary)
+    assert "of the lumen not reached" in verdict.label and verdict.tone == "amber"
+    assert "separate component (caecum)" in verdict.sentence
+    whole = judge_plan(study.plan, study.summarise())
+    assert whole.label == "Fits, proved" and whole.tone == "green"
+
+
+def test_two_tubes_in_one_field_are_two_components() -> None:
+    far = COLON + [0.0, 60.0, 0.0]
+    first = make_tract(COLON, far)  # the tract keeps one of them
+    assert len(first.not_reached) == 1
+    field = build_field(first)
+    (part,) = find_unreached(first, field, find_centreline(field))
+    assert part.share == pytest.approx(0.5, abs=0.05)
+    assert part.kind == "component"
+
+
+def test_the_verdict_states_up_to_which_wall_error_the_proof_holds(both) -> None:
+    summary = both[1].summarise()
+    proved = summary["clearance_certified_mm"]
+    assert summary["wall_error_covered_mm"] == proved > 0.0
+    for stated, covers in ((0.5 * proved, True), (2.0 * proved, False)):
+        verdict = judge_plan(both[1].plan, summary | {"label_error_mm": stated})
+        (note,) = verdict.notes
+        assert ("does not cover" in note) is not covers
+        assert (verdict.tone == "green") is covers
+        assert f"{summary['wall_error_mm']:.2f} mm" in note
+
+
+@pytest.mark.parametrize("frame", ["RAS", "LPS", "LSA"])
+def test_files_for_other_tools_keep_the_place(tract, tmp_path: Path, frame: str) -> None:
+    field = build_field(tract)
+    line = find_centreline(field)
+    write_centreline(line, tmp_path, frame=frame)
+    write_volumes(field, tract, tmp_path, frame=frame)
+    to_ras = {
+        "RAS": np.eye(3),
+        "LPS": np.diag([-1.0, -1.0, 1.0]),
+        "LSA": np.array([[-1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]]),
+    }[frame]
+    (curve,) = json.loads((tmp_path / "centreline.mrk.json").read_text())["markups"]
+    points = np.array([item["position"] for item in curve["controlPoints"]])
+    system = frame if frame != "LSA" else "RAS"
+    assert curve["coordinateSystem"] == system
+    expected = line.points if frame != "LSA" else line.points @ to_ras.T
+    assert points == pytest.approx(expected, abs=1e-3)
+    piece = ElementTree.parse(tmp_path / "centreline.vtp").getroot().find("PolyData/Piece")
+    arrays = {
+        item.get("Name"): np.array((item.text or "").split(), dtype=float)
+        for item in piece.iter("DataArray")
+    }
+    assert arrays["Points"].reshape(-1, 3) == pytest.approx(line.points, abs=1e-3)
+    assert arrays["MaximumInscribedSphereRadius"] == pytest.approx(line.radius, abs=1e-4)
+    assert arrays["ArcLength"] == pytest.approx(line.arc_length, abs=1e-2)
+    # A world point, turned to RAS+ by hand, finds its own voxel in both volumes.
+    for name in ("field", "labels"):
+        image = nibabel.load(tmp_path / f"{name}.nii.gz")
+        data, inverse = np.asarray(image.dataobj), np.linalg.inv(image.affine)
+        ras = line.points[::20] @ to_ras.T
+        at = np.rint(ras @ inverse[:3, :3].T + inverse[:3, 3]).astype(int)
+        found = data[tuple(at.T)]
+        if name == "field":
+            centres = (at @ image.affine[:3, :3].T + image.affine[:3, 3]) @ to_ras
+            assert found == pytest.approx(field.signed_distance(centres), abs=1e-3)
+        else:
+            assert np.all(found > 0)
+
+
+def test_the_command_line_knows_every_organ() -> None:
+    assert _ORGANS == ORGANS
