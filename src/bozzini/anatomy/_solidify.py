@@ -158,13 +158,15 @@ def solidify(
     affine[:3, 3] = grid.low
     tract = tract_from_labels(volume, affine, source=source, findings=found)
     sheets = np.concatenate((kept, *(sheet.faces for sheet in choice.copies)))
-    deviation, farthest, place = _measure_deviation(points, sheets, tract)
+    caps = closed[len(kept) :]
+    deviation, farthest, place = _measure_deviation(corners, sheets, caps, tract)
     number = len(choice.kept)
     message = (
         f"{number} {'sheet' if number == 1 else 'sheets'} united to one lumen of voxels of "
         f"{grid.voxel:.2g} mm ({len(choice.outer)} outer, {len(choice.copies)} doubled left out): "
-        f"its wall is within {deviation[0]:.2f} mm (95 %), {deviation[1]:.2f} mm (99 %), "
-        f"{farthest:.1f} mm (all) of the triangles, farthest near {name_place(place)} mm"
+        f"its wall is within {deviation[0]:.2f} mm (95 %), {deviation[1]:.2f} mm (99 %) of the "
+        f"triangles and flat caps, and {farthest:.1f} mm of the triangles alone, near "
+        f"{name_place(place)} mm"
     )
     found = [*tract.findings, Finding("sheets-solidified", "warning", message)]
     return replace(
@@ -173,7 +175,7 @@ def solidify(
         openings=openings,
         label_names={k + 1: name for k, name in enumerate(names) if k + 1 in tract.label_values},
         wall=f"faces of voxels of {grid.voxel:.2g} mm of the solidified surface",
-        wall_error=0.5 * np.sqrt(3.0) * grid.voxel + deviation[1],
+        wall_error=float(0.5 * np.sqrt(3.0) * grid.voxel + deviation[1]),
     )
 
 
@@ -355,9 +357,19 @@ def find_missing(points: Vertices, outer: Sequence[Sheet], kept: Faces) -> list[
 
 
 def _measure_deviation(
-    points: Vertices, faces: Faces, tract: LabelTract
+    points: Vertices, faces: Faces, caps: Faces, tract: LabelTract
 ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
-    """Return how far the faces of voxels are from triangles: 95 % and 99 %, most, and where."""
+    """Return how far the faces of voxels are from the triangles.
+
+    Returns
+    -------
+    shares : (2,) float
+        95 % and 99 % of the distances to the triangles and caps [mm].
+    farthest : float
+        The largest distance to the triangles alone [mm].
+    place : (3,) float
+        Where that is.
+    """
     import igl
 
     mask = tract.mask
@@ -366,11 +378,19 @@ def _measure_deviation(
         index = np.argwhere(np.diff(mask, axis=axis)).astype(np.float64)
         index[:, axis] += 0.5
         places.append(index)
-    found = np.concatenate(places) @ tract.affine[:3, :3].T + tract.affine[:3, 3]
-    boxes = igl.AABB()
-    triangles = np.ascontiguousarray(faces)
-    boxes.init(points, triangles)
-    squared = boxes.squared_distance(points, triangles, np.ascontiguousarray(found))[0]
-    distance = np.sqrt(squared)
+    middles = np.concatenate(places) @ tract.affine[:3, :3].T + tract.affine[:3, 3]
+
+    def ask(triangles: Faces, asked: Vertices) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        boxes = igl.AABB()
+        triangles = np.ascontiguousarray(triangles)
+        boxes.init(points, triangles)
+        squared, nearest, _ = boxes.squared_distance(points, triangles, np.ascontiguousarray(asked))
+        return np.sqrt(squared), nearest
+
+    distance, nearest = ask(np.concatenate((faces, caps)), middles)
+    shares = np.quantile(distance, (0.95, 0.99))
+    at_cap = nearest >= len(faces)
+    if at_cap.any():
+        distance[at_cap] = ask(faces, middles[at_cap])[0]
     most = int(distance.argmax())
-    return np.quantile(distance, (0.95, 0.99)), float(distance[most]), found[most]
+    return np.asarray(shares), float(distance[most]), middles[most]

@@ -329,7 +329,7 @@ def _close(
 
 def _find_open(triangles: Faces) -> NDArray[np.int64]:
     edges = _mesh.count_edges(triangles)
-    return edges.pairs[edges.counts == 1]
+    return np.asarray(edges.pairs[edges.counts == 1], dtype=np.int64)
 
 
 def _count_open(triangles: Faces) -> int:
