@@ -123,12 +123,13 @@ def tract_from_surface(
         raise GeometryError(f"{source} encloses no volume: its two sides lie on each other")
     triangles = np.concatenate((triangles, parts.bodies))
     found += _check_topology(points, triangles)
-    if repair:
-        points, triangles = _split_corners(points, triangles, found)
     found += _check_crossing(points, triangles)
     found += check_scale(size, hint="give the file's own unit, for example --unit m or --unit cm")
     # Each triangle of a sheet both ways: it bounds, and winds about nothing.
-    triangles = np.concatenate((triangles, parts.sheets, parts.sheets[:, ::-1]))
+    sheets = np.concatenate((parts.sheets, parts.sheets[:, ::-1]))
+    if repair:
+        points, triangles, sheets = _split_corners(points, triangles, sheets, found)
+    triangles = np.concatenate((triangles, sheets))
     wall_text = "triangles of the file, open ends capped flat" if openings else ""
     return SurfaceTract(
         vertices=points,
@@ -382,12 +383,12 @@ def _find_joints(triangles: Faces) -> NDArray[np.int64]:
 
 
 def _split_corners(
-    points: Vertices, triangles: Faces, found: list[Finding]
-) -> tuple[Vertices, Faces]:
+    points: Vertices, triangles: Faces, sheets: Faces, found: list[Finding]
+) -> tuple[Vertices, Faces, Faces]:
     """Give each fan of triangles a corner of its own: sheets that touch are then apart."""
     joints = _find_joints(triangles)
     if len(joints) == 0:
-        return points, triangles
+        return points, triangles, sheets
     number, fan = _mesh.label_fans(triangles)
     corner = np.zeros(number, dtype=np.int64)
     corner[fan] = triangles
@@ -396,7 +397,9 @@ def _split_corners(
         f"{name_place(points[joints[0]])} mm: each sheet has its own, the wall is where it was"
     )
     found.append(Finding("corners-split", "note", message))
-    return points[corner], fan
+    used, index = np.unique(sheets, return_inverse=True)
+    sheets = index.reshape(-1, 3).astype(np.int64) + number
+    return np.concatenate((points[corner], points[used])), fan, sheets
 
 
 def _find_crossing(
