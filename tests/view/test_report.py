@@ -150,7 +150,7 @@ def test_a_refusal_is_shown_where_it_is_and_in_numbers(tmp_path):
     summary["refusal"] = {**plan.meta["refusal"], "diameter_max_mm": 1.999, "inflate_mm": 1.01}
     page = read_report(tmp_path, plan, summary=summary)
     for words in (
-        "Refused at this place of the tract 70.0 mm", "diameter of at most 1.99 mm",
+        "Refused at this place of the centreline 70.0 mm", "diameter of at most 1.99 mm",
         "inflated by about 1.1 mm", "Orange dots are the way not reached",
     ):  # fmt: skip
         assert words in page.text
@@ -254,9 +254,8 @@ def test_what_does_not_belong_together_is_refused(tmp_path):
     far = make_field(start=np.array([500.0, 0, 0]), end=np.array([540.0, 0, 0]))
     with pytest.raises(InputError, match="81 of 81 path points lie outside"):
         write_report(path, plan=plan, field=far, summary=make_summary(plan))
-    short = dataclasses.replace(plan, path_radius=np.ones(5))
     with pytest.raises(InputError, match="path_radius has shape"):
-        write_report(path, plan=short, field=make_field(), summary=make_summary(plan))
+        dataclasses.replace(plan, path_radius=np.ones(5))
     with pytest.raises(OutputError):
         write_report(
             tmp_path / "no" / "report.html",

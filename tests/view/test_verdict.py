@@ -15,20 +15,35 @@ from tests.view.fake_motion import make_plan, make_stopped, make_summary
 @pytest.mark.parametrize(
     ("changes", "label", "tone", "words"),
     [
-        ({}, "Fits", "green", "4.0 mm scope reaches the far end (80 mm) and keeps 4.00 mm"),
-        ({"dent": 4.4}, "Through the wall", "red", "passes through the wall at 40 mm by 0.40 mm"),
-        ({"dent": 3.9}, "Too close to call", "amber", "within 0.10 mm of the wall at 40 mm"),
+        (
+            {},
+            "Fits",
+            "green",
+            "reaches the far end (80 mm of centreline) and keeps 4.00 mm",
+        ),
+        (
+            {"dent": 4.4},
+            "Through the wall",
+            "red",
+            "passes through the wall at 40 mm of the centreline by 0.40 mm",
+        ),
+        (
+            {"dent": 3.9},
+            "Too close to call",
+            "amber",
+            "0.10 mm of the wall at 40 mm of the centreline",
+        ),
         (
             {"reach": 61.0, "status": "stopped"},
             "Stopped",
             "red",
-            "stops at 61 mm of 80 mm: link 3 is locked. Up to there it keeps 4.00 mm",
+            "at 61 mm of 80 mm of centreline: link 3 is locked. Up to there it keeps 4.00 mm",
         ),
         (
             {"reach": 61.0, "status": "stopped", "dent": 5.0},
             "Stopped",
             "red",
-            "Before that its body passes through the wall at 40 mm by 1.00 mm",
+            "Before that its body passes through the wall at 40 mm of the centreline by 1.00 mm",
         ),
     ],
 )
@@ -36,7 +51,8 @@ def test_verdict(changes, label, tone, words):
     plan = make_plan(**changes)
     verdict = judge_plan(plan, make_summary(plan), error=0.5)
     assert (verdict.label, verdict.tone) == (label, tone)
-    assert words in verdict.sentence
+    assert words in " ".join([verdict.sentence, *verdict.notes])
+    assert verdict.sentence.count(". ") <= 1
     # Without a summary the plan itself gives the same verdict.
     assert judge_plan(plan, {}, error=0.5).tone == tone
 
@@ -69,8 +85,8 @@ def test_a_stopped_plan_is_proved_as_far_as_it_goes():
     plan = make_stopped()
     verdict = judge_plan(plan, {**make_summary(plan), "certified": True})
     assert (verdict.tone, verdict.label) == ("red", "Stopped")
-    assert "stops at 50 mm of 80 mm: link 3 is locked" in verdict.sentence
-    assert "Up to there it is proved to stay at least 3.45 mm from the wall" in verdict.sentence
+    assert "stops at 50 mm of 80 mm of centreline: link 3 is locked" in verdict.sentence
+    assert "Up to there it is proved to stay at least 3.45 mm from the wall" in verdict.notes[0]
     outside = make_plan(steps=1, reach=0.0, status="stopped", meta={"certified": False})
     assert "does not enter: link 3 is locked." in judge_plan(outside, {}).sentence
 
@@ -87,7 +103,7 @@ def test_contact_is_amber_and_says_how_deep_and_where(where):
         summary["soft_wall"] = SOFT
     verdict = judge_plan(plan, summary)
     assert (verdict.tone, verdict.label) == ("amber", "Fits with contact")
-    assert "by up to 1.25 mm at 41 mm" in verdict.sentence
+    assert "by up to 1.25 mm at 41 mm of the centreline" in verdict.sentence
     assert "proved that the wall never has to give way by more than 2 mm" in verdict.sentence
 
 
@@ -105,5 +121,6 @@ def test_a_soft_wall_that_gives_way_too_little_is_red():
     assert verdict.tone == "red" and "5.00 mm beyond the wall" in verdict.sentence
     stopped = make_stopped()
     summary = {**make_summary(stopped), "certified": True, "soft_wall": SOFT}
-    sentence = judge_plan(stopped, summary).sentence
-    assert "pushes the wall outwards by up to 1.25 mm" in sentence and "through" not in sentence
+    verdict = judge_plan(stopped, summary)
+    words = " ".join([verdict.sentence, *verdict.notes])
+    assert "pushes the wall outwards by up to 1.25 mm" in words and "through" not in words

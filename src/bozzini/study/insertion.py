@@ -21,6 +21,7 @@ from ..continuum import ContinuumRobot
 from ..continuum.actuate import actuate_plan
 from ..continuum.actuation import Actuation
 from ..duct import Centreline, SampledField, build_field
+from ..duct.refined import RefinedField, refine_field
 from ..files import new_directory, write_text
 from ..motion import (
     METHODS,
@@ -329,13 +330,15 @@ def run_insertion(
     }
     with explain_scale(tract):
         with _clock(times, "distance"):
-            field = build_field(tract, voxel=voxel, inflate=inflate, progress=progress)
+            field = build_field(
+                tract, voxel=voxel, inflate=inflate, reach=inflate + soft_wall, progress=progress
+            )
         with _clock(times, "centreline"):
             way = find_way(tract, field, places, reverse=reverse, progress=progress)
 
-        def make_plan(along: Centreline) -> Plan:
+        def make_plan(along: Centreline, duct: SampledField | RefinedField = field) -> Plan:
             return plan_with_soft_wall(
-                field,
+                duct,  # type: ignore[arg-type]
                 along,
                 scope=scope,
                 soft_wall=soft_wall,
@@ -349,10 +352,17 @@ def run_insertion(
                 plan, entries = make_plan(way.line), ()
             else:
                 way, plan, entries = _try_both_ends(tract, way, make_plan, reverse=reverse)
-    line = way.line
+        line = way.line
+        finer: tuple[Finding, ...] = ()
+        if _may_profit(plan, field):
+            with _clock(times, "refine"):
+                fine = refine_field(
+                    field, tract, line.points, voxel=FINE, distance=CORRIDOR, progress=progress
+                )
+                plan, finer = _choose_finer(plan, make_plan(line, fine))
     with _clock(times, "unreached"):
         unreached = find_unreached(tract, field, line)
-    findings = (*tract.findings, *way.findings, *_find_other_entry(entries))
+    findings = (*tract.findings, *way.findings, *_find_other_entry(entries), *finer)
     moved = None
     if robot is not None:
         with _clock(times, "robot"):
@@ -418,6 +428,37 @@ def run_insertion(
         entries=entries,
         label_error=label_error,
     )
+
+
+FINE, CORRIDOR = 0.5, 8.4
+"""Spacing of a finer grid, and how far from the centreline it reaches [mm]."""
+
+GRID_CODES = ("LINK_TOO_LONG", "CERTIFICATE_UNRESOLVED", "GOAL_CLEARANCE", "ENTRY_CLEARANCE")
+"""Refusals that may be the grid's, not the lumen's. A proved one (NO_PASSAGE) is not."""
+
+
+def _may_profit(plan: Plan, field: SampledField) -> bool:
+    """Whether a plan fails by so little that a finer grid may show that it fits."""
+    if plan.status == "complete" or plan.method == "thesis" or field.spacing.max() <= FINE:
+        return False
+    refusal = plan.meta.get("refusal") or {}
+    if plan.reason_code not in GRID_CODES:
+        return False
+    lack = float(refusal.get("needs_mm", 0.0)) - float(refusal.get("offers_mm", 0.0))
+    return plan.reason_code == "CERTIFICATE_UNRESOLVED" or lack <= field.error
+
+
+def _choose_finer(plan: Plan, fine: Plan) -> tuple[Plan, tuple[Finding, ...]]:
+    """Return the better of a plan and its repetition on a finer grid, and a note on that."""
+    near = f"a grid of {FINE:g} mm within {CORRIDOR:g} mm of the centreline"
+    if _is_better(fine, plan):
+        grid = {**fine.meta["field"], "fine_spacing_mm": FINE, "fine_distance_mm": CORRIDOR}
+        note = f"planned and proved on {near}: on the coarser one it ended: {plan.reason}"
+        return replace(fine, meta={**fine.meta, "field": grid}), (
+            Finding("finer-grid", "note", note),
+        )
+    note = f"tried again on {near}, which did not help"
+    return plan, (Finding("finer-grid", "note", note),)
 
 
 def _try_both_ends(
