@@ -7,6 +7,7 @@ import pytest
 
 from bozzini.duct import field_from_mask, find_centreline
 from bozzini.duct.centreline import measure_arc_length
+from bozzini.errors import InputError
 from bozzini.motion import Scope, plan_insertion
 from tests.exact import VoxelWall, sample_body, voxelise
 from tests.shapes import bend_curve
@@ -158,7 +159,7 @@ def test_refused_plans_still_say_why_in_one_line(pinched, narrow_end, narrow_sta
         assert plan.meta["refusal"]["code"] == plan.reason_code
 
 
-def test_a_surface_inflated_beyond_its_reach_gets_an_answer_without_a_bound():
+def test_a_surface_inflated_within_its_reach_gets_a_bound_and_beyond_it_is_refused():
     import trimesh
 
     from bozzini.duct import Centreline, field_from_mesh
@@ -166,11 +167,13 @@ def test_a_surface_inflated_beyond_its_reach_gets_an_answer_without_a_bound():
     # An hourglass: round, wide at both ends, with a waist.
     outline = [[0, -30], [8, -30], [8, -10], [3, -2], [3, 2], [8, 10], [8, 30], [0, 30]]
     glass = trimesh.creation.revolve(np.array(outline, dtype=float), sections=48)
-    field = field_from_mesh(glass.vertices, glass.faces, voxel=1.0).inflate(3.0)
+    rigid = field_from_mesh(glass.vertices, glass.faces, voxel=1.0)
+    with pytest.raises(InputError, match=r"distance is 5 mm: it must be at most 4 mm"):
+        rigid.inflate(5.0)
+    field = rigid.inflate(3.0)
     line = Centreline.from_points([[0.0, 0.0, -20.0], [0.0, 0.0, 20.0]], field)
-    assert field.inflation > field.reach
     plan = plan_insertion(field, line, scope=Scope(diameter=15.0, link_length=8.0))
     assert plan.status == "stopped"
-    assert plan.reason_code == "LINK_TOO_LONG"
-    assert "none has more than" not in plan.reason
+    assert plan.reason_code == "NO_PASSAGE"
+    assert 3.0 + 3.0 - 0.05 <= plan.meta["refusal"]["offers_mm"] < 7.5
     assert plan.meta["refusal"]["at_mm"] == pytest.approx(20.0, abs=5.0)
