@@ -115,8 +115,9 @@ def field_from_mask(
     if np.allclose(parts, np.rint(parts)):  # then nodes lie on the centres of the voxels
         start = -spacing * np.ceil((pad + 0.5 * spacing_data) / spacing)
     else:
-        start = -0.5 * spacing_data - pad
-    counts = _count_nodes(size + 2 * pad, spacing, more=2)
+        # Nodes stay where they are when the wall is inflated.
+        start = -0.5 * spacing_data - spacing * np.ceil(pad / spacing)
+    counts = _count_nodes(size + 2 * pad, spacing, more=3)
     axes = [start[a] + spacing[a] * np.arange(counts[a]) for a in range(3)]
     progress("distance", 0.0)
     inside = _box_distance(~lumen, axes, spacing_data, beyond=True)
@@ -254,9 +255,11 @@ def field_from_mesh(
     if voxel is None:
         edges = points[triangles] - points[np.roll(triangles, 1, axis=1)]
         wanted = min(1.0, float(np.median(np.linalg.norm(edges, axis=2))))
-        wanted = max(wanted, float((high - low).max()) / 400.0)
+        wanted = max(wanted, float(np.ptp(points, axis=0).max() + 2.0 * MARGIN) / 400.0)
         voxel = wanted * max(1.0, _coarsen(high - low, np.full(3, wanted)))
     spacing = np.full(3, float(voxel))
+    # Nodes stay where they are when the wall is inflated.
+    low = points.min(axis=0) - voxel * np.ceil(pad / voxel)
     counts = _count_nodes(high - low, spacing, more=1)
     values, reach = _mesh_distance(points, triangles, low, float(voxel), counts, inflate, progress)
     if not (values < 0.0).any():
