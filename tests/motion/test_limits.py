@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -21,8 +23,9 @@ class Lumen:
         self.field = field_from_mask(mask, affine)
         self.wall = VoxelWall(mask, affine)
         self.line = find_centreline(self.field, ends or (curve[12], curve[-12]))
+        self.plan = functools.cache(self._plan)
 
-    def plan(self, diameter, link, *, inflate=0.0, **options):
+    def _plan(self, diameter, link, *, inflate=0.0, advise=True, **options):
         field = self.field.inflate(inflate)
         line = self.line
         if inflate:
@@ -30,6 +33,8 @@ class Lumen:
                 points=line.points, arc_length=line.arc_length, radius=line.radius + inflate
             )
         scope = Scope(diameter=diameter, link_length=link)
+        if not advise:
+            return plan_unadvised(field, line, scope=scope, **options)
         return plan_insertion(field, line, scope=scope, **options)
 
 
@@ -131,7 +136,7 @@ def test_too_long_a_link_is_named_and_a_shorter_one_fits(hairpin):
 def test_a_shorter_link_gets_as_far_or_farther(hairpin):
     reached = []
     for link in (6.0, 16.0, 24.0):
-        head = hairpin.plan(5.0, link).joints[-1, 0]
+        head = hairpin.plan(5.0, link, advise=False).joints[-1, 0]
         near = np.linalg.norm(hairpin.line.points - head, axis=1).argmin()
         reached.append(hairpin.line.arc_length[near])
     assert reached[0] >= reached[1] - 2.0 >= reached[2] - 4.0
@@ -191,7 +196,7 @@ def plated():
     """A tube of 1 m that widens and narrows, with a plate across it at 800 mm."""
     curve = coil(1000.0)
     s = measure_arc_length(curve)
-    mask, affine = voxelise(curve, 6.2 + 0.8 * np.sin(s / 17.0) + 0.4 * np.sin(s / 41.0))
+    mask, affine = voxelise(curve, 7.2 + 0.8 * np.sin(s / 17.0) + 0.4 * np.sin(s / 41.0))
     centre, along = curve[400], curve[401] - curve[399]
     index = np.argwhere(mask)
     away = index @ affine[:3, :3].T + affine[:3, 3] - centre
@@ -227,15 +232,13 @@ def test_a_pinched_tube_is_entered_up_to_where_it_gets_too_narrow(seed):
 
 
 def test_an_introducer_is_no_wider_than_the_entry(narrow_start):
-    for method in ("best", "thesis"):
-        plan = narrow_start.plan(7.0, 9.0, method=method)
-        bore = plan.meta["introducer"]["bore_mm"]
-        assert bore == pytest.approx(
-            float(narrow_start.field.clearance_bound(narrow_start.line.points[0]))
-        )
-        assert bore < 3.5
-        assert not plan.meta["certified"]
-    fits = narrow_start.plan(4.0, 9.0)
+    plan = narrow_start.plan(7.0, 9.0)
+    bore = plan.meta["introducer"]["bore_mm"]
+    entry = narrow_start.line.points[0]
+    assert bore == pytest.approx(float(narrow_start.field.clearance_bound(entry)))
+    assert bore < 3.5
+    assert not plan.meta["certified"]
+    fits = narrow_start.plan(plan.meta["refusal"]["diameter_max_mm"], 9.0)
     assert fits.meta["certified"]
     assert fits.meta["introducer"]["bore_mm"] == pytest.approx(bore)
 
