@@ -205,8 +205,9 @@ def _lay_on_voxels(wall: VoxelWall, voxel: float | None, pad: float) -> Grid:
     if np.allclose(parts, np.rint(parts)):  # then nodes lie on the centres of the voxels
         start = -spacing * np.ceil((pad + 0.5 * voxels) / spacing)
     else:
-        start = -0.5 * voxels - pad
-    return start, spacing.astype(np.float64), _count_nodes(size + 2 * pad, spacing, more=2)
+        # Nodes stay where they are when the wall is inflated.
+        start = -0.5 * voxels - spacing * np.ceil(pad / spacing)
+    return start, spacing.astype(np.float64), _count_nodes(size + 2 * pad, spacing, more=3)
 
 
 def _lay_on_mesh(wall: MeshWall, voxel: float | None, pad: float) -> Grid:
@@ -216,9 +217,11 @@ def _lay_on_mesh(wall: MeshWall, voxel: float | None, pad: float) -> Grid:
     if voxel is None:
         edges = points[wall.faces] - points[np.roll(wall.faces, 1, axis=1)]
         wanted = min(1.0, float(np.median(np.linalg.norm(edges, axis=2))))
-        wanted = max(wanted, float((high - low).max()) / 400.0)
+        wanted = max(wanted, float(np.ptp(points, axis=0).max() + 2.0 * MARGIN) / 400.0)
         voxel = wanted * max(1.0, _coarsen(high - low, np.full(3, wanted)))
     spacing = np.full(3, float(voxel))
+    # Nodes stay where they are when the wall is inflated.
+    low = points.min(axis=0) - voxel * np.ceil(pad / voxel)
     return low, spacing, _count_nodes(high - low, spacing, more=1)
 
 
