@@ -24,6 +24,7 @@ __all__ = ["COMMANDS", "main", "root"]
 COMMANDS = {
     "demo": "Run the whole way on a phantom tract: plan, report, 3-D scene.",
     "plan": "Plan a scope's motion through your own scan or surface.",
+    "certify": "Check a saved plan, and prove its clearance anew.",
     "phantom": "Write a phantom upper gastro-intestinal tract to a file.",
     "segment": "Find the gas-filled lumen in a CT without labels.",
     "data": "List and fetch public anatomy.",
