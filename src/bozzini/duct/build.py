@@ -17,13 +17,16 @@ from .field import SampledField
 if TYPE_CHECKING:
     from ..anatomy.tract import LabelTract, SurfaceTract
 
-__all__ = ["build_field", "field_from_mask", "field_from_mesh"]
+__all__ = ["INFLATION_MAX", "build_field", "field_from_mask", "field_from_mesh"]
 
 MAX_NODES = 40_000_000
 """Largest grid that is built [nodes]; about 160 MB of float32."""
 
 NODE_SPACING = 1.5
 """Voxels are divided until nodes are no farther apart than this by default [mm]."""
+
+INFLATION_MAX = 30.0
+"""Largest inflation [mm]: it makes a tube 60 mm wider, as wide as a colon full of gas."""
 
 ROUNDING = 1e-6
 """Depth in the lumen below which a node counts as on the wall [mm]."""
@@ -50,7 +53,7 @@ def build_field(
         are at most 1.5 mm (the wall stays the faces of the data's voxels), for a surface the
         median edge (at most 1 mm); a grid beyond 40 million nodes is made coarser.
     inflate : float
-        Move the wall outwards by this much [mm].
+        Move the wall outwards by this much [mm], `INFLATION_MAX` at most.
     progress : Progress
         Called with the stage and a fraction.
 
@@ -61,7 +64,7 @@ def build_field(
     GeometryError
         If the grid would be too large, or no node lies inside the lumen.
     """
-    check_number("inflation", inflate, low=0.0, high=100.0, unit="mm")
+    check_number("inflation", inflate, low=0.0, high=INFLATION_MAX, unit="mm")
     if voxel is not None:
         check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
     if tract.kind == "labels":
