@@ -142,7 +142,7 @@ BAD = [
     Bad("start of two parts", with_options("--start", "1,2"), ("--start", "'1,2'", "give 3")),
     Bad("start of words", with_options("--start", "mouth"), ("--start", "'mouth'")),
     Bad("start not finite", with_options("--start", "nan,0,0"), ("--start", "nan")),
-    Bad("start label not there", with_options("--start", "9"), ("start", "9", "1, 2")),
+    Bad("start label not there", with_options("--start", "9"), ("start", "9", "one of 1")),
     Bad("label end of a surface", of_surface("--end", "2"), ("end", "2", "surface", "point")),
     Bad("negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "(0, inf)")),
     Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "(0, inf)")),
