@@ -12,8 +12,8 @@ DEV := $(VENV)/.bozzini-dev
 DOCS := $(VENV)/.bozzini-docs
 
 # Exit code 1 is an honest answer about the scope ("through the wall"), not a failure of the demo.
-DEMO = rm -f bozzini-demo/summary.json; $(RUN) -m bozzini demo --out bozzini-demo --force \
-  || { [ $$? -eq 1 ] && [ -f bozzini-demo/summary.json ]; }
+DEMO = touch $(VENV)/.demo-begins; $(RUN) -m bozzini demo --out bozzini-demo --force \
+  || { [ $$? -eq 1 ] && [ bozzini-demo/summary.json -nt $(VENV)/.demo-begins ]; }
 
 # The stamps hold the path of this checkout: an environment that was moved, or whose Python has
 # gone, is set up anew.
@@ -22,7 +22,7 @@ ifneq ($(SOUND),yes)
 $(shell rm -f $(CORE) $(DEV) $(DOCS))
 endif
 
-.PHONY: help demo test test-slow bench docs check format picture figures clean
+.PHONY: help demo test test-slow fuzz bench docs check format picture figures clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -35,6 +35,9 @@ test: $(DEV) ## Run the tests
 
 test-slow: $(DEV) ## Run the tests that take minutes
 	@$(RUN) -m pytest -m slow -n auto --maxprocesses 4 --dist worksteal
+
+fuzz: $(DEV) ## Run all commands on damaged files (COUNT=500 SEED=0, CASE= repeats one)
+	@$(RUN) -m tests.fuzz --count $(or $(COUNT),500) --seed $(or $(SEED),0) $(if $(CASE),--case $(CASE))
 
 bench: $(DEV) ## Run the benchmarks
 	@$(RUN) -m pytest -o addopts= -q -p no:xdist --benchmark-only benchmarks
@@ -67,7 +70,7 @@ figures: $(CORE) ## Make the figures of the guide anew from the examples
 	@echo "figures: docs/images/"
 
 clean: ## Remove what was built (not .venv)
-	@rm -rf bozzini-demo bozzini-plan site dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	@rm -rf bozzini-demo bozzini-plan fuzz-failures site dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	@find src tests benchmarks docs -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 $(RUN):

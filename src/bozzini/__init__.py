@@ -7,6 +7,7 @@ Importing this package is cheap: a room such as `bozzini.motion` is loaded when 
 from __future__ import annotations
 
 import importlib
+import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -53,6 +54,12 @@ _NAMES = {
     "Plan": ".motion.plan",
     "Scope": ".motion.scope",
 }
+
+# Before Numba is loaded: it reads the variable then. Asking costs less than a millisecond.
+if not all(os.access(place, os.W_OK) for place in (*__path__, os.path.expanduser("~"))):
+    from .files import provide_caches
+
+    provide_caches()
 
 
 def __getattr__(name: str) -> Any:

@@ -32,6 +32,10 @@ INTERNAL_UNITS = {
 }
 """The unit that each kind of quantity has inside Bozzini."""
 
+LARGEST = {"length": 1e6}
+"""What a quantity may be at most, in either direction: a length of 1 km [mm]."""
+_LARGEST_OTHER = 1e15
+
 _EXAMPLES = {
     "length": "5mm, 0.5 cm, 0.2in",
     "force": "0.5N, 50 gf",
@@ -89,7 +93,8 @@ def parse_quantity(text: str | float, kind: str) -> float:
     Raises
     ------
     UnitError
-        If the unit is unknown or of another dimension, or the number is not finite.
+        If the unit is unknown or of another dimension, or the number is not finite or absurdly
+        large (a length above 1 km).
     """
     unit = INTERNAL_UNITS[kind]
     article = "an" if kind[0] in "aeiou" else "a"
@@ -114,6 +119,10 @@ def parse_quantity(text: str | float, kind: str) -> float:
         value = _take_number(text, hint)
     if not math.isfinite(value):
         raise UnitError(f"'{text}' is not a finite number: {hint}")
+    largest = LARGEST.get(kind, _LARGEST_OTHER)
+    if abs(value) > largest:
+        legal = f"[-{largest:g}, {largest:g}] {unit}".rstrip()
+        raise UnitError(f"'{text}' is {value:g} {unit}: {article} {kind} must lie in {legal}")
     return value
 
 

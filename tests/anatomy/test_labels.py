@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
+from skimage import measure
 
 from bozzini.anatomy import tract_from_labels
 from bozzini.errors import GeometryError, InputError
@@ -102,6 +104,93 @@ def test_a_lumen_that_meets_only_at_an_edge_or_corner_is_two_components():
     assert f"{4 * 4 * 18 + 1} voxels" in dropped.message
     assert f"{(4 * 4 * 18 + 1) * 2 / 1000:.3g} mL" in dropped.message
     assert "2, 3" in codes(tract)["label-dropped"].message
+
+
+def test_a_septum_leaves_the_rest_of_the_lumen_in_what_is_not_reached():
+    array = np.zeros((12, 12, 60), dtype=np.uint8)
+    array[3:9, 3:9, 3:30] = 4
+    array[3:9, 3:9, 31:57] = 4  # one voxel of wall between
+    array[3:9, 3:9, 50:57] = 5
+    affine = np.diag([2.0, 1.0, 1.5, 1.0])
+    affine[:3, 3] = 10.0, 20.0, 30.0
+    tract = tract_from_labels(array, affine, names={4: "colon"})
+    assert tract.volume == pytest.approx(6 * 6 * 27 * 3.0)
+    (part,) = tract.not_reached
+    assert part.volume == pytest.approx(6 * 6 * 26 * 3.0)
+    assert part.label_names == ("colon", "label 5")
+    index = np.rint((np.array(part.point) - affine[:3, 3]) / np.diag(affine)[:3]).astype(int)
+    assert array[tuple(index)] in (4, 5)
+    assert abs(index[2] - 43.5) <= 1 and abs(index[0] - 5.5) <= 1  # its middle
+    dropped = codes(tract)["components-dropped"]
+    assert dropped.severity == "warning"
+    assert f"{6 * 6 * 26 * 3 / 1000:.3g} mL near (" in dropped.message
+    array[5, 5, 30] = 4  # a hole of one voxel joins them
+    assert tract_from_labels(array, affine).not_reached == ()
+
+
+def test_every_voxel_is_kept_or_not_reached():
+    random = np.random.default_rng(5)
+    for _ in range(20):
+        array = (random.random((9, 8, 10)) < 0.4).astype(np.uint8) * random.integers(1, 4)
+        for order in "CF":
+            tract = tract_from_labels(np.asarray(array, order=order), np.eye(4))
+            assert tract.volume + sum(part.volume for part in tract.not_reached) == (
+                np.count_nonzero(array)
+            )
+            numbers, count = ndimage.label(array)
+            assert len(tract.not_reached) == count - 1
+            sizes = np.sort(np.bincount(numbers.ravel())[1:])[::-1]
+            assert [part.volume for part in tract.not_reached] == sizes[1:].tolist()
+            for part in tract.not_reached:
+                at = numbers[tuple(np.rint(part.point).astype(int))]
+                assert np.count_nonzero(numbers == at) == part.volume
+
+
+def test_handles_and_cavities_agree_with_another_count():
+    random = np.random.default_rng(6)
+    for density in (0.5, 0.7, 0.9):
+        block = random.random((9, 10, 11)) < density
+        kept = tract_from_labels(block.astype(np.uint8), np.eye(4)).mask
+        found = codes(tract_from_labels(block.astype(np.uint8), np.eye(4)))
+        number = [
+            int(found[code].message.split()[0]) if code in found else 0
+            for code in ("handles", "cavities")
+        ]
+        assert 1 - number[0] + number[1] == measure.euler_number(kept, connectivity=1)
+        outside = ndimage.label(~np.pad(kept, 1), structure=np.ones((3, 3, 3)))[1]
+        assert number[1] == outside - 1
+
+
+def test_a_part_that_meets_the_lumen_along_an_edge_is_named():
+    array = np.zeros((20, 20, 30), dtype=np.uint8)
+    array[2:10, 2:10, 2:20] = 1
+    array[10:14, 10:14, 2:20] = 1  # meets the first along an edge
+    array[16:18, 2:4, 2:4] = 1  # stands alone
+    message = codes(tract_from_labels(array, np.eye(4)))["components-dropped"].message
+    assert "1 of them meets the lumen along an edge or in a corner only" in message
+
+
+def test_a_label_inside_the_lumen_is_wall_and_is_named():
+    array = tube()
+    array[5:7, 6:8, 10:14] = 2
+    array[8:10, 5:9, 3:35] = 3  # beside it
+    for order in "CF":
+        shuffled = np.asarray(array, order=order)
+        tract = tract_from_labels(shuffled, np.eye(4), labels=[1], names={2: "polyp"})
+        message = codes(tract)["label-inside"].message
+        assert message.startswith("polyp (0.016 mL near (")
+        assert "is not selected and lies inside the lumen" in message
+        assert tract.mask.sum() == np.count_nonzero(array == 1)
+        assert "0.016 mL" in codes(tract)["cavities"].message
+        assert "label-inside" not in codes(tract_from_labels(shuffled, np.eye(4), labels=[1, 2]))
+
+
+def test_labels_are_asked_for_where_there_are_several():
+    array = tube()
+    array[4:8, 5:9, 20:35] = 2
+    with pytest.raises(InputError, match=r"2 labels.*1 stomach \(0.272 mL\), 2 \(0.24 mL\)"):
+        tract_from_labels(array, np.eye(4), labels=None, names={1: "stomach"})
+    assert tract_from_labels(tube(), np.eye(4), labels=None).label_values == (1,)
 
 
 def test_handles_and_cavities_are_counted():

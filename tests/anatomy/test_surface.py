@@ -324,3 +324,51 @@ def test_a_far_corner_does_not_weld_the_rest_away():
     vertices[0] = 5e8
     with pytest.raises(GeometryError, match="is open"):
         tract_from_surface(vertices, faces[1:-40])
+
+
+def knock(vertices, faces, wanted):
+    """Take out the triangles at some corners of a ball: a hole of more than four edges."""
+    return faces[~np.isin(faces, wanted).any(axis=1)]
+
+
+def test_a_small_hole_of_more_edges_needs_repair_and_has_its_place():
+    vertices, faces = ball(subdivisions=4)
+    corner = int(vertices[:, 0].argmax())
+    holed = knock(vertices, faces, [corner])
+    with pytest.raises(GeometryError) as caught:
+        tract_from_surface(vertices, holed)
+    assert "--repair" in str(caught.value)
+    place = [float(word) for word in str(caught.value).split("near (")[1].split(")")[0].split(",")]
+    assert place == pytest.approx(vertices[corner], abs=1.5)
+    mended = tract_from_surface(vertices, holed, repair=True)
+    assert mended.openings == ()
+    assert "near (1" in codes(mended)["holes-filled"].message
+    assert mended.volume == pytest.approx(tract_from_surface(vertices, faces).volume, rel=2e-3)
+
+
+def test_corners_doubled_by_more_than_rounding_are_welded_by_repair():
+    vertices, faces = ball()
+    random = np.random.default_rng(1)
+    loose = vertices[faces].reshape(-1, 3) + random.uniform(-5e-3, 5e-3, (3 * len(faces), 3))
+    index = np.arange(len(loose)).reshape(-1, 3)
+    with pytest.raises(GeometryError):
+        tract_from_surface(loose, index)
+    mended = tract_from_surface(loose, index, repair=True)
+    assert "near (" in codes(mended)["corners-welded"].message
+    assert mended.volume == pytest.approx(tract_from_surface(vertices, faces).volume, rel=1e-2)
+
+
+def test_loops_that_touch_are_split_by_repair_with_their_place():
+    one = ball()
+    far = int(one[0][:, 0].argmax())
+    vertices, faces = join(one, (2 * one[0][far] - one[0], one[1][:, ::-1]))
+    before = tract_from_surface(vertices, faces)
+    assert "near (20.0, 0.0, 0.0)" in codes(before)["self-touching"].message
+    after = tract_from_surface(vertices, faces, repair=True)
+    assert "near (20.0, 0.0, 0.0)" in codes(after)["corners-split"].message
+    assert count_fans(after.faces)[0] == len(after.vertices)
+    assert after.volume == pytest.approx(before.volume)
+    plate = np.array([(0.0, -9, -9), (0, 9, -9), (0, 0, 9)])
+    with_plate = join((vertices, faces), (plate, np.array([[0, 1, 2]])))
+    both = tract_from_surface(*with_plate, repair=True)
+    assert holds_triangles(both, *with_plate)

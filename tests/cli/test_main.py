@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -256,6 +258,104 @@ def test_reader_that_goes_away_is_no_traceback() -> None:
     process.stderr.close()
     assert process.wait(timeout=60) == 141
     assert err == b""
+
+
+_WRITING = """
+import sys, time, click
+from types import ModuleType
+from pathlib import Path
+from bozzini.cli import main as cli
+from bozzini.files import new_directory, reserve_directory
+def work():
+    click.get_current_context().with_resource(reserve_directory("deep/out"))
+    with new_directory("deep/out") as place:
+        (place / "report").write_text("half")
+        print("begun", flush=True)
+        time.sleep(100)
+module = ModuleType("probe")
+module.command = click.Command("probe", callback=work)
+sys.modules["bozzini.cli.probe"] = module
+cli.COMMANDS["probe"] = ""
+sys.exit(cli.main(["probe"]))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+@pytest.mark.parametrize(
+    ("number", "code", "words"),
+    [
+        (signal.SIGINT, 130, "bozzini: interrupted\n"),
+        (signal.SIGTERM, -signal.SIGTERM, ""),
+        (signal.SIGHUP, -signal.SIGHUP, ""),
+    ],
+)
+def test_a_signal_leaves_nothing_half_written(
+    tmp_path: Path, number: int, code: int, words: str
+) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", _WRITING],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None and process.stdout.readline() == "begun\n"
+    assert len(list((tmp_path / "deep").iterdir())) == 2  # the lock and what is being written
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (code, words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_signals_are_as_before_after_a_run(use: Setup) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    seen = []
+    use(lambda **_: seen.append(signal.getsignal(signal.SIGTERM)))
+    assert cli.main(["probe"]) == 0
+    assert seen[0] is not before
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("arguments", [["data", "list"], ["data", "list", "--json"]])
+def test_a_full_disk_under_stdout_is_one_line(arguments: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "bozzini", *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+        )
+    assert done.returncode == 2
+    assert done.stderr == "bozzini: error: cannot write: No space left on device\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="names are no bytes there")
+@pytest.mark.parametrize(
+    "locale",
+    [
+        {"LC_ALL": "C.UTF-8"},
+        {"LC_ALL": "C"},
+        {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+        {"PYTHONIOENCODING": "cp1252"},
+    ],
+    ids=lambda locale: ",".join(locale.values()),
+)
+def test_any_file_name_is_told_in_any_locale(tmp_path: Path, locale: dict[str, str]) -> None:
+    name = b"\xff \xe6\x97\xa5 \xc3\xa9.csv"  # not UTF-8 as a whole
+    for options in ([], ["--json"]):
+        command = [sys.executable, "-m", "bozzini", "muscle", "fit", name, *options]
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, timeout=120, env={**os.environ, **locale}
+        )
+        assert done.returncode == 2, done.stderr
+        assert done.stderr.startswith(b"bozzini: error: ") and done.stderr.count(b"\n") == 1
+        if options:
+            found = json.loads(done.stdout)["error"]["message"]
+            assert found.encode("utf-8", "surrogateescape").find(name) >= 0
+        elif "PYTHONUTF8" not in locale and "PYTHONIOENCODING" not in locale:
+            assert name in done.stderr
 
 
 def test_python_dash_m_is_the_command() -> None:

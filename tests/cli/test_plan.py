@@ -202,17 +202,40 @@ def test_unit_of_a_surface(tracts: Tracts, run: Run, tmp_path: Path) -> None:
         assert small.result[key] == pytest.approx(large.result[key], rel=1e-2)
 
 
-def test_force_replaces_a_result_and_keeps_other_files(
+def test_force_replaces_a_result_as_a_whole_but_no_files_of_the_user(
     tracts: Tracts, run: Run, tmp_path: Path
 ) -> None:
     place = tmp_path / "plan"
-    place.mkdir()
+    command = (tracts.volume, *SCOPE, "--force", "--quiet", "--out", place)
+    assert run(*command).code in (0, 1)
+    summary = json.loads((place / "summary.json").read_text())
+    assert set(summary["files"]) == FILES
+    (place / "robot.png").write_text("of an earlier run with other options")
+    (place / "summary.json").write_text(json.dumps({"files": [*FILES, "robot.png"]}))
+    assert run(*command).code in (0, 1)
+    assert {path.name for path in place.iterdir()} == FILES
+    assert [path.name for path in tmp_path.iterdir()] == ["plan"]
     (place / "mine.txt").write_text("mine")
-    (place / "plan.npz").write_text("old")
-    assert run(tracts.volume, *SCOPE, "--force", "--quiet", "--out", place).code in (0, 1)
-    assert {path.name for path in place.iterdir()} == FILES | {"mine.txt"}
+    before = (place / "summary.json").read_bytes()
+    outcome = run(*command)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "holds 'mine.txt'" in outcome.err and outcome.err.count("\n") == 1
     assert (place / "mine.txt").read_text() == "mine"
-    assert Plan.load(place / "plan.npz").steps > 1
+    assert (place / "summary.json").read_bytes() == before
+
+
+def test_a_name_that_is_not_utf8_goes_through(tracts: Tracts, run: Run, tmp_path: Path) -> None:
+    source = tmp_path / "\udcff é.stl"
+    try:
+        source.write_bytes(tracts.surface.read_bytes())
+    except (OSError, UnicodeError):
+        pytest.skip("this file system takes UTF-8 only")
+    place = tmp_path / "out\udcfe"
+    outcome = run(source, *SCOPE, "--quiet", "--json", "--out", place)
+    assert outcome.code in (0, 1), outcome.err
+    summary = json.loads((place / "summary.json").read_text("ascii"))
+    assert summary["input"]["file"] == outcome.result["input"]["file"] == source.name
+    assert "\\udcff é.stl" in (place / "report.html").read_text("utf-8")
 
 
 def test_findings_are_told_once_on_stderr(tracts: Tracts, run: Run, tmp_path: Path) -> None:

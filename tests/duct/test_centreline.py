@@ -8,8 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from skimage.graph import MCP_Geometric
 
-from bozzini.duct import build_field, find_centreline
+from bozzini.anatomy import make_phantom
+from bozzini.duct import build_field, field_from_mask, find_centreline
+from bozzini.duct._lumen_graph import LumenGraph
 from bozzini.duct.centreline import measure_arc_length, resample_polyline
 from bozzini.errors import GeometryError, InputError
 from tests.shapes import ball_distance, bend_curve, curve_distance, sample_field, tube_lumen
@@ -195,3 +198,68 @@ def test_a_fork_is_told_and_a_single_tube_is_not(bend):
     again = find_centreline(field, (line.points[0], other.point))
     assert again.other_ends == ()
     assert find_centreline(bend[1]).other_ends == ()
+
+
+class PlainGraph(LumenGraph):
+    """The same over the whole grid, by scikit-image: the reference."""
+
+    def search(self, source):
+        mcp = MCP_Geometric(self._dense(), sampling=tuple(self.field.spacing), fully_connected=True)
+        costs = mcp.find_costs([tuple(node) for node in np.atleast_2d(source)])[0]
+        mcp.traceback, trace = lambda node: np.array(trace(tuple(node))), mcp.traceback
+        return mcp, costs
+
+    def measure_lengths(self, source):
+        ones = np.where(self.inside, 1.0, -1.0)
+        mcp = MCP_Geometric(ones, sampling=tuple(self.field.spacing), fully_connected=True)
+        costs = mcp.find_costs([tuple(node) for node in np.atleast_2d(source)])[0]
+        return costs[self.inside]
+
+    def _dense(self):
+        dense = np.full(self.number.shape, -1.0)
+        dense[self.inside] = self.weights
+        return dense
+
+
+def odd_lumen():
+    """Anisotropic voxels, two pieces, a side branch."""
+    index = np.indices((16, 30, 40)) - np.array([7.5, 15.0, 0.0])[:, None, None, None]
+    mask = np.hypot(index[0], index[1] - 8.0 * np.sin(index[2] / 9.0)) < 5.0
+    mask |= (np.hypot(index[0], index[2] - 20.0) < 2.5) & (index[1] < 0.0)
+    mask[:, :, 37] = False
+    return field_from_mask(mask, np.diag([0.7, 1.3, 1.0, 1.0]))
+
+
+def test_costs_and_lengths_are_those_of_a_plain_search():
+    field = odd_lumen()
+    sparse, plain = LumenGraph(field), PlainGraph(field)
+    places = sparse.places()
+    assert np.array_equal(np.argwhere(plain.inside), places)
+    for source in (places[5], places[[0, 200, -1]]):
+        _, costs = plain.search(source)
+        found = sparse.search(source)[0]
+        finite = np.isfinite(found.costs)
+        assert np.array_equal(finite, np.isfinite(costs[plain.inside]))
+        assert found.costs[finite] == pytest.approx(costs[plain.inside][finite], rel=1e-12)
+        lengths, expected = sparse.measure_lengths(source), plain.measure_lengths(source)
+        assert np.array_equal(np.isinf(lengths), np.isinf(expected))
+        assert lengths[finite] == pytest.approx(expected[finite], rel=1e-12)
+        dense = sparse.measure_taut(source)
+        assert dense[plain.inside] == pytest.approx(expected, rel=1e-6)
+        assert np.all(np.isinf(dense[~plain.inside]))
+    assert not np.isfinite(sparse.search(places[5])[0].costs).all()  # the other piece
+    way = sparse.search(places[5])[0].traceback(places[-2000])
+    steps = np.linalg.norm(np.diff(way * field.spacing, axis=0), axis=1)
+    middle = 0.5 * (
+        sparse.weights[sparse._number(way[1:])] + sparse.weights[sparse._number(way[:-1])]
+    )
+    assert (steps * middle).sum() == pytest.approx(sparse.search(places[5])[1][tuple(way[-1])])
+
+
+def test_the_line_is_that_of_a_plain_search(monkeypatch):
+    field = build_field(make_phantom(seed=1).to_labels(voxel=2.0))
+    line = find_centreline(field)
+    monkeypatch.setattr("bozzini.duct.centreline.LumenGraph", PlainGraph)
+    plain = find_centreline(field)
+    assert line.points == pytest.approx(plain.points, abs=1e-3)
+    assert len(line.other_ends) == len(plain.other_ends)

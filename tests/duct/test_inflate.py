@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 import bozzini.duct as ducts
+from bozzini.anatomy import SurfaceTract
 from bozzini.duct import (
     BetweenCurves,
     Circles,
@@ -18,6 +19,7 @@ from bozzini.duct import (
     PlanarField,
     PointCloud,
     Polygon,
+    RefinedField,
     RoundCones,
     SampledField,
     StitchedQuads,
@@ -26,6 +28,8 @@ from bozzini.duct import (
     TriangleMesh,
     Union,
     Without,
+    build_field,
+    refine_field,
     union,
     without,
 )
@@ -78,6 +82,13 @@ def curves(**options):
     )
 
 
+def refined():
+    mesh = trimesh.creation.capsule(height=6.0, radius=2.0, count=[16, 16])
+    tract = SurfaceTract(vertices=mesh.vertices, faces=mesh.faces, source="made")
+    field = build_field(tract, voxel=0.5)
+    return refine_field(field, tract, mesh.vertices[:20], voxel=0.25, distance=1.0)
+
+
 TURN = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
 
 DUCTS = {
@@ -97,6 +108,7 @@ DUCTS = {
     ConvexPolyhedra: boxes,
     TriangleMesh: solid,
     SampledField: lambda: cones().sample(0.25),
+    RefinedField: lambda: refined(),
     Union: lambda: union(cones(), Moved(boxes(), shift=[0.0, 1.0, 0.0])),
     Moved: lambda: Moved(ellipsoids(), rotation=TURN, shift=[1.0, -2.0, 0.5]),
 }
@@ -199,8 +211,14 @@ def test_a_part_of_a_mesh_that_is_inside_out_is_named(inflation):
         GeometryError, match=r"turned inside out near \((4[89]|5[0-2])\..*of a part"
     ):
         TriangleMesh(mesh.vertices, mesh.faces, inflation=inflation)
-    with pytest.raises(GeometryError, match="turned inside out near"):
-        ducts.field_from_mesh(mesh.vertices, mesh.faces, voxel=1.0, inflate=inflation)
+    if inflation > 0.0:
+        with pytest.raises(GeometryError, match="turned inside out near"):
+            ducts.field_from_mesh(mesh.vertices, mesh.faces, voxel=1.0, inflate=inflation)
+    else:  # then it is only a wall where none is needed
+        field = ducts.field_from_mesh(mesh.vertices, mesh.faces, voxel=1.0)
+        assert field.signed_distance([50.0, 0.0, 0.0]) > 0.0
+        with pytest.raises(InputError, match="it must be 0 mm, because"):
+            field.inflate(0.5)
 
 
 def test_a_fold_that_is_inside_out_only_matters_if_the_wall_is_moved():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from bozzini.duct import field_from_mask
 from bozzini.motion.passage import find_passage
@@ -103,3 +104,49 @@ def test_both_ways_round_are_the_same():
     there = find_passage(field, curve[10], curve[-10])
     back = find_passage(field, curve[-10], curve[10])
     assert there.level == back.level and there.bound == back.bound
+
+
+def find_plainly(field, start, goal):
+    """Return (level, bound) by dense arrays: thresholds bisected over labelled components."""
+    shape = np.array(field.values.shape)
+    ends = [
+        tuple(np.clip(np.rint(field.to_grid(p) / field.spacing).astype(int), 0, shape - 1))
+        for p in (start, goal)
+    ]
+    room = field.inflation - field.values.astype(float)
+    half = 0.5 * np.linalg.norm(np.sort(field.spacing)[1:])
+    above = room
+    if field.inflation > 0.0:
+        free = field.values < field.inflation
+        above = ndimage.distance_transform_edt(free, sampling=field.spacing)
+        above[~free] = -1.0
+    limits = []
+    for values in (room, above):
+        raised = values.copy()
+        for end in ends:
+            raised[end] = values.max()
+        levels = np.unique(raised[raised > 0.0])
+        low, high = 0, len(levels)
+        while high - low > 1:
+            middle = (low + high) // 2
+            marks, _ = ndimage.label(raised >= levels[middle], structure=np.ones((3, 3, 3)))
+            joined = marks[ends[0]] == marks[ends[1]]
+            low, high = (middle, high) if joined else (low, middle)
+        limits.append(levels[low])
+    return min(limits[0], *(room[end] for end in ends)), limits[1] + half
+
+
+@pytest.mark.parametrize("inflation", [0.0, 1.3])
+def test_level_and_bound_are_those_of_dense_arrays(inflation):
+    random = np.random.default_rng(3)
+    mask = ndimage.gaussian_filter(random.normal(size=(22, 24, 40)), 2.2) > 0.02
+    mask[9:13, 9:14, 2:-2] = True
+    mask[:, :, 20] &= np.hypot(*np.mgrid[-11:11, -12:12]) < 6.0
+    field = field_from_mask(mask, np.diag([1.0, 0.8, 1.1, 1.0])).inflate(inflation)
+    ends = [11.0, 9.0, 5.0], [11.0, 9.0, 36.0]
+    passage = find_passage(field, *ends)
+    level, bound = find_plainly(field, *ends)
+    assert passage.level == pytest.approx(level, abs=1e-6)
+    assert passage.bound == pytest.approx(bound, abs=1e-5)
+    assert find_passage(field, *ends) is passage  # computed once
+    assert find_passage(field.inflate(0.5), *ends).level > passage.level

@@ -6,7 +6,6 @@ import json
 import math
 import re
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,8 +26,8 @@ def test_what_is_offered_never_reads_like_what_is_needed(radius, lack):
     refusal = Refusal.at_entry(Scope(diameter=2.0 * radius, link_length=5.0), radius - lack)
     needs, offers = (float(v) for v in re.findall(r"(-?\d+\.\d\d) mm", refusal.what)[:2])
     assert offers < needs
-    assert refusal.inflate == pytest.approx(lack)
-    assert refusal.diameter_max == pytest.approx(2.0 * (radius - lack))
+    # What would fit is not known before it has been planned.
+    assert refusal.inflate is None and refusal.diameter_max is None
 
 
 def make(**changes):
@@ -44,19 +43,29 @@ def make(**changes):
 
 def test_advice_lists_what_was_found_and_no_more():
     assert make().reason == "does not fit"
-    assert make(diameter_max=-0.5, link_max=0.0, inflate=-1.0).reason == "does not fit"
-    reason = make(diameter_max=4.567, link_max=8.0, inflate=0.91).reason
-    assert "4.56 mm diameter" in reason
-    assert "8.00 mm" in reason
-    # An inflation is rounded up, as a diameter is rounded down.
-    assert "1.0 mm" in reason
+    reason = make(diameter_max=4.55, link_max=8.0, inflate=0.9, diameter_bound=5.0).reason
+    assert "a scope of 4.55 mm diameter" in reason
+    assert "links of 8.00 mm" in reason
+    assert "inflated by 0.9 mm" in reason
     assert reason.count(" or ") == 2
+    assert "5.00" not in reason
 
 
-@given(st.floats(0.01, 9.0))
-def test_inflation_advised_is_enough(lack):
-    advised = float(re.findall(r"about (\d+\.\d) mm", make(inflate=lack).reason)[0])
-    assert lack - 1e-9 <= advised <= lack + 0.1 + 1e-9
+def test_without_a_plan_an_upper_bound_is_called_so():
+    reason = make(diameter_bound=4.0001).reason
+    assert "at most 4.01 mm could pass, but no plan was found" in reason
+    assert "Would fit" not in reason
+    # A bound that the scope keeps is no answer.
+    assert make(diameter_bound=6.5).reason == "does not fit"
+
+
+@given(at=st.floats(0.0, 900.0), end=st.floats(0.0, 900.0))
+def test_a_motion_that_ends_elsewhere_names_its_end_on_the_centreline(at, end):
+    reason = make(at=at, diameter_max=3.0).stop_at(end).reason
+    assert ("the motion ends at" in reason) == (abs(at - end) > 10.0)
+    assert reason.count(". ") <= 1
+    if abs(at - end) > 10.0:
+        assert f"{end:.1f} mm of the centreline" in reason
 
 
 def test_advice_is_added_without_changing_the_statement():
@@ -74,4 +83,8 @@ def test_a_description_is_plain_json():
 
 
 def test_an_angle_is_stated_in_degrees():
-    assert "30.0 deg" in Refusal.at_angle(math.radians(30.0), 55.0).reason
+    reason = Refusal.at_angle(math.radians(30.0), 55.0, at=52.0).reason
+    assert "30.0 deg" in reason
+    assert (
+        "52.0 mm of the centreline" in reason and "head 55.0 mm inserted along its path" in reason
+    )

@@ -252,7 +252,10 @@ def test_a_human_tract_in_a_breath(upper_gi_dir):
     affine[:3, 3] -= 6.0 * affine[:3, :3].sum(axis=1)
     field = field_from_mask(mask, affine, voxel=2.0)
     plan = plan_insertion(
-        field, find_centreline(field), scope=Scope(diameter=5.5, link_length=12.0)
+        field,
+        find_centreline(field),
+        scope=Scope(diameter=5.5, link_length=12.0),
+        method="tube",
     )
     assert plan.status == "complete"
 

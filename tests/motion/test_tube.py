@@ -10,7 +10,7 @@ from bozzini.duct.centreline import Centreline, measure_arc_length
 from bozzini.motion import Scope, plan_insertion
 from bozzini.motion._tube_kernels import move_in_tube as move
 from bozzini.motion.certify import certify_plan
-from bozzini.motion.tube import DEVIATION_CAP
+from bozzini.motion.tube import DEVIATION_CAP, STEP_RATIO_MAX
 from tests.exact import voxelise
 from tests.shapes import bend_curve
 
@@ -70,7 +70,7 @@ def test_the_head_follows_its_path_and_reaches_the_goal(bend):
 
 
 def test_the_tube_spares_motion(bend):
-    assert travel(plan(bend).joints) <= travel(plan(bend, method="follow").joints)
+    assert travel(plan(bend, method="tube").joints) <= travel(plan(bend, method="follow").joints)
 
 
 def test_joints_move_boundedly_however_fine_the_head_steps(bend):
@@ -173,11 +173,42 @@ def test_a_narrow_tube_holds_the_joint_near_the_path():
 def test_an_angle_that_following_keeps_is_no_reason_to_stop(bend):
     follow = plan(bend, method="follow")
     limit = follow.meta["measures"]["joint_angle_max_rad"] + 0.005
-    free = plan(bend)
+    free = plan(bend, method="tube")
     assert free.meta["measures"]["joint_angle_max_rad"] > limit
-    held = plan(bend, angle_limit=limit)
+    held = plan(bend, method="tube", angle_limit=limit)
     assert held.status == "complete"
     assert held.meta["measures"]["joint_angle_max_rad"] <= limit
-    tight = plan(bend, angle_limit=0.5 * limit)
+    tight = plan(bend, method="tube", angle_limit=0.5 * limit)
     assert (tight.status, tight.reason_code) == ("stopped", "ANGLE")
     assert tight.meta["certified"]
+
+
+@pytest.mark.parametrize(("diameter", "link"), [(2.0, 6.0), (4.0, 9.0), (6.0, 14.0)])
+def test_the_best_plan_has_the_most_certified_clearance(bend, diameter, link):
+    scope = Scope(diameter=diameter, link_length=link)
+    best, *others = (
+        plan_insertion(*bend, scope=scope, method=name) for name in ("best", "tube", "follow")
+    )
+    proved = best.meta["certificate"]["clearance_mm"]
+    ratio = best.meta["measures"]["joint_step_ratio_max"]
+    for other in others:
+        assert other.meta["certificate"]["clearance_mm"] <= proved + 1e-9
+    # It is the candidate that it names, and the best of the calm ones.
+    assert best.method in ("tube", "follow")
+    assert (best.method == "follow") == (best.meta["options"]["freedom"] == 0.0)
+    assert best.meta["options"]["asked"] == "best"
+    calm = [one for one in best.meta["candidates"] if one["joint_step_ratio"] <= STEP_RATIO_MAX]
+    assert len(best.meta["candidates"]) >= 3
+    assert proved == pytest.approx(max(one["clearance_mm"] for one in calm), abs=1e-9)
+    assert ratio <= STEP_RATIO_MAX
+    assert certify_plan(best, bend[0]).clearance == pytest.approx(proved)
+
+
+def test_a_best_motion_whose_joints_jump_is_not_taken(bend):
+    # Links nearly as long as the bend is wide: some candidates may move fast, none is chosen then.
+    scope = Scope(diameter=2.0, link_length=24.0)
+    best = plan_insertion(*bend, scope=scope)
+    ratios = [one["joint_step_ratio"] for one in best.meta["candidates"]]
+    chosen = best.meta["measures"]["joint_step_ratio_max"]
+    assert best.status == "complete"
+    assert chosen <= STEP_RATIO_MAX or chosen == pytest.approx(min(ratios))

@@ -1,7 +1,7 @@
 """Tracts: read from CT labels or surfaces, made as a phantom, or fetched from public sources.
 
-Everything is in mm, in the frame of the scanner or file (RAS+ for NIfTI: +x to the patient's
-right, +y to the front, +z to the head).
+Everything is in mm, in the frame of the file (RAS+ for NIfTI: +x to the patient's right, +y to the
+front, +z to the head; LPS for DICOM and MetaImage).
 """
 
 from __future__ import annotations

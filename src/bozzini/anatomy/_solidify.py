@@ -17,7 +17,7 @@ from .findings import Finding, name_place
 from .labels import tract_from_labels
 from .tract import LabelTract, Opening
 
-__all__ = ["find_openings", "report_holes", "solidify"]
+__all__ = ["find_missing", "find_openings", "measure_width", "report_holes", "solidify"]
 
 VOXEL = 1.0
 """Voxel of a solidified surface [mm], smaller for a small one."""
@@ -80,18 +80,18 @@ class _Grid:
         return tuple(np.clip(index, 0, np.array(self.shape) - 1).T)
 
 
-def find_openings(
-    points: Vertices, faces: Faces, holes: Sequence[_mesh.Hole]
-) -> tuple[tuple[Opening, ...], list[_mesh.Hole]]:
-    """Tell the open ends of a surface, the largest first, from its small holes."""
-    closed = close_sheet(points, faces, list(holes))
+def measure_width(points: Vertices, faces: Faces, holes: Sequence[_mesh.Hole]) -> float:
+    """Return twice the volume over the area [mm]: the radius of a long tube."""
     corners = points[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    width = (
-        2.0
-        * abs(_mesh.measure_volume(*closed))
-        / max(0.5 * np.linalg.norm(normals, axis=1).sum(), 1e-300)
-    )
+    area = max(0.5 * float(np.linalg.norm(normals, axis=1).sum()), 1e-300)
+    return 2.0 * abs(_mesh.measure_volume(*close_sheet(points, faces, list(holes)))) / area
+
+
+def find_openings(
+    holes: Sequence[_mesh.Hole], width: float
+) -> tuple[tuple[Opening, ...], list[_mesh.Hole]]:
+    """Tell the open ends of a surface of some width, the largest first, from its small holes."""
     ends = [hole for hole in holes if hole.radius >= OPENING * width]
     small = [hole for hole in holes if hole.radius < OPENING * width]
     openings = tuple(
@@ -135,10 +135,11 @@ def solidify(
     found = list(found)
     kept = np.concatenate([sheet.faces for sheet in choice.kept])
     holes = _mesh.find_holes(points, kept)
-    openings, small = find_openings(points, kept, holes)
     corners, closed = close_sheet(points, kept, holes)
     grid = _Grid(corners, closed)
     lumen = grid.wind(corners, [closed])
+    ends = [hole for hole in holes if not _leads_inside(points, hole, lumen, grid)]
+    openings, small = find_openings(ends, measure_width(points, kept, holes))
     if not lumen.any():
         raise GeometryError(
             f"{source} encloses no volume that a voxel of {grid.voxel:.2g} mm shows"
@@ -147,7 +148,7 @@ def solidify(
         found += _check_ambiguous(points, kept, lumen, grid, source)
     found += report_holes(openings, small)
     lumen = _carve(points, choice, lumen, grid, found)
-    found += _find_missing(points, choice.outer, kept, COARSE * grid.voxel)
+    found += find_missing(points, choice.outer, kept)
     volume = lumen.astype(np.uint16)
     if len(names) > 1:
         for k, sheet in reversed(list(enumerate(choice.kept))):
@@ -157,13 +158,15 @@ def solidify(
     affine[:3, 3] = grid.low
     tract = tract_from_labels(volume, affine, source=source, findings=found)
     sheets = np.concatenate((kept, *(sheet.faces for sheet in choice.copies)))
-    deviation, farthest, place = _measure_deviation(points, sheets, tract)
+    caps = closed[len(kept) :]
+    deviation, farthest, place = _measure_deviation(corners, sheets, caps, tract)
     number = len(choice.kept)
     message = (
         f"{number} {'sheet' if number == 1 else 'sheets'} united to one lumen of voxels of "
         f"{grid.voxel:.2g} mm ({len(choice.outer)} outer, {len(choice.copies)} doubled left out): "
-        f"its wall is within {deviation[0]:.2f} mm (95 %), {deviation[1]:.2f} mm (99 %), "
-        f"{farthest:.1f} mm (all) of the triangles, farthest near {name_place(place)} mm"
+        f"its wall is within {deviation[0]:.2f} mm (95 %), {deviation[1]:.2f} mm (99 %) of the "
+        f"triangles and flat caps, and {farthest:.1f} mm of the triangles alone, near "
+        f"{name_place(place)} mm"
     )
     found = [*tract.findings, Finding("sheets-solidified", "warning", message)]
     return replace(
@@ -172,13 +175,24 @@ def solidify(
         openings=openings,
         label_names={k + 1: name for k, name in enumerate(names) if k + 1 in tract.label_values},
         wall=f"faces of voxels of {grid.voxel:.2g} mm of the solidified surface",
-        wall_error=0.5 * np.sqrt(3.0) * grid.voxel + deviation[1],
+        wall_error=float(0.5 * np.sqrt(3.0) * grid.voxel + deviation[1]),
     )
 
 
 def _close_one(points: Vertices, sheet: Sheet) -> tuple[Vertices, list[Faces]]:
     corners, faces = close_sheet(points, sheet.faces, sheet.holes)
     return corners, [faces]
+
+
+def _leads_inside(points: Vertices, hole: _mesh.Hole, lumen: Mask, grid: _Grid) -> bool:
+    """Say whether lumen goes on beyond the cap of a hole, in another sheet."""
+    start, end = points[hole.edges[:, 0]], points[hole.edges[:, 1]]
+    outward = np.cross(start - hole.point, end - hole.point).sum(axis=0)
+    size = float(np.linalg.norm(outward))
+    if size == 0.0:
+        return False
+    beyond = hole.point + max(2.0 * grid.voxel, hole.deviation) * outward / size
+    return bool(lumen[grid.find(beyond[None])][0])
 
 
 def report_holes(openings: Sequence[Opening], small: Sequence[_mesh.Hole]) -> list[Finding]:
@@ -307,16 +321,15 @@ def _carve_touched(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> 
     lumen[tuple(index[squared <= reach**2].T)] = False
 
 
-def _find_missing(
-    points: Vertices, outer: Sequence[Sheet], kept: Faces, step: float
-) -> list[Finding]:
-    """Say where an outer sheet encloses a place that no inner one does."""
+def find_missing(points: Vertices, outer: Sequence[Sheet], kept: Faces) -> list[Finding]:
+    """Report where an outer sheet encloses a place that no inner one does."""
     from scipy import ndimage
     from scipy.spatial import cKDTree
 
     if not outer:
         return []
-    grid = _Grid(points, np.concatenate((kept, *(sheet.faces for sheet in outer))), step)
+    faces = np.concatenate((kept, *(sheet.faces for sheet in outer)))
+    grid = _Grid(points, faces, COARSE * _Grid(points, kept).voxel)
     step = grid.voxel
     corners, closed = close_sheet(points, kept, _mesh.find_holes(points, kept))
     inside = grid.wind(corners, [closed])
@@ -344,9 +357,19 @@ def _find_missing(
 
 
 def _measure_deviation(
-    points: Vertices, faces: Faces, tract: LabelTract
+    points: Vertices, faces: Faces, caps: Faces, tract: LabelTract
 ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
-    """Return how far the faces of voxels are from triangles: 95 % and 99 %, most, and where."""
+    """Return how far the faces of voxels are from the triangles.
+
+    Returns
+    -------
+    shares : (2,) float
+        95 % and 99 % of the distances to the triangles and caps [mm].
+    farthest : float
+        The largest distance to the triangles alone [mm].
+    place : (3,) float
+        Where that is.
+    """
     import igl
 
     mask = tract.mask
@@ -355,11 +378,19 @@ def _measure_deviation(
         index = np.argwhere(np.diff(mask, axis=axis)).astype(np.float64)
         index[:, axis] += 0.5
         places.append(index)
-    found = np.concatenate(places) @ tract.affine[:3, :3].T + tract.affine[:3, 3]
-    boxes = igl.AABB()
-    triangles = np.ascontiguousarray(faces)
-    boxes.init(points, triangles)
-    squared = boxes.squared_distance(points, triangles, np.ascontiguousarray(found))[0]
-    distance = np.sqrt(squared)
+    middles = np.concatenate(places) @ tract.affine[:3, :3].T + tract.affine[:3, 3]
+
+    def ask(triangles: Faces, asked: Vertices) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        boxes = igl.AABB()
+        triangles = np.ascontiguousarray(triangles)
+        boxes.init(points, triangles)
+        squared, nearest, _ = boxes.squared_distance(points, triangles, np.ascontiguousarray(asked))
+        return np.sqrt(squared), nearest
+
+    distance, nearest = ask(np.concatenate((faces, caps)), middles)
+    shares = np.quantile(distance, (0.95, 0.99))
+    at_cap = nearest >= len(faces)
+    if at_cap.any():
+        distance[at_cap] = ask(faces, middles[at_cap])[0]
     most = int(distance.argmax())
-    return np.quantile(distance, (0.95, 0.99)), float(distance[most]), found[most]
+    return np.asarray(shares), float(distance[most]), middles[most]

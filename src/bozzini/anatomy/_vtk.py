@@ -94,7 +94,8 @@ def _read_legacy(body: bytes, *, binary: bool) -> Mesh:
         body = body[line.end() :]
         if word == b"POINTS":
             values, body = take(body, 3 * int(rest[0]), _LEGACY_TYPES[rest[1].decode().lower()])
-            points = values.astype(np.float64).reshape(-1, 3)
+            with np.errstate(invalid="ignore"):  # a damaged number may be a signalling NaN
+                points = values.astype(np.float64).reshape(-1, 3)
         elif word in (b"POLYGONS", b"TRIANGLE_STRIPS", b"VERTICES", b"LINES"):
             table, body = _take_cells(body, rest, take)
             if word == b"POLYGONS":
@@ -238,8 +239,8 @@ def read_vtp(path: Path) -> Mesh:
             f"{path} is packed by {packer[:40]}: only vtkZLibDataCompressor is read"
         )
     coded = encoding is not None and encoding[1] == b"base64"
-    reader = _XmlArrays(root, appended, coded=coded)
     try:
+        reader = _XmlArrays(root, appended, coded=coded)
         pieces = [_read_piece(piece, reader) for piece in root.iter("Piece")]
         starts = np.cumsum([0] + [len(points) for points, _ in pieces[:-1]])
         if not pieces:

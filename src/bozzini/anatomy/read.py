@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
+from pathlib import Path
 
 from ..errors import FileFormatError, InputError
 from ._files import has_suffix
@@ -11,7 +14,40 @@ from .surfaces import SURFACE_SUFFIXES, read_surface
 from .tract import LabelTract, SurfaceTract
 from .volumes import LABEL_SUFFIXES, is_volume, read_labels
 
-__all__ = ["LABEL_SUFFIXES", "SURFACE_SUFFIXES", "read_labels", "read_surface", "read_tract"]
+__all__ = [
+    "LABEL_SUFFIXES",
+    "SURFACE_SUFFIXES",
+    "hash_input",
+    "read_labels",
+    "read_surface",
+    "read_tract",
+]
+
+
+def hash_input(path: str | os.PathLike[str]) -> str:
+    """Return the SHA-256 of a tract's file, of all files of a folder, or of a header and its data.
+
+    Parameters
+    ----------
+    path : path-like
+        What `read_tract` reads.
+    """
+    place = Path(path)
+    files = (
+        sorted(item for item in place.iterdir() if item.is_file()) if place.is_dir() else [place]
+    )
+    if has_suffix(path, (".nhdr", ".mhd")):
+        found = re.search(
+            rb"(?im)^(?:data ?file\s*:|ElementDataFile\s*=)\s*(.+?)\s*$", place.read_bytes()
+        )
+        if found and (place.parent / os.fsdecode(found[1])).is_file():
+            files.append(place.parent / os.fsdecode(found[1]))
+    total = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as handle:
+            while piece := handle.read(1 << 20):
+                total.update(piece)
+    return total.hexdigest()
 
 
 def read_tract(

@@ -6,6 +6,7 @@ where the image crosses a threshold. This does not replace a segmentation tool.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -266,16 +267,38 @@ def _find_body(ct: NDArray[Any], slices: int, source: str, progress: Progress) -
     from scipy import ndimage
 
     tissue = ct > TISSUE
-    numbers, sizes = _label(ndimage.binary_erosion(tissue, border_value=1))
+    core = tissue.copy()
+    for one, other in _list_neighbours(tissue, core):
+        np.logical_and(other, one, out=other)
+    numbers, sizes = _label(core)
     if len(sizes) < 2:
         raise GeometryError(f"{source} has no tissue above {TISSUE:g} HU")
-    body: Mask = ndimage.binary_dilation(numbers == int(sizes.argmax()), mask=tissue)
+    np.equal(numbers, int(sizes.argmax()), out=core)
     del numbers
+    body: Mask = core.copy()
+    for one, other in _list_neighbours(core, body):
+        np.logical_or(other, one, out=other)
+    body &= tissue
     view = np.moveaxis(body, slices, 0)
     for at in range(len(view)):
-        view[at] = ndimage.binary_fill_holes(view[at])
+        empty, count = ndimage.label(~view[at])
+        edges = (empty[0], empty[-1], empty[:, 0], empty[:, -1])
+        outside = np.zeros(count + 1, dtype=bool)
+        outside[np.concatenate(edges)] = True
+        outside[0] = False
+        view[at] = ~outside[empty]
         progress("body", (at + 1) / len(view))
     return body
+
+
+def _list_neighbours(mask: Mask, other: Mask) -> Iterator[tuple[Mask, Mask]]:
+    """Give views of two masks, shifted by a voxel in each of the six directions."""
+    for axis in range(3):
+        low: list[slice] = [slice(None)] * 3
+        high = low.copy()
+        low[axis], high[axis] = slice(None, -1), slice(1, None)
+        yield mask[tuple(low)], other[tuple(high)]
+        yield mask[tuple(high)], other[tuple(low)]
 
 
 def _find_lungs(ct: NDArray[Any], body: Mask, voxel: float) -> Mask:
@@ -303,10 +326,11 @@ def _find_fluid(
     bright = body & (ct > TAGGED)
     fluid = np.zeros(gas.shape, dtype=bool)
     best: tuple[float, int, int, list[NDArray[np.int64]]] = (0.0, 0, 1, [])
+    places = np.argwhere(gas)
     for axis in range(3):
         face = float(np.prod(np.delete(spacing, axis)))
         for sign in (1, -1):
-            levels = _find_levels(_turn(gas, axis, sign), _turn(bright, axis, sign), face)
+            levels = _find_levels(gas, bright, places, axis, sign, face)
             total = face * sum(len(level) for level in levels)
             if total > best[0]:
                 best = (total, axis, sign, levels)
@@ -344,25 +368,34 @@ def _turn(array: NDArray[Any], axis: int, sign: int) -> NDArray[Any]:
     return np.moveaxis(array, axis, 0)[::sign]
 
 
-def _find_levels(gas: Mask, bright: Mask, face: float) -> list[NDArray[np.int64]]:
-    """Return the voxels of gas above each flat level; down is along the first axis."""
-    if len(gas) <= DEPTH:
+def _find_levels(
+    gas: Mask, bright: Mask, places: NDArray[np.int64], axis: int, sign: int, face: float
+) -> list[NDArray[np.int64]]:
+    """Return the voxels of gas above each flat level, in the axes of `_turn`."""
+    size = gas.shape[axis]
+    height = places[:, axis] if sign > 0 else size - 1 - places[:, axis]
+    bottom = places[height < size - DEPTH]
+    step = np.zeros(3, dtype=np.int64)
+    step[axis] = sign
+    bottom = bottom[~gas[tuple((bottom + step).T)]]
+    wet = np.zeros(len(bottom), dtype=bool)
+    for depth in range(1, DEPTH + 1):
+        wet |= bright[tuple((bottom + depth * step).T)]
+    if not wet.any():
         return []
-    depth = DEPTH
-    over = np.zeros((len(gas) - depth, *gas.shape[1:]), dtype=bool)
-    for step in range(1, depth + 1):
-        over |= bright[step : len(gas) - depth + step]
-    over &= gas[:-depth] & ~gas[1 : len(gas) - depth + 1]
+    over = np.zeros(gas.shape, dtype=bool)
+    over[tuple(bottom[wet].T)] = True
     runs = _Runs.find(over.view(np.uint8))
-    if len(runs.rows) == 0:
-        return []
     numbers, count = runs.join(corners=True)
-    height = runs.rows // runs.shape[1]
-    high, low = np.full(count, -1), np.full(count, len(gas))
-    np.maximum.at(high, numbers, height)
-    np.minimum.at(low, numbers, height)
-    flat = (high - low <= 1) & (runs.sum_by(numbers) * face >= LEVEL_AREA)
-    return [runs.keep(numbers == at).expand() for at in np.flatnonzero(flat)]
+    voxels, numbers = runs.expand(), np.repeat(numbers, runs.ends - runs.begins)
+    voxels = np.concatenate([voxels[:, axis : axis + 1], np.delete(voxels, axis, axis=1)], axis=1)
+    if sign < 0:
+        voxels[:, 0] = size - 1 - voxels[:, 0]
+    high, low = np.full(count, -1), np.full(count, size)
+    np.maximum.at(high, numbers, voxels[:, 0])
+    np.minimum.at(low, numbers, voxels[:, 0])
+    flat = (high - low <= 1) & (np.bincount(numbers) * face >= LEVEL_AREA)
+    return [voxels[numbers == at] for at in np.flatnonzero(flat)]
 
 
 def _find_seeded(

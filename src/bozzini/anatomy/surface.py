@@ -13,7 +13,7 @@ from . import _mesh
 from ._nesting import resolve_parts
 from ._scale import check_scale
 from ._sheets import Choice, Sheet, choose_sheets, close_sheet
-from ._solidify import find_openings, report_holes, solidify
+from ._solidify import find_missing, find_openings, measure_width, report_holes, solidify
 from .findings import Finding, name_place
 from .tract import LabelTract, Opening, SurfaceTract
 
@@ -123,12 +123,13 @@ def tract_from_surface(
         raise GeometryError(f"{source} encloses no volume: its two sides lie on each other")
     triangles = np.concatenate((triangles, parts.bodies))
     found += _check_topology(points, triangles)
-    if repair:
-        points, triangles = _split_corners(points, triangles, found)
     found += _check_crossing(points, triangles)
     found += check_scale(size, hint="give the file's own unit, for example --unit m or --unit cm")
     # Each triangle of a sheet both ways: it bounds, and winds about nothing.
-    triangles = np.concatenate((triangles, parts.sheets, parts.sheets[:, ::-1]))
+    sheets = np.concatenate((parts.sheets, parts.sheets[:, ::-1]))
+    if repair:
+        points, triangles, sheets = _split_corners(points, triangles, sheets, found)
+    triangles = np.concatenate((triangles, sheets))
     wall_text = "triangles of the file, open ends capped flat" if openings else ""
     return SurfaceTract(
         vertices=points,
@@ -218,7 +219,8 @@ def _cap_sheet(
 ) -> tuple[Vertices, Faces, NDArray[np.int64], tuple[Opening, ...]]:
     """Cap the one sheet that bounds the lumen; the other sheets become parts beside it."""
     sheet = choice.kept[0]
-    openings, small = find_openings(points, sheet.faces, sheet.holes)
+    width = measure_width(points, sheet.faces, sheet.holes)
+    openings, small = find_openings(sheet.holes, width)
     area = sum(math.pi * hole.radius**2 for hole in sheet.holes)
     bad = [hole for hole in sheet.holes if not _is_flat(hole)]
     number = sum(len(hole.edges) for hole in sheet.holes)
@@ -247,6 +249,7 @@ def _cap_sheet(
             f"there first"
         )
     found += report_holes(openings, small)
+    found += find_missing(points, choice.outer, sheet.faces)
     others = [s.faces for s in (*choice.outer, *choice.copies, *choice.others)]
     part = np.repeat(np.arange(1 + len(others)), [len(closed), *(len(faces) for faces in others)])
     return corners, np.concatenate((closed, *others)), part, openings
@@ -327,7 +330,7 @@ def _close(
 
 def _find_open(triangles: Faces) -> NDArray[np.int64]:
     edges = _mesh.count_edges(triangles)
-    return edges.pairs[edges.counts == 1]
+    return np.asarray(edges.pairs[edges.counts == 1], dtype=np.int64)
 
 
 def _count_open(triangles: Faces) -> int:
@@ -380,12 +383,12 @@ def _find_joints(triangles: Faces) -> NDArray[np.int64]:
 
 
 def _split_corners(
-    points: Vertices, triangles: Faces, found: list[Finding]
-) -> tuple[Vertices, Faces]:
+    points: Vertices, triangles: Faces, sheets: Faces, found: list[Finding]
+) -> tuple[Vertices, Faces, Faces]:
     """Give each fan of triangles a corner of its own: sheets that touch are then apart."""
     joints = _find_joints(triangles)
     if len(joints) == 0:
-        return points, triangles
+        return points, triangles, sheets
     number, fan = _mesh.label_fans(triangles)
     corner = np.zeros(number, dtype=np.int64)
     corner[fan] = triangles
@@ -394,7 +397,9 @@ def _split_corners(
         f"{name_place(points[joints[0]])} mm: each sheet has its own, the wall is where it was"
     )
     found.append(Finding("corners-split", "note", message))
-    return points[corner], fan
+    used, index = np.unique(sheets, return_inverse=True)
+    sheets = index.reshape(-1, 3).astype(np.int64) + number
+    return np.concatenate((points[corner], points[used])), fan, sheets
 
 
 def _find_crossing(

@@ -77,7 +77,7 @@ def read_surface(
     path : path-like
         A ``.stl``, ``.ply``, ``.obj``, ``.glb``, ``.off``, ``.vtk`` (legacy) or ``.vtp`` file.
     part : str, int or sequence of them, optional
-        Parts by name or number (1 is the first listed), ``"all"``; several are united. A file of
+        Parts by name or number (1 is the largest), ``"all"``; several are united. A file of
         one mesh has its connected parts, numbered from the largest.
     unit : str, optional
         Unit of the file's coordinates, for example ``"mm"``, ``"m"``, ``"in"``. By default m for
@@ -128,6 +128,7 @@ def read_surface(
         found.append(Finding("unit-assumed", "note", message))
     meshes = [_measure(replace(mesh, vertices=mesh.vertices * sizes), path) for mesh in meshes]
     meshes = [mesh for mesh in meshes if len(mesh.faces)]
+    meshes.sort(key=lambda mesh: (-float(f"{mesh.volume:.6g}"), mesh.name))
     tract = _choose(meshes, part, name_file(path), found, repair=repair)
     if has_suffix(path, (".glb",)):
         tract = _add_frame(tract, marked)

@@ -100,7 +100,8 @@ def _encode(path: str | os.PathLike[str], tract: SurfaceTract) -> bytes:
     with quiet_libraries():
         mesh = trimesh.Trimesh(vertices=tract.vertices * scale, faces=tract.faces, process=False)
         if kind == "glb":
-            data: Any = trimesh.exchange.gltf.export_glb(
+            gltf: Any = trimesh.exchange.gltf
+            data: Any = gltf.export_glb(
                 mesh, tree_postprocessor=lambda tree: _mark_frame(tree, tract.frame)
             )
         else:

@@ -179,8 +179,18 @@ def clean_json(value: Any) -> Any:
 
 
 def write_json(result: Mapping[str, Any]) -> None:
-    """Write `result` on stdout as one JSON object."""
-    click.echo(json.dumps(clean_json(result), indent=2, allow_nan=False, ensure_ascii=False))
+    """Write `result` on stdout as one JSON object.
+
+    It is ASCII where stdout is not UTF-8, and where the name of a file is not: a byte of it is
+    then a lone surrogate from U+DC80 to U+DCFF, as in Python.
+    """
+    plain = clean_json(result)
+    text = json.dumps(plain, indent=2, allow_nan=False, ensure_ascii=False)
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(plain, indent=2, allow_nan=False)
+    click.echo(text)
 
 
 def emit(result: Mapping[str, Any], *, as_json: bool, text: str) -> None:

@@ -48,9 +48,9 @@ def command(
     quiet: bool,
 ) -> None:
     """Move an endoscope through a phantom oesophagus, stomach and duodenum."""
-    from ..files import check_new_directory
+    from ..files import reserve_directory
 
-    check_new_directory(out, force=force)
+    click.get_current_context().with_resource(reserve_directory(out, force=force))
     machine = read_robot(robot)
     scope = choose_scope(machine, diameter=diameter, link=link)
     with progress_bar(quiet=quiet) as progress:

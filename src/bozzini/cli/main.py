@@ -1,16 +1,22 @@
 """The command ``bozzini``: finds the subcommand, and turns every outcome into an exit code.
 
 Exit codes: 0 done; 1 an honest negative answer (for example: it does not fit); 2 bad input or
-usage; 70 a fault in Bozzini itself; 130 interrupted; 141 the reader of the output went away.
+usage; 70 a fault in Bozzini itself; 130 interrupted; 141 the reader of the output went away. A
+process that is terminated (SIGTERM, SIGHUP) removes what is unfinished, then ends by that signal.
 """
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import click
 from click.exceptions import Abort, Exit
@@ -24,6 +30,7 @@ __all__ = ["COMMANDS", "main", "root"]
 COMMANDS = {
     "demo": "Run the whole way on a phantom tract: plan, report, 3-D scene.",
     "plan": "Plan a scope's motion through your own scan or surface.",
+    "certify": "Check a saved plan, and prove its clearance anew.",
     "phantom": "Write a phantom upper gastro-intestinal tract to a file.",
     "segment": "Find the gas-filled lumen in a CT without labels.",
     "data": "List and fetch public anatomy.",
@@ -37,6 +44,9 @@ COMMANDS = {
 EXIT_INTERNAL_ERROR = 70
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
+
+_NO_PLACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EMFILE}
+"""What an output may meet that is no fault of Bozzini: no space, for example."""
 
 _COMPLETE = "_BOZZINI_COMPLETE"
 
@@ -92,11 +102,55 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug, given = _take_flag("--debug", given)
     as_json, _ = _take_flag("--json", given)
     run = _Run(as_json=as_json, debug=debug)
+    _allow_any_name()
     try:
-        return run.invoke(given or ["--help"])
+        with _ending_cleanly():
+            return run.invoke(given or ["--help"])
     except BrokenPipeError:
         _silence_stdout()
         return EXIT_BROKEN_PIPE
+    except _Terminated as stop:
+        signal.signal(stop.signal, signal.SIG_DFL)
+        os.kill(os.getpid(), stop.signal)
+        return 128 + stop.signal
+
+
+class _Terminated(BaseException):
+    """The process was told to end; what is unfinished is removed on the way out."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.signal = number
+
+
+@contextmanager
+def _ending_cleanly() -> Iterator[None]:
+    """Turn the signals that end a process into an exception while the block runs."""
+    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    # A signal that is ignored (nohup) stays ignored.
+    before = {number: signal.getsignal(number) for number in numbers}
+    before = {number: old for number, old in before.items() if old == signal.SIG_DFL}
+
+    def stop(number: int, frame: Any) -> None:
+        raise _Terminated(number)
+
+    for number in before:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def _allow_any_name() -> None:
+    """Let stdout and stderr take names of files that are not of their encoding."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            # Bytes of a name that are not UTF-8 go out as they came in.
+            whole = str(stream.encoding).lower().replace("-", "") == "utf8"
+            stream.reconfigure(errors="surrogateescape" if whole else "backslashreplace")
 
 
 class _Run:
@@ -108,6 +162,12 @@ class _Run:
         self.context: click.Context | None = None
 
     def invoke(self, arguments: list[str]) -> int:
+        try:
+            return self._invoke(arguments)
+        finally:
+            self._note_cache()
+
+    def _invoke(self, arguments: list[str]) -> int:
         try:
             self.context = root.make_context("bozzini", arguments)
             with self.context:
@@ -124,12 +184,29 @@ class _Run:
             return self._tell("Interrupted", "interrupted", EXIT_INTERRUPTED)
         except BrokenPipeError:
             raise
+        except OSError as error:
+            if error.errno not in _NO_PLACE:
+                return self._tell_internal(error)
+            _silence_stdout()
+            where = f"cannot write {error.filename}" if error.filename else "cannot write"
+            return self._tell("OutputError", f"{where}: {error.strerror}", EXIT_BAD_INPUT)
         except MemoryError:
             message = "not enough memory: ask for less (a larger --voxel or --cell)"
             return self._tell("MemoryError", message, EXIT_BAD_INPUT)
         except Exception as error:
             return self._tell_internal(error)
         return result if isinstance(result, int) else EXIT_DONE
+
+    def _note_cache(self) -> None:
+        from ..files import find_provided_cache
+
+        cache = find_provided_cache()
+        if cache is not None and "numba" in sys.modules:
+            click.echo(
+                f"bozzini: note: compiled code is kept in {cache}, as neither the installation nor "
+                "the home directory can be written; NUMBA_CACHE_DIR names another place",
+                err=True,
+            )
 
     def _tell_usage(self, error: click.ClickException) -> int:
         context = error.ctx if isinstance(error, click.UsageError) else None
@@ -144,6 +221,9 @@ class _Run:
         return self._tell("UsageError", message, EXIT_BAD_INPUT)
 
     def _tell_internal(self, error: Exception) -> int:
+        if isinstance(error, RuntimeError) and "cannot cache function" in str(error):
+            message = "no directory for compiled code: set NUMBA_CACHE_DIR to one to write to"
+            return self._tell("OutputError", message, EXIT_BAD_INPUT)
         message = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         if not self.debug:
             message += "; run with --debug for the traceback"

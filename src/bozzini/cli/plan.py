@@ -129,9 +129,9 @@ def command(
     motion of a tendon robot is made too: tendons.csv tells its drives. Exit code 0: it fits; 1: it
     does not, and the report says where; 2: bad input.
     """
-    from ..files import check_new_directory
+    from ..files import reserve_directory
 
-    check_new_directory(out, force=force)
+    click.get_current_context().with_resource(reserve_directory(out, force=force))
     machine = read_robot(robot)
     scope = choose_scope(machine, diameter=diameter, link=link, length=length)
     from ..study import run_insertion

@@ -25,6 +25,9 @@ MAX_NODES = 40_000_000
 NODE_SPACING = 1.5
 """Voxels are divided until nodes are no farther apart than this by default [mm]."""
 
+INFLATION_MAX = 30.0
+"""Largest inflation [mm]: it makes a tube 60 mm wider, as wide as a colon full of gas."""
+
 MARGIN = 6.0
 """How far the grid, and exact distances, reach beyond the (inflated) lumen [mm]."""
 
@@ -53,7 +56,7 @@ def build_field(
         are at most 1.5 mm (the wall stays the faces of the data's voxels), for a surface the
         median edge (at most 1 mm); a grid beyond 40 million nodes is made coarser.
     inflate : float
-        Move the wall outwards by this much [mm].
+        Move the wall outwards by this much [mm], `INFLATION_MAX` at most.
     reach : float, optional
         How far the wall may be moved outwards later, in all [mm]: see `SampledField.inflate`.
         Distances outside are exact up to two cells more than this, and than the inflation, and up
@@ -152,7 +155,7 @@ def _sample(
     reach: float | None,
     progress: Progress,
 ) -> SampledField:
-    check_number("inflation", inflate, low=0.0, high=100.0, unit="mm")
+    check_number("inflation", inflate, low=0.0, high=INFLATION_MAX, unit="mm")
     if voxel is not None:
         check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
     if reach is not None:
@@ -205,8 +208,9 @@ def _lay_on_voxels(wall: VoxelWall, voxel: float | None, pad: float) -> Grid:
     if np.allclose(parts, np.rint(parts)):  # then nodes lie on the centres of the voxels
         start = -spacing * np.ceil((pad + 0.5 * voxels) / spacing)
     else:
-        start = -0.5 * voxels - pad
-    return start, spacing.astype(np.float64), _count_nodes(size + 2 * pad, spacing, more=2)
+        # Nodes stay where they are when the wall is inflated.
+        start = -0.5 * voxels - spacing * np.ceil(pad / spacing)
+    return start, spacing.astype(np.float64), _count_nodes(size + 2 * pad, spacing, more=3)
 
 
 def _lay_on_mesh(wall: MeshWall, voxel: float | None, pad: float) -> Grid:
@@ -216,9 +220,11 @@ def _lay_on_mesh(wall: MeshWall, voxel: float | None, pad: float) -> Grid:
     if voxel is None:
         edges = points[wall.faces] - points[np.roll(wall.faces, 1, axis=1)]
         wanted = min(1.0, float(np.median(np.linalg.norm(edges, axis=2))))
-        wanted = max(wanted, float((high - low).max()) / 400.0)
+        wanted = max(wanted, float(np.ptp(points, axis=0).max() + 2.0 * MARGIN) / 400.0)
         voxel = wanted * max(1.0, _coarsen(high - low, np.full(3, wanted)))
     spacing = np.full(3, float(voxel))
+    # Nodes stay where they are when the wall is inflated.
+    low = points.min(axis=0) - voxel * np.ceil(pad / voxel)
     return low, spacing, _count_nodes(high - low, spacing, more=1)
 
 

@@ -182,8 +182,8 @@ class SampledField:
         check_number("distance", distance, unit="mm")
         if not self.exact_outside and distance > 0.0:
             raise InputError(
-                f"distance is {distance:g} mm: it must be 0 mm, because this field was sampled "
-                "from lower bounds of the distance; inflate the duct before it is sampled"
+                f"distance is {distance:g} mm: it must be 0 mm, because this field only has lower "
+                "bounds of the distance outside; inflate the duct before it is sampled"
             )
         most = self.inflation_max - self.inflation
         if distance > 0.0 and distance > most * (1.0 + 1e-12):

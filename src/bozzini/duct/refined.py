@@ -115,7 +115,7 @@ class RefinedField:
         return -self._ask(points, evaluate_slope, 3) @ self.coarse.rotation.T
 
     def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return (...) rigorous lower bounds of the distance to the wall at points (..., 3) [mm]."""
+        """Return (...) rigorous lower bounds of the clearance at world points (..., 3) [mm]."""
         from ._clearance_kernels import evaluate_bound
 
         return self._ask(points, evaluate_bound)

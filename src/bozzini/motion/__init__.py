@@ -18,6 +18,7 @@ from .traverse import LinkLimits, find_link_limits
 from .traverse_bend import Bend
 from .traverse_diameter import find_diameter_limits
 from .tube import TubeOptions
+from .verify import Verification, verify_file, verify_plan
 
 __all__ = [
     "METHODS",
@@ -33,6 +34,7 @@ __all__ = [
     "Refusal",
     "Scope",
     "TubeOptions",
+    "Verification",
     "certify_motion",
     "certify_plan",
     "find_diameter_limits",
@@ -44,4 +46,6 @@ __all__ = [
     "plan_insertion",
     "plan_with_soft_wall",
     "replan",
+    "verify_file",
+    "verify_plan",
 ]

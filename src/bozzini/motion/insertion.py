@@ -55,12 +55,12 @@ def plan_insertion(
     scope : Scope
         The scope; without a length it is made long enough for the whole line.
     method : {"best", "tube", "follow", "thesis"}
-        ``"best"``: ``"tube"``, ``"follow"`` and a few motions between them, along paths shaped for
-        more or less clearance; the one with the most certified clearance, of those whose joints
-        step at most four times as far as the head. ``"tube"``: the whole body stays inside, proved, and joints move little. ``"follow"``: the
-        same, with every joint on the head's path. ``"thesis"``: section 5.3, each next joint
-        moves least with the link length kept and the **joints** kept one scope radius inside the
-        wall; the links between them are not.
+        ``"best"``: ``"tube"``, ``"follow"`` and a motion between them, also along a path shaped
+        for more clearance; the one with the most certified clearance, of those whose joints step
+        at most four times as far as the head. ``"tube"``: the whole body stays inside, proved,
+        and joints move little. ``"follow"``: the same, with every joint on the head's path.
+        ``"thesis"``: section 5.3, each next joint moves least with the link length kept and the
+        **joints** kept one scope radius inside the wall; the links between them are not.
     head_step : float
         How far the head moves per step [mm].
     slip : float
@@ -87,15 +87,18 @@ def plan_insertion(
         If the method is unknown, the link is longer than the tract, a number is out of range, or
         the motion would have more than `POSITIONS_MAX` positions of joints.
     """
-    options = {
-        "method": method,
-        "head_step": head_step,
-        "slip": slip,
-        "angle_limit": angle_limit,
-        "route": tuple(route),
-    }
-    check_options(scope=scope, **options)
-    return plan_unadvised(duct, line, scope=scope, progress=progress, advise=True, **options)
+    return plan_unadvised(
+        duct,
+        line,
+        scope=scope,
+        method=method,
+        head_step=head_step,
+        slip=slip,
+        angle_limit=angle_limit,
+        route=route,
+        progress=progress,
+        advise=True,
+    )
 
 
 def plan_unadvised(
@@ -103,15 +106,23 @@ def plan_unadvised(
     line: Centreline,
     *,
     scope: Scope,
-    method: str,
-    head_step: float,
-    slip: float,
-    angle_limit: float | None,
-    route: tuple[float, ...],
-    progress: Progress,
+    method: str = "best",
+    head_step: float = 0.25,
+    slip: float = 0.0,
+    angle_limit: float | None = None,
+    route: Sequence[float] = (1.0,),
+    progress: Progress = no_progress,
     advise: bool = False,
 ) -> Plan:
     """Plan as `plan_insertion` does; what would fit is only sought with `advise`."""
+    check_options(
+        scope=scope,
+        method=method,
+        head_step=head_step,
+        slip=slip,
+        angle_limit=angle_limit,
+        route=route,
+    )
     check_link(scope, line)
     dim = count_dimensions(duct)
     if line.points.shape[1] != dim:
@@ -129,7 +140,7 @@ def plan_unadvised(
         freedom=0.0 if method == "follow" else 1.0,
         slip=slip,
         angle_limit=angle_limit,
-        route=route,
+        route=tuple(route),
         compare=method == "best",
     )
     if method == "thesis":

@@ -25,8 +25,14 @@ __all__ = ["Largest", "find_advice", "find_largest"]
 DIAMETER_STEP, LINK_STEP, INFLATION_STEP = 0.05, 0.25, 0.1
 """Values that are tried are multiples of these, so that they are printed as they are [mm]."""
 
-INFLATION_MAX = 100.0
-"""As much may a lumen be inflated [mm]."""
+INFLATION_SPARE = 0.2
+"""An inflation is named that is this much more than the least one found, and passes too [mm].
+
+A new run builds its field for the inflation given, with other nodes in a surface's field.
+"""
+
+INFLATION_MORE = 6.0
+"""No inflation by more than this beyond the lumen's own is sought [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,15 +161,15 @@ def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
 
 
 def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
-    """Return the least inflation found, all of it, for which the whole way is planned [mm]."""
+    """Return a small inflation, all of it, for which the whole way is planned [mm]."""
     duct = job.duct
     inflate = getattr(duct, "inflate", None)
     if inflate is None or not getattr(duct, "exact_outside", True):
         return None
     # Beyond its reach a field does not know how far the wall is outside the lumen.
-    last = min(float(getattr(duct, "inflation_max", math.inf)), INFLATION_MAX)
+    last = min(float(getattr(duct, "inflation_max", math.inf)), duct.inflation + INFLATION_MORE)
 
-    def passes(value: float) -> bool:
+    def pass_once(value: float) -> bool:
         wider = inflate(value - duct.inflation)
         ways = Ways(wider, job.line, before=job.ways)
         other = _Trials(wider, job.line, job.options, ways=ways)
@@ -172,8 +178,12 @@ def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
         trials.count = other.count
         return done
 
-    guess = duct.inflation + max(lack, 0.0)
-    return _find_near(passes, guess, refused=duct.inflation, last=last, step=INFLATION_STEP)
+    def passes(value: float) -> bool:
+        return pass_once(value) and pass_once(round(value - INFLATION_SPARE, 6))
+
+    guess = duct.inflation + max(lack, 0.0) + INFLATION_SPARE
+    refused = duct.inflation + INFLATION_SPARE
+    return _find_near(passes, guess, refused=refused, last=last, step=INFLATION_STEP)
 
 
 class _Trials:

@@ -63,7 +63,7 @@ class Wall:
         squared = self._boxes.squared_distance(
             self.vertices, self.faces, np.ascontiguousarray(points)
         )[0]
-        return np.sqrt(squared)
+        return np.asarray(np.sqrt(squared))
 
     def is_inside(self, points: Floats) -> NDArray[np.bool_]:
         """Return whether points (n, 3) lie in the lumen."""
@@ -388,10 +388,9 @@ class _Search:
     def _cover(self) -> _Cells:
         """Return cells that cover all links and times."""
         steps, count, _ = self.joints.shape
-        begins = np.arange(0, steps - 1, BLOCK, dtype=np.float64)
-        first, link = (
-            part.ravel() for part in np.meshgrid(begins, np.arange(1, count), indexing="ij")
-        )
+        begins = np.arange(0, steps - 1, BLOCK)
+        grid = np.meshgrid(begins, np.arange(1, count), indexing="ij")
+        first, link = grid[0].ravel().astype(np.float64), grid[1].ravel().astype(np.int64)
         size = len(first)
         return _Cells(
             t0=first,
@@ -407,12 +406,9 @@ class _Search:
         """Sample some thousand places, to have something to compare with."""
         steps, count, _ = self.joints.shape
         times = np.unique(np.linspace(0, steps - 1, min(steps, 60)).astype(np.int64))
-        time, link, share = (
-            part.ravel()
-            for part in np.meshgrid(
-                times.astype(np.float64), np.arange(1, count), (0.0, 0.5, 1.0), indexing="ij"
-            )
-        )
+        grid = np.meshgrid(times, np.arange(1, count), (0.0, 0.5, 1.0), indexing="ij")
+        time, share = (grid[k].ravel().astype(np.float64) for k in (0, 2))
+        link = grid[1].ravel().astype(np.int64)
         size = len(time)
         spots = _Cells(time, time, share, share, link, np.zeros((size, 3)), np.zeros(size))
         spots = spots.take(~self._excuse(spots))
@@ -428,7 +424,7 @@ class _Search:
         part = time - before
         if table.ndim == 3:
             part = part[:, None]
-        return table[before, joint] * (1.0 - part) + table[before + 1, joint] * part
+        return np.asarray(table[before, joint] * (1.0 - part) + table[before + 1, joint] * part)
 
     def _excuse(self, cells: _Cells) -> NDArray[np.bool_]:
         """Return which cells lie in the introducer as a whole."""

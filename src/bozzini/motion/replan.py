@@ -51,7 +51,7 @@ def replan(
     """Plan an insertion again after the lumen has moved or changed.
 
     Entry, goal, introducer and head path of the last plan move with the tissue; the path is then
-    bent where it has lost its clearance, and the motion and its certificate are made anew. Where that
+    bent where it lacks clearance, and the motion and its certificate are made anew. Where that
     fails, the insertion is planned in full. Head step, slip, angle limit and route are the last
     plan's.
 

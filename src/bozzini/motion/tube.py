@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,7 @@ class TubeMotion:
     margin: float = 0.0
     candidates: tuple[dict[str, float], ...] = ()
 
-    @property
+    @cached_property
     def step_ratio(self) -> float:
         """Largest step of a joint over the head's."""
         return measure_step_ratio(self.joints, self.head_arc_length)
@@ -315,26 +316,22 @@ class Job:
         if motion.shaped is None or motion.refusal is not None:
             return motion
         tried = [motion]
-        paths = [(motion.shaped, motion.margin)]
+        shaped, margin = motion.shaped, motion.margin
         bound = min(self.bound[0], self.bound[-1], float(np.quantile(self.bound, 0.02)))
         for share in WIDER:
-            margin = share * (bound - self.scope.radius)
-            if margin <= 1.5 * motion.margin:
+            wider = share * (bound - self.scope.radius)
+            if wider <= 1.5 * motion.margin:
                 break
-            way = self.duct.to_world(motion.shaped.points[motion.shaped.first :])
-            wider = self.shape(way, margin)
-            if wider.clear:
-                paths.append((wider, margin))
+            path = self.shape(self.duct.to_world(shaped.points[shaped.first :]), wider)
+            if path.clear:
+                if measure_folds(path, self.scope.link_length).min() >= FOLD_COSINE:
+                    shaped, margin = path, wider
                 break
-        for shaped, margin in paths:
-            if measure_folds(shaped, self.scope.link_length).min() < FOLD_COSINE:
+        for freedom in FREEDOMS:
+            if shaped is motion.shaped and freedom == motion.freedom:
                 continue
-            for freedom in FREEDOMS:
-                if shaped is motion.shaped and freedom == motion.freedom:
-                    continue
-                other = self.move(shaped, margin, freedom=freedom)
-                if not other.certificate.certified or other.refusal is not None:
-                    continue
+            other = self.move(shaped, margin, freedom=freedom)
+            if other.certificate.certified and other.refusal is None:
                 tried.append(other)
         calm = [one for one in tried if one.step_ratio <= STEP_RATIO_MAX]
         if calm:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_number
+from ..duct.build import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Scope
 from ..motion.insertion import check_options as check_planner_options
@@ -27,7 +28,7 @@ def check_options(
     soft_wall: float,
 ) -> None:
     """Raise `InputError` for any option that is not legal for every tract."""
-    check_number("inflation", inflate, low=0.0, high=100.0, unit="mm")
+    check_number("inflation", inflate, low=0.0, high=INFLATION_MAX, unit="mm")
     if voxel is not None:
         check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
     check_planner_options(

@@ -211,7 +211,10 @@ class InsertionStudy:
                 )
             progress("report", 1.0)
             self.seconds["total"] = sum(v for k, v in self.seconds.items() if k != "total")
-            summary = self.summarise()
+            # The names are what --force may remove later, see `bozzini.files.new_directory`.
+            files = [path for path in folder.rglob("*") if path.is_file()]
+            names = {path.relative_to(folder).as_posix() for path in files} | {"summary.json"}
+            summary = self.summarise() | {"files": sorted(names)}
             text = json.dumps(summary, indent=2, allow_nan=False)
             write_text(folder / "summary.json", text + "\n")
         return summary

@@ -21,6 +21,7 @@ from ..duct import (
     find_centreline,
     to_field,
 )
+from ..duct.build import INFLATION_MAX
 from ..duct.chain_line import follow_chain
 from ..duct.cylinders import ConnectedCylinders
 from ..duct.line_room import widen_line
@@ -145,7 +146,7 @@ def run_limits(
     check_number("diameter", diameter, low=0.0, low_open=True, unit="mm")
     if link is not None:
         check_number("link", link, low=0.0, low_open=True, unit="mm")
-    check_number("inflation", inflate, low=0.0, high=100.0, unit="mm")
+    check_number("inflation", inflate, low=0.0, high=INFLATION_MAX, unit="mm")
     if fit not in ("", *FITS):
         raise InputError(f"fit is '{fit}': it must be one of {', '.join(FITS)}")
     findings: tuple[Finding, ...] = ()

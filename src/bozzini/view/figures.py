@@ -43,6 +43,10 @@ def write_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = 1
     OutputError
         If the file cannot be written.
     """
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):  # bytes of a file name that are not UTF-8 have no glyph
+        text.set_text(text.get_text().encode("utf-8", "backslashreplace").decode("utf-8"))
     return write_atomically(
         path, lambda temporary: figure.savefig(temporary, dpi=dpi, facecolor=figure.get_facecolor())
     )

@@ -1,0 +1,100 @@
+"""``bozzini certify``: whether what a plan file claims is so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .common import EXIT_NEGATIVE, emit, json_option, progress_bar, quiet_option, run_exit
+
+if TYPE_CHECKING:
+    from ..motion.verify import Verification
+
+__all__ = ["command"]
+
+
+@click.command(name="certify")
+@click.argument("plan", metavar="PLAN", type=click.Path(path_type=Path))
+@click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--independent",
+    is_flag=True,
+    help="Also measure exact distances to the wall, by a second checker.",
+)
+@json_option
+@quiet_option
+def command(plan: Path, source: Path | None, independent: bool, as_json: bool, quiet: bool) -> None:
+    """Check a saved PLAN, and prove its clearance anew in INPUT.
+
+    INPUT is the file that the plan was made from; it is read as the plan says that it was. Without
+    it the plan is checked against itself only, and nothing is said about the wall. Exit code 0:
+    certified, or without INPUT consistent; 1: not certified, or a claim of the plan does not hold;
+    2: bad file.
+    """
+    if independent and source is None:
+        raise click.UsageError("--independent needs INPUT, the file that the plan was made from")
+    from ..motion.plan import Plan
+    from ..motion.verify import verify_file, verify_plan
+
+    read = Plan.load(plan)
+    with progress_bar(quiet=quiet) as progress:
+        if source is None:
+            result = verify_plan(read)
+        else:
+            result = verify_file(read, source, independent=independent, progress=progress)
+    summary = {
+        "plan": str(plan),
+        "input": None if source is None else str(source),
+        **result.describe(),
+    }
+    emit(summary, as_json=as_json, text=_describe(result))
+    if not (result.consistent if source is None else result.certified):
+        run_exit(EXIT_NEGATIVE)
+
+
+def _describe(result: Verification) -> str:
+    """Return the checks, a line each, and the verdict."""
+    lines = [
+        f"{'ok' if item.ok else 'FAILED':<7}{item.name}: {item.message}" for item in result.checks
+    ]
+    plan, proof = result.plan, result.certificate
+    scope = plan.meta.get("scope") or {}
+    body = f"{scope.get('diameter_mm', 0.0):g} mm scope"
+    way = f"{plan.inserted:.1f} mm of a path of {plan.path_arc_length[-1]:.1f} mm ({plan.status})"
+    failed = sum(not item.ok for item in result.checks)
+    if proof is None:
+        verdict = "Consistent" if result.consistent else "Not consistent"
+        lines.append(
+            f"{verdict}. Nothing about the wall was checked: give the file that the plan was made "
+            "from."
+        )
+    elif result.certified:
+        lines.append(
+            f"Certified. The {body} stays at least {proof.clearance:.3f} mm from the "
+            f"{_describe_wall(result)} over {way}."
+        )
+    elif proof.certified:
+        lines.append(
+            f"Not certified. The motion is proved to stay clear of the {_describe_wall(result)}, "
+            f"but {failed} of {len(result.checks)} checks failed."
+        )
+    else:
+        lines.append(
+            f"Not certified. It is not proved that the {body} stays clear of the "
+            f"{_describe_wall(result)} over {way}."
+        )
+    return "\n".join(lines)
+
+
+def _describe_wall(result: Verification) -> str:
+    meta = result.plan.meta
+    total = float((meta.get("field") or {}).get("inflation_mm") or 0.0)
+    used = float((meta.get("soft_wall") or {}).get("used_mm") or 0.0)
+    wall = "wall" if result.certificate is None else f"wall ({result.certificate.wall})"
+    if total > used:
+        wall += f", inflated by {total - used:g} mm,"
+    if used > 0.0:
+        wall += f" displaced by {used:g} mm"
+    return wall

@@ -1,0 +1,634 @@
+"""Whether what a saved plan claims is so: consistency, its input, and the proof made anew."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..anatomy.read import read_tract
+from ..anatomy.tract import LabelTract, SurfaceTract
+from ..duct.build import build_field
+from ..duct.centreline import measure_arc_length
+from ..duct.field import SampledField
+from ..duct.protocol import Duct, count_dimensions
+from ..errors import FileFormatError, InputError
+from ..progress import Progress, no_progress
+from .certify import TOLERANCE, Certificate, certify_plan
+from .insertion import measure_body
+from .introducer import Introducer
+from .measures import measure_angles
+from .plan import SLACK, Plan, read_route
+from .recheck import Recheck, Tube, Wall, recheck_motion, surface_wall, voxel_wall
+from .scope import Scope
+
+__all__ = [
+    "Check",
+    "Verification",
+    "build_wall",
+    "check_consistency",
+    "read_input",
+    "rebuild_field",
+    "verify_file",
+    "verify_plan",
+]
+
+LENGTH_SLACK = 1e-4
+"""How far a link may be off its length [mm]."""
+
+CLAIM_SLACK = 1e-6
+"""How far a claimed clearance may lie above the one proved anew, by rounding [mm]."""
+
+FINEST = 0.005
+"""Tolerance of the certificate to which a claim is followed [mm]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One thing that was checked.
+
+    Parameters
+    ----------
+    name : str
+        What it is about.
+    ok : bool
+    message : str
+        What was found, one sentence.
+    """
+
+    name: str
+    ok: bool
+    message: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verification:
+    """What became of a plan's claim.
+
+    Parameters
+    ----------
+    plan : Plan
+    checks : tuple of Check
+        All checks that were made.
+    certificate : Certificate, optional
+        The proof made anew; None without the wall.
+    recheck : Recheck, optional
+        What the second, independent check found, if it was asked for.
+    """
+
+    plan: Plan
+    checks: tuple[Check, ...]
+    certificate: Certificate | None = None
+    recheck: Recheck | None = None
+
+    @property
+    def consistent(self) -> bool:
+        """Whether no check failed."""
+        return all(check.ok for check in self.checks)
+
+    @property
+    def certified(self) -> bool:
+        """Whether the motion is proved clear of the wall, and nothing in the plan is wrong."""
+        proved = self.certificate is not None and self.certificate.certified
+        return proved and self.consistent
+
+    def describe(self) -> dict[str, Any]:
+        """Return the result as JSON-able values; ``certified`` is None without the wall."""
+        meta, proof, second = self.plan.meta, self.certificate, self.recheck
+        return {
+            "consistent": self.consistent,
+            "certified": None if proof is None else self.certified,
+            "claimed": bool(meta.get("certified", False)),
+            "clearance_claimed_mm": _read_claim(self.plan),
+            "clearance_certified_mm": (
+                proof.clearance if proof is not None and proof.certified else None
+            ),
+            "status": self.plan.status,
+            "reason_code": self.plan.reason_code,
+            "method": self.plan.method,
+            "inserted_mm": self.plan.inserted,
+            "path_length_mm": float(self.plan.path_arc_length[-1]),
+            "steps": self.plan.steps,
+            "links": self.plan.links,
+            "scope": meta.get("scope"),
+            "inflation_mm": _read_number(meta, "field", "inflation_mm"),
+            "soft_wall_mm": _read_number(meta, "soft_wall", "used_mm"),
+            "wall": None if proof is None else proof.wall,
+            "checks": [
+                {"name": item.name, "ok": item.ok, "message": item.message} for item in self.checks
+            ],
+            "second_check": None
+            if second is None
+            else {
+                "clear": second.clear,
+                "clearance_mm": second.lower if np.isfinite(second.lower) else None,
+                "found_mm": second.found if np.isfinite(second.found) else None,
+                "step": second.step,
+                "link": second.link,
+                "place_mm": [float(v) for v in second.place],
+                "samples": second.samples,
+                "resolved": second.resolved,
+            },
+        }
+
+
+def verify_file(
+    plan: Plan,
+    path: str | os.PathLike[str],
+    *,
+    independent: bool = False,
+    progress: Progress = no_progress,
+) -> Verification:
+    """Check a plan against the file that it was made from, read as the plan says it was.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : path-like
+        The label volume or surface.
+    independent : bool
+        Also measure the clearance by the second checker (`bozzini.motion.recheck`).
+    progress : Progress
+
+    Raises
+    ------
+    BozziniError
+        If the file cannot be read as the plan says.
+    """
+    if plan.joints.shape[2] != 3:
+        raise InputError("the plan has 2 dimensions: a file holds a tract in 3")
+    progress("read", 0.0)
+    source = _check_source(plan, path)
+    tract = read_input(plan, path)
+    field = rebuild_field(plan, tract, progress=progress)
+    wall = build_wall(tract) if independent else None
+    result = verify_plan(plan, field, wall=wall, progress=progress)
+    return Verification(
+        plan=plan,
+        checks=(*result.checks[:1], source, *result.checks[1:]),
+        certificate=result.certificate,
+        recheck=result.recheck,
+    )
+
+
+def verify_plan(
+    plan: Plan,
+    duct: Duct | None = None,
+    *,
+    wall: Wall | None = None,
+    progress: Progress = no_progress,
+) -> Verification:
+    """Check whether a plan agrees with itself and, given the lumen, certify it anew.
+
+    Parameters
+    ----------
+    plan : Plan
+        Nothing in it is trusted: what it says of its clearance is compared with what is found.
+    duct : Duct, optional
+        The lumen, inflated as the plan says. Without it nothing is said about the wall.
+    wall : Wall, optional
+        The wall before inflation, for the second check; see `build_wall`.
+    progress : Progress
+
+    Raises
+    ------
+    InputError
+        If the duct has not the plan's dimensions, or the plan lacks its scope.
+    """
+    checks = check_consistency(plan)
+    if duct is None:
+        return Verification(plan=plan, checks=checks)
+    if plan.joints.shape[2] != count_dimensions(duct):
+        raise InputError(
+            f"the plan has {plan.joints.shape[2]} dimensions, the duct has "
+            f"{count_dimensions(duct)}: they must agree"
+        )
+    progress("certify", 0.0)
+    certificate = certify_plan(plan, duct)
+    claimed = _read_claim(plan)
+    tolerance = TOLERANCE
+    while (
+        claimed is not None
+        and certificate.resolved
+        and certificate.clearance + CLAIM_SLACK < claimed <= certificate.found
+        and tolerance > FINEST
+    ):
+        tolerance *= 0.5
+        finer = certify_plan(plan, duct, tolerance=tolerance)
+        certificate = finer if finer.clearance > certificate.clearance else certificate
+    progress("certify", 1.0)
+    checks = (*checks, *_check_wall(plan, duct), _check_claim(plan, certificate, claimed))
+    second = None
+    if wall is not None:
+        progress("second check", 0.0)
+        second = _run_recheck(plan, wall)
+        progress("second check", 1.0)
+        checks = (*checks, _compare(certificate, second))
+    return Verification(plan=plan, checks=checks, certificate=certificate, recheck=second)
+
+
+def check_consistency(plan: Plan) -> tuple[Check, ...]:
+    """Check a plan against itself: links, head, order and size of steps, introducer, measures."""
+    return (
+        _check_links(plan),
+        _check_head(plan),
+        _check_order(plan),
+        _check_moves(plan),
+        *_check_introducer(plan),
+        *_check_measures(plan),
+    )
+
+
+def read_input(plan: Plan, path: str | os.PathLike[str]) -> LabelTract | SurfaceTract:
+    """Read a tract as the plan says that its own was read: labels, unit and what else it names.
+
+    Raises
+    ------
+    BozziniError
+        If the file cannot be read so.
+    """
+    stated = plan.meta.get("input") or {}
+    options: dict[str, Any] = {}
+    for key, kinds in _READ_OPTIONS.items():
+        value = stated.get(key)
+        if value is None or value is False:
+            continue
+        items = value if key == "labels" and isinstance(value, list) else [value]
+        if not items or not all(
+            isinstance(v, kinds) and v is not True or key == "repair" for v in items
+        ):
+            raise FileFormatError(
+                f"the plan's meta.input.{key} is {value!r}: it is nothing to read a tract with"
+            )
+        options[key] = value
+    known = inspect.signature(read_tract).parameters
+    for key in options:
+        if key not in known:
+            raise InputError(f"the plan's input was read with {key}: this version cannot do that")
+    try:
+        return read_tract(path, **options)
+    except InputError:
+        # A volume states its own unit; plans say mm of it all the same.
+        if options.pop("unit", None) != "mm":
+            raise
+        return read_tract(path, **options)
+
+
+_READ_OPTIONS: dict[str, tuple[type, ...]] = {
+    "labels": (int, str),
+    "part": (int, str),
+    "unit": (str,),
+    "frame": (str,),
+    "repair": (bool,),
+}
+"""What of ``meta.input`` is given on to `read_tract`, and of what type it is."""
+
+
+def rebuild_field(
+    plan: Plan, tract: LabelTract | SurfaceTract, *, progress: Progress = no_progress
+) -> SampledField:
+    """Sample a tract as the plan says: with its voxel and inflation, and its wall displaced.
+
+    Raises
+    ------
+    InputError
+        If the plan's voxel or inflation is not legal for the tract.
+    """
+    voxel = (plan.meta.get("input") or {}).get("voxel_mm")
+    total = _read_number(plan.meta, "field", "inflation_mm") or 0.0
+    used = _read_number(plan.meta, "soft_wall", "used_mm") or 0.0
+    field = build_field(tract, voxel=voxel, inflate=max(total - used, 0.0), progress=progress)
+    return field.inflate(used)
+
+
+def build_wall(tract: LabelTract | SurfaceTract) -> Wall:
+    """Return the wall of a tract for the second check, before inflation."""
+    if isinstance(tract, LabelTract):
+        return voxel_wall(tract.mask, tract.affine)
+    return surface_wall(tract.vertices, tract.faces)
+
+
+def _run_recheck(plan: Plan, wall: Wall) -> Recheck:
+    introducer, tube = _read_introducer(plan), None
+    if introducer is not None:
+        tube = Tube(entry=introducer.entry, outward=introducer.outward, bore=introducer.bore)
+    return recheck_motion(
+        plan.joints,
+        wall,
+        radius=0.5 * float(plan.meta["scope"]["diameter_mm"]),
+        tube=tube,
+        inflation=_read_number(plan.meta, "field", "inflation_mm") or 0.0,
+    )
+
+
+def _read_number(meta: dict[str, Any], key: str, name: str) -> float | None:
+    value = (meta.get(key) or {}).get(name)
+    return None if value is None else float(value)
+
+
+def _read_claim(plan: Plan) -> float | None:
+    """Return the clearance that the plan says is certified [mm], or None."""
+    if not plan.meta.get("certified"):
+        return None
+    return _read_number(plan.meta, "certificate", "clearance_mm")
+
+
+def _read_introducer(plan: Plan) -> Introducer | None:
+    given = plan.meta.get("introducer")
+    return None if given is None else Introducer.from_description(given)
+
+
+def _check_source(plan: Plan, path: str | os.PathLike[str]) -> Check:
+    stated = (plan.meta.get("input") or {}).get("sha256")
+    if stated is None:
+        message = "the plan does not state from which file it was made"
+        return Check(name="input", ok=True, message=message)
+    source = Path(path)
+    try:
+        with source.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    except IsADirectoryError:
+        return Check(name="input", ok=True, message="a directory: its hash is not checked")
+    except FileNotFoundError:
+        raise FileFormatError(f"no such file: {source}") from None
+    except (OSError, ValueError) as error:
+        raise FileFormatError(f"cannot read {source}: {error}") from None
+    if digest == stated:
+        return Check(name="input", ok=True, message=f"the plan was made from this file ({digest})")
+    return Check(
+        name="input",
+        ok=False,
+        message=f"the plan was made from another file: its sha256 is {stated}, this one's {digest}",
+    )
+
+
+def _check_links(plan: Plan) -> Check:
+    length = _read_number(plan.meta, "scope", "link_length_mm")
+    sizes = np.linalg.norm(np.diff(plan.joints, axis=1), axis=2)
+    if length is None:
+        return Check(name="links", ok=False, message="the plan does not state its link length")
+    off = np.abs(sizes - length)
+    step, link = np.unravel_index(int(np.argmax(off)), off.shape)
+    if off.max() > LENGTH_SLACK:
+        return Check(
+            name="links",
+            ok=False,
+            message=f"link {link + 1} is {sizes[step, link]:.4f} mm long at step {step}: it must "
+            f"be {length:g} mm",
+        )
+    return Check(
+        name="links",
+        ok=True,
+        message=f"{plan.links} of {length:g} mm at all {plan.steps} steps, to within "
+        f"{off.max():.1g} mm",
+    )
+
+
+def _check_head(plan: Plan) -> Check:
+    arc = measure_arc_length(plan.path)
+    off = float(np.abs(arc - plan.path_arc_length).max())
+    if off > SLACK:
+        return Check(
+            name="head",
+            ok=False,
+            message=f"path_arc_length is {off:.3g} mm off the length of the path's points",
+        )
+    low, high = float(plan.head_arc_length.min()), float(plan.head_arc_length.max())
+    if low < -SLACK or high > arc[-1] + SLACK:
+        return Check(
+            name="head",
+            ok=False,
+            message=f"it goes from {low:g} to {high:g} mm: its path ends at {arc[-1]:g} mm",
+        )
+    place = np.stack([np.interp(plan.head_arc_length, arc, column) for column in plan.path.T], 1)
+    miss = np.linalg.norm(plan.joints[:, 0] - place, axis=1)
+    step = int(np.argmax(miss))
+    if miss[step] > SLACK:
+        return Check(
+            name="head",
+            ok=False,
+            message=f"at step {step} the head is {miss[step]:.3g} mm off its path",
+        )
+    return Check(
+        name="head",
+        ok=True,
+        message=f"on its path at all steps; {plan.inserted:.1f} mm of {arc[-1]:.1f} mm of it",
+    )
+
+
+def _check_order(plan: Plan) -> Check:
+    """Check that the head goes from target to target of its route, in steps as stated."""
+    heads, end = plan.head_arc_length, float(plan.path_arc_length[-1])
+    targets = [share * end for share in read_route(plan)]
+    moves = np.diff(heads)
+    stated = plan.meta.get("head_step_mm")
+    largest = float(np.abs(moves).max(initial=0.0))
+
+    def fail(message: str) -> Check:
+        return Check(name="steps", ok=False, message=message)
+
+    if abs(heads[0]) > SLACK:
+        return fail(f"the motion begins with the head at {heads[0]:g} mm: it must begin at 0 mm")
+    if stated is not None and largest > float(stated) + 1e-6:
+        return fail(f"the head moves {largest:.4g} mm in a step: the plan states {stated:g} mm")
+    at, goal = 0, 0
+    while goal < len(targets):
+        # From here on all steps go towards this target, until one stands there.
+        rest = np.abs(heads[at:] - targets[goal])
+        there = np.flatnonzero(rest <= SLACK)
+        stop = at + int(there[0]) if len(there) else len(heads) - 1
+        if (np.diff(np.abs(heads[at : stop + 1] - targets[goal])) > SLACK).any():
+            step = at + int(np.argmax(np.diff(rest[: stop - at + 1]))) + 1
+            return fail(
+                f"at step {step} the head moves away from {targets[goal]:.1f} mm, where its route "
+                "leads"
+            )
+        at = stop
+        if not len(there):
+            break
+        goal += 1
+    if goal == len(targets) and np.abs(heads[at:] - heads[at]).max() > SLACK:
+        return fail(f"the head moves on after step {at}, where its route has ended")
+    if goal < len(targets) and plan.status == "complete":
+        return fail(
+            f"the plan is called complete, but its route ends at {targets[-1]:.1f} mm and the "
+            f"head at {heads[-1]:.1f} mm"
+        )
+    return Check(
+        name="steps",
+        ok=True,
+        message=f"{plan.steps} along the route, the head up to {largest:.3g} mm each",
+    )
+
+
+def _check_moves(plan: Plan) -> Check:
+    moves = np.linalg.norm(np.diff(plan.joints, axis=0), axis=2)
+    largest = float(moves.max(initial=0.0))
+    stated = _read_number(plan.meta, "measures", "joint_step_max_mm")
+    if stated is not None and largest > stated + 1e-6:
+        step, joint = np.unravel_index(int(np.argmax(moves)), moves.shape)
+        return Check(
+            name="moves",
+            ok=False,
+            message=f"joint {joint} moves {largest:.4g} mm between steps {step} and {step + 1}: "
+            f"the plan states at most {stated:.4g} mm",
+        )
+    limit = (plan.meta.get("options") or {}).get("angle_limit_rad")
+    if limit is not None and plan.links > 1:
+        angle = float(measure_angles(plan.joints).max())
+        if not isinstance(limit, (int, float)) or angle > limit + 1e-6:
+            return Check(
+                name="moves",
+                ok=False,
+                message=f"neighbouring links turn by {np.degrees(angle):.2f} deg: the plan states "
+                f"at most {limit!r} rad",
+            )
+    return Check(
+        name="moves", ok=True, message=f"joints move up to {largest:.3g} mm between two steps"
+    )
+
+
+def _check_introducer(plan: Plan) -> tuple[Check, ...]:
+    introducer = _read_introducer(plan)
+    if introducer is None:
+        return ()
+
+    def fail(message: str) -> tuple[Check, ...]:
+        return (Check(name="introducer", ok=False, message=message),)
+
+    off = float(np.linalg.norm(introducer.entry - plan.path[0]))
+    if off > SLACK:
+        return fail(f"it ends {off:.3g} mm from where the path begins")
+    length = _read_number(plan.meta, "scope", "link_length_mm") or 0.0
+    first = plan.path[plan.path_arc_length <= max(length, float(plan.path_arc_length[1]))]
+    inward = first.mean(axis=0) - plan.path[0]
+    if float(inward @ introducer.outward) >= 0.0:
+        return fail("it does not lead out of the tract: the path begins along it")
+    depth = float(((plan.joints[:, -1] - introducer.entry) @ -introducer.outward).max())
+    if depth > length + SLACK:
+        return fail(
+            f"the last joint gets {depth:.1f} mm past the entry: the scope is too short for that"
+        )
+    return (
+        Check(
+            name="introducer",
+            ok=True,
+            message=f"a straight tube of {introducer.bore:.2f} mm radius that ends where the path "
+            "begins",
+        ),
+    )
+
+
+def _check_measures(plan: Plan) -> tuple[Check, ...]:
+    stated = _read_number(plan.meta, "measures", "clearance_min_mm")
+    least = plan.clearance_min
+    if stated is None or not np.isfinite(least):
+        return ()
+    ok = abs(stated - least) <= 1e-6
+    message = (
+        f"the smallest estimated clearance is {least:.3f} mm, as stated"
+        if ok
+        else f"the plan states {stated:.3f} mm as its smallest clearance, its steps have "
+        f"{least:.3f} mm"
+    )
+    return (Check(name="measures", ok=ok, message=message),)
+
+
+def _check_wall(plan: Plan, duct: Duct) -> tuple[Check, ...]:
+    """Check what the plan says of the wall: inflation, bore, and clearances at the steps."""
+    checks = []
+    stated = _read_number(plan.meta, "field", "inflation_mm") or 0.0
+    if abs(stated - duct.inflation) > SLACK:
+        message = f"the plan inflates the wall by {stated:g} mm, this one by {duct.inflation:g} mm"
+        checks.append(Check(name="wall", ok=False, message=message))
+    introducer = _read_introducer(plan)
+    if introducer is None:
+        return tuple(checks)
+    offered = float(duct.clearance_bound(introducer.entry))
+    radius = 0.5 * float(plan.meta["scope"]["diameter_mm"])
+    # A scope that is too thick for the entry stands before it, in a tube of its own radius.
+    if introducer.bore > max(offered, radius if plan.inserted <= SLACK else 0.0) + SLACK:
+        message = (
+            f"the introducer's bore is {introducer.bore:.3f} mm: the lumen at the entry offers "
+            f"{offered:.3f} mm"
+        )
+        checks.append(Check(name="bore", ok=False, message=message))
+    rest = duct
+    used = _read_number(plan.meta, "soft_wall", "used_mm") or 0.0
+    if used > 0.0:
+        if not isinstance(duct, SampledField):
+            return tuple(checks)
+        rest = duct.inflate(-used)
+    length = _read_number(plan.meta, "scope", "link_length_mm")
+    if length is None:
+        return tuple(checks)
+    scope = Scope(diameter=2.0 * radius, link_length=length)
+    anew, _ = measure_body(rest, plan.joints, scope=scope, introducer=introducer)
+    error = _read_number(plan.meta, "field", "clearance_error_mm") or 0.0
+    over = _subtract(plan.clearance, anew)
+    step, link = np.unravel_index(int(np.argmax(over)), over.shape)
+    most = float(over[step, link])
+    ok = most <= min(error, duct.error) + SLACK
+    message = (
+        "none is stated larger than it is found anew"
+        if ok
+        else f"link {link + 1} at step {step} is stated to have {plan.clearance[step, link]:.3f} "
+        f"mm, but has {anew[step, link]:.3f} mm"
+    )
+    return (*checks, Check(name="clearances", ok=ok, message=message))
+
+
+def _subtract(stated: NDArray[np.float64], anew: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much clearances are overstated; infinite ones are those not measured."""
+    free = np.isinf(anew)
+    over: NDArray[np.float64] = np.where(free, -np.inf, stated - np.where(free, 0.0, anew))
+    return over
+
+
+def _check_claim(plan: Plan, certificate: Certificate, claimed: float | None) -> Check:
+    def make(ok: bool, message: str) -> Check:
+        return Check(name="certificate", ok=ok, message=message)
+
+    proof = certificate.clearance
+    if proof == np.inf:
+        return make(claimed is None, "the scope never leaves the introducer: there is no proof")
+    if claimed is None:
+        said = "the plan claims no proof"
+        if not certificate.certified:
+            return make(True, f"{said}, and none is found")
+        return make(True, f"{said}, but {proof:.3f} mm are proved")
+    if claimed > proof + CLAIM_SLACK:
+        anew = f"{proof:.3f} mm are proved" if certificate.certified else "nothing is proved"
+        return make(False, f"the plan claims {claimed:.3f} mm: anew {anew}")
+    return make(True, f"the plan claims {claimed:.3f} mm: anew {proof:.3f} mm are proved")
+
+
+def _compare(certificate: Certificate, second: Recheck) -> Check:
+    def make(ok: bool, message: str) -> Check:
+        return Check(name="second check", ok=ok, message=message)
+
+    counted = f"{second.samples:,} exact distances"
+    if not second.resolved:
+        return make(False, f"not settled by {counted}")
+    if certificate.certified and certificate.clearance > second.found + CLAIM_SLACK:
+        return make(
+            False,
+            f"a point of the body has {second.found:.3f} mm, less than the certificate says "
+            f"(step {second.step:g}, link {second.link})",
+        )
+    if not second.clear:
+        return make(
+            not certificate.certified,
+            f"by {counted} the body comes to {second.found:.3f} mm "
+            f"(step {second.step:g}, link {second.link}): not shown to be clear",
+        )
+    return make(
+        True,
+        f"by {counted} the clearance lies between {second.lower:.3f} and {second.found:.3f} mm",
+    )

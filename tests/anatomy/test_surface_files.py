@@ -1,0 +1,206 @@
+"""Files of triangles: VTK in its forms, STL, GLB; damaged ones are refused in one line."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+import zlib
+
+import numpy as np
+import pytest
+import trimesh
+
+from bozzini.anatomy import read_surface, write_tract
+from bozzini.errors import BozziniError, FileFormatError
+
+CORNERS = np.array([(x, y, z) for x in (0, 20) for y in (0, 30) for z in (0, 40)], dtype=float)
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+VOLUME = 24_000.0
+
+
+def legacy(version="3.0", *, binary=True, kind="float"):
+    dtype = {"float": ">f4", "double": ">f8"}[kind]
+    form = b"BINARY" if binary else b"ASCII"
+    head = b"# vtk DataFile Version %s\nmade here\n%s\nDATASET POLYDATA\n" % (
+        version.encode(),
+        form,
+    )
+    head += b"POINTS 8 %s\n" % kind.encode()
+
+    def pack(values, kind):
+        if binary:
+            return np.asarray(values).astype(kind).tobytes() + b"\n"
+        return " ".join(map(str, np.ravel(values))).encode() + b"\n"
+
+    head += pack(CORNERS, dtype)
+    if version.startswith("5"):
+        head += b"METADATA\nINFORMATION 0\n\nPOLYGONS 7 24\nOFFSETS vtktypeint64\n"
+        head += pack(np.arange(0, 28, 4), ">i8") + b"CONNECTIVITY vtktypeint64\n"
+        head += pack(np.ravel(QUADS), ">i8")
+    else:
+        head += b"POLYGONS 6 30\n" + pack([(4, *quad) for quad in QUADS], ">i4")
+    return head + b"CELL_DATA 6\nSCALARS x float\nLOOKUP_TABLE default\n"
+
+
+def vtp(form, *, packed=False, coded=True, header="UInt32"):
+    arrays = [
+        (CORNERS.astype("<f4"), "Float32", 'NumberOfComponents="3"'),
+        (np.ravel(QUADS).astype("<i8"), "Int64", 'Name="connectivity"'),
+        (np.arange(4, 28, 4).astype("<i4"), "Int32", 'Name="offsets"'),
+    ]
+    word = {"UInt32": "<u4", "UInt64": "<u8"}[header]
+    appended, texts = b"", []
+    for values, kind, extra in arrays:
+        raw = values.tobytes()
+        if packed:
+            parts = [raw[:100], raw[100:]]
+            blocks = [zlib.compress(part) for part in parts if part]
+            last = len(parts[-1])
+            numbers = [len(blocks), 100, last, *map(len, blocks)]
+            head, body = np.array(numbers, word).tobytes(), b"".join(blocks)
+        else:
+            head, body = np.array([len(raw)], word).tobytes(), raw
+        if form == "ascii":
+            data = " ".join(map(str, values.ravel()))
+            texts.append(f'<DataArray type="{kind}" {extra} format="ascii">{data}</DataArray>')
+            continue
+        if coded:
+            whole = (
+                base64.b64encode(head) + base64.b64encode(body)
+                if packed
+                else base64.b64encode(head + body)
+            )
+        else:
+            whole = head + body
+        if form == "binary":
+            texts.append(
+                f'<DataArray type="{kind}" {extra} format="binary">{whole.decode()}</DataArray>'
+            )
+        else:
+            texts.append(
+                f'<DataArray type="{kind}" {extra} format="appended" offset="{len(appended)}"/>'
+            )
+            appended += whole
+    packer = 'compressor="vtkZLibDataCompressor"' if packed else ""
+    text = (
+        f'<?xml version="1.0"?><VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" '
+        f'header_type="{header}" {packer}><PolyData><Piece NumberOfPoints="8" NumberOfPolys="6">'
+        f"<Points>{texts[0]}</Points><Polys>{texts[1]}{texts[2]}</Polys></Piece></PolyData>"
+    )
+    if form == "appended":
+        encoding = "base64" if coded else "raw"
+        return text.encode() + (
+            f'<AppendedData encoding="{encoding}">_'.encode()
+            + appended
+            + b"</AppendedData></VTKFile>"
+        )
+    return text.encode() + b"</VTKFile>"
+
+
+FILES = {
+    "ascii.vtk": legacy(binary=False),
+    "binary.vtk": legacy(),
+    "double.vtk": legacy(kind="double"),
+    "five.vtk": legacy("5.1"),
+    "five_ascii.vtk": legacy("5.1", binary=False),
+    "ascii.vtp": vtp("ascii"),
+    "binary.vtp": vtp("binary", header="UInt64"),
+    "zlib.vtp": vtp("binary", packed=True),
+    "raw.vtp": vtp("appended", coded=False),
+    "raw_zlib.vtp": vtp("appended", packed=True, coded=False),
+    "coded.vtp": vtp("appended"),
+    "coded_zlib.vtp": vtp("appended", packed=True, header="UInt64"),
+}
+
+
+@pytest.mark.parametrize("name", list(FILES))
+def test_every_form_of_vtk_gives_the_same_surface(tmp_path, name):
+    (tmp_path / name).write_bytes(FILES[name])
+    tract = read_surface(tmp_path / name)
+    assert tract.volume == pytest.approx(VOLUME)
+    assert len(tract.vertices) == 8
+
+
+def surfaces():
+    box = trimesh.creation.box((20.0, 30.0, 40.0)).subdivide()
+    exported = {f"box.{kind}": box.export(file_type=kind) for kind in ("stl", "ply", "glb", "off")}
+    exported["ascii.stl"] = box.export(file_type="stl_ascii")
+    encoded = {k: v.encode() if isinstance(v, str) else v for k, v in exported.items()}
+    return {**FILES, **encoded}
+
+
+def test_damaged_files_are_read_or_refused_in_one_line(tmp_path):
+    random = np.random.default_rng(0)
+    refused = 0
+    for name, data in surfaces().items():
+        for trial in range(12):
+            damaged = bytearray(data)
+            if trial < 4:
+                damaged = damaged[: int(random.integers(1, len(data)))]
+            else:
+                for _ in range(1 + trial % 4):
+                    at = int(random.integers(0, min(len(data), 400 if trial % 2 else len(data))))
+                    damaged[at] ^= 1 << int(random.integers(0, 8))
+            path = tmp_path / name
+            path.write_bytes(bytes(damaged))
+            try:
+                read_surface(path)
+            except BozziniError as error:
+                refused += 1
+                assert "\n" not in str(error), (name, trial)
+                assert len(str(error)) < 500 + len(str(tmp_path)), (name, trial)
+    assert refused > 60
+
+
+@pytest.mark.parametrize("name", ["binary.vtk", "raw.vtp", "box.stl", "box.ply"])
+def test_a_file_cut_short_is_refused(tmp_path, name):
+    data = surfaces()[name]
+    for share in (0.3, 0.5, 0.65):
+        (tmp_path / name).write_bytes(data[: int(share * len(data))])
+        with pytest.raises(FileFormatError):
+            read_surface(tmp_path / name)
+
+
+def test_huge_counts_are_refused_before_they_are_allocated(tmp_path):
+    box = trimesh.creation.box((20.0, 30.0, 40.0))
+    glb = box.export(file_type="glb")
+    length = struct.unpack("<I", glb[12:16])[0]
+    tree = json.loads(glb[20 : 20 + length])
+    tree["accessors"][0]["count"] = 10**12
+    del tree["accessors"][0]["bufferView"]
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = glb[20 + length :]
+    size = 20 + len(text) + len(rest)
+    head = struct.pack("<4sIII4s", b"glTF", 2, size, len(text), b"JSON")
+    files = {
+        "huge.glb": head + text + rest,
+        "huge.stl": b"\0" * 80 + struct.pack("<I", 2**32 - 1) + b"\0" * 100,
+        "huge.vtk": legacy().replace(b"POINTS 8 ", b"POINTS 999999999999 "),
+        "cells.vtk": legacy().replace(b"POLYGONS 6 30", b"POLYGONS 999999999 30"),
+        "minus.vtk": legacy().replace(b"POINTS 8 ", b"POINTS -8 "),
+        "huge.vtp": vtp("appended", coded=False, header="UInt64").replace(
+            np.array([96], "<u8").tobytes(), np.array([2**60], "<u8").tobytes()
+        ),
+        "bomb.vtp": b'<!DOCTYPE x [<!ENTITY a "b">]><VTKFile type="PolyData"/>',
+    }
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(FileFormatError) as caught:
+            read_surface(tmp_path / name)
+        assert name in str(caught.value)
+
+
+def test_glb_is_written_in_metres_and_comes_back_with_its_frame(tmp_path):
+    (tmp_path / "box.vtk").write_bytes(FILES["binary.vtk"])
+    tract = read_surface(tmp_path / "box.vtk", frame="LPS")
+    path = write_tract(tmp_path / "box.glb", tract)
+    assert trimesh.load(path).extents == pytest.approx((0.02, 0.03, 0.04))
+    back = read_surface(path)
+    assert back.findings == ()
+    assert back.frame == "LPS"
+    assert back.volume == pytest.approx(VOLUME, rel=1e-5)
+    assert np.sort(back.vertices, axis=0) == pytest.approx(
+        np.sort(tract.vertices, axis=0), abs=1e-4
+    )

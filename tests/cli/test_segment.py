@@ -1,0 +1,85 @@
+"""``bozzini segment``: labels that ``bozzini plan`` reads, a picture, nothing left when refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import nibabel
+import numpy as np
+import pytest
+
+from bozzini.anatomy import read_tract
+from bozzini.cli.main import main
+
+STEP = 3.0
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    """Write a block of tissue in air, with two tubes of gas of different width."""
+    x, y, z = np.meshgrid(*[np.arange(n) * STEP for n in (40, 40, 50)], indexing="ij")
+    ct = np.full(x.shape, -1000, dtype=np.int16)
+    ct[3:-3, 3:-3] = 40
+    for place, radius in ((40.0, 12.0), (85.0, 9.0)):
+        tube = np.hypot(x - place, y - 60.0) < radius
+        ct[tube & (z > 20.0) & (z < 120.0)] = -1000
+    image = nibabel.Nifti1Image(ct, np.diag([STEP, STEP, STEP, 1.0]))
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, tmp_path / "ct.nii.gz")
+    return tmp_path / "ct.nii.gz"
+
+
+def test_labels_picture_and_report(scan: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = scan.parent / "labels.nii.gz"
+    assert main(["segment", str(scan), "--out", str(target), "--json", "--quiet"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (scan.parent / "labels.png").read_bytes().startswith(b"\x89PNG")
+    assert [item["label"] for item in found["segments"]] == [1, 2]
+    assert "does not replace" in found["limits"]
+    for item, radius in zip(found["segments"], (12.0, 9.0), strict=True):
+        tract = read_tract(target, labels=[f"gas {item['label']}"])
+        assert tract.volume / 1000.0 == pytest.approx(item["volume_ml"])
+        assert item["volume_ml"] == pytest.approx(np.pi * radius**2 * 99.0 / 1000.0, rel=0.12)
+        assert tract.not_reached == ()
+    # It exists: nothing is replaced unasked.
+    before = target.read_bytes()
+    assert main(["segment", str(scan), "--out", str(target), "--quiet"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    point = ",".join(f"{value}mm" for value in found["segments"][1]["point_mm"])
+    words = ["segment", str(scan), "--out", str(target), "--force", "--quiet", f"--seed={point}"]
+    assert main(words) == 0
+    assert "label 1: " in capsys.readouterr().out
+    assert target.read_bytes() != before
+    assert read_tract(target).volume / 1000.0 == pytest.approx(found["segments"][1]["volume_ml"])
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--out", "labels.stl"], "written as .nii"),
+        (["--out", "labels.nii", "--seed", "60mm,60mm,5mm"], "from the nearest gas"),
+        (["--out", "labels.nii", "--threshold", "5"], "threshold"),
+        (["--out", "none/labels.nii"], "not a directory"),
+    ],
+)
+def test_a_refusal_leaves_nothing(
+    scan: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(scan.parent)
+    assert main(["segment", scan.name, "--quiet", *words]) == 2
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith("bozzini: error: ") and said in line
+    assert [item.name for item in scan.parent.iterdir()] == ["ct.nii.gz"]
+
+
+def test_a_label_volume_is_not_taken_for_a_ct(
+    scan: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    labels = np.zeros((10, 10, 10), dtype=np.uint8)
+    labels[3:7, 3:7, 3:7] = 1
+    nibabel.save(nibabel.Nifti1Image(labels, np.eye(4)), scan.parent / "labels.nii")
+    words = ["segment", str(scan.parent / "labels.nii"), "--out", str(scan.parent / "x.nii")]
+    assert main([*words, "--quiet"]) == 2
+    assert "CT in HU" in capsys.readouterr().err

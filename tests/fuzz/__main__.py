@@ -1,0 +1,543 @@
+"""Run every command on damaged files and odd options: ``make fuzz COUNT=500 SEED=0``.
+
+A case is made from the seed and its number alone, so that it can be repeated: the line that is
+printed for a failure does so, and keeps the files of the case. Each case is a process of its own,
+forked from one that has loaded everything, with a limit of processor time and of memory. A case is
+right if
+
+- its exit code is 0, 1 or 2, without a traceback; with 2 there is exactly one line on stderr that
+  begins with ``bozzini: error:``, and none otherwise;
+- with ``--json`` there is one JSON object on stdout;
+- its input files are as before, with code 2 nothing has been written, and nothing temporary stays;
+- it takes less than 30 s of processor time and 2 GB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import click
+
+from .mutate import WORDS, damage, make_number, make_value
+
+MEMORY = 2_000_000_000
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+TRACTS = (
+    *("tube.nii.gz", "tube.nii.gz", "tube.nii.gz", "tube.nii", "tube.stl", "tube.stl", "tube.stl"),
+    *("tube.ply", "tube.obj", "tube.glb", "tube.vtk", "tube.off"),
+)
+ROBOTS = ("two_sections.yaml", "two_sections.yaml", "helical.yaml", "gastroscope.yaml")
+FILES = {
+    "tract": TRACTS,
+    "tract or shapes": (*TRACTS, *("shapes.json", "shapes.yaml") * 6),
+    "robot": ROBOTS,
+    "table": ("table.csv",),
+    "plan": ("plan.npz",),
+    "ct": ("ct.nii.gz",),
+}
+LEGAL: dict[str, tuple[int, str]] = {
+    # How often, and a command line that works; <kind is a file, >suffix an output.
+    "plan": (14, "<tract --diameter 5mm --link 8mm --head-step 1mm --out >"),
+    "certify": (8, "<plan"),
+    "segment": (8, "<ct --out >.nii.gz"),
+    "demo": (3, "--voxel 3mm --diameter 9mm --link 12mm --out >"),
+    "duct fit": (6, "<tract --pieces 6 --out >.json"),
+    "duct show": (6, "<tract or shapes --out >.png"),
+    "duct limits": (6, "<tract or shapes --diameter 4mm"),
+    "phantom": (3, "--out >.stl --voxel 3mm"),
+    "data list": (1, ""),
+    "data fetch": (1, "no-such-data --to >"),
+    "muscle solve": (4, "--pressure 300kPa --load 1N"),
+    "muscle curve": (3, "--points 5"),
+    "muscle models": (1, "energy"),
+    "muscle fit": (5, "<table --free modulus"),
+    "muscle compare": (5, "<table --model energy --model thesis"),
+    "effector pose": (3, "--pressure R=300kPa,G=200kPa"),
+    "effector curve": (2, "--points 5"),
+    "effector reach": (3, "--to 5mm,-3mm"),
+    "effector workspace": (2, ""),
+    "effector trace line": (2, "--from -2mm,0mm --to 5mm,3mm --points 5"),
+    "effector trace circle": (2, "--radius 4mm --points 6"),
+    "effector study sweep": (2, "--vary offset=3mm:5mm:3"),
+    "effector study least-pressure": (2, "--between offset=3mm:4mm --deflection 8mm"),
+    "continuum pose": (8, "<robot --displacement T1=1mm"),
+    "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
+    "continuum compare": (3, "<robot --displacement T1=1mm"),
+    "continuum workspace": (3, "<robot --count 500"),
+}
+OUTPUTS = {"--out"}
+UNITS = {
+    "length": "mm", "force": "N", "pressure": "kPa", "angle": "deg", "time": "s", "rigidity":
+    "Nmm^2", "stiffness": "N/mm", "line force": "N/mm",
+}  # fmt: skip
+PAIRS = ("T1=2mm", "T1=2mm,T2=-1mm", "H1=1mm", "R=300kPa", "R=0.5,G=0.1", "A=0deg,B=90deg",
+         "offset=3mm:5mm:3", "segments=12,15", "modulus=0.1MPa:2MPa", "pressure=kPa")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """One command line in a folder of its own, and how its files were damaged."""
+
+    number: int
+    folder: Path
+    command: str
+    arguments: tuple[str, ...]
+    damages: tuple[str, ...]
+
+    @property
+    def line(self) -> str:
+        return "bozzini " + " ".join(map(ascii, self.arguments))
+
+
+@dataclass
+class Outcome:
+    """What came of a case; `problems` is empty if all is right."""
+
+    case: Case
+    code: int
+    seconds: float
+    memory: float
+    message: str
+    problems: list[str] = field(default_factory=list)
+
+
+def find_commands() -> dict[str, click.Command]:
+    """Return every command that is no group, by its whole name."""
+    from bozzini.cli.main import root
+
+    def walk(group: click.Group, name: str) -> Iterator[tuple[str, click.Command]]:
+        context = click.Context(group)
+        for word in group.list_commands(context):
+            command = group.get_command(context, word)
+            assert command is not None
+            if isinstance(command, click.Group):
+                yield from walk(command, f"{name} {word}")
+            else:
+                yield f"{name} {word}".strip(), command
+
+    return dict(walk(root, ""))
+
+
+def make_originals(folder: Path) -> None:
+    """Write the sound files that the cases damage."""
+    import numpy as np
+    import trimesh
+    from skimage.measure import marching_cubes
+
+    from bozzini.cli.main import main
+    from tests.cli.plan_cases import write_volume
+    from tests.shapes import bend_curve, curve_distance
+
+    curve = bend_curve(20.0, 1.2, 12.0)
+    low, high = curve.min(axis=0) - 10.0, curve.max(axis=0) + 10.0
+    axes = [np.arange(a, b, 2.0) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    distance = curve_distance(curve, 6.0)(points)
+    vertices, faces, _, _ = marching_cubes(distance, level=0.0, spacing=(2.0,) * 3)
+    mesh = trimesh.Trimesh(vertices, faces)
+    for suffix in ("stl", "ply", "obj", "glb", "off"):
+        mesh.export(folder / f"tube.{suffix}")
+    lines = ["# vtk DataFile Version 3.0", "tube", "ASCII", "DATASET POLYDATA"]
+    lines += [f"POINTS {len(vertices)} float", *(" ".join(map(str, v)) for v in mesh.vertices)]
+    lines += [f"POLYGONS {len(faces)} {4 * len(faces)}"]
+    lines += [f"3 {a} {b} {c}" for a, b, c in mesh.faces]
+    (folder / "tube.vtk").write_text("\n".join(lines) + "\n")
+    labels = np.where(distance < 0.0, np.where(points[..., 2] < 10.0, 1, 2), 0).astype(np.uint8)
+    write_volume(folder / "tube.nii.gz", labels, 2.0)
+    write_volume(folder / "tube.nii", labels, 2.0)
+    noise = np.random.default_rng(0).normal(0.0, 20.0, distance.shape)
+    body = np.where(distance < 0.0, -1000.0, 40.0) + noise
+    write_volume(folder / "ct.nii.gz", np.pad(body, 3, constant_values=-1000.0).astype("i2"), 2.0)
+    pressure = np.linspace(0.0, 0.8, 12)
+    rows = [f"{1000 * p:g},{12 * p / (p + 0.4):.4f}" for p in pressure]
+    (folder / "table.csv").write_text("\n".join(["pressure [kPa],contraction [mm]", *rows]) + "\n")
+    for name in set(ROBOTS):
+        shutil.copy(EXAMPLES / name, folder / name)
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        with _quiet():
+            plan = ["--diameter", "5mm", "--link", "8mm", "--head-step", "1mm", "--out", "made"]
+            assert main(["plan", "tube.stl", *plan]) in (0, 1)
+            for suffix in ("json", "yaml"):
+                fit = ["duct", "fit", "tube.stl", "--pieces", "6", "--out", f"shapes.{suffix}"]
+                assert main(fit) in (0, 1)
+    finally:
+        os.chdir(here)
+    shutil.move(folder / "made" / "plan.npz", folder / "plan.npz")
+    shutil.rmtree(folder / "made")
+
+
+def run_sound(folder: Path, commands: dict[str, click.Command]) -> list[str]:
+    """Run every command on sound files, which also compiles; return what is wrong with them."""
+    from bozzini.cli.main import main
+
+    wrong = []
+    for name in (name for name in commands if name in LEGAL):
+        words = []
+        for word in _split(LEGAL[name][1]):
+            if word.startswith("<"):
+                word = str(folder / FILES[word[1:].replace("_", " ")][0])
+            words.append("out" + word[1:] if word.startswith(">") else word)
+        with tempfile.TemporaryDirectory() as place, _quiet():
+            os.chdir(place)
+            code = main([*name.split(), *words])
+            os.chdir(folder)
+        if code not in (0, 1) and name != "data fetch":
+            wrong.append(f"bozzini {name} {' '.join(words)}: exit code {code}")
+    return wrong
+
+
+def make_case(
+    number: int, seed: int, originals: Path, place: Path, commands: dict[str, click.Command]
+) -> Case:
+    """Make one case from its number and the seed alone."""
+    rng = random.Random(f"{seed}:{number}")
+    folder = place / f"case-{number}"
+    folder.mkdir()
+    names = [name for name in commands if name in LEGAL]
+    name = rng.choices(names, [LEGAL[name][0] for name in names])[0]
+    damages: list[str] = []
+    words = []
+    wrecked = rng.random() < 0.7  # a file is damaged, or else it is only the options
+    for word in _split(LEGAL[name][1]):
+        if word.startswith("<"):
+            word = _take(word[1:], rng, originals, folder, damages, damaged=wrecked)
+        elif word.startswith(">"):
+            word = "out" + word[1:]
+        words.append(word)
+    options = [item for item in commands[name].params if isinstance(item, click.Option)]
+    count = rng.choice([0, 0, 1, 2]) if damages else rng.choice([1, 1, 2, 3])
+    for option in rng.choices(options, k=count):
+        _add_option(option, words, rng, originals, folder, damages)
+    if rng.random() < 0.05:
+        words.insert(rng.randint(0, len(words)), rng.choice(WORDS))
+    if rng.random() < 0.05 and words:
+        del words[rng.randrange(len(words))]
+    if rng.random() < 0.25:
+        words.append("--json")
+    if rng.random() < 0.04:
+        (folder / "out").mkdir()
+        (folder / "out" / "mine.txt").write_text("mine")
+    arguments = [word.replace("\0", "") for word in (*name.split(), *words)]
+    return Case(number, folder, name, tuple(arguments), tuple(damages))
+
+
+def _split(text: str) -> list[str]:
+    return text.replace("<tract or shapes", "<tract_or_shapes").replace("> ", ">").split()
+
+
+def _take(
+    kind: str, rng: random.Random, originals: Path, folder: Path, damages: list[str], *,
+    damaged: bool,
+) -> str:  # fmt: skip
+    """Copy a sound file of a kind into the folder, damage it, and return its name."""
+    source = originals / rng.choice(FILES[kind.replace("_", " ")])
+    suffix = "".join(source.suffixes)
+    stem = rng.choice(["x", "x", "x", "x", "é b", "日本", "\udcff\udcfe", "-x", "{}"])
+    target = folder / f"{stem}{len(damages)}{suffix}"
+    shutil.copy(source, target)
+    if damaged:
+        damages.append(damage(target, rng))
+    return f"./{target.name}"
+
+
+def _add_option(
+    option: click.Option, words: list[str], rng: random.Random, originals: Path, folder: Path,
+    damages: list[str],
+) -> None:  # fmt: skip
+    """Set an option to something; one that is there already is mostly replaced."""
+    flag = rng.choice([*option.opts, *option.secondary_opts])
+    if flag in ("--help", "-h") or (flag == "--debug"):
+        return
+    if option.is_flag or option.count:
+        words.append(flag)
+        return
+    kind = option.type
+    unit = UNITS.get(getattr(kind, "kind", None) or kind.name, "")
+    if isinstance(kind, click.Choice):
+        value = str(rng.choice([*kind.choices, *kind.choices, rng.choice(WORDS)]))
+    elif flag in OUTPUTS:
+        value = rng.choice(
+            ["out", "out.png", "out.csv", "out.json", "out.stl", "out.nii.gz", "no/out.csv", ".",
+             "..", "/dev/null", "/proc/x", "\udcff.png", "out/", rng.choice(WORDS)]
+        )  # fmt: skip
+    elif flag == "--robot":
+        value = _take("robot", rng, originals, folder, damages, damaged=rng.random() < 0.7)
+    elif flag == "--over":
+        value = _take("tract", rng, originals, folder, damages, damaged=rng.random() < 0.7)
+    elif isinstance(kind, click.types.IntParamType):
+        value = rng.choice([make_number(rng), "0", "1", "2", "3", "7", "20", "-1", "100000"])
+    elif kind.name == "text" and rng.random() < 0.5:
+        value = rng.choice([*PAIRS, "m", "energy", "tube", "follow", "thesis", "gaylord"])
+    elif "," in kind.name and rng.random() < 0.8:
+        size = kind.name.count(",") + 1
+        simple = rng.random() < 0.7
+        value = ",".join(
+            f"{rng.gauss(0.0, 30.0):.3g}{unit}" if simple else make_value(rng, unit)
+            for _ in range(size)
+        )
+    else:
+        value = make_value(rng, unit)
+    if flag in words and rng.random() < 0.8:
+        at = words.index(flag) + 1
+        words[at : at + 1] = [value]
+    elif rng.random() < 0.5 and flag.startswith("--"):
+        words.append(f"{flag}={value}")
+    else:
+        words += [flag, value]
+
+
+def run_case(case: Case, seconds: int) -> int:
+    """Start a case in a process of its own; return the number of that process."""
+    process = os.fork()
+    if process:
+        return process
+    code = 99
+    try:
+        os.setsid()
+        os.chdir(case.folder)
+        logs = case.folder.with_suffix(".log")
+        logs.mkdir()
+        for descriptor, name in ((1, "stdout"), (2, "stderr")):
+            file = os.open(logs / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.dup2(file, descriptor)
+            os.close(file)
+        nothing = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(nothing, 0)
+        (logs / "tmp").mkdir()
+        tempfile.tempdir = str(logs / "tmp")
+        now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (now + MEMORY, now + MEMORY))
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        signal.alarm(10 * seconds)
+        from bozzini.cli.main import main
+
+        code = main(case.arguments)
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)
+
+
+def judge(
+    case: Case, status: int, usage: resource.struct_rusage, before: dict[str, bytes]
+) -> Outcome:
+    """Compare what a case did with what it must do."""
+    logs = case.folder.with_suffix(".log")
+    out = (logs / "stdout").read_text(encoding="utf-8", errors="replace")
+    err = (logs / "stderr").read_text(encoding="utf-8", errors="replace")
+    code = os.waitstatus_to_exitcode(status)
+    seconds = usage.ru_utime + usage.ru_stime
+    lines = err.splitlines()
+    errors = [line for line in lines if line.startswith("bozzini: error")]
+    outcome = Outcome(case, code, seconds, usage.ru_maxrss * 1024.0, (errors or lines or [""])[-1])
+    add = outcome.problems.append
+    if code == -signal.SIGXCPU or code == -signal.SIGALRM:
+        add("too long")
+    elif code not in (0, 1, 2):
+        add(f"exit code {code}")
+    elif len(errors) != (code == 2):
+        add(f"exit code {code} with {len(errors)} lines of error")
+    if "Traceback" in err:
+        add("traceback")
+    stray = [line for line in lines if not line.startswith(("bozzini: ", "note: "))]
+    if stray:
+        add(f"on stderr: {stray[0][:80]}")
+    if "not enough memory" in err or outcome.memory > MEMORY:
+        add(f"more than {MEMORY / 1e9:g} GB")
+    # After -- it is no flag, or -- is the value of an option.
+    if "--json" in case.arguments and "--" not in case.arguments and code in (0, 1, 2):
+        try:
+            json.loads(out)
+        except ValueError:
+            add("stdout is no JSON")
+    after = _list_files(case.folder)
+    if any(after.get(name) != content for name, content in before.items()):
+        add("an input was changed")
+    new = sorted(set(after) - set(before))
+    if code == 2 and new:
+        add(f"exit code 2, but wrote {new[0]}")
+    left = [name for name in new if any(part.startswith(".") for part in Path(name).parts)]
+    left += [path.name for path in (logs / "tmp").iterdir()]
+    if left:
+        add(f"left {left[0]}")
+    return outcome
+
+
+def _list_files(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): b"" if path.is_dir() else path.read_bytes()
+        for path in folder.rglob("*")
+    }
+
+
+def _load_everything() -> None:
+    """Import what the commands import when they run, once for all cases."""
+    import importlib
+    import pkgutil
+
+    import matplotlib.backends.backend_agg
+    import matplotlib.pyplot  # noqa: F401
+
+    import bozzini
+    from bozzini.units import parse_quantity
+
+    parse_quantity("5mm", "length")
+    for module in pkgutil.walk_packages(bozzini.__path__, "bozzini."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+
+
+class _quiet:  # noqa: N801
+    """Send stdout and stderr of this process to nothing meanwhile."""
+
+    def __enter__(self) -> None:
+        sys.stdout.flush()
+        self.saved = [os.dup(1), os.dup(2)]
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, 1)
+        os.dup2(nothing, 2)
+        os.close(nothing)
+
+    def __exit__(self, *_: object) -> None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        for number, descriptor in enumerate(self.saved, start=1):
+            os.dup2(descriptor, number)
+            os.close(descriptor)
+
+
+def run_cases(
+    numbers: Sequence[int],
+    seed: int,
+    place: Path,
+    *,
+    jobs: int = 1,
+    seconds: int = 30,
+    sound: bool = True,
+) -> Iterator[Outcome]:
+    """Run cases, `jobs` at a time, after every command on sound files if `sound`.
+
+    `seconds` is how much time of a processor each may take.
+    """
+    commands = find_commands()
+    missing = sorted(set(commands) - set(LEGAL))
+    if missing:
+        raise SystemExit(f"fuzz: no legal command line is known for: {', '.join(missing)}")
+    originals = place / "originals"
+    if not originals.exists():
+        originals.mkdir(parents=True)
+        process = os.fork()  # so that no threads run in the process that is forked for the cases
+        if not process:
+            code = 1
+            try:
+                make_originals(originals)
+                wrong = run_sound(originals, commands) if sound else []
+                for line in wrong:
+                    print(f"fuzz: {line}", file=sys.stderr)
+                code = int(bool(wrong))
+            except BaseException:
+                import traceback
+
+                traceback.print_exc()
+            finally:
+                os._exit(code)
+        if os.waitpid(process, 0)[1]:
+            raise SystemExit("fuzz: sound files and options are refused")
+    _load_everything()
+    running: dict[int, tuple[Case, dict[str, bytes]]] = {}
+    waiting = iter(numbers)
+    while True:
+        while len(running) < jobs:
+            number = next(waiting, None)
+            if number is None:
+                break
+            case = make_case(number, seed, originals, place, commands)
+            before = _list_files(case.folder)
+            sys.stdout.flush()
+            running[run_case(case, seconds)] = (case, before)
+        if not running:
+            return
+        process, status, usage = os.wait3(0)
+        if process in running:
+            case, before = running.pop(process)
+            yield judge(case, status, usage, before)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.fuzz", description=__doc__.split("\n")[0]
+    )
+    parser.add_argument("--count", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--case", type=int, help="repeat this one and show what it says")
+    parser.add_argument("--jobs", type=int, default=min(os.cpu_count() or 1, 4))
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"))
+    parser.add_argument("--seconds", type=int, default=30, help="processor time for each case")
+    parser.add_argument("--skip-sound", action="store_true", help="no sound files at first")
+    parser.add_argument("--verbose", action="store_true", help="show what every case says")
+    given = parser.parse_args()
+    numbers = range(given.count) if given.case is None else [given.case]
+    codes: dict[str, Counter[str]] = {}
+    failures: dict[tuple[str, str], list[Outcome]] = {}
+    slowest = largest = 0.0
+    done = 0
+    with tempfile.TemporaryDirectory(prefix="bozzini-fuzz-") as name:
+        place = Path(name).resolve()
+        sound = given.case is None and not given.skip_sound
+        for outcome in run_cases(
+            numbers, given.seed, place, jobs=given.jobs, seconds=given.seconds, sound=sound
+        ):
+            case = outcome.case
+            done += 1
+            slowest, largest = max(slowest, outcome.seconds), max(largest, outcome.memory)
+            codes.setdefault(case.command, Counter())[str(outcome.code)] += 1
+            if given.verbose:
+                print(f"{case.number}: {outcome.code} {outcome.seconds:.1f} s {case.line[:300]}")
+                print(f"    {outcome.message[:300]!a}")
+            if outcome.problems or given.case is not None:
+                kept = given.keep / f"seed-{given.seed}-case-{case.number}"
+                shutil.rmtree(kept, ignore_errors=True)
+                shutil.copytree(case.folder, kept, ignore_dangling_symlinks=True)
+                print(f"case {case.number}: {'; '.join(outcome.problems) or 'right'}", flush=True)
+                print(f"  in {kept}: {case.line}")
+                print(f"  files: {', '.join(case.damages) or 'sound'}")
+                print(f"  said: {outcome.message[:300]!a}")
+                print(f"  again: make fuzz SEED={given.seed} CASE={case.number}", flush=True)
+            if outcome.problems:
+                failures.setdefault((case.command, outcome.problems[0]), []).append(outcome)
+            shutil.rmtree(case.folder, ignore_errors=True)
+            shutil.rmtree(case.folder.with_suffix(".log"), ignore_errors=True)
+            if done % 50 == 0:
+                print(f"{done} cases", flush=True)
+    for command, counts in sorted(codes.items()):
+        print(f"{command:<30} {dict(sorted(counts.items()))}")
+    wrong = sum(map(len, failures.values()))
+    print(
+        f"{done} cases of seed {given.seed}: {done - wrong} right, {wrong} wrong; "
+        f"at most {slowest:.1f} s of processor time and {largest / 1e9:.2f} GB"
+    )
+    for (command, problem), found in sorted(failures.items()):
+        numbers_shown = ", ".join(str(item.case.number) for item in found[:8])
+        print(f"  {command}: {problem}: {len(found)} (cases {numbers_shown})")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("MPLBACKEND", "Agg")
+    sys.exit(main())

@@ -1,0 +1,50 @@
+"""A few cases of the fuzz program, always the same: ``make fuzz`` runs many."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.fuzz.mutate import damage, make_value
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="each case is a forked process")
+def test_a_few_damaged_files_and_odd_options(tmp_path: Path) -> None:
+    # The time is that of a first run, which compiles.
+    options = ["--count", "30", "--seed", "3", "--jobs", "1", "--seconds", "250", "--skip-sound"]
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.fuzz", *options, "--keep", str(tmp_path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=290,
+        env={**os.environ, "MPLBACKEND": "Agg"},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "30 cases of seed 3: 30 right, 0 wrong" in done.stdout
+
+
+@pytest.mark.parametrize("name", ["a.yaml", "a.json", "a.csv", "a.stl", "a.nii", "a.xyz"])
+def test_damage_is_reproducible_and_does_damage(tmp_path: Path, name: str) -> None:
+    text = "name: tube\nvalues: [1, 2.5, 3]\n" if name != "a.json" else '{"a": [1, 2.5], "b": "c"}'
+    sound = text.encode() + (b"\0" * 400 if name in ("a.stl", "a.nii") else b"")
+    changed = 0
+    for seed in range(40):
+        results = []
+        for _ in range(2):
+            (tmp_path / name).write_bytes(sound)
+            damage(tmp_path / name, random.Random(seed))
+            results.append((tmp_path / name).read_bytes())
+        assert results[0] == results[1]
+        changed += results[0] != sound
+    assert changed > 30
+    assert [make_value(random.Random(1), "mm")] * 2 == [
+        make_value(random.Random(1), "mm") for _ in range(2)
+    ]
