@@ -14,7 +14,15 @@ from bozzini import Plan
 from bozzini.cli.main import main
 from tests.cli.plan_cases import CURVE, SCOPE, Outcome, Run, Tracts
 
-FILES = {"plan.npz", "summary.json", "report.html", "picture.png", "scene.glb"}
+FILES = {
+    "plan.npz",
+    "summary.json",
+    "report.html",
+    "picture.png",
+    "scene.glb",
+    "centreline.mrk.json",
+    "centreline.vtp",
+}
 
 KEYS: dict[str, type | tuple[type, ...]] = {
     "method": str,

@@ -207,7 +207,7 @@ def test_a_label_may_be_any_whole_number_but_not_a_truth_value(labels: LabelTrac
     assert found.plan.meta["input"]["start"] == 2
     assert found.line.points == pytest.approx(run(labels, start=2, end=1).line.points)
     for value in (True, np.True_):
-        with pytest.raises(InputError, match="start is True: it must be a point .* or the number"):
+        with pytest.raises(InputError, match="start is True: it must be a point .* or the "):
             run(labels, start=value)
 
 
@@ -223,7 +223,7 @@ def test_a_label_may_be_any_whole_number_but_not_a_truth_value(labels: LabelTrac
         ({"angle_limit": 4.0}, "angle limit is 4"),
         ({"route": (0.0,)}, "route is"),
         ({"route": ()}, "route is"),
-        ({"method": "thesis", "slip": 0.5}, "method 'thesis' knows no slip"),
+        ({"method": "thesis", "slip": 0.5}, "method 'thesis' has no slip"),
         ({"inflate": -1.0}, "inflation is -1"),
         ({"voxel": 0.0}, "voxel is 0"),
     ],
@@ -255,7 +255,7 @@ def test_another_end_is_a_finding(labels: LabelTract, monkeypatch: pytest.Monkey
 
     other = OtherEnd(end="end", point=(1.0, 2.0, 3.0), distance=90.0)
     monkeypatch.setattr(
-        "bozzini.study.insertion.find_centreline",
+        "bozzini.study.ends.find_centreline",
         lambda *given, **options: replace(find_centreline(*given, **options), other_ends=(other,)),
     )
     forth, back = run(labels), run(labels, reverse=True)

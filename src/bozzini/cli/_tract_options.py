@@ -12,7 +12,7 @@ from .common import LabelsType, QuantityType, progress_bar
 
 if TYPE_CHECKING:
     from ..anatomy.findings import Finding
-    from ..anatomy.tract import LabelTract, SurfaceTract
+    from ..anatomy.tract import LabelTract, Organ, SurfaceTract
 
 __all__ = ["EndType", "read_with_options", "sort_options", "tell_findings", "tract_options"]
 
@@ -108,7 +108,7 @@ _ORGANS = ("upper-tract", "small-bowel", "colon")
 _READING = ("labels", "part", "unit", "frame", "repair")
 
 
-def sort_options(options: dict[str, Any]) -> tuple[dict[str, Any], str | None, dict[str, Any]]:
+def sort_options(options: dict[str, Any]) -> tuple[dict[str, Any], Organ | None, dict[str, Any]]:
     """Return what a tract is read with, its organ, and the rest of the options for a study."""
     ways = dict(options)
     reading = {name: ways.pop(name) for name in _READING}

@@ -167,7 +167,7 @@ def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
     if inflate is None or not getattr(duct, "exact_outside", True):
         return None
     # Beyond its reach a field does not know how far the wall is outside the lumen.
-    last = min(float(getattr(duct, "reach", math.inf)), duct.inflation + INFLATION_MORE)
+    last = min(float(getattr(duct, "inflation_max", math.inf)), duct.inflation + INFLATION_MORE)
 
     def pass_once(value: float) -> bool:
         wider = inflate(value - duct.inflation)

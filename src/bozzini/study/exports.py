@@ -9,6 +9,7 @@ from __future__ import annotations
 import gzip
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +140,7 @@ def _write_nifti(
 
     turn = np.eye(4)
     turn[:3, :3] = frame_to_ras(frame)
-    image = nibabel.Nifti1Image(values, turn @ affine)
+    image: Any = nibabel.Nifti1Image(values, turn @ affine)  # type: ignore[no-untyped-call]
     image.header.set_xyzt_units("mm")
     data = gzip.compress(image.to_bytes(), compresslevel=4, mtime=0)
 

@@ -350,9 +350,10 @@ def run_insertion(
                 **options,
             )
 
+        entries: tuple[dict[str, Any], ...] = ()
         with _clock(times, "plan"):
             if way.decided:
-                plan, entries = make_plan(way.line), ()
+                plan = make_plan(way.line)
             else:
                 way, plan, entries = _try_both_ends(tract, way, make_plan, reverse=reverse)
         line = way.line

@@ -48,7 +48,7 @@ def list_marks(plan: Plan) -> list[EndMark]:
     records = plan.meta.get("ends")
     if isinstance(records, str) or not isinstance(records, Sequence):
         return []
-    marks = []
+    marks: list[EndMark] = []
     for record in records:
         if not isinstance(record, Mapping):
             continue
