@@ -271,7 +271,9 @@ def run_insertion(
     }
     with explain_scale(tract):
         with _clock(times, "distance"):
-            field = build_field(tract, voxel=voxel, inflate=inflate, progress=progress)
+            field = build_field(
+                tract, voxel=voxel, inflate=inflate, reach=inflate + soft_wall, progress=progress
+            )
         with _clock(times, "centreline"):
             line = find_centreline(field, points, regions=regions, progress=progress)
             if reverse:
