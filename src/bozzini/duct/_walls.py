@@ -191,7 +191,8 @@ class VoxelWall:
     @cached_property
     def _faces(self) -> tuple[Floats, Floats]:
         """Lower and upper corners (n, 3) of flat boxes: faces, joined in rows along one axis."""
-        lows, highs = [], []
+        lows: list[Floats] = []
+        highs: list[Floats] = []
         for axes in ((0, 1, 2), (1, 0, 2), (2, 0, 1)):
             view = self.lumen.transpose(axes)
             change = (view[1:] != view[:-1]).view(np.int8)
