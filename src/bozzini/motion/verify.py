@@ -259,10 +259,8 @@ def read_input(plan: Plan, path: str | os.PathLike[str]) -> LabelTract | Surface
         value = stated.get(key)
         if value is None or value is False:
             continue
-        items = value if key == "labels" and isinstance(value, list) else [value]
-        if not items or not all(
-            isinstance(v, kinds) and v is not True or key == "repair" for v in items
-        ):
+        items = value if key == "labels" else [value]
+        if not isinstance(items, list) or not items or not all(type(v) in kinds for v in items):
             raise FileFormatError(
                 f"the plan's meta.input.{key} is {value!r}: it is nothing to read a tract with"
             )
