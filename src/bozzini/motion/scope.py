@@ -10,6 +10,10 @@ from ..checks import check_number
 __all__ = ["Scope"]
 
 
+LENGTH_MAX = 10_000.0
+"""Longest scope [mm]: more than the whole bowel."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scope:
     """A flexible scope as a chain of equal rigid links (thesis 5.3.1).
@@ -35,9 +39,13 @@ class Scope:
 
     def __post_init__(self) -> None:
         check_number("scope diameter", self.diameter, low=0.0, low_open=True, unit="mm")
-        check_number("link length", self.link_length, low=0.0, low_open=True, unit="mm")
+        check_number(
+            "link length", self.link_length, low=0.0, high=LENGTH_MAX, low_open=True, unit="mm"
+        )
         if self.length is not None:
-            check_number("scope length", self.length, low=self.link_length, unit="mm")
+            check_number(
+                "scope length", self.length, low=self.link_length, high=LENGTH_MAX, unit="mm"
+            )
 
     @property
     def radius(self) -> float:
