@@ -171,7 +171,7 @@ def _describe_input(
         "file": source.name,
         "sha256": None if source.is_dir() else hashlib.sha256(source.read_bytes()).hexdigest(),
         "labels": list(labels) if labels else None,
-        "part": list(options["part"]) or None,
+        "part": options["part"][0] if len(options["part"]) == 1 else list(options["part"]) or None,
         "unit": options["unit"],
         "frame": options["frame"],
         "repair": options["repair"],

@@ -301,7 +301,8 @@ def rebuild_field(
     voxel = (plan.meta.get("input") or {}).get("voxel_mm")
     total = _read_number(plan.meta, "field", "inflation_mm") or 0.0
     used = _read_number(plan.meta, "soft_wall", "used_mm") or 0.0
-    field = build_field(tract, voxel=voxel, inflate=max(total - used, 0.0), progress=progress)
+    rest = max(total - used, 0.0)
+    field = build_field(tract, voxel=voxel, inflate=rest, reach=total, progress=progress)
     return field.inflate(used)
 
 
