@@ -182,6 +182,17 @@ def cross_groups(vertices: Array, faces: Array, cell: float, group: Array) -> Ar
                     items[n] = f
                     n += 1
     order = np.argsort(keys)
+    least = np.empty((len(faces), 3))
+    most = np.empty((len(faces), 3))
+    for f in range(len(faces)):
+        for axis in range(3):
+            a, b, c = (
+                vertices[faces[f, 0], axis],
+                vertices[faces[f, 1], axis],
+                vertices[faces[f, 2], axis],
+            )
+            least[f, axis] = min(a, b, c)
+            most[f, axis] = max(a, b, c)
     crossed = np.zeros(len(faces), np.bool_)
     begin = 0
     while begin < total:
@@ -196,11 +207,9 @@ def cross_groups(vertices: Array, faces: Array, cell: float, group: Array) -> Ar
                     continue
                 apart = False
                 for axis in range(3):
-                    a, b = faces[one], faces[other]
-                    va, vb, vc = vertices[a[0], axis], vertices[a[1], axis], vertices[a[2], axis]
-                    wa, wb, wc = vertices[b[0], axis], vertices[b[1], axis], vertices[b[2], axis]
-                    if max(va, vb, vc) < min(wa, wb, wc) or max(wa, wb, wc) < min(va, vb, vc):
+                    if least[one, axis] > most[other, axis] or least[other, axis] > most[one, axis]:
                         apart = True
+                        break
                 if not apart and _faces_cross(vertices, faces[one], faces[other]):
                     crossed[one] = True
                     crossed[other] = True
