@@ -143,6 +143,7 @@ def plan_unadvised(
         route=tuple(route),
         compare=method == "best",
     )
+    outcome: tuple[str, str, str] | None = None
     if method == "thesis":
         links = scope.count_links(way.length)
         introducer = Introducer.at_entry(duct, way, along=scope.link_length)
@@ -169,7 +170,7 @@ def plan_unadvised(
     else:
         job = Job(duct, way, scope, options)
         introducer = job.introducer
-        planned, outcome = plan_in_tube(job, progress=progress), None
+        planned = plan_in_tube(job, progress=progress)
         if planned.refusal is not None and advise and not short:
             refusal = find_advice(job, planned.refusal, progress=progress)
             planned = replace(planned, refusal=refusal)
