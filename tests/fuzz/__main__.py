@@ -62,7 +62,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "data fetch": (1, "no-such-data --to >"),
     "muscle solve": (4, "--pressure 300kPa --load 1N"),
     "muscle curve": (3, "--points 5"),
-    "muscle models": (1, "energy"),
+    "muscle models": (1, "chou"),
     "muscle fit": (5, "<table --free modulus"),
     "muscle compare": (5, "<table --model energy --model thesis"),
     "effector pose": (3, "--pressure R=300kPa,G=200kPa"),
