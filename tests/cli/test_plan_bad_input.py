@@ -160,6 +160,8 @@ BAD = [
     Bad("huge inflation", with_options("--inflate", "3m"), ("inflation", "3000", "30]")),
     Bad("much inflation", with_options("--inflate", "99mm"), ("inflation", "99", "[0, 30] mm")),
     Bad("parsecs", with_options("--length", "5parsec"), ("--length", "parsec", "1e+06] mm")),
+    Bad("a scope of 1 km", with_options("--length", "1km"), ("scope length", "[10, 10000] mm")),
+    Bad("a wide scope", with_options("--diameter", "1km"), ("scope diameter", "(0, 500] mm")),
     Bad("a long scope", with_options("--length", "1e9mm"), ("--length", "1e9mm", "1e+06] mm")),
     Bad("1e308 mm", with_options("--voxel", "1e308mm"), ("--voxel", "1e308mm", "1e+06] mm")),
     Bad("no voxel", with_options("--voxel", "0"), ("voxel", "is 0", "(0, inf)")),

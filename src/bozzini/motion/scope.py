@@ -10,6 +10,9 @@ from ..checks import check_number
 __all__ = ["Scope"]
 
 
+DIAMETER_MAX = 500.0
+"""Widest scope [mm]: wider than any tract."""
+
 LENGTH_MAX = 10_000.0
 """Longest scope [mm]: more than the whole bowel."""
 
@@ -38,7 +41,9 @@ class Scope:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        check_number("scope diameter", self.diameter, low=0.0, low_open=True, unit="mm")
+        check_number(
+            "scope diameter", self.diameter, low=0.0, high=DIAMETER_MAX, low_open=True, unit="mm"
+        )
         check_number(
             "link length", self.link_length, low=0.0, high=LENGTH_MAX, low_open=True, unit="mm"
         )
