@@ -82,7 +82,7 @@ def _sift_down(keys, names, size):
     keys[n], names[n] = key, name
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def find_costs(number, nodes, weight, step, sources, costs, before):
     """Dijkstra's algorithm: the least cost from `sources`, and the node before on the way.
 
@@ -144,7 +144,7 @@ def find_costs(number, nodes, weight, step, sources, costs, before):
                 size += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def find_lengths(number, nodes, step, sources, lengths):
     """Fill `lengths` (n,), infinite at first, with the shortest ways from `sources`.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -229,7 +230,10 @@ class LumenGraph:
         key = make_key(source)
         if among is None and key in self._tips:
             return self._tips[key]
-        lengths = self.measure_lengths(source)
+        with ThreadPoolExecutor(1) as pool:  # the two searches know nothing of each other
+            searching = pool.submit(self.search, source)
+            lengths = self.measure_lengths(source)
+            search, _ = searching.result()
         lengths[~np.isfinite(lengths)] = -1.0
         if among is not None:
             allowed = np.zeros(len(lengths), dtype=bool)
@@ -237,7 +241,6 @@ class LumenGraph:
             lengths[~allowed] = -1.0
         if lengths.max() < 0.0:
             raise GeometryError("start and end are not connected inside the lumen at this grid")
-        search, _ = self.search(source)
         tips = []
         for node in self._find_tips(lengths):
             path = search.traceback(node) * self.field.spacing
@@ -250,18 +253,20 @@ class LumenGraph:
 
     def _find_tips(self, lengths: NDArray[np.float64], most: int = 12) -> list[NDArray[np.int64]]:
         """Return the nodes of locally longest taut way, longest first, well apart."""
-        left = lengths.copy()
         apart = 25.0
-        places = self.places()
+        reach = np.ceil(apart / self.field.spacing).astype(int)
+        left = np.flatnonzero(lengths > 0.5 * float(lengths.max()))
+        if len(left) == 0:  # the source is all there is
+            left = np.array([int(np.argmax(lengths))])
+        places = self.places(left).astype(np.int32)
         tips: list[NDArray[np.int64]] = []
-        floor = 0.5 * float(left.max())
-        while len(tips) < most:
-            number = int(np.argmax(left))
-            if left[number] <= floor and tips:
-                break
-            tips.append(places[number])
-            reach = np.ceil(apart / self.field.spacing).astype(int)
-            left[np.all(np.abs(places - places[number]) <= reach, axis=1)] = -1.0
+        while len(tips) < most and len(left) > 0:
+            tip = places[int(np.argmax(lengths[left]))]
+            tips.append(tip.astype(np.int64))
+            near = np.ones(len(left), dtype=bool)
+            for axis in range(3):
+                near &= np.abs(places[:, axis] - tip[axis]) <= reach[axis]
+            left, places = left[~near], places[~near]
         return tips
 
     def find_path(self, start: NDArray[np.int64], goal: NDArray[np.int64]) -> NDArray[np.int64]:
