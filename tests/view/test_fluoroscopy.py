@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bozzini.anatomy.frame import find_axis
 from bozzini.errors import GeometryError, InputError
 from bozzini.view.fluoroscopy import VIEWS, render_fluoroscopy
 from tests.view.fake_motion import END, START, make_field
@@ -51,6 +53,19 @@ def test_the_picture_does_not_depend_on_the_grid_it_came_from(axis, rotation):
     assert other.labels == plain.labels
     assert other.tilt == pytest.approx(0.0, abs=1e-7)
     assert other.thickness.sum() * 2.25 == pytest.approx(plain.thickness.sum() * 2.25, rel=0.02)
+
+
+@pytest.mark.parametrize("axis", VIEWS)
+@pytest.mark.parametrize("frame", ["RAS", "LPS", "LSA", "IRP"])
+def test_one_patient_looks_the_same_in_every_frame(axis, frame):
+    turn = np.stack([find_axis(frame, side) for side in "RAS"]).T  # from RAS into the frame
+    plain = make_field()
+    other = replace(plain, origin=turn @ plain.origin, rotation=turn @ plain.rotation, frame=frame)
+    one, two = render_fluoroscopy(plain, axis=axis), render_fluoroscopy(other, axis=axis)
+    np.testing.assert_allclose(two.thickness, one.thickness, atol=1e-6)
+    points = START + np.random.default_rng(0).normal(size=(50, 3)) * 20.0
+    np.testing.assert_allclose(two.project(points @ turn.T), one.project(points), atol=1e-9)
+    assert two.labels == one.labels
 
 
 def test_thickness_is_the_lumens_own_and_its_sum_the_volume():

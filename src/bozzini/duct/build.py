@@ -78,7 +78,7 @@ def build_field(
         # What squaring the axes of labels moved comes on top.
         more = 0.0 if error is None else error - 0.5 * float(np.linalg.norm(tract.spacing))  # type: ignore[union-attr]
         error = tract.wall_error + max(more, 0.0)
-    return replace(field, wall=tract.wall or field.wall, wall_error=error)
+    return replace(field, wall=tract.wall or field.wall, wall_error=error, frame=tract.frame)
 
 
 def field_from_mask(

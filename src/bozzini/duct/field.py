@@ -55,6 +55,9 @@ class SampledField:
         Whether distances outside the lumen are as `reach` says. Sampled from a duct that only has
         lower bounds of them they are not, and `inflate` is refused: it would promise too much.
 
+    frame : str, optional
+        Where the world's axes point in the patient, such as "RAS"; None where it is not known.
+
     Notes
     -----
     ``error`` is how far the trilinear interpolant of a 1-Lipschitz function can be from it: half
@@ -70,6 +73,7 @@ class SampledField:
     wall_error: float | None = None
     reach: float = math.inf
     exact_outside: bool = True
+    frame: str | None = None
     _rounding: float = dataclass_field(init=False, repr=False, default=0.0)
 
     def __post_init__(self) -> None:

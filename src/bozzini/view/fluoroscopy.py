@@ -1,10 +1,11 @@
 """Fluoroscopy: the lumen seen through the body, as on a barium X-ray, from its sampled field.
 
 The picture is an orthographic projection along the grid axis that lies nearest to a world axis.
-The world frame is read as RAS+: +x to the patient's right, +y to the front, +z to the head. Views
-follow radiological custom: the coronal view faces the patient (the patient's right is on the
-left of the picture), the sagittal view looks from the patient's left (front on the left), the
-axial view looks from the feet (front on top).
+Where the world's axes point in the patient, the field says (`SampledField.frame`); where it does
+not, they are read as RAS: +x to the patient's right, +y to the front, +z to the head. Views follow
+radiological custom: the coronal view faces the patient (the patient's right is on the left of the
+picture), the sagittal view looks from the patient's left (front on the left), the axial view looks
+from the feet (front on top).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..anatomy.frame import find_axis
 from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
 
@@ -126,7 +128,9 @@ def render_fluoroscopy(
         raise InputError(f"view is {axis!r}: it must be one of {', '.join(map(repr, VIEWS))}")
     check_number("margin", margin, low=0.0, unit="mm")
     along, right, up = VIEWS[axis]
-    rotation = np.asarray(field.rotation, dtype=np.float64)
+    # Where the patient's right, front and head lie in the world.
+    turn = np.stack([find_axis(field.frame or "RAS", side) for side in "RAS"])
+    rotation = turn @ np.asarray(field.rotation, dtype=np.float64)
     spacing = np.asarray(field.spacing, dtype=np.float64)
     of_world = _match_axes(rotation)
     depth_axis, u_axis, v_axis = of_world[along], of_world[right[0]], of_world[up[0]]
@@ -142,6 +146,7 @@ def render_fluoroscopy(
     if v_sign < 0:
         thickness = thickness[:, ::-1]
     matrix = np.stack([u_sign * rotation[:, u_axis], v_sign * rotation[:, v_axis]])
+    matrix = matrix @ turn
     start = matrix @ np.asarray(field.origin, dtype=np.float64)
     if u_sign < 0:
         start[0] -= spacing[u_axis] * (thickness.shape[0] - 1)

@@ -137,7 +137,7 @@ def write_report(
             "depths_image": encode_figure(draw_depths(plan, field, depths=depths), dpi=100.0),
             "depths_alt": f"Two views of the scope in the tract at {depths} insertion depths",
             "depths_text": f"{depths} depths up to {plan.inserted:.0f} mm",
-            "frame_note": escape(_describe_frame(pictures)),
+            "frame_note": escape(_describe_frame(pictures, field.frame)),
             "clearance_image": encode_figure(draw_clearance(plan, summary=summary), dpi=130.0),
             "clearance_alt": escape(verdict.sentence),
             "contact": render_contact(plan, field, claim),
@@ -197,11 +197,13 @@ def _describe_basis(claim: Claim, plan: Plan, field: SampledField) -> str:
     return " ".join(parts)
 
 
-def _describe_frame(pictures: Sequence[Projection]) -> str:
-    text = (
-        "Directions (R right, L left, A front, P back, S head, I feet of the patient) read the "
-        "file's world frame as RAS+; a file in another frame shows them otherwise."
+def _describe_frame(pictures: Sequence[Projection], frame: str | None) -> str:
+    known = (
+        f"follow the file's frame, {frame}"
+        if frame
+        else "take the file's frame for RAS, because the file does not state one"
     )
+    text = f"Directions (R right, L left, A front, P back, S head, I feet of the patient) {known}."
     tilt = max(np.degrees(picture.tilt) for picture in pictures)
     if tilt > 2.0:
         text += f" The views follow the grid, up to {tilt:.0f}° off the body's axes."
