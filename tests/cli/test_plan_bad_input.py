@@ -53,7 +53,7 @@ def with_mesh(change: Callable[[trimesh.Trimesh], trimesh.Trimesh]) -> Callable[
 
 
 def with_volume(
-    change: Callable[[np.ndarray], np.ndarray], spacing: float = 1.5
+    change: Callable[[np.ndarray], np.ndarray], spacing: float | tuple[float, ...] = 1.5
 ) -> Callable[..., Any]:
     def make(tracts: Tracts, folder: Path) -> list[str | Path]:
         return [write_volume(folder / "changed.nii.gz", change(tracts.labels), spacing)]
@@ -89,6 +89,11 @@ def in_metres(tracts: Tracts, folder: Path) -> list[str | Path]:
     mesh.apply_scale(1e-3)
     mesh.export(folder / "metres.ply")
     return [folder / "metres.ply"]
+
+
+def in_kilometres(tracts: Tracts, folder: Path) -> list[str | Path]:
+    tracts.mesh.copy().apply_scale(1e6).export(folder / "huge.stl")
+    return [folder / "huge.stl"]
 
 
 def open_end(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
@@ -185,7 +190,13 @@ BAD = [
         with_volume(lambda array: ball(), spacing=2.0),
         ("no tube was found", "--start and --end"),
     ),
-    Bad("metres taken for mm", in_metres, ("implausibly small", "--unit m"), findings=True),
+    Bad("metres taken for mm", in_metres, ("implausibly small", "1 to 10000", "--unit m")),
+    Bad("kilometres", in_kilometres, ("longest side is", "1 to 10000 mm")),
+    Bad(
+        "thin voxels",
+        with_volume(lambda array: array, spacing=(2.0, 2.0, 0.001)),
+        ("2 x 2 x 0.001 mm", "at most 100"),
+    ),
 ]
 
 
@@ -269,6 +280,7 @@ def test_an_output_that_becomes_unwritable_meanwhile_leaves_nothing(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez_compressed", fail)
-    outcome = run(tracts.volume, *SCOPE, "--quiet", "--json", "--out", tmp_path / "plan")
+    options = ["--organ=colon", "--quiet", "--json", "--out", tmp_path / "plan"]
+    outcome = run(tracts.volume, *SCOPE, *options)
     check_refusal(outcome, ("plan.npz", "No space left"), as_json=True)
     assert list_all(tmp_path) == set()
