@@ -108,7 +108,7 @@ BAD = [
     Bad(
         "text named stl",
         put(NOTES, "notes.stl"),
-        ("notes.stl", "no triangles"),
+        ("notes.stl", "is not STL triangles"),
     ),
     Bad("text named nii", put(NOTES, "notes.nii"), ("notes.nii", "NIfTI")),
     Bad("truncated gzip", truncated, ("cut.nii.gz",)),
@@ -135,7 +135,6 @@ BAD = [
     Bad("labels of a surface", of_surface("--labels", "1"), ("surface", "no labels")),
     Bad("not finite", with_mesh(nan_vertices), ("not finite", "NaN")),
     Bad("no volume", with_mesh(flatten), ("no volume", "flat")),
-    Bad("open", with_mesh(open_end), ("open", "boundary edges", "mm")),
     Bad("a directory", lambda _, folder: [folder], ("known are", ".nii.gz", "DICOM")),
     Bad("unknown kind", put(b"x", "scan.xyz"), ("scan.xyz", ".nii.gz", ".stl")),
     Bad(
@@ -149,8 +148,8 @@ BAD = [
     Bad("start not finite", with_options("--start", "nan,0,0"), ("--start", "nan")),
     Bad("start label not there", with_options("--start", "9"), ("start", "9", "one of 1")),
     Bad("label end of a surface", of_surface("--end", "2"), ("end", "2", "surface", "point")),
-    Bad("negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "(0, inf)")),
-    Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "(0, inf)")),
+    Bad("negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "(0, 500] mm")),
+    Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "(0, 500] mm")),
     Bad("endless diameter", with_options("--diameter", "inf"), ("--diameter", "inf")),
     Bad("unknown unit", with_options("--diameter", "5 elbows"), ("elbows", "5mm")),
     Bad("wrong kind of unit", with_options("--link", "5kg"), ("5kg", "unit", "5mm")),
@@ -158,7 +157,7 @@ BAD = [
     Bad("unknown unit of file", of_surface("--unit", "elbow"), ("elbow",)),
     Bad("weight as unit of file", of_surface("--unit", "kg"), ("kg", "length")),
     Bad("unit of a volume", with_options("--unit", "m"), ("'m'", "label volume")),
-    Bad("no link", with_options("--link", "0"), ("link", "is 0", "(0, inf)")),
+    Bad("no link", with_options("--link", "0"), ("link", "is 0", "(0, 10000] mm")),
     Bad("link too long", with_options("--link", "5m"), ("link", "5000", "at most", "mm")),
     Bad("scope too short", with_options("--length", "1mm"), ("length", "is 1", "[10")),
     Bad("negative inflation", with_options("--inflate", "-1mm"), ("inflation", "-1", "[0")),
@@ -194,7 +193,7 @@ BAD = [
     Bad("kilometres", in_kilometres, ("longest side is", "1 to 10000 mm")),
     Bad(
         "thin voxels",
-        with_volume(lambda array: array, spacing=(2.0, 2.0, 0.001)),
+        with_volume(lambda array: np.minimum(array, 1), spacing=(2.0, 2.0, 0.001)),
         ("2 x 2 x 0.001 mm", "at most 100"),
     ),
 ]
@@ -244,6 +243,15 @@ def test_bad_input_is_one_clear_line_and_leaves_nothing(
     outcome = run(*arguments, "--quiet", *["--json"] * as_json, "--out", place / "plan")
     check_refusal(outcome, bad.words, as_json=as_json, findings=bad.findings)
     assert list_all(tmp_path) == before
+
+
+def test_an_open_surface_is_capped_and_that_is_reported(
+    tracts: Tracts, run: Run, tmp_path: Path
+) -> None:
+    arguments = with_mesh(open_end)(tracts, tmp_path)
+    outcome = run(*arguments, "--quiet", "--organ=colon", "--out", tmp_path / "plan")
+    assert outcome.code == 0
+    assert "open" in outcome.err and "capped" in outcome.err
 
 
 @pytest.mark.parametrize("as_json", [False, True], ids=["", "json"])
