@@ -37,7 +37,7 @@ def world_of(labels, affine, value):
 @settings(max_examples=30)
 @given(
     angles=st.tuples(*[st.floats(-3.1, 3.1)] * 3),
-    size=st.tuples(*[st.floats(0.4, 3.0)] * 3),
+    size=st.tuples(*[st.floats(1.0, 4.0)] * 3),
     shift=st.tuples(*[st.floats(-500, 500)] * 3),
     flip=st.booleans(),
     seed=st.integers(0, 10_000),
@@ -238,13 +238,27 @@ def test_a_lumen_at_the_border_is_said_to_be_cut():
     [
         ((1, 1, 3), "voxels-anisotropic"),
         ((4, 4, 4), "voxels-coarse"),
-        ((0.01, 0.01, 0.01), "scale"),
-        ((1000, 1000, 1000), "scale"),
+        ((0.2, 0.2, 0.2), "scale"),
+        ((300, 300, 300), "scale"),
     ],
 )
 def test_odd_voxels_are_warned_of(size, code):
     assert codes(tract_from_labels(tube(), np.diag([*size, 1.0])))[code].severity == "warning"
     assert tract_from_labels(tube(), np.eye(4)).findings == ()
+
+
+@pytest.mark.parametrize(
+    ("size", "said"),
+    [
+        ((0.01, 0.01, 0.01), "it must be 1 to 10000 mm"),
+        ((1e5, 1e5, 1e5), "it must be 1 to 10000 mm"),
+        ((2, 2, 0.001), "2e+03 times longer than wide: at most 100 times"),
+    ],
+)
+def test_absurd_voxels_are_refused(size, said):
+    with pytest.raises(GeometryError) as caught:
+        tract_from_labels(tube(), np.diag([*size, 1.0]))
+    assert said in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -285,9 +285,15 @@ def test_a_surface_that_crosses_itself_is_warned_of():
 
 
 def test_a_tiny_or_huge_tract_hints_at_the_unit():
-    vertices, faces = ball(0.02)
+    vertices, faces = ball(2.0)
     assert "--unit m" in codes(tract_from_surface(vertices, faces))["scale"].message
-    assert "scale" in codes(tract_from_surface(*ball(20_000.0)))
+    assert "scale" in codes(tract_from_surface(*ball(2_500.0)))
+
+
+@pytest.mark.parametrize("radius", [0.02, 20_000.0])
+def test_an_absurd_size_is_refused_with_a_hint_at_the_unit(radius):
+    with pytest.raises(GeometryError, match="it must be 1 to 10000 mm; .*--unit m"):
+        tract_from_surface(*ball(radius))
 
 
 def test_flat_and_hollow_surfaces_enclose_nothing():

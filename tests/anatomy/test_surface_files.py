@@ -204,3 +204,18 @@ def test_glb_is_written_in_metres_and_comes_back_with_its_frame(tmp_path):
     assert np.sort(back.vertices, axis=0) == pytest.approx(
         np.sort(tract.vertices, axis=0), abs=1e-4
     )
+
+
+@pytest.mark.parametrize("kind", ["obj", "off"])
+def test_text_that_is_not_utf8_is_read_as_far_as_it_is_numbers(tmp_path, kind):
+    box = trimesh.creation.box((20.0, 30.0, 40.0))
+    lines = box.export(file_type=kind).splitlines()
+    path = tmp_path / f"box.{kind}"
+    path.write_bytes("\n".join([lines[0], "# Gef\u00e4\u00df", *lines[1:]]).encode("latin-1"))
+    assert read_surface(path).volume == pytest.approx(VOLUME)
+    lines[3] = lines[3].replace("0", "\u00e4")
+    path.write_bytes("\n".join(lines).encode("latin-1"))
+    with pytest.raises(FileFormatError) as caught:
+        read_surface(path)
+    assert f"is not {kind.upper()} triangles" in str(caught.value)
+    assert "charset" not in str(caught.value)

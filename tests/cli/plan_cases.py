@@ -18,8 +18,8 @@ SCOPE = ["--diameter", "5mm", "--link", "8mm", "--head-step", "1mm"]
 CURVE = bend_curve(25.0, 1.4, 22.0)
 
 
-def write_volume(path: Path, array: np.ndarray, spacing: float = 1.5) -> Path:
-    image = nibabel.Nifti1Image(array, np.diag([spacing, spacing, spacing, 1.0]))
+def write_volume(path: Path, array: np.ndarray, spacing: float | tuple[float, ...] = 1.5) -> Path:
+    image = nibabel.Nifti1Image(array, np.diag([*np.broadcast_to(spacing, 3), 1.0]))
     image.header.set_xyzt_units("mm")
     nibabel.save(image, path)
     return path

@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import nibabel
 import numpy as np
 import pytest
+import trimesh
 
 from bozzini.cli.main import main
 from bozzini.motion import Plan
-from tests.cli.plan_cases import SCOPE, Outcome, Tracts
+from tests.cli.plan_cases import SCOPE, Outcome, Tracts, write_volume
+from tests.duct.test_refined import shift_affine
+from tests.motion.planted import plant
 
 CAPTURE = pytest.CaptureFixture[str]
 
@@ -162,3 +166,84 @@ def test_a_missing_input_and_a_plane_plan_are_one_line(
     )
     outcome = certify(capsys, flat.save(tmp_path / "flat.npz"), tracts.surface)
     assert outcome.code == 2 and "2 dimensions" in outcome.err
+
+
+def plan(source: Path, out: Path, *options: str) -> Plan:
+    assert main(["plan", str(source), *options, "--quiet", "--json", "--out", str(out)]) == 0
+    return Plan.load(out / "plan.npz")
+
+
+def test_a_plan_that_needed_the_finer_grid_is_certified_on_it_and_not_without(
+    capsys: CAPTURE, tmp_path: Path
+) -> None:
+    tube = plant(2, grid=1.0, spare=0.3)
+    source, ends = tmp_path / "narrow.nii", []
+    labels = np.pad(tube.wall.mask, 1).astype(np.uint8)
+    nibabel.save(nibabel.Nifti1Image(labels, shift_affine(tube.wall)), source)
+    for name, point in (("--start", tube.curve[0]), ("--end", tube.curve[40])):
+        ends += [f"{name}=" + ",".join(f"{value:.3f}mm" for value in point)]
+    scope = tube.scope
+    made = plan(
+        source,
+        tmp_path / "plan",
+        *(f"--diameter={scope.diameter}mm", f"--link={scope.link_length}mm"),
+        *("--head-step=1mm", "--voxel=1mm", "--method=tube", *ends),
+    )
+    assert made.meta["field"]["fine_spacing_mm"] == 0.5
+    outcome = certify(capsys, tmp_path / "plan" / "plan.npz", source, "--independent", "--json")
+    assert (outcome.code, outcome.err) == (0, "")
+    claimed = made.meta["certificate"]["clearance_mm"]
+    assert outcome.result["clearance_certified_mm"] == pytest.approx(claimed, abs=1e-6)
+    for name, value in (("fine_distance_mm", -1.0), ("fine_spacing_mm", 0.001)):
+        forged = Plan.load(tmp_path / "plan" / "plan.npz")
+        forged.meta["field"][name] = value
+        wrong = certify(capsys, forged.save(tmp_path / "forged.npz"), source)
+        assert wrong.code == 2 and f"meta.field.{name} is {value:g}" in wrong.err
+    for name in ("fine_spacing_mm", "fine_distance_mm"):
+        del made.meta["field"][name]
+    coarse = certify(capsys, made.save(tmp_path / "coarse.npz"), source)
+    assert coarse.code == 1 and "FAILED certificate" in coarse.out
+
+
+def test_several_parts_of_a_scene_go_from_plan_to_certificate(
+    capsys: CAPTURE, tmp_path: Path
+) -> None:
+    scene = trimesh.Scene()
+    for name, height in (("low", 0.0), ("middle", 20.0), ("high", 40.0)):
+        piece = trimesh.creation.cylinder(8.0, 24.0, sections=24)
+        piece.apply_translation([0.0, 0.0, height])
+        scene.add_geometry(piece, node_name=name, geom_name=name)
+    source = tmp_path / "scene.glb"
+    scene.export(source)
+    options = [*SCOPE, "--unit=mm", "--voxel=2mm", "--method=tube", "--organ=colon"]
+    options += ["--part=low", "--part=middle"]
+    made = plan(source, tmp_path / "two", *options)
+    assert made.meta["input"]["part"] == ["low", "middle"]
+    assert np.ptp(made.path, axis=0).max() < 40.0
+    outcome = certify(capsys, tmp_path / "two" / "plan.npz", source, "--json")
+    assert outcome.code == 0 and outcome.result["certified"] is True
+    for part, code in (("middle,low", 0), ("all", 1)):
+        made.meta["input"]["part"] = part
+        assert certify(capsys, made.save(tmp_path / "other.npz"), source).code == code
+    made.meta["input"]["part"] = ["middle", "high"]
+    assert certify(capsys, made.save(tmp_path / "other.npz"), source).code == 1
+    made.meta["input"]["part"] = [{}]
+    assert certify(capsys, made.save(tmp_path / "other.npz"), source).code == 2
+
+
+def test_a_folder_of_masks_is_known_by_its_hash(
+    capsys: CAPTURE, tracts: Tracts, tmp_path: Path
+) -> None:
+    folder = tmp_path / "masks"
+    folder.mkdir()
+    for label, name in ((1, "a"), (2, "b")):
+        write_volume(folder / f"{name}.nii.gz", (tracts.labels == label).astype(np.uint8))
+    made = plan(folder, tmp_path / "plan", *SCOPE, "--labels=all", "--voxel=2mm", "--compare")
+    assert len(made.meta["input"]["sha256"]) == 64
+    for name in ("plan", "plan-tube", "plan-follow", "plan-thesis"):
+        outcome = certify(capsys, tmp_path / "plan" / f"{name}.npz", folder, "--json")
+        checks = {item["name"]: item for item in outcome.result["checks"]}
+        assert checks["input"]["ok"] and made.meta["input"]["sha256"] in checks["input"]["message"]
+    (folder / "b.nii.gz").rename(folder / "c.nii.gz")
+    outcome = certify(capsys, tmp_path / "plan" / "plan.npz", folder)
+    assert outcome.code == 1 and "FAILED input: the plan was made from another" in outcome.out

@@ -53,7 +53,7 @@ def with_mesh(change: Callable[[trimesh.Trimesh], trimesh.Trimesh]) -> Callable[
 
 
 def with_volume(
-    change: Callable[[np.ndarray], np.ndarray], spacing: float = 1.5
+    change: Callable[[np.ndarray], np.ndarray], spacing: float | tuple[float, ...] = 1.5
 ) -> Callable[..., Any]:
     def make(tracts: Tracts, folder: Path) -> list[str | Path]:
         return [write_volume(folder / "changed.nii.gz", change(tracts.labels), spacing)]
@@ -91,6 +91,11 @@ def in_metres(tracts: Tracts, folder: Path) -> list[str | Path]:
     return [folder / "metres.ply"]
 
 
+def in_kilometres(tracts: Tracts, folder: Path) -> list[str | Path]:
+    tracts.mesh.copy().apply_scale(1e6).export(folder / "huge.stl")
+    return [folder / "huge.stl"]
+
+
 def open_end(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     keep = mesh.triangles_center[:, 2] > mesh.bounds[0, 2] + 10.0
     return trimesh.Trimesh(mesh.vertices, mesh.faces[keep], process=False)
@@ -103,7 +108,7 @@ BAD = [
     Bad(
         "text named stl",
         put(NOTES, "notes.stl"),
-        ("notes.stl", "no triangles"),
+        ("notes.stl", "is not STL triangles"),
     ),
     Bad("text named nii", put(NOTES, "notes.nii"), ("notes.nii", "NIfTI")),
     Bad("truncated gzip", truncated, ("cut.nii.gz",)),
@@ -130,7 +135,6 @@ BAD = [
     Bad("labels of a surface", of_surface("--labels", "1"), ("surface", "no labels")),
     Bad("not finite", with_mesh(nan_vertices), ("not finite", "NaN")),
     Bad("no volume", with_mesh(flatten), ("no volume", "flat")),
-    Bad("open", with_mesh(open_end), ("open", "boundary edges", "mm")),
     Bad("a directory", lambda _, folder: [folder], ("known are", ".nii.gz", "DICOM")),
     Bad("unknown kind", put(b"x", "scan.xyz"), ("scan.xyz", ".nii.gz", ".stl")),
     Bad(
@@ -144,8 +148,8 @@ BAD = [
     Bad("start not finite", with_options("--start", "nan,0,0"), ("--start", "nan")),
     Bad("start label not there", with_options("--start", "9"), ("start", "9", "one of 1")),
     Bad("label end of a surface", of_surface("--end", "2"), ("end", "2", "surface", "point")),
-    Bad("negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "(0, inf)")),
-    Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "(0, inf)")),
+    Bad("negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "(0, 500] mm")),
+    Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "(0, 500] mm")),
     Bad("endless diameter", with_options("--diameter", "inf"), ("--diameter", "inf")),
     Bad("unknown unit", with_options("--diameter", "5 elbows"), ("elbows", "5mm")),
     Bad("wrong kind of unit", with_options("--link", "5kg"), ("5kg", "unit", "5mm")),
@@ -153,7 +157,7 @@ BAD = [
     Bad("unknown unit of file", of_surface("--unit", "elbow"), ("elbow",)),
     Bad("weight as unit of file", of_surface("--unit", "kg"), ("kg", "length")),
     Bad("unit of a volume", with_options("--unit", "m"), ("'m'", "label volume")),
-    Bad("no link", with_options("--link", "0"), ("link", "is 0", "(0, inf)")),
+    Bad("no link", with_options("--link", "0"), ("link", "is 0", "(0, 10000] mm")),
     Bad("link too long", with_options("--link", "5m"), ("link", "5000", "at most", "mm")),
     Bad("scope too short", with_options("--length", "1mm"), ("length", "is 1", "[10")),
     Bad("negative inflation", with_options("--inflate", "-1mm"), ("inflation", "-1", "[0")),
@@ -185,7 +189,13 @@ BAD = [
         with_volume(lambda array: ball(), spacing=2.0),
         ("no tube was found", "--start and --end"),
     ),
-    Bad("metres taken for mm", in_metres, ("implausibly small", "--unit m"), findings=True),
+    Bad("metres taken for mm", in_metres, ("implausibly small", "1 to 10000", "--unit m")),
+    Bad("kilometres", in_kilometres, ("longest side is", "1 to 10000 mm")),
+    Bad(
+        "thin voxels",
+        with_volume(lambda array: np.minimum(array, 1), spacing=(2.0, 2.0, 0.001)),
+        ("2 x 2 x 0.001 mm", "at most 100"),
+    ),
 ]
 
 
@@ -235,6 +245,15 @@ def test_bad_input_is_one_clear_line_and_leaves_nothing(
     assert list_all(tmp_path) == before
 
 
+def test_an_open_surface_is_capped_and_that_is_reported(
+    tracts: Tracts, run: Run, tmp_path: Path
+) -> None:
+    arguments = with_mesh(open_end)(tracts, tmp_path)
+    outcome = run(*arguments, "--quiet", "--organ=colon", "--out", tmp_path / "plan")
+    assert outcome.code == 0
+    assert "open" in outcome.err and "capped" in outcome.err
+
+
 @pytest.mark.parametrize("as_json", [False, True], ids=["", "json"])
 def test_a_directory_that_exists_is_not_touched(
     tracts: Tracts, run: Run, tmp_path: Path, as_json: bool
@@ -269,6 +288,7 @@ def test_an_output_that_becomes_unwritable_meanwhile_leaves_nothing(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez_compressed", fail)
-    outcome = run(tracts.volume, *SCOPE, "--quiet", "--json", "--out", tmp_path / "plan")
+    options = ["--organ=colon", "--quiet", "--json", "--out", tmp_path / "plan"]
+    outcome = run(tracts.volume, *SCOPE, *options)
     check_refusal(outcome, ("plan.npz", "No space left"), as_json=True)
     assert list_all(tmp_path) == set()

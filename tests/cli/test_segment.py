@@ -83,3 +83,37 @@ def test_a_label_volume_is_not_taken_for_a_ct(
     words = ["segment", str(scan.parent / "labels.nii"), "--out", str(scan.parent / "x.nii")]
     assert main([*words, "--quiet"]) == 2
     assert "CT in HU" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_picture_that_cannot_be_written_is_refused_before_the_work(
+    scan: Path, capsys: pytest.CaptureFixture[str], force: bool
+) -> None:
+    (scan.parent / "labels.png").mkdir()
+    words = ["segment", str(scan), "--out", str(scan.parent / "labels.nii"), "--quiet"]
+    assert main([*words, *["--force"] * force]) == 2
+    assert "labels.png is a directory" in capsys.readouterr().err
+    assert sorted(item.name for item in scan.parent.iterdir()) == ["ct.nii.gz", "labels.png"]
+
+
+def test_what_cannot_be_put_in_place_leaves_the_old_files(
+    scan: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for file in ("labels.nii", "labels.png"):
+        (scan.parent / file).write_text("old")
+    replace = Path.replace
+
+    def fail(self: Path, target: Path) -> Path:
+        if Path(target).name == "labels.png":
+            raise OSError(28, "No space left on device")
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", fail)
+    words = ["segment", str(scan), "--out", str(scan.parent / "labels.nii"), "--force", "--quiet"]
+    assert main(words) == 2
+    assert "No space left" in capsys.readouterr().err
+    for file in ("labels.nii", "labels.png"):
+        assert (scan.parent / file).read_text() == "old"
+    assert len(list(scan.parent.iterdir())) == 3

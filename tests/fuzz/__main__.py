@@ -46,12 +46,13 @@ FILES = {
     "robot": ROBOTS,
     "table": ("table.csv",),
     "plan": ("plan.npz",),
+    "plan's tract": ("tube.stl",),
     "ct": ("ct.nii.gz",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
     "plan": (14, "<tract --diameter 5mm --link 8mm --head-step 1mm --out >"),
-    "certify": (8, "<plan"),
+    "certify": (8, "<plan <plan's_tract"),
     "segment": (8, "<ct --out >.nii.gz"),
     "demo": (3, "--voxel 3mm --diameter 9mm --link 12mm --out >"),
     "duct fit": (6, "<tract --pieces 6 --out >.json"),

@@ -185,13 +185,13 @@ def test_a_stage_that_fails_leaves_nothing_behind(
 
     monkeypatch.setattr(view, stage, fail)
     (tmp_path / "kept").mkdir()
-    (tmp_path / "kept" / "summary.json").write_text("mine")
+    (tmp_path / "kept" / "summary.json").write_text(own := '{"files": ["summary.json"]}')
     for place, force in ((tmp_path / "plan", False), (tmp_path / "kept", True)):
         with pytest.raises(type(error), match=str(error)):
             study.write(place, force=force)
     left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
     assert left == {"kept", "kept/summary.json"}
-    assert (tmp_path / "kept" / "summary.json").read_text() == "mine"
+    assert (tmp_path / "kept" / "summary.json").read_text() == own
 
 
 def test_a_study_that_does_not_enter_is_a_result_too(labels: LabelTract, tmp_path: Path) -> None:

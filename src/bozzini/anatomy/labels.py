@@ -50,6 +50,9 @@ COARSE = 3.0
 """Voxel size above which small lumens are lost [mm]."""
 
 ANISOTROPIC = 2.0
+UNEQUAL_MAX = 100.0
+"""A voxel's longest side by its shortest: what is remarked, and what is refused."""
+
 MANY_LABELS = 256
 
 LISTED = 12
@@ -531,6 +534,11 @@ def _check_voxels(matrix: Matrix) -> list[Finding]:
     size = np.linalg.norm(matrix[:3, :3], axis=0)
     found = []
     ratio = size.max() / size.min()
+    if ratio > UNEQUAL_MAX:
+        raise GeometryError(
+            f"voxels of {_join(size)} mm are {ratio:.3g} times longer than wide: at most "
+            f"{UNEQUAL_MAX:g} times is read; check the voxel size in the file's header"
+        )
     if ratio > ANISOTROPIC:
         message = (
             f"voxels of {_join(size)} mm are {ratio:.1f} times longer than wide: distances are "

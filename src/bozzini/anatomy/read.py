@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import FileFormatError, InputError
-from ._files import has_suffix
+from ._files import explain, has_suffix
 from .labels import Labels
 from .surfaces import SURFACE_SUFFIXES, read_surface
 from .tract import LabelTract, SurfaceTract
@@ -30,19 +31,36 @@ def hash_input(path: str | os.PathLike[str]) -> str:
     Parameters
     ----------
     path : path-like
-        What `read_tract` reads.
+        What `read_tract` reads. Of a folder the names of the files count too: they may be those of
+        the labels.
+
+    Raises
+    ------
+    FileFormatError
+        If it is missing or cannot be read.
     """
-    place = Path(path)
-    files = (
-        sorted(item for item in place.iterdir() if item.is_file()) if place.is_dir() else [place]
-    )
-    if has_suffix(path, (".nhdr", ".mhd")):
+    try:
+        return _hash_files(Path(path))
+    except FileNotFoundError:
+        raise FileFormatError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise FileFormatError(f"{path} cannot be read: {explain(error)}") from None
+
+
+def _hash_files(place: Path) -> str:
+    total = hashlib.sha256()
+    files = [place]
+    if place.is_dir():
+        files = sorted(
+            item for item in place.iterdir() if item.is_file() and not item.name.startswith(".")
+        )
+        total.update(b"".join(os.fsencode(item.name) + b"\0" for item in files))
+    if has_suffix(place, (".nhdr", ".mhd")):
         found = re.search(
             rb"(?im)^(?:data ?file\s*:|ElementDataFile\s*=)\s*(.+?)\s*$", place.read_bytes()
         )
         if found and (place.parent / os.fsdecode(found[1])).is_file():
             files.append(place.parent / os.fsdecode(found[1]))
-    total = hashlib.sha256()
     for file in files:
         with file.open("rb") as handle:
             while piece := handle.read(1 << 20):
@@ -54,7 +72,7 @@ def read_tract(
     path: str | os.PathLike[str],
     *,
     labels: Labels | None = None,
-    part: str | None = None,
+    part: str | int | Sequence[str | int] | None = None,
     unit: str | None = None,
     frame: str | None = None,
     repair: bool = False,
@@ -70,8 +88,8 @@ def read_tract(
     labels : sequence of int or str, optional
         The labels that make up the lumen, by number or name, or ``"all"``; only for a label
         volume.
-    part : str, optional
-        The part of a scene of several; only for a surface.
+    part : str, int or sequence of them, optional
+        Parts of a scene by name or number, ``"all"``; several are united. Only for a surface.
     unit : str, optional
         Unit of the file's coordinates; only for a surface (a volume's header states its own).
     frame : str, optional

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -18,7 +19,7 @@ from . import _mesh
 from ._files import check_file, explain, has_suffix, name_file
 from ._nesting import find_touching
 from ._quiet import quiet_libraries
-from ._scale import LARGEST, SMALLEST
+from ._scale import LARGEST, SMALLEST, check_scale
 from ._sheets import close_sheet
 from .findings import Finding
 from .frame import check_frame
@@ -129,6 +130,10 @@ def read_surface(
     meshes = [_measure(replace(mesh, vertices=mesh.vertices * sizes), path) for mesh in meshes]
     meshes = [mesh for mesh in meshes if len(mesh.faces)]
     meshes.sort(key=lambda mesh: (-float(f"{mesh.volume:.6g}"), mesh.name))
+    longest = max(float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes)
+    hint = _propose_unit(longest, scale, path)
+    if np.isfinite(longest):
+        check_scale(longest, hint=hint)  # an absurd size is refused before any work
     tract = _choose(meshes, part, name_file(path), found, repair=repair)
     if has_suffix(path, (".glb",)):
         tract = _add_frame(tract, marked)
@@ -137,7 +142,7 @@ def read_surface(
         tract = model.describe(tract, corners, sizes, found_unit=scale is None)
     if code is not None:
         tract = _set_frame(tract, code)
-    return _check_unit(tract, meshes, scale, path)
+    return _replace_hint(tract, hint)
 
 
 def _measure_unit(unit: str) -> float:
@@ -174,14 +179,24 @@ def _load(file: Path) -> tuple[list[_Part], dict[str, Any] | None]:
     marked = _check_glb(file) if kind == "glb" else None
     with quiet_libraries():
         try:
-            with file.open("rb") as handle:
-                loaded: Any = trimesh.load(handle, file_type=kind, process=False)
+            data = file.read_bytes()
+            if kind in ("obj", "off") and not _is_text(data):
+                data = data.decode("latin-1").encode()  # names and remarks; numbers are ASCII
+            loaded: Any = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
             parts = _list_parts(loaded)
         except Exception as error:  # trimesh's loaders raise many kinds on a broken file
             raise FileFormatError(
                 f"{file} is not {kind.upper()} triangles: {explain(error)}"
             ) from None
     return parts, marked
+
+
+def _is_text(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def _list_parts(loaded: Any) -> list[_Part]:
@@ -439,23 +454,18 @@ def _set_frame(tract: SurfaceTract | LabelTract, code: str) -> SurfaceTract | La
     return replace(tract, frame=code, findings=tuple(found))
 
 
-def _check_unit(
-    tract: SurfaceTract | LabelTract,
-    meshes: list[_Part],
-    scale: float | None,
-    path: str | os.PathLike[str],
-) -> SurfaceTract | LabelTract:
-    """Propose another unit where that of the file gives no plausible size."""
-    if not any(item.code == "scale" for item in tract.findings):
-        return tract
-    longest = max(float(np.ptp(mesh.vertices, axis=0).max()) for mesh in meshes)
+def _propose_unit(longest: float, scale: float | None, path: str | os.PathLike[str]) -> str:
+    """Return another unit where that of the file gives no plausible size."""
     used = scale or (1000.0 if has_suffix(path, (".glb",)) else 1.0)
     better = [
         name
         for name, size in (("mm", 1.0), ("cm", 10.0), ("m", 1000.0))
         if SMALLEST <= longest / used * size <= LARGEST
     ]
-    hint = f"give --unit {better[0]}" if better else "give the file's own unit"
+    return f"give --unit {better[0]}" if better else "give the file's own unit"
+
+
+def _replace_hint(tract: SurfaceTract | LabelTract, hint: str) -> SurfaceTract | LabelTract:
     found = tuple(
         Finding(item.code, item.severity, re.sub(r"; [^;]*$", f"; {hint}", item.message))
         if item.code == "scale"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -166,12 +165,14 @@ def _describe_input(
     source: Path, tract: LabelTract | SurfaceTract, options: dict[str, Any]
 ) -> dict[str, Any]:
     """Return what the input was read with: enough to read it again, by `read_tract`."""
-    labels = options["labels"]
+    from ..anatomy.read import hash_input
+
+    labels, parts = options["labels"], options["part"]
     return {
         "file": source.name,
-        "sha256": None if source.is_dir() else hashlib.sha256(source.read_bytes()).hexdigest(),
+        "sha256": hash_input(source),
         "labels": list(labels) if labels else None,
-        "part": options["part"][0] if len(options["part"]) == 1 else list(options["part"]) or None,
+        "part": (parts[0] if len(parts) == 1 else list(parts)) if parts else None,
         "unit": options["unit"],
         "frame": options["frame"],
         "repair": options["repair"],

@@ -69,14 +69,13 @@ def command(
     from ..anatomy.segment import segment_gas
     from ..anatomy.volumes import read_volume
     from ..anatomy.write import check_target, encode_labels
-    from ..errors import InputError, OutputError
-    from ..files import write_atomically
+    from ..errors import InputError
+    from ..files import check_new_file, write_atomically
 
     if check_target(target, force=force) != "labels":
         raise InputError(f"{target}: labels are written as .nii or .nii.gz")
     picture = target.with_name(f"{target.name.removesuffix('.gz').removesuffix('.nii')}.png")
-    if picture.exists() and not force:
-        raise OutputError(f"{picture} exists already: choose another name or give --force")
+    check_new_file(picture, (".png",), force=force)
     with progress_bar(quiet=quiet) as progress:
         progress("read", 0.0)
         volume = read_volume(source)
@@ -94,8 +93,13 @@ def command(
         target, result.labels, affine=result.affine, frame=result.frame, names=names
     )
     drawing = _draw(volume, result)
-    write_atomically(target, lambda temporary: _put(temporary, labels))
-    write_atomically(picture, lambda temporary: _put(temporary, drawing))
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(labels)
+        # Before the labels get their name: no labels without their picture.
+        write_atomically(picture, lambda place: _put(place, drawing))
+
+    write_atomically(target, write)
     found = {
         "file": str(target),
         "picture": str(picture),

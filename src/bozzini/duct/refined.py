@@ -125,7 +125,7 @@ class RefinedField:
         flat = np.ascontiguousarray(self.to_grid(array).reshape(-1, 3))
         result = np.empty((len(flat), *columns))
         kernel(self.pack(), flat, result)  # type: ignore[operator]
-        return result.reshape(*array.shape[:-1], *columns)
+        return result.reshape((*array.shape[:-1], *columns))
 
     def pack(self) -> BricksData:
         """Return the field for compiled kernels."""

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..anatomy.read import read_tract
+from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import LabelTract, SurfaceTract
+from ..checks import check_number, check_points
 from ..duct.build import build_field
 from ..duct.centreline import measure_arc_length
 from ..duct.field import SampledField
 from ..duct.protocol import Duct, count_dimensions
+from ..duct.refined import RefinedField, refine_field
 from ..errors import FileFormatError, InputError
 from ..progress import Progress, no_progress
 from .certify import TOLERANCE, Certificate, certify_plan
@@ -44,6 +44,9 @@ LENGTH_SLACK = 1e-4
 
 CLAIM_SLACK = 1e-6
 """How far a claimed clearance may lie above the one proved anew, by rounding [mm]."""
+
+FINE_MIN, DISTANCE_MAX = 0.25, 20.0
+"""Least spacing of a plan's finer grid, and how far from the centreline it may reach [mm]."""
 
 FINEST = 0.005
 """Tolerance of the certificate to which a claim is followed [mm]."""
@@ -259,7 +262,7 @@ def read_input(plan: Plan, path: str | os.PathLike[str]) -> LabelTract | Surface
         value = stated.get(key)
         if value is None or value is False:
             continue
-        items = value if key == "labels" else [value]
+        items = value if key == "labels" or (key == "part" and type(value) is list) else [value]
         if not isinstance(items, list) or not items or not all(type(v) in kinds for v in items):
             raise FileFormatError(
                 f"the plan's meta.input.{key} is {value!r}: it is nothing to read a tract with"
@@ -290,20 +293,37 @@ _READ_OPTIONS: dict[str, tuple[type, ...]] = {
 
 def rebuild_field(
     plan: Plan, tract: LabelTract | SurfaceTract, *, progress: Progress = no_progress
-) -> SampledField:
-    """Sample a tract as the plan says: with its voxel and inflation, and its wall displaced.
+) -> SampledField | RefinedField:
+    """Sample a tract as the plan says: its voxel, inflation and finer nodes, its wall displaced.
 
     Raises
     ------
     InputError
-        If the plan's voxel or inflation is not legal for the tract.
+        If the plan's voxel, inflation or finer grid is not legal for the tract.
     """
     voxel = (plan.meta.get("input") or {}).get("voxel_mm")
     total = _read_number(plan.meta, "field", "inflation_mm") or 0.0
     used = _read_number(plan.meta, "soft_wall", "used_mm") or 0.0
+    allowed = _read_number(plan.meta, "soft_wall", "allowed_mm") or 0.0
     rest = max(total - used, 0.0)
-    field = build_field(tract, voxel=voxel, inflate=rest, reach=total, progress=progress)
-    return field.inflate(used)
+    reach = rest + max(allowed, used)
+    field = build_field(tract, voxel=voxel, inflate=rest, reach=reach, progress=progress)
+    fine = (plan.meta.get("field") or {}).get("fine_spacing_mm")
+    if fine is None:
+        return field.inflate(used)
+    spacing = check_number("meta.field.fine_spacing_mm", fine, low=FINE_MIN, unit="mm")
+    distance = check_number(
+        "meta.field.fine_distance_mm",
+        plan.meta["field"].get("fine_distance_mm"),
+        low=0.0,
+        high=DISTANCE_MAX,
+        unit="mm",
+    )
+    line = plan.meta.get("centreline")
+    stated: Any = line.get("points_mm") if isinstance(line, dict) else None
+    points = check_points("meta.centreline.points_mm", stated)
+    finer = refine_field(field, tract, points, voxel=spacing, distance=distance, progress=progress)
+    return finer.inflate(used)
 
 
 def build_wall(tract: LabelTract | SurfaceTract) -> Wall:
@@ -348,16 +368,7 @@ def _check_source(plan: Plan, path: str | os.PathLike[str]) -> Check:
     if stated is None:
         message = "the plan does not state from which file it was made"
         return Check(name="input", ok=True, message=message)
-    source = Path(path)
-    try:
-        with source.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256").hexdigest()
-    except IsADirectoryError:
-        return Check(name="input", ok=True, message="a directory: its hash is not checked")
-    except FileNotFoundError:
-        raise FileFormatError(f"no such file: {source}") from None
-    except (OSError, ValueError) as error:
-        raise FileFormatError(f"cannot read {source}: {error}") from None
+    digest = hash_input(path)
     if digest == stated:
         return Check(name="input", ok=True, message=f"the plan was made from this file ({digest})")
     return Check(
@@ -561,7 +572,7 @@ def _check_wall(plan: Plan, duct: Duct) -> tuple[Check, ...]:
     rest = duct
     used = _read_number(plan.meta, "soft_wall", "used_mm") or 0.0
     if used > 0.0:
-        if not isinstance(duct, SampledField):
+        if not isinstance(duct, (SampledField, RefinedField)):
             return tuple(checks)
         rest = duct.inflate(-used)
     length = _read_number(plan.meta, "scope", "link_length_mm")

@@ -360,8 +360,10 @@ def run_insertion(
         finer: tuple[Finding, ...] = ()
         if _may_profit(plan, field):
             with _clock(times, "refine"):
+                # About the points that the plan states, so that the same nodes can be made again.
+                points = _round(line.points)
                 fine = refine_field(
-                    field, tract, line.points, voxel=FINE, distance=CORRIDOR, progress=progress
+                    field, tract, points, voxel=FINE, distance=CORRIDOR, progress=progress
                 )
                 plan, finer = _choose_finer(plan, make_plan(line, fine))
     with _clock(times, "unreached"):
@@ -406,13 +408,12 @@ def run_insertion(
             given[name] = place.given
     if places[2]:
         given["via"] = [place.given for place in places[2]]
-    meta = {
-        **plan.meta,
+    shared = {
         "input": given,
         "ends": [candidate.describe() for candidate in way.candidates],
         "findings": [f"{item.severity}: {item.message}" for item in findings],
         "centreline": {
-            "points_mm": np.round(line.points, 3).tolist(),
+            "points_mm": _round(line.points).tolist(),
             "arc_length_mm": np.round(line.arc_length, 3).tolist(),
             "radius_mm": np.round(line.radius, 3).tolist(),
         },
@@ -421,11 +422,11 @@ def run_insertion(
         tract=tract,
         field=field,
         way=way,
-        plan=replace(plan, meta=meta),
+        plan=replace(plan, meta=plan.meta | shared),
         seconds=times,
         passage=passage,
         largest=found,
-        comparison=tuple(comparison),
+        comparison=tuple(replace(other, meta=other.meta | shared) for other in comparison),
         robot=moved,
         findings=findings,
         unreached=unreached,
@@ -439,6 +440,10 @@ FINE, CORRIDOR = 0.5, 8.4
 
 GRID_CODES = ("LINK_TOO_LONG", "CERTIFICATE_UNRESOLVED", "GOAL_CLEARANCE", "ENTRY_CLEARANCE")
 """Refusals that may be the grid's, not the lumen's. A proved one (NO_PASSAGE) is not."""
+
+
+def _round(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.round(points, 3)
 
 
 def _may_profit(plan: Plan, field: SampledField) -> bool:
