@@ -169,6 +169,10 @@ def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
     # Beyond its reach a field does not know how far the wall is outside the lumen.
     last = min(float(getattr(duct, "inflation_max", math.inf)), duct.inflation + INFLATION_MORE)
 
+    refused = duct.inflation + INFLATION_SPARE
+    if last <= refused:
+        return None
+
     def pass_once(value: float) -> bool:
         wider = inflate(value - duct.inflation)
         ways = Ways(wider, job.line, before=job.ways)
@@ -182,7 +186,6 @@ def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
         return pass_once(value) and pass_once(round(value - INFLATION_SPARE, 6))
 
     guess = duct.inflation + max(lack, 0.0) + INFLATION_SPARE
-    refused = duct.inflation + INFLATION_SPARE
     return _find_near(passes, guess, refused=refused, last=last, step=INFLATION_STEP)
 
 
