@@ -123,11 +123,11 @@ class MeshWall:
         winding = igl.fast_winding_number(self.vertices, self.faces, np.ascontiguousarray(points))
         return np.asarray(winding > 0.5)
 
-    def find_outliers(self) -> Floats:
-        """Return middles (k, 3) of triangles that lie outside the lumen, at least in part.
+    def find_bodies(self) -> Floats:
+        """Return middles (k, 3) of the triangles of parts that do not enclose lumen.
 
-        They are no wall of it, so distances outside that are measured to them are too small. A
-        mesh all of whose parts enclose a volume is taken to have none, but for its folds.
+        Bodies turned inwards, sheets that are there twice, and parts turned inside out: they do not
+        move outwards with the wall.
         """
         from ._mesh_sides import find_parts
 
@@ -136,22 +136,7 @@ class MeshWall:
         part = find_parts(len(self.vertices), self.faces)
         around = corners[:, 0] - corners.mean(axis=(0, 1))
         volumes = np.bincount(part, weights=np.einsum("ij,ij->i", around, normals))
-        sizes = np.linalg.norm(normals, axis=1)
-        odd = volumes[part] <= 1e-9 * volumes.max()
-        if not odd.any():
-            return np.empty((0, 3))
-        low, high = corners[odd].min(axis=(0, 1)), corners[odd].max(axis=(0, 1))
-        meets = np.all((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low), axis=1)
-        asked = np.flatnonzero(meets & (sizes > 0.0))
-        weights = np.array([[1, 1, 1], [98, 1, 1], [1, 98, 1], [1, 1, 98]], dtype=float)
-        weights /= weights.sum(axis=1, keepdims=True)
-        aside = 1e-6 * float(np.ptp(self.vertices, axis=0).max())
-        out = np.zeros(len(asked), dtype=bool)
-        for weight in weights:
-            places = np.einsum("c,fcd->fd", weight, corners[asked])
-            shift = aside / sizes[asked, None] * normals[asked]
-            out |= ~self._wind(places + shift) & ~self._wind(places - shift)
-        return np.asarray(corners[asked[out]].mean(axis=1))
+        return np.asarray(corners[volumes[part] <= 1e-9 * volumes.max()].mean(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

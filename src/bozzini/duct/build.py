@@ -72,13 +72,26 @@ def build_field(
         If the grid would be too large, or no node lies inside the lumen.
     """
     options = {"voxel": voxel, "inflate": inflate, "reach": reach, "progress": progress}
+    # A body of wall within the lumen would shrink if the wall moved outwards.
+    bodies = any(item.code == "cavities" for item in tract.findings)
+    if bodies and max(inflate, reach or 0.0) > 0.0:
+        raise GeometryError(
+            f"inflation is {max(inflate, reach or 0.0):g} mm: it must be 0 mm, because "
+            f"{tract.source} has closed cavities in its lumen, which count as wall; fill them first"
+        )
     field = _sample(make_wall(tract), **options)  # type: ignore[arg-type]
     error = field.wall_error
     if tract.wall_error is not None:
         # What squaring the axes of labels moved comes on top.
         more = 0.0 if error is None else error - 0.5 * float(np.linalg.norm(tract.spacing))  # type: ignore[union-attr]
         error = tract.wall_error + max(more, 0.0)
-    return replace(field, wall=tract.wall or field.wall, wall_error=error, frame=tract.frame)
+    return replace(
+        field,
+        wall=tract.wall or field.wall,
+        wall_error=error,
+        frame=tract.frame,
+        exact_outside=field.exact_outside and not bodies,
+    )
 
 
 def field_from_mask(
@@ -122,11 +135,11 @@ def field_from_mesh(
 
     Node distances are exact, and rounded towards 0 to float32; outside the lumen up to the field's
     reach. All triangles are wall, also those within the lumen: where closed parts overlap, the
-    distance is a lower bound of the room. A sheet that is there twice, once turned each way, is a
-    wall with lumen on both sides, and a body turned inwards one without. Where these, or a fold of
-    the mesh that is inside out, lie outside the lumen, moving the wall outwards would make a lumen
-    around them: for such parts that is refused, for a fold the wall may reach farther, by the
-    fold's size (`TriangleMesh` refuses it).
+    distance is a lower bound of the clearance. A sheet that is there twice, once turned each way,
+    is a wall with lumen on both sides, and a body turned inwards one without. These do not move
+    with a wall that is moved outwards: that is refused where there are any. Where a fold of the
+    mesh is inside out, such a wall may reach farther, by the fold's size (`TriangleMesh` refuses
+    it).
 
     Parameters
     ----------
@@ -139,7 +152,7 @@ def field_from_mesh(
     ------
     GeometryError
         If the grid would be too large, no node lies inside, or a wall that is to be moved outwards
-        has parts outside the lumen, with where.
+        has bodies, sheets or parts turned inside out, with where.
     """
     points = np.ascontiguousarray(vertices, dtype=np.float64)
     triangles = np.ascontiguousarray(faces, dtype=np.int64)
@@ -171,17 +184,13 @@ def _sample(
         low, spacing, counts = _lay_on_mesh(wall, voxel, pad)
         stated = {"wall": "triangles of the surface", "wall_error": None}
     limit = max(inflate + MARGIN, max(inflate, reach or 0.0) + 2.0 * float(spacing.max()))
-    exact = True
-    if isinstance(wall, MeshWall):
-        outliers = wall.find_outliers()
-        exact = len(outliers) == 0
-        if not exact and max(inflate, reach or 0.0) > 0.0:
-            where = ", ".join(f"{x:.1f}" for x in outliers[0])
-            raise GeometryError(
-                f"the mesh has parts that are turned inside out near ({where}) mm or enclose "
-                f"nothing, {len(outliers)} triangles outside the lumen: its wall cannot be moved "
-                "outwards"
-            )
+    bodies = wall.find_bodies() if isinstance(wall, MeshWall) else np.empty((0, 3))
+    if len(bodies) and max(inflate, reach or 0.0) > 0.0:
+        where = ", ".join(f"{x:.1f}" for x in bodies[0])
+        raise GeometryError(
+            f"the mesh has bodies, sheets or parts turned inside out near ({where}) mm, "
+            f"{len(bodies)} triangles: its wall cannot be moved outwards, they do not move with it"
+        )
     values = _measure(wall, low, spacing, counts, limit, progress)
     if not float(values.min()) < 0.0:
         raise GeometryError(
@@ -194,7 +203,7 @@ def _sample(
         rotation=wall.rotation,
         inflation=float(inflate),
         reach=limit,
-        exact_outside=exact,
+        exact_outside=len(bodies) == 0,
         **stated,  # type: ignore[arg-type]
     )
 

@@ -52,8 +52,9 @@ class SampledField:
         Distances outside the lumen are exact up to this value [mm]; farther out the field has this
         value or another lower bound of the distance, so `inflate` must stay below it.
     exact_outside : bool
-        Whether distances outside the lumen are as `reach` says. Sampled from a duct that only has
-        lower bounds of them they are not, and `inflate` is refused: it would promise too much.
+        Whether the wall may be moved outwards: distances outside the lumen are as `reach` says, and
+        no body stands in the lumen, which would not move with the wall. Otherwise `inflate` is
+        refused: it would promise too much.
 
     frame : str, optional
         Where the world's axes point in the patient, such as "RAS"; None where it is not known.
@@ -187,7 +188,8 @@ class SampledField:
         if not self.exact_outside and distance > 0.0:
             raise InputError(
                 f"distance is {distance:g} mm: it must be 0 mm, because this field only has lower "
-                "bounds of the distance outside; inflate the duct before it is sampled"
+                "bounds of the distance outside, or bodies in its lumen; inflate the duct before "
+                "it is sampled"
             )
         most = self.inflation_max - self.inflation
         if distance > 0.0 and distance > most * (1.0 + 1e-12):

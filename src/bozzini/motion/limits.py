@@ -66,6 +66,18 @@ def explain_stop(job: Job) -> Refusal:
             return _no_path(job, at, passage.level, passage.bound)
         at = float(line.arc_length[int(np.argmin(job.bound))])
         return _no_path(job, at, float(job.bound.min()), math.inf)
+    if job.crossing is not None:
+        near, far = job.crossing.near, job.crossing.far
+        place = ", ".join(f"{value:.1f}" for value in job.crossing.point)
+        return Refusal(
+            code="LIMBS_JOINED",
+            at=near,
+            needs=radius,
+            offers=0.0,
+            what=f"links of {job.scope.link_length:g} mm would pass from {near:.1f} mm to "
+            f"{far:.1f} mm of the centreline through the wall between them, near ({place}) mm, "
+            "which only the moved wall opens",
+        )
     if job.fold is not None:
         folds = measure_folds(job.fold, job.scope.link_length)
         at = _locate(job, duct.to_world(job.fold.points[int(np.argmin(folds))]))

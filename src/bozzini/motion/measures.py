@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,9 +11,113 @@ from numpy.typing import NDArray
 from ..duct.centreline import Centreline
 
 if TYPE_CHECKING:
+    from ..duct.field import SampledField
+    from .introducer import Introducer
     from .plan import Plan
 
-__all__ = ["measure_angles", "measure_displacement", "measure_plan", "measure_step_ratio"]
+__all__ = [
+    "Crossing",
+    "find_crossing",
+    "measure_angles",
+    "measure_displacement",
+    "measure_plan",
+    "measure_step_ratio",
+]
+
+
+CROSSING_SPAN = 1.75
+"""A link that spans more of the centreline than so many times its length may cut a fold short."""
+
+CROSSING_SAMPLES = 1_000_000
+"""About so many points of the body are looked at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crossing:
+    """A link that passes through the wall between two limbs of a tract.
+
+    Attributes
+    ----------
+    near, far : float
+        Arc length of the centreline at its two ends [mm].
+    point : tuple of float
+        Where it is outside the lumen at rest, world frame [mm].
+    """
+
+    near: float
+    far: float
+    point: tuple[float, float, float]
+
+
+def find_crossing(
+    joints: NDArray[np.float64],
+    field: SampledField,
+    *,
+    line: Centreline,
+    introducer: Introducer,
+) -> Crossing | None:
+    """Find a link that passes between two limbs which only the inflation has joined.
+
+    A wall moved outwards by c opens what is thinner than 2 c between two limbs of a tract, and the
+    clearance of the moved wall knows nothing of that. Such a link leaves the lumen at rest, spans
+    much more of the centreline than its length, and its two ends are not joined by the lumen at
+    rest beside it. Steps are looked at in samples.
+
+    Parameters
+    ----------
+    joints : (steps, joints, 3) float
+        World frame [mm].
+    field : SampledField
+        The inflated lumen.
+    line : Centreline
+    introducer : Introducer
+        What stands in it is not looked at.
+
+    Returns
+    -------
+    Crossing or None
+        None where no link does, as always without inflation.
+    """
+    from scipy import ndimage
+    from scipy.spatial import cKDTree
+
+    if field.inflation <= 0.0:
+        return None
+    rest = field.inflate(-field.inflation)
+    length = float(np.linalg.norm(joints[0, 1] - joints[0, 0]))
+    count = max(3, int(np.ceil(length / (0.5 * float(rest.spacing.min())))) + 1)
+    stride = max(1, -(-joints[..., 0].size * count // CROSSING_SAMPLES))
+    chains = np.concatenate([joints[:-1:stride], joints[-1:]])
+    behind = ((chains - introducer.entry) @ introducer.outward) >= 0.0
+    arcs = line.arc_length[cKDTree(line.points).query(chains)[1]]
+    arcs[behind] = 0.0
+    spans = np.abs(np.diff(arcs, axis=1)) > CROSSING_SPAN * length + 2.0 * rest.error
+    parts = np.linspace(0.0, 1.0, count)[:, None]
+    for step, link in np.argwhere(spans & ~behind[:, :-1]):
+        head, tail = chains[step, link], chains[step, link + 1]
+        body = head + parts * (tail - head)
+        depth = -rest.signed_distance(body)
+        depth[((body - introducer.entry) @ introducer.outward) >= 0.0] = np.inf
+        if depth.min() >= rest.error:
+            continue
+        ends = rest.to_grid(np.stack([head, tail])) / rest.spacing
+        # Lumen that the link only leaves towards the inside of a bend is this near to it.
+        margin = np.ceil((field.inflation + 2.0 * rest.error) / rest.spacing)
+        low = np.maximum(np.floor(ends.min(axis=0) - margin), 0).astype(int)
+        high = np.ceil(ends.max(axis=0) + margin).astype(int) + 1
+        box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+        # Between neighbouring nodes that are both deeper than this there is no wall.
+        blocks, _ = ndimage.label(rest.values[box] < -rest.error, structure=np.ones((3, 3, 3)))
+        free = np.argwhere(blocks > 0)
+        if len(free) == 0:
+            continue
+        feet = free[cKDTree(free).query(ends - low)[1]]
+        first, second = blocks[tuple(feet.T)]
+        if first != second:
+            x, y, z = (float(v) for v in body[int(np.argmin(depth))])
+            one, other = sorted((float(arcs[step, link]), float(arcs[step, link + 1])))
+            return Crossing(near=one, far=other, point=(x, y, z))
+    return None
 
 
 def measure_angles(joints: NDArray[np.float64]) -> NDArray[np.float64]:

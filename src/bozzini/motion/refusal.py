@@ -16,6 +16,7 @@ REASON_CODES = {
     "GOAL_CLEARANCE": "the lumen at the goal is narrower than the scope",
     "NO_PASSAGE": "proved: no way to the goal is wide enough, whatever the links",
     "LINK_TOO_LONG": "no path was found on which links of this length stay inside",
+    "LIMBS_JOINED": "links would pass between limbs that only a moved wall joins",
     "FOLD": "links of this length would fold back in a bend",
     "SCOPE_TOO_SHORT": "the scope is wholly inserted before the goal",
     "ANGLE": "neighbouring links would turn by more than the limit",

@@ -23,7 +23,7 @@ from ..duct.protocol import Duct
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .introducer import Introducer
-from .measures import measure_angles, measure_step_ratio
+from .measures import Crossing, find_crossing, measure_angles, measure_step_ratio
 from .passage import Passage, find_passage
 from .refusal import Refusal
 from .scope import Scope
@@ -255,6 +255,7 @@ class Job:
         self.fold: ShapedPath | None = None
         self.largest_link = 0.0
         self.unresolved: Certificate | None = None
+        self.crossing: Crossing | None = None
         self.widest: NDArray[np.float64] | None = None
         self.bases: list[tuple[float, NDArray[np.float64]]] = []
 
@@ -332,7 +333,8 @@ class Job:
                 continue
             other = self.move(shaped, margin, freedom=freedom)
             if other.certificate.certified and other.refusal is None:
-                tried.append(other)
+                if self.find_crossing(other.joints) is None:
+                    tried.append(other)
         calm = [one for one in tried if one.step_ratio <= STEP_RATIO_MAX]
         if calm:
             best = max(calm, key=lambda one: one.certificate.clearance)
@@ -384,7 +386,18 @@ class Job:
         if not motion.certificate.certified:
             self.unresolved = motion.certificate
             return None
+        crossing = self.find_crossing(motion.joints)
+        if crossing is not None:
+            self.crossing = crossing
+            return None
         return motion
+
+    def find_crossing(self, joints: NDArray[np.float64]) -> Crossing | None:
+        """Find where a motion passes between limbs that only the inflation has joined."""
+        grid = self.ways.grid
+        if grid is None:
+            return None
+        return find_crossing(joints, grid, line=self.line, introducer=self.introducer)
 
     def follow_until(self, shaped: ShapedPath, margin: float) -> TubeMotion | None:
         """Move along a shaped path as far as it is clear, unfolded and certified."""
