@@ -221,8 +221,8 @@ class VoxelWall:
         from ._scan_kernels import flag_voxels
 
         index, within = self._locate([np.arange(n) for n in flags.shape], low, step)
-        voxels = [np.where(w, i, -1) for i, w in zip(index, within, strict=True)]
-        flag_voxels(self.lumen, *voxels, np.uint8(INSIDE), flags)
+        x, y, z = (np.where(w, i, -1) for i, w in zip(index, within, strict=True))
+        flag_voxels(self.lumen, x, y, z, np.uint8(INSIDE), flags)
 
     def find_inside(
         self, corners: NDArray[np.int64], size: int, low: Floats, step: Floats
