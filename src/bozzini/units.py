@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -145,6 +146,8 @@ def _take_number(value: float, hint: str) -> float:
         return float(value)
     except (TypeError, ValueError):
         raise UnitError(f"{value!r} is not a number: {hint}") from None
+    except OverflowError:
+        raise UnitError(f"a number above {sys.float_info.max:.3g} is not read: {hint}") from None
 
 
 def _convert(value: float, given: str, unit: str, text: str, hint: str) -> float:

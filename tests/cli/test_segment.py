@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import nibabel
@@ -117,3 +118,14 @@ def test_what_cannot_be_put_in_place_leaves_the_old_files(
     for file in ("labels.nii", "labels.png"):
         assert (scan.parent / file).read_text() == "old"
     assert len(list(scan.parent.iterdir())) == 3
+
+
+def test_a_name_that_no_font_holds_is_drawn_without_a_warning(
+    scan: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = scan.rename(scan.with_name("\u65e5\u672c.nii.gz"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        words = ["segment", str(source), "--out", str(scan.parent / "labels.nii"), "--quiet"]
+        assert main(words) == 0
+    assert capsys.readouterr().err == ""

@@ -157,10 +157,11 @@ def make_originals(folder: Path) -> None:
     lines += [f"3 {a} {b} {c}" for a, b, c in mesh.faces]
     (folder / "tube.vtk").write_text("\n".join(lines) + "\n")
     labels = np.where(distance < 0.0, np.where(points[..., 2] < 10.0, 1, 2), 0).astype(np.uint8)
-    write_volume(folder / "tube.nii.gz", labels, 2.0)
-    write_volume(folder / "tube.nii", labels, 2.0)
+    write_volume(folder / "tube.nii.gz", np.minimum(labels, 1), 2.0)
+    write_volume(folder / "tube.nii", labels, 2.0)  # two labels: refused without --labels
     noise = np.random.default_rng(0).normal(0.0, 20.0, distance.shape)
     body = np.where(distance < 0.0, -1000.0, 40.0) + noise
+    body = np.pad(body, 6, constant_values=40.0)  # or the wall is too thin for a body
     write_volume(folder / "ct.nii.gz", np.pad(body, 3, constant_values=-1000.0).astype("i2"), 2.0)
     pressure = np.linspace(0.0, 0.8, 12)
     rows = [f"{1000 * p:g},{12 * p / (p + 0.4):.4f}" for p in pressure]

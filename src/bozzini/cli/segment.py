@@ -10,6 +10,8 @@ import click
 from .common import VectorType, emit, force_option, json_option, progress_bar, quiet_option
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..anatomy.labels import Volume
     from ..anatomy.segment import Segmentation
 
@@ -71,6 +73,7 @@ def command(
     from ..anatomy.write import check_target, encode_labels
     from ..errors import InputError
     from ..files import check_new_file, write_atomically
+    from ..view.figures import write_figure
 
     if check_target(target, force=force) != "labels":
         raise InputError(f"{target}: labels are written as .nii or .nii.gz")
@@ -97,7 +100,7 @@ def command(
     def write(temporary: Path) -> None:
         temporary.write_bytes(labels)
         # Before the labels get their name: no labels without their picture.
-        write_atomically(picture, lambda place: _put(place, drawing))
+        write_figure(drawing, picture)
 
     write_atomically(target, write)
     found = {
@@ -123,10 +126,6 @@ def command(
     emit(found, as_json=as_json, text=_describe(result, target, picture))
 
 
-def _put(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
-
-
 def _describe(result: Segmentation, target: Path, picture: Path) -> str:
     number = len(result.segments)
     lines = [f"{number} {'segment' if number == 1 else 'segments'} of gas in {result.source}:"]
@@ -143,10 +142,8 @@ def _describe(result: Segmentation, target: Path, picture: Path) -> str:
     return "\n".join(lines)
 
 
-def _draw(volume: Volume, result: Segmentation) -> bytes:
-    """Return a picture (PNG): mean of the scan, and the segments, from three sides."""
-    import io
-
+def _draw(volume: Volume, result: Segmentation) -> Figure:
+    """Return a picture: mean of the scan, and the segments, from three sides."""
     import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import ListedColormap
@@ -180,6 +177,4 @@ def _draw(volume: Volume, result: Segmentation) -> bytes:
         panel.set_xlabel(f"{'ijk'[across]} [mm]")
         panel.set_ylabel(f"{'ijk'[up]} [mm]")
     figure.suptitle(f"Gas below {result.threshold:g} HU in {result.source}, along the voxel axes")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
+    return figure

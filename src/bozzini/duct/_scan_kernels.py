@@ -2,16 +2,24 @@
 
 A column crosses the triangles whose projections along z wind about it. A point is wound about as
 often as the triangles above it turn, so a closed mesh is settled by its crossings alone. All is in
-cells: the nodes are the integers.
+cells: the nodes are the integers. For voxels: their faces, and the nodes in them.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit, prange
 
-__all__ = ["count_crossings", "fill_crossings", "fill_inside", "sort_crossings"]
+__all__ = [
+    "count_crossings",
+    "fill_crossings",
+    "fill_inside",
+    "flag_voxels",
+    "list_faces",
+    "sort_crossings",
+]
 
 ASIDE = 1e-6
 """Columns are looked at this far beyond a triangle's box too [cells]: rounding is less."""
@@ -160,3 +168,97 @@ def find_inside(first, heights, turns, shape, corners, inside):
                             break
                         winding += turns[n]
                     inside[b, i, j, k] = winding > 0
+
+
+@njit(cache=True, parallel=True)
+def list_faces(lumen, first, boxes):
+    """List the faces between voxels of a lumen and others, joined in rows, as flat boxes.
+
+    Called twice: with no boxes it counts, then it fills.
+
+    Parameters
+    ----------
+    lumen : (nx, ny, nz) bool
+        Its outermost voxels are False.
+    first : (nx + 1,) int
+        How many boxes begin at each i, to be counted; or where they go.
+    boxes : (n, 6) float
+        Lower and upper corner in voxels; (0, 6) to count.
+    """
+    nx, ny, nz = lumen.shape
+    counting = boxes.shape[0] == 0
+    for i in prange(nx - 1):
+        at = np.int64(0) if counting else first[i]
+        began = np.full(nz, -1)
+        for j in range(ny - 1):
+            row_x = -1
+            row_y = -1
+            for k in range(nz - 1):
+                here = lumen[i, j, k]
+                # Rows along k of faces towards i + 1, and towards j + 1.
+                if lumen[i + 1, j, k] != here:
+                    if row_x < 0:
+                        row_x = k
+                elif row_x >= 0:
+                    if not counting:
+                        _put_box(boxes[at], i + 0.5, j - 0.5, row_x - 0.5, 0.0, 1.0, k - row_x)
+                    at += 1
+                    row_x = -1
+                if lumen[i, j + 1, k] != here:
+                    if row_y < 0:
+                        row_y = k
+                elif row_y >= 0:
+                    if not counting:
+                        _put_box(boxes[at], i - 0.5, j + 0.5, row_y - 0.5, 1.0, 0.0, k - row_y)
+                    at += 1
+                    row_y = -1
+                # Rows along j of faces towards k + 1.
+                if lumen[i, j, k + 1] != here:
+                    if began[k] < 0:
+                        began[k] = j
+                elif began[k] >= 0:
+                    if not counting:
+                        row = began[k]
+                        _put_box(boxes[at], i - 0.5, row - 0.5, k + 0.5, 1.0, j - row, 0.0)
+                    at += 1
+                    began[k] = -1
+            if row_x >= 0:
+                if not counting:
+                    _put_box(boxes[at], i + 0.5, j - 0.5, row_x - 0.5, 0.0, 1.0, nz - 1 - row_x)
+                at += 1
+            if row_y >= 0:
+                if not counting:
+                    _put_box(boxes[at], i - 0.5, j + 0.5, row_y - 0.5, 1.0, 0.0, nz - 1 - row_y)
+                at += 1
+        for k in range(nz - 1):
+            if began[k] >= 0:
+                if not counting:
+                    row = began[k]
+                    _put_box(boxes[at], i - 0.5, row - 0.5, k + 0.5, 1.0, ny - 1 - row, 0.0)
+                at += 1
+        if counting:
+            first[i] = at
+
+
+@njit(cache=True)
+def _put_box(box, x, y, z, dx, dy, dz):
+    box[0] = x
+    box[1] = y
+    box[2] = z
+    box[3] = x + dx
+    box[4] = y + dy
+    box[5] = z + dz
+
+
+@njit(cache=True, parallel=True)
+def flag_voxels(lumen, at_x, at_y, at_z, flag, flags):
+    """Set a flag at the nodes whose voxel, by its index along each axis, is lumen; -1 is none."""
+    for i in prange(flags.shape[0]):
+        if at_x[i] < 0:
+            continue
+        for j in range(flags.shape[1]):
+            if at_y[j] < 0:
+                continue
+            for k in range(flags.shape[2]):
+                if at_z[k] >= 0 and lumen[at_x[i], at_y[j], at_z[k]]:
+                    flags[i, j, k] |= flag

@@ -174,42 +174,40 @@ class VoxelWall:
         return cls(lumen, spacing, corner, rotation, shift)
 
     @cached_property
-    def _faces(self) -> tuple[Floats, Floats]:
-        """Lower and upper corners (n, 3) of flat boxes: faces, joined in rows along one axis."""
-        lows: list[Floats] = []
-        highs: list[Floats] = []
-        for axes in ((0, 1, 2), (1, 0, 2), (2, 0, 1)):
-            view = self.lumen.transpose(axes)
-            change = (view[1:] != view[:-1]).view(np.int8)
-            ends = np.diff(change, axis=2, prepend=np.int8(0), append=np.int8(0))
-            for found, sign in ((lows, 1), (highs, -1)):
-                place = np.argwhere(ends == sign) + np.array([0.5, -0.5, -0.5])
-                place[:, 1] += 0.0 if sign == 1 else 1.0
-                found.append(place[:, np.argsort(axes)] * self.spacing)
-        return np.concatenate(lows), np.concatenate(highs)
+    def _faces(self) -> Floats:
+        """Flat boxes (n, 6), lower and upper corner: faces, joined in rows along one axis."""
+        from ._scan_kernels import list_faces
+
+        first = np.zeros(len(self.lumen) + 1, dtype=np.int64)
+        list_faces(self.lumen, first, np.empty((0, 6)))
+        first[1:] = np.cumsum(first[:-1])
+        first[0] = 0
+        boxes = np.empty((int(first[-1]), 6))
+        list_faces(self.lumen, first, boxes)
+        boxes *= np.tile(self.spacing, 2)
+        return boxes
 
     @cached_property
     def tree(self) -> Tree:
         """Of the faces."""
-        low, high = self._faces
-        return _plant(np.concatenate([low, high], axis=1), low, high)
+        return _plant(self._faces, self._faces[:, :3], self._faces[:, 3:])
 
     def mark(self, flags: NDArray[np.uint8], low: Floats, step: Floats) -> Floats:
         """Mark nodes near the wall; return within how many cells each of its points has one."""
         from ._kernels import mark_boxes
 
-        start, stop = self._faces
+        start, stop = self._faces[:, :3], self._faces[:, 3:]
         mark_boxes((start - low) / step, (stop - low) / step, flags)
         return np.ones(3)
 
     def flag_inside(self, flags: NDArray[np.uint8], low: Floats, step: Floats) -> None:
         """Flag the nodes in voxels of the lumen."""
         from ._nearest_kernels import INSIDE
+        from ._scan_kernels import flag_voxels
 
         index, within = self._locate([np.arange(n) for n in flags.shape], low, step)
-        box = np.ix_(*[np.flatnonzero(w) for w in within])
-        lumen = self.lumen[np.ix_(*[i[w] for i, w in zip(index, within, strict=True)])]
-        flags[box] |= INSIDE * lumen.view(np.uint8)
+        x, y, z = (np.where(w, i, -1) for i, w in zip(index, within, strict=True))
+        flag_voxels(self.lumen, x, y, z, np.uint8(INSIDE), flags)
 
     def find_inside(
         self, corners: NDArray[np.int64], size: int, low: Floats, step: Floats

@@ -6,7 +6,9 @@ A proof that a link does not come through needs them; a duct itself answers lowe
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,13 +83,17 @@ def make_ceiling(duct: Duct) -> Ceiling:
     """
     if isinstance(duct, SampledField):
         step = np.asarray(duct.spacing, dtype=np.float64)
-        distance = duct.values.astype(np.float64) - duct.inflation
+        shape = duct.values.shape
         # Beyond the reach distances are only known to be at least that: as bounds of the clearance
         # from above these are right, but no wall can be found from there.
         beyond = max(duct.reach - duct.inflation, 0.0)
-        nodes = duct.to_world(np.moveaxis(np.indices(distance.shape), 0, -1) * step)
         values = _measure_outside(
-            duct, nodes, distance, step, known=duct.values < duct.reach - duct.error
+            duct,
+            lambda flat: duct.to_world(np.stack(np.unravel_index(flat, shape), axis=-1) * step),
+            duct.values,
+            step,
+            inflation=duct.inflation,
+            known=duct.values < np.float64(duct.reach - duct.error),
         )
         return Ceiling(
             values=_round_down(values), step=step, origin=np.zeros(3), floor=-beyond, duct=duct
@@ -99,9 +105,10 @@ def make_ceiling(duct: Duct) -> Ceiling:
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     origin = np.zeros(3)
     origin[:dim] = nodes.reshape(-1, dim)[0]
-    distance = duct.signed_distance(nodes) - duct.error
+    distance: NDArray[np.floating[Any]] = duct.signed_distance(nodes) - duct.error
     if duct.kind != "exact" or duct.inflation > 0.0:
-        distance = _measure_outside(duct, nodes, distance, np.full(dim, pitch))
+        points = nodes.reshape(-1, dim)
+        distance = _measure_outside(duct, points.__getitem__, distance, np.full(dim, pitch))
     if dim == 2:  # two equal sheets: points of the plane are in the lower one
         distance = np.repeat(distance[..., None], 2, axis=-1)
     return Ceiling(
@@ -115,34 +122,42 @@ def make_ceiling(duct: Duct) -> Ceiling:
 
 def _measure_outside(
     duct: Duct,
-    nodes: NDArray[np.float64],
-    distance: NDArray[np.float64],
+    find_nodes: Callable[[NDArray[np.int64]], NDArray[np.float64]],
+    distance: NDArray[np.floating[Any]],
     step: NDArray[np.float64],
+    inflation: float = 0.0,
     known: NDArray[np.bool_] | bool = True,
-) -> NDArray[np.float64]:
+) -> NDArray[np.floating[Any]]:
     """Return the distance where it is positive; elsewhere minus that to a point known outside.
+
+    The array has the type of `distance`, from which the inflation is taken; nodes are asked for by
+    their flat numbers. Sums are made in float64, whatever the type.
 
     That is the foot of the nearest node outside, on the wall or between it and the node.
     """
     from scipy import ndimage
 
-    inside = distance <= 0.0
+    moved = np.float64(inflation)  # a float of Python's would be rounded to float32 first
+    inside = distance <= moved
     outside = ~inside & known
+    result = np.empty_like(distance)
+    np.subtract(distance, moved, out=result, casting="same_kind")
     if not outside.any():
-        return np.where(inside, -math.inf, distance)
+        result[inside] = -math.inf
+        return result
     nearest = ndimage.distance_transform_edt(
         ~outside, sampling=tuple(step), return_distances=False, return_indices=True
     )
     found = np.ravel_multi_index(tuple(index[inside] for index in nearest), distance.shape)
     rim, place = np.unique(found, return_inverse=True)
-    points = nodes.reshape(-1, nodes.shape[-1])
-    slope = duct.gradient(points[rim])
+    points = find_nodes(rim)
+    slope = duct.gradient(points)
     slope = slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-12)
-    feet = points[rim] - distance.ravel()[rim][:, None] * slope
-    result = distance.copy()
-    result[inside] = -np.linalg.norm(nodes[inside] - feet[place], axis=-1)
+    feet = points - (distance.ravel()[rim] - moved)[:, None] * slope
+    nodes = find_nodes(np.flatnonzero(inside))
+    result[inside] = -np.linalg.norm(nodes - feet[place], axis=-1)
     return result
 
 
-def _round_down(values: NDArray[np.float64]) -> NDArray[np.float32]:
-    return np.nextafter(values.astype(np.float32), np.float32(-np.inf))
+def _round_down(values: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    return np.nextafter(values.astype(np.float32, copy=False), np.float32(-np.inf))

@@ -7,6 +7,7 @@ touched. Every function returns a `Figure`; `write_figure` writes it.
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,9 +48,14 @@ def write_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = 1
 
     for text in figure.findobj(Text):  # bytes of a file name that are not UTF-8 have no glyph
         text.set_text(text.get_text().encode("utf-8", "backslashreplace").decode("utf-8"))
-    return write_atomically(
-        path, lambda temporary: figure.savefig(temporary, dpi=dpi, facecolor=figure.get_facecolor())
-    )
+
+    def save(temporary: Path) -> None:
+        with warnings.catch_warnings():
+            # A letter that the font lacks is drawn as a box.
+            warnings.filterwarnings("ignore", message="Glyph", category=UserWarning)
+            figure.savefig(temporary, dpi=dpi, facecolor=figure.get_facecolor())
+
+    return write_atomically(path, save)
 
 
 def draw_depths(
