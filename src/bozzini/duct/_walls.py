@@ -138,6 +138,17 @@ class MeshWall:
         volumes = np.bincount(part, weights=np.einsum("ij,ij->i", around, normals))
         return np.asarray(corners[volumes[part] <= 1e-9 * volumes.max()].mean(axis=1))
 
+    def refuse_bodies(self) -> None:
+        """Raise `GeometryError` where there are such parts, with the place of one."""
+        bodies = self.find_bodies()
+        if len(bodies):
+            where = ", ".join(f"{x:.1f}" for x in bodies[0])
+            raise GeometryError(
+                f"the mesh has bodies, sheets or parts turned inside out near ({where}) mm, "
+                f"{len(bodies)} triangles: its wall cannot be moved outwards, they do not move "
+                "with it"
+            )
+
 
 @dataclass(frozen=True, eq=False)
 class VoxelWall:

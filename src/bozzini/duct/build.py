@@ -184,13 +184,12 @@ def _sample(
         low, spacing, counts = _lay_on_mesh(wall, voxel, pad)
         stated = {"wall": "triangles of the surface", "wall_error": None}
     limit = max(inflate + MARGIN, max(inflate, reach or 0.0) + 2.0 * float(spacing.max()))
-    bodies = wall.find_bodies() if isinstance(wall, MeshWall) else np.empty((0, 3))
-    if len(bodies) and max(inflate, reach or 0.0) > 0.0:
-        where = ", ".join(f"{x:.1f}" for x in bodies[0])
-        raise GeometryError(
-            f"the mesh has bodies, sheets or parts turned inside out near ({where}) mm, "
-            f"{len(bodies)} triangles: its wall cannot be moved outwards, they do not move with it"
-        )
+    exact = True
+    if isinstance(wall, MeshWall):
+        if max(inflate, reach or 0.0) > 0.0:
+            wall.refuse_bodies()
+        else:
+            exact = len(wall.find_bodies()) == 0
     values = _measure(wall, low, spacing, counts, limit, progress)
     if not float(values.min()) < 0.0:
         raise GeometryError(
@@ -203,7 +202,7 @@ def _sample(
         rotation=wall.rotation,
         inflation=float(inflate),
         reach=limit,
-        exact_outside=len(bodies) == 0,
+        exact_outside=exact,
         **stated,  # type: ignore[arg-type]
     )
 

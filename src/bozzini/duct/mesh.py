@@ -13,6 +13,7 @@ from ..errors import GeometryError, InputError
 from ._measured import MeasuredDuct, Nearest, order_points
 from ._mesh_sides import check_sides
 from ._shape_checks import check_places, check_wall, freeze_places, set_fields
+from ._walls import MeshWall
 
 if TYPE_CHECKING:
     from .field import SampledField
@@ -50,7 +51,7 @@ class TriangleMesh(MeasuredDuct):
     GeometryError
         If the mesh is open or its triangles do not agree, with where; or it encloses no volume.
         `bozzini.anatomy.tract_from_surface` mends small faults. If a part of the mesh is turned
-        inside out, with where; as a hole in another part it may be.
+        inside out, with where; as a hole in another part it may be, unless the wall is moved.
 
     Notes
     -----
@@ -91,6 +92,8 @@ class TriangleMesh(MeasuredDuct):
         faces.flags.writeable = False
         set_fields(self, vertices=vertices, faces=faces)
         check_sides(vertices, faces, self.count_windings, everywhere=self.inflation > 0.0)
+        if self.inflation > 0.0:
+            MeshWall(vertices, faces).refuse_bodies()
 
     @property
     def kind(self) -> str:
