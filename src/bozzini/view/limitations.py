@@ -27,8 +27,9 @@ def list_limitations(plan: Plan, field: SampledField, summary: Mapping[str, Any]
         "What is still in the introducer does not count.",
         f"The wall is: {wall}."
         + (
-            f" It was moved outwards by {field.inflation:g} mm, as insufflation would; limbs of "
-            "the tract closer than twice that may merge."
+            f" It was moved outwards by {field.inflation:g} mm, as insufflation would; "
+            "limbs of the tract closer than twice that merge. That no link passes between them was "
+            "seen at samples of the motion, it is not proved."
             if field.inflation > 0.0
             else ""
         ),
