@@ -248,6 +248,41 @@ def test_a_component_that_is_not_joined_stands_in_the_verdict(tract, both) -> No
     assert whole.label == "Fits, proved" and whole.tone == "green"
 
 
+HOOK = np.array([[26.0, 0, 0], [60.0, 0, 0], [60.0, 0, 50.0], [0, 0, 50.0], [0, 0, -40.0]])
+# Its one end points at its other limb, across a few mm of tissue.
+
+
+@pytest.mark.parametrize(
+    ("options", "crosses"),
+    [
+        ({"organ": "colon"}, ""),
+        ({"start": HOOK[-1], "end": HOOK[0]}, ""),
+        ({"start": HOOK[0], "end": HOOK[-1]}, "lumen of the tract again"),
+        ({"end": HOOK[-1]}, "lumen of the tract again"),
+        ({"start": (0.0, 0.0, 5.0), "end": HOOK[0]}, "the wall, after"),
+        ({"start": (30.0, 0.0, 50.0), "end": HOOK[0]}, "the wall, after"),
+    ],
+)
+def test_an_introducer_through_the_wall_is_stated(options, crosses) -> None:
+    options = dict(options)
+    hook = replace(make_tract(HOOK), organ=options.pop("organ", "upper-tract"))
+    study = run_insertion(hook, scope=SCOPE, method="follow", head_step=2.0, **options)
+    found = [item for item in study.findings if item.code == "introducer-crosses"]
+    verdict = judge_plan(study.plan, study.summarise())
+    assert study.plan.status == "complete"
+    assert ("the introducer crosses" in verdict.label) == bool(crosses) == bool(found)
+    if not crosses:
+        return
+    assert crosses in found[0].message and crosses in verdict.sentence
+    assert verdict.tone == "amber"
+    # The place that is named is on the introducer, and at a wall of the lumen.
+    place = np.array([float(v) for v in found[0].message.split("(")[1].split(")")[0].split(",")])
+    tube = study.plan.meta["introducer"]
+    off = np.cross(place - tube["entry_mm"], tube["outward"])
+    assert np.linalg.norm(off) <= tube["bore_mm"]
+    assert abs(float(study.field.signed_distance(place))) < VOXEL
+
+
 def test_two_tubes_in_one_field_are_two_components() -> None:
     far = COLON + [0.0, 60.0, 0.0]
     first = make_tract(COLON, far)  # the tract keeps one of them

@@ -15,12 +15,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..anatomy.findings import Finding
+from ..anatomy.findings import Finding, name_place
 from ..anatomy.frame import find_axis
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_points
 from ..duct import Centreline, SampledField, find_centreline
 from ..errors import GeometryError, InputError
+from ..motion import Plan
+from ..motion.introducer import Introducer
 from ..progress import Progress, no_progress
 
 __all__ = [
@@ -28,6 +30,7 @@ __all__ = [
     "End",
     "Place",
     "Way",
+    "find_introducer_crossing",
     "find_way",
     "list_branches",
     "resolve_places",
@@ -217,6 +220,50 @@ def find_way(
         candidates=candidates,
         findings=tuple(findings),
     )
+
+
+def find_introducer_crossing(
+    field: SampledField, plan: Plan, start: Place | None
+) -> tuple[Finding, ...]:
+    """Return a warning if the introducer goes through the wall elsewhere than at the entry.
+
+    Rays along it, as far out as the scope stands in it, are sampled in the lumen before inflation.
+    Each may leave the lumen once. Where the entry was given it must do so near: a point with more
+    than 1.5 of its radii of lumen behind it is not at an end of the lumen; of a label, the lumen
+    from the tip to the entry that was found in it may be longer, see `find_first_crest`.
+    """
+    tube = Introducer.from_description(plan.meta["introducer"])
+    rest = field.inflate(-field.inflation)
+    step = 0.5 * float(rest.spacing.min())
+    box = np.array(rest.values.shape) * rest.spacing
+    length = min(float(np.linalg.norm(box)), plan.links * plan.meta["scope"]["link_length_mm"])
+    along = np.arange(0.0, length + step, step)
+    side = np.linalg.svd(tube.outward[None])[2][1:]
+    sides = np.concatenate([np.zeros((1, 3)), 0.5 * tube.bore * side, -0.5 * tube.bore * side])
+    rays = tube.entry + sides[:, None] + along[:, None] * tube.outward
+    grid = rest.to_grid(rays)
+    inside = ((grid >= 0.0) & (grid <= box - rest.spacing)).all(axis=2)
+    inside[inside] = rest.signed_distance(rays[inside]) < 0.0
+    crossing: tuple[str, NDArray[np.float64]] | None = None
+    for ray, filled in zip(rays, inside, strict=True):
+        left = int(np.argmin(filled)) if not filled.all() else len(filled)
+        again = np.flatnonzero(filled[left:])
+        if len(again) > 1:  # not by a corner of the wall alone
+            crossing = ("lumen of the tract again", ray[left + again[0]])
+            break
+    if crossing is None and start is not None and start.kind != "opening":
+        radius = max(-float(rest.signed_distance(tube.entry)), 0.0)
+        behind = 1.5 * radius if start.kind != "label" else max(2.0 * radius, 8.0) + 10.0
+        left = int(np.argmin(inside[0]))
+        if not inside[0, left] and along[left] > behind + step:
+            crossing = (f"the wall, after {along[left]:.0f} mm of lumen,", rays[0, left])
+    if crossing is None:
+        return ()
+    message = (
+        f"the introducer, a straight tube outwards from the entry, crosses {crossing[0]} at "
+        f"{name_place(crossing[1])} mm; the part of the scope in it is not checked"
+    )
+    return (Finding("introducer-crosses", "warning", message),)
 
 
 def turn_way(tract: LabelTract | SurfaceTract, way: Way, basis: str) -> Way:

@@ -39,7 +39,7 @@ from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
 from ._inputs import check_options, explain_scale
 from ._robot import find_robot_trouble, write_robot
-from .ends import End, Way, find_way, resolve_places, turn_way
+from .ends import End, Way, find_introducer_crossing, find_way, resolve_places, turn_way
 from .exports import write_centreline, write_volumes
 from .reach import Unreached, find_unreached
 
@@ -368,7 +368,8 @@ def run_insertion(
                 plan, finer = _choose_finer(plan, make_plan(line, fine))
     with _clock(times, "unreached"):
         unreached = find_unreached(tract, field, line)
-    findings = (*tract.findings, *way.findings, *_find_other_entry(entries), *finer)
+    crossing = find_introducer_crossing(field, plan, places[1] if reverse else places[0])
+    findings = (*tract.findings, *way.findings, *_find_other_entry(entries), *finer, *crossing)
     moved = None
     if robot is not None:
         with _clock(times, "robot"):

@@ -60,6 +60,7 @@ def judge_plan(plan: Plan, summary: Mapping[str, Any], *, error: float = 0.0) ->
     scope = f"The {2.0 * radius:.1f} mm scope" if radius > 0.0 else "The scope"
     verdict = _judge(plan, summary, claim, scope, error)
     verdict = _add_unreached(verdict, plan, summary)
+    verdict = _add_unchecked(verdict, plan, summary)
     return _add_wall_error(verdict, claim, summary)
 
 
@@ -122,6 +123,33 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> 
         else:
             label = label.replace("Fits", f"Fits to {goal}", 1)
     return replace(verdict, label=label, tone=tone, sentence=f"{verdict.sentence} {text}")
+
+
+UNCHECKED = {
+    "introducer-crosses": "the introducer crosses the organ",
+    "parts-cross": "parts left out reach into the lumen",
+}
+"""Findings of what the scope may meet that the proof does not cover, and each in a few words."""
+
+
+def _add_unchecked(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> Verdict:
+    """Say what the scope may meet that nothing was proved of."""
+    for item in summary.get("findings") or ():
+        words = UNCHECKED.get(str(item.get("code"))) if isinstance(item, Mapping) else None
+        if words is None:
+            continue
+        message = str(item.get("message", words)).strip().rstrip(".")
+        text = f"{message[:1].upper()}{message[1:]}."
+        if plan.status == "stopped":
+            verdict = replace(verdict, notes=(*verdict.notes, text))
+            continue
+        verdict = replace(
+            verdict,
+            label=f"{verdict.label}; {words}",
+            tone="amber" if verdict.tone == "green" else verdict.tone,
+            sentence=f"{verdict.sentence} {text}",
+        )
+    return verdict
 
 
 def _add_wall_error(verdict: Verdict, claim: Claim, summary: Mapping[str, Any]) -> Verdict:
