@@ -259,8 +259,10 @@ HOOK = np.array([[26.0, 0, 0], [60.0, 0, 0], [60.0, 0, 50.0], [0, 0, 50.0], [0, 
         ({"start": HOOK[-1], "end": HOOK[0]}, ""),
         ({"start": HOOK[0], "end": HOOK[-1]}, "lumen of the tract again"),
         ({"end": HOOK[-1]}, "lumen of the tract again"),
-        ({"start": (0.0, 0.0, 5.0), "end": HOOK[0]}, "the wall, after"),
-        ({"start": (30.0, 0.0, 50.0), "end": HOOK[0]}, "the wall, after"),
+        ({"start": (0.0, 0.0, 5.0), "end": HOOK[0]}, "the wall of lumen that goes on"),
+        ({"start": (30.0, 0.0, 50.0), "end": HOOK[0]}, "the wall of lumen that goes on"),
+        ({"start": (2.0, 0.0, 48.0), "end": HOOK[0]}, "the wall of lumen that goes on"),
+        ({"start": (2.0, 3.0, -36.0), "end": HOOK[0]}, ""),
     ],
 )
 def test_an_introducer_through_the_wall_is_stated(options, crosses) -> None:

@@ -227,10 +227,8 @@ def find_introducer_crossing(
 ) -> tuple[Finding, ...]:
     """Return a warning if the introducer goes through the wall elsewhere than at the entry.
 
-    Rays along it, as far out as the scope stands in it, are sampled in the lumen before inflation.
-    Each may leave the lumen once. Where the entry was given it must do so near: a point with more
-    than 1.5 of its radii of lumen behind it is not at an end of the lumen; of a label, the lumen
-    from the tip to the entry that was found in it may be longer, see `find_first_crest`.
+    Rays along it, as far out as the scope stands in it, are sampled in the lumen before inflation;
+    each may leave the lumen once. An entry that was given must lie at an end of the lumen.
     """
     tube = Introducer.from_description(plan.meta["introducer"])
     rest = field.inflate(-field.inflation)
@@ -242,7 +240,7 @@ def find_introducer_crossing(
     sides = np.concatenate([np.zeros((1, 3)), 0.5 * tube.bore * side, -0.5 * tube.bore * side])
     rays = tube.entry + sides[:, None] + along[:, None] * tube.outward
     grid = rest.to_grid(rays)
-    inside = ((grid >= 0.0) & (grid <= box - rest.spacing)).all(axis=2)
+    inside = np.asarray(((grid >= 0.0) & (grid <= box - rest.spacing)).all(axis=2))
     inside[inside] = rest.signed_distance(rays[inside]) < 0.0
     crossing: tuple[str, NDArray[np.float64]] | None = None
     for ray, filled in zip(rays, inside, strict=True):
@@ -251,12 +249,11 @@ def find_introducer_crossing(
         if len(again) > 1:  # not by a corner of the wall alone
             crossing = ("lumen of the tract again", ray[left + again[0]])
             break
-    if crossing is None and start is not None and start.kind != "opening":
-        radius = max(-float(rest.signed_distance(tube.entry)), 0.0)
-        behind = 1.5 * radius if start.kind != "label" else max(2.0 * radius, 8.0) + 10.0
-        left = int(np.argmin(inside[0]))
-        if not inside[0, left] and along[left] > behind + step:
-            crossing = (f"the wall, after {along[left]:.0f} mm of lumen,", rays[0, left])
+    if crossing is None and start is not None and not inside[0].all():
+        beyond = _measure_behind(rest, plan, tube.entry, tip=start.kind == "label")
+        if beyond > 0.0:
+            what = f"the wall of lumen that goes on for {beyond:.0f} mm or more behind the entry,"
+            crossing = (what, rays[0, int(np.argmin(inside[0]))])
     if crossing is None:
         return ()
     message = (
@@ -264,6 +261,42 @@ def find_introducer_crossing(
         f"{name_place(crossing[1])} mm; the part of the scope in it is not checked"
     )
     return (Finding("introducer-crosses", "warning", message),)
+
+
+def _measure_behind(
+    rest: SampledField, plan: Plan, entry: NDArray[np.float64], *, tip: bool
+) -> float:
+    """Return how far lumen goes on from an entry otherwise than along the path [mm]; 0 at an end.
+
+    That is lumen which a ball of 1.3 radii about the entry parts from the path, as far as it
+    reaches one radius out of the ball. An entry found in a label may have a tip behind it, see
+    `bozzini.duct.find_centreline`.
+    """
+    from scipy import ndimage
+
+    spacing = rest.spacing
+    near = plan.path[plan.path_arc_length <= OPENING_REACH]
+    radius = float(max((-rest.signed_distance(near)).max(), spacing.max()))
+    ball = 1.3 * radius
+    most = ball + radius + 2.0 * float(spacing.max())
+    if tip:
+        most = max(most, max(2.0 * radius, 8.0) + 10.0 + 2.0 * float(spacing.max()))
+    half = np.ceil((most + radius) / spacing).astype(int)
+    middle = np.rint(rest.to_grid(entry) / spacing).astype(int)
+    low = np.maximum(middle - half, 0)
+    high = np.minimum(middle + half + 1, rest.values.shape)
+    box = rest.values[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] < 0.0
+    nodes = (np.indices(box.shape).reshape(3, -1).T + low) * spacing
+    distance = np.linalg.norm(nodes - rest.to_grid(entry), axis=1).reshape(box.shape)
+    marks, _ = ndimage.label(box & (distance > ball))
+    touching = np.unique(marks[distance <= ball + 1.8 * float(spacing.max())])
+    away = np.linalg.norm(plan.path - entry, axis=1) > ball + float(spacing.max())
+    on_way = np.rint(rest.to_grid(plan.path[away][:10]) / spacing).astype(int) - low
+    on_way = on_way[((on_way >= 0) & (on_way < box.shape)).all(axis=1)]
+    own = set(marks[tuple(on_way.T)].tolist()) | {0}
+    others = [mark for mark in touching.tolist() if mark not in own and len(own) > 1]
+    reach = max((float(distance[marks == mark].max()) for mark in others), default=0.0)
+    return reach if reach > most else 0.0
 
 
 def turn_way(tract: LabelTract | SurfaceTract, way: Way, basis: str) -> Way:
