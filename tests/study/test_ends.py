@@ -243,9 +243,28 @@ def test_a_component_that_is_not_joined_stands_in_the_verdict(tract, both) -> No
     assert record["share"] == pytest.approx(0.3 / 1.3, rel=0.01)
     verdict = judge_plan(torn.plan, summary)
     assert "of the lumen not reached" in verdict.label and verdict.tone == "amber"
+    assert verdict.label.startswith("Reaches the end of a part") and not torn.fits
     assert "separate component (caecum)" in verdict.sentence
+    assert replace(torn, unreached=(replace(torn.unreached[0], kind="branch"),)).fits
     whole = judge_plan(study.plan, study.summarise())
     assert whole.label == "Fits, proved" and whole.tone == "green"
+
+
+def test_a_septum_that_closes_the_lumen_is_no_fit() -> None:
+    whole = make_tract(HOOK)
+    centres = np.indices(whole.labels.shape)[0] * VOXEL + whole.affine[0, 3]
+    labels = np.where((centres > 29.0) & (centres < 31.0) & (whole.labels > 0), 0, whole.labels)
+    closed = replace(tract_from_labels(labels, whole.affine, source="tube"), organ="colon")
+    study = run_insertion(closed, scope=SCOPE, method="follow", head_step=2.0)
+    assert study.plan.status == "complete" and study.plan.meta["certified"]
+    assert not study.fits and not study.summarise()["fits"]
+    verdict = judge_plan(study.plan, study.summarise())
+    assert verdict.label.startswith("Reaches the end of a part, proved")
+    asked = run_insertion(
+        closed, scope=SCOPE, method="follow", head_step=2.0, end=study.line.points[-1]
+    )
+    assert asked.fits
+    assert judge_plan(asked.plan, asked.summarise()).label.startswith("Fits to the given end")
 
 
 HOOK = np.array([[26.0, 0, 0], [60.0, 0, 0], [60.0, 0, 50.0], [0, 0, 50.0], [0, 0, -40.0]])

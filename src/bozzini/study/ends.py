@@ -135,6 +135,8 @@ class Way:
         What the way leads to: ``"the far end"``, or the name of what was given.
     candidates : tuple of Candidate
     findings : tuple of Finding
+    given : bool
+        Whether an end was given; else the way is to lead through the whole lumen.
     """
 
     line: Centreline
@@ -143,6 +145,7 @@ class Way:
     goal: str
     candidates: tuple[Candidate, ...]
     findings: tuple[Finding, ...] = ()
+    given: bool = False
 
 
 def resolve_places(
@@ -219,6 +222,7 @@ def find_way(
         goal=words,
         candidates=candidates,
         findings=tuple(findings),
+        given=start is not None or end is not None,
     )
 
 
@@ -310,6 +314,7 @@ def turn_way(tract: LabelTract | SurfaceTract, way: Way, basis: str) -> Way:
         goal=way.goal,
         candidates=_list_candidates(tract, line),
         findings=(*other.values(), *list_branches(line)),
+        given=way.given,
     )
 
 

@@ -100,7 +100,13 @@ class InsertionStudy:
 
     @property
     def fits(self) -> bool:
-        """Whether the scope, or the robot if there is one, is proved to reach the end clear."""
+        """Whether the scope, or the robot if there is one, is proved to reach the end clear.
+
+        That is the end which the user can see: given, or of the whole lumen. Where no end was
+        given and a large part of the lumen is closed off from the way or beyond it, that is False.
+        """
+        if not self.way.given and any(part.stated and part.cut_off for part in self.unreached):
+            return False
         if self.robot is not None:
             return self.plan.status == "complete" and self.robot.fits
         return self.plan.status == "complete" and bool(self.plan.meta["certified"])
@@ -133,6 +139,7 @@ class InsertionStudy:
             "goal": {
                 "point_mm": np.round(self.line.points[-1], 3).tolist(),
                 "name": self.way.goal,
+                "given": self.way.given,
             },
             "ends": [candidate.describe() for candidate in self.way.candidates],
             "unreached": [part.describe() for part in self.unreached],

@@ -17,6 +17,9 @@ __all__ = ["Verdict", "judge_plan", "list_unreached"]
 
 FAR_END = "the far end"
 
+CUT_OFF = ("component", "beyond")
+"""Kinds of parts not reached of which a way without given ends was to reach the end."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
@@ -118,6 +121,8 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> 
         goal = _read_goal(summary)
         if goal == FAR_END:
             share = sum(read_number(part, "share") or 0.0 for part in parts)
+            if not _is_given(summary) and any(part.get("kind") in CUT_OFF for part in parts):
+                label = label.replace("Fits", "Reaches the end of a part", 1)
             label = f"{label}; {max(1.0, 100.0 * share):.0f} % of the lumen not reached"
             tone = "amber"
         else:
@@ -185,6 +190,12 @@ def list_unreached(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 def join_words(words: Sequence[str]) -> str:
     """Return words as a list for people: ``a, b and c``."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _is_given(summary: Mapping[str, Any]) -> bool:
+    """Whether an end of the way was given; a summary that does not say so counts as if it was."""
+    goal = summary.get("goal")
+    return not isinstance(goal, Mapping) or goal.get("given") is not False
 
 
 def _read_goal(summary: Mapping[str, Any]) -> str:
