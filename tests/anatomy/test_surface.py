@@ -110,6 +110,28 @@ def test_a_thick_wall_round_a_narrow_lumen_and_three_sheets_are_followed_inwards
     assert np.linalg.norm(three.vertices, axis=1).max() == pytest.approx(11.0)
 
 
+@pytest.mark.parametrize(
+    ("radius", "height", "shift"),
+    [(4.0, 190.0, 3.0), (4.0, 165.0, 0.0), (4.0, 165.0, 15.0), (2.4, 198.0, 0.0)],
+)
+@pytest.mark.parametrize("turn", [inside_out, lambda part: part])
+def test_a_tube_in_the_lumen_is_not_taken_for_its_wall(turn, radius, height, shift):
+    def tube(radius, height, place=(0.0, 0.0, 0.0)):
+        mesh = trimesh.creation.cylinder(radius=radius, height=height)
+        return np.asarray(mesh.vertices) + place, np.asarray(mesh.faces)
+
+    place = (shift, 0.0, 0.0) if height > 170.0 else (0.0, 0.0, shift)
+    both = join(tube(10.0, 200.0), turn(tube(radius, height, place)))
+    with pytest.raises(
+        InputError, match=r"with --part: '1' \(62.* mL\) or '2' \(.* mL\)"
+    ) as caught:
+        tract_from_surface(*both)
+    assert "\n" not in str(caught.value)
+    # A small one is a body in the lumen.
+    thin = tract_from_surface(*join(tube(10.0, 200.0), turn(tube(1.0, height, place))))
+    assert "bodies-inside" in codes(thin)
+
+
 @pytest.mark.parametrize("turn", [inside_out, lambda part: part])
 def test_bodies_in_the_lumen_stay_as_wall(turn):
     bodies = (turn(ball(3.0, (8, 0, 0))), ball(2.0, (-8, 0, 0)))

@@ -219,3 +219,33 @@ def test_text_that_is_not_utf8_is_read_as_far_as_it_is_numbers(tmp_path, kind):
         read_surface(path)
     assert f"is not {kind.upper()} triangles" in str(caught.value)
     assert "charset" not in str(caught.value)
+
+
+def write_lines(path, lines):
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("kind", ["obj", "off"])
+def test_text_that_is_cut_short_or_damaged_is_refused(tmp_path, kind):
+    box = trimesh.creation.box((20.0, 30.0, 40.0))
+    lines = [line for line in box.export(file_type=kind).splitlines() if line[:1] not in ("#", "")]
+    path = tmp_path / f"box.{kind}"
+    first = next(k for k, line in enumerate(lines) if line[:2] in ("f ", "3 "))
+    assert read_surface(write_lines(path, lines)).volume == pytest.approx(VOLUME)
+    remark = [*lines[:first], "", "# faces", *lines[first:]]
+    assert read_surface(write_lines(path, remark)).volume == pytest.approx(VOLUME)
+    broken = [
+        [*lines[:-1], lines[-1].rsplit(" ", 1)[0]],
+        [*lines[:-1], lines[-1].rsplit(" ", 1)[0] + " 900"],
+        [*lines[:2], lines[2].rsplit(" ", 1)[0], *lines[3:]],
+        [*lines[:5], *lines[6:]],  # a vertex less
+    ]
+    if kind == "off":
+        broken += [lines[:-3], [*lines, "3 0 1 2"], [*lines, "junk"], lines[:1], lines[:first]]
+        broken.append([lines[0], "8 -12 0", *lines[2:]])
+    for text in broken:
+        with pytest.raises(FileFormatError) as caught:
+            read_surface(write_lines(path, text))
+        assert f"is not {kind.upper()} triangles" in str(caught.value)
+        assert "\n" not in str(caught.value)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import nibabel
@@ -24,7 +26,7 @@ def plans(tracts: Tracts, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     folder = tmp_path_factory.mktemp("plans")
     made = {}
     for name, source, options in (
-        ("labels", tracts.volume, ["--inflate", "1mm", "--labels", "1,2"]),
+        ("labels", tracts.volume, ["--inflate", "1mm", "--labels", "1"]),
         ("surface", tracts.surface, ["--route", "in-out"]),
     ):
         arguments = ["plan", str(source), *SCOPE, *options, "--quiet", "--json"]
@@ -96,6 +98,99 @@ def test_a_wider_bore_is_not_accepted(
     outcome = certify(capsys, forged, tracts.surface)
     assert outcome.code == code
     assert ("FAILED bore: the introducer's bore" in outcome.out) == (by > 0.0)
+
+
+def forge_half(plan: Plan) -> Plan:
+    """Cut the motion and its path at a step half way, still called complete."""
+    step = plan.steps // 4
+    head = plan.head_arc_length[step]
+    kept = plan.path_arc_length < head - 1e-9
+    return replace(
+        plan,
+        joints=plan.joints[: step + 1],
+        head_arc_length=plan.head_arc_length[: step + 1],
+        clearance=plan.clearance[: step + 1],
+        path=np.vstack([plan.path[kept], plan.joints[step, 0]]),
+        path_arc_length=np.append(plan.path_arc_length[kept], head),
+        path_radius=plan.path_radius[: int(kept.sum()) + 1],
+        meta={
+            **plan.meta,
+            "options": {**plan.meta["options"], "route": [1.0]},
+            "measures": {
+                **plan.meta["measures"],
+                "clearance_min_mm": float(plan.clearance[: step + 1].min()),
+            },
+        },
+    )
+
+
+def stop(plan: Plan) -> Plan:
+    return replace(plan, status="stopped", reason_code="NO_PASSAGE", reason="does not fit (proved)")
+
+
+def change(**parts: dict[str, object]) -> Callable[[Plan], Plan]:
+    """Return a function that changes entries of parts of the meta; None removes one."""
+
+    def apply(plan: Plan) -> Plan:
+        meta = dict(plan.meta)
+        for part, values in parts.items():
+            meta[part] = {**meta.get(part, {}), **values}
+            meta[part] = {key: value for key, value in meta[part].items() if value is not None}
+        return replace(plan, meta=meta)
+
+    return apply
+
+
+SOFT: dict[str, object] = {"allowed_mm": 5.0, "used_mm": 5.0}
+
+
+@pytest.mark.parametrize(
+    ("forge", "check"),
+    [
+        (lambda plan: plan, None),
+        (forge_half, "ends"),
+        (stop, "ends"),
+        (change(centreline={"points_mm": [[0.0, 0.0, 0.0]] * 2}), "ends"),
+        (change(scope={"diameter_mm": 0.5}), "clearances"),
+        (change(field={"inflation_mm": 20.0}), "inflation"),
+        (
+            change(field={"inflation_mm": 5.0}, soft_wall={"allowed_mm": 5.0, "used_mm": 5.0}),
+            "grid",
+        ),
+        (change(input={"unit": "cm"}), "grid"),
+        (change(input={"voxel_mm": 1.3}), "grid"),
+        (change(input={"sha256": None}), "input"),
+        (change(field={"nodes": [3, 3, 3]}), "grid"),
+    ],
+)
+def test_a_plan_that_contradicts_itself_or_its_file_is_not_accepted(
+    capsys: CAPTURE,
+    plans: dict[str, Path],
+    tracts: Tracts,
+    tmp_path: Path,
+    forge: Callable[[Plan], Plan],
+    check: str | None,
+) -> None:
+    plan = Plan.load(plans["surface"])
+    forged = forge(plan)
+    outcome = certify(capsys, forged.save(tmp_path / "plan.npz"), tracts.surface, "--json")
+    failed = {item["name"] for item in outcome.result["checks"] if not item["ok"]}
+    if forged is plan:
+        assert outcome.code == 0 and not failed
+        return
+    assert outcome.code == 1
+    assert check in failed
+
+
+def test_a_plan_of_no_stated_file_or_planner_says_so(
+    capsys: CAPTURE, plans: dict[str, Path], tracts: Tracts, tmp_path: Path
+) -> None:
+    plan = change(input={"sha256": None, "file": None})(Plan.load(plans["surface"]))
+    path = replace(plan, method="drawn by hand").save(tmp_path / "plan.npz")
+    outcome = certify(capsys, path, tracts.surface)
+    assert outcome.code == 0
+    assert "input: the plan does not state from which file it was made" in outcome.out
+    assert "method: 'drawn by hand' is none of this package's planners" in outcome.out
 
 
 def test_a_body_moved_through_the_wall_is_found(

@@ -108,8 +108,30 @@ def test_an_end_outside_or_in_another_lumen_is_refused(bend):
     apart = sample_field(
         lambda points: np.minimum(first(points), second(points)), (-8, -8, -8), (28, 8, 28), 1
     )
-    with pytest.raises(GeometryError, match="not connected"):
+    with pytest.raises(GeometryError, match=r"not connected.* a wall closes it") as caught:
         find_centreline(apart, ([0.0, 0.0, 5.0], [20.0, 0.0, 5.0]))
+    assert read_place(caught.value)[0] == pytest.approx(10.0, abs=1.0)
+    assert "--voxel" not in str(caught.value)
+
+
+def read_place(error):
+    return np.array(
+        [float(v) for v in str(error).split("nearest at (")[1].split(")")[0].split(",")]
+    )
+
+
+def test_a_septum_between_two_ends_is_named():
+    tube = curve_distance(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 60.0]]), 6.0)
+
+    def closed(points):
+        return np.maximum(tube(points), 0.6 - np.abs(points[..., 2] - 22.3))
+
+    field = sample_field(closed, (-8, -8, -8), (8, 8, 68), 1)
+    for ends in (([0, 0, 5.0], [0, 0, 50.0]), ([0, 0, 50.0], [0, 0, 5.0])):
+        with pytest.raises(GeometryError, match="a wall closes it between them") as caught:
+            find_centreline(field, ends)
+        assert read_place(caught.value)[2] == pytest.approx(22.3, abs=1.0)
+        assert "narrower than 1 mm may be found with a smaller --voxel" in str(caught.value)
 
 
 def test_human_upper_gi_against_the_published_midline(upper_gi_dir):

@@ -243,9 +243,65 @@ def test_a_component_that_is_not_joined_stands_in_the_verdict(tract, both) -> No
     assert record["share"] == pytest.approx(0.3 / 1.3, rel=0.01)
     verdict = judge_plan(torn.plan, summary)
     assert "of the lumen not reached" in verdict.label and verdict.tone == "amber"
+    assert verdict.label.startswith("Reaches the end of a part") and not torn.fits
     assert "separate component (caecum)" in verdict.sentence
+    assert replace(torn, unreached=(replace(torn.unreached[0], kind="branch"),)).fits
     whole = judge_plan(study.plan, study.summarise())
     assert whole.label == "Fits, proved" and whole.tone == "green"
+
+
+def test_a_septum_that_closes_the_lumen_is_no_fit() -> None:
+    whole = make_tract(HOOK)
+    centres = np.indices(whole.labels.shape)[0] * VOXEL + whole.affine[0, 3]
+    labels = np.where((centres > 29.0) & (centres < 31.0) & (whole.labels > 0), 0, whole.labels)
+    closed = replace(tract_from_labels(labels, whole.affine, source="tube"), organ="colon")
+    study = run_insertion(closed, scope=SCOPE, method="follow", head_step=2.0)
+    assert study.plan.status == "complete" and study.plan.meta["certified"]
+    assert not study.fits and not study.summarise()["fits"]
+    verdict = judge_plan(study.plan, study.summarise())
+    assert verdict.label.startswith("Reaches the end of a part, proved")
+    asked = run_insertion(
+        closed, scope=SCOPE, method="follow", head_step=2.0, end=study.line.points[-1]
+    )
+    assert asked.fits
+    assert judge_plan(asked.plan, asked.summarise()).label.startswith("Fits to the given end")
+
+
+HOOK = np.array([[26.0, 0, 0], [60.0, 0, 0], [60.0, 0, 50.0], [0, 0, 50.0], [0, 0, -40.0]])
+# Its one end points at its other limb, across a few mm of tissue.
+
+
+@pytest.mark.parametrize(
+    ("options", "crosses"),
+    [
+        ({"organ": "colon"}, ""),
+        ({"start": HOOK[-1], "end": HOOK[0]}, ""),
+        ({"start": HOOK[0], "end": HOOK[-1]}, "lumen of the tract again"),
+        ({"end": HOOK[-1]}, "lumen of the tract again"),
+        ({"start": (0.0, 0.0, 5.0), "end": HOOK[0]}, "the wall of lumen that goes on"),
+        ({"start": (30.0, 0.0, 50.0), "end": HOOK[0]}, "the wall of lumen that goes on"),
+        ({"start": (2.0, 0.0, 48.0), "end": HOOK[0]}, "the wall of lumen that goes on"),
+        ({"start": (2.0, 3.0, -36.0), "end": HOOK[0]}, ""),
+    ],
+)
+def test_an_introducer_through_the_wall_is_stated(options, crosses) -> None:
+    options = dict(options)
+    hook = replace(make_tract(HOOK), organ=options.pop("organ", "upper-tract"))
+    study = run_insertion(hook, scope=SCOPE, method="follow", head_step=2.0, **options)
+    found = [item for item in study.findings if item.code == "introducer-crosses"]
+    verdict = judge_plan(study.plan, study.summarise())
+    assert study.plan.status == "complete"
+    assert ("the introducer crosses" in verdict.label) == bool(crosses) == bool(found)
+    if not crosses:
+        return
+    assert crosses in found[0].message and crosses in verdict.sentence
+    assert verdict.tone == "amber"
+    # The place that is named is on the introducer, and at a wall of the lumen.
+    place = np.array([float(v) for v in found[0].message.split("(")[1].split(")")[0].split(",")])
+    tube = study.plan.meta["introducer"]
+    off = np.cross(place - tube["entry_mm"], tube["outward"])
+    assert np.linalg.norm(off) <= tube["bore_mm"]
+    assert abs(float(study.field.signed_distance(place))) < VOXEL
 
 
 def test_two_tubes_in_one_field_are_two_components() -> None:

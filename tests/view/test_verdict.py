@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -124,3 +125,19 @@ def test_a_soft_wall_that_gives_way_too_little_is_red():
     verdict = judge_plan(stopped, summary)
     words = " ".join([verdict.sentence, *verdict.notes])
     assert "pushes the wall outwards by up to 1.25 mm" in words and "through" not in words
+
+
+@pytest.mark.parametrize("changes", [{}, {"reach": 61.0, "status": "stopped"}])
+@pytest.mark.parametrize("code", ["parts-cross", "introducer-crosses"])
+def test_what_the_proof_does_not_cover_stands_in_the_verdict(code, changes):
+    plan = make_plan(**changes)
+    summary = make_summary(plan)
+    bare = judge_plan(plan, {**summary, "findings": [{"code": "scale", "message": "it is long"}]})
+    message = "parts left out reach into the lumen: 'polyp'; the scope may cross them"
+    told = judge_plan(plan, {**summary, "findings": [{"code": code, "message": message}]})
+    text = message.replace("parts", "Parts", 1) + "."
+    if changes:
+        assert told == replace(bare, notes=(*bare.notes, text))
+        return
+    assert told.sentence == f"{bare.sentence} {text}"
+    assert told.tone == "amber" and told.label.startswith(f"{bare.label}; ")

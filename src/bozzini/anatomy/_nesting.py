@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from . import _mesh
 from ._kernels import cross_groups
 from .findings import Finding, name_place
@@ -20,6 +21,9 @@ FOLLOWS_VOLUME = 0.3
 FOLLOWS_LENGTH = 0.8
 THIN_VOLUME = 0.05
 """The same for a thick wall around a narrow lumen: of the longest side, and of the volume."""
+
+FOLLOWS_RATIO = 2.0
+"""Largest thickness of such a wall, by its smallest."""
 
 MOST_APART = 100
 """Closed parts left out that are listed."""
@@ -68,8 +72,10 @@ def resolve_parts(
     The part of the largest volume is taken, if `wall` does not say which. A closed part wholly
     inside it is never passed over:
 
-    - one that follows it (at least 30 % of its volume; or 80 % of its longest side and 5 % of its
-      volume) is the inner side of a wall with thickness, and becomes the wall of the lumen;
+    - one that follows it (at least 30 % of its volume; or 80 % of its longest side, 5 % of its
+      volume, and everywhere about as far from it) is the inner side of a wall with thickness, and
+      becomes the wall of the lumen;
+    - one as long, but not about as far everywhere, may be either: `InputError`;
     - others are bodies in the lumen.
 
     Where two parts side by side both follow, neither is taken for the inner side of a wall.
@@ -221,7 +227,8 @@ def _find_wall(
     while True:
         inside = _find_inside(points, triangles, part, wall, closed)
         axis = int(sides[wall].argmax())
-        follows = (volume >= FOLLOWS_VOLUME * volume[wall]) | (
+        fills = volume >= FOLLOWS_VOLUME * volume[wall]
+        follows = fills | (
             (volume >= THIN_VOLUME * volume[wall])
             & (sides[:, axis] >= FOLLOWS_LENGTH * sides[wall, axis])
         )
@@ -232,6 +239,19 @@ def _find_wall(
         deeper = _find_inside(points, triangles, part, inner, closed)
         if not deeper[sheets[sheets != inner]].all():
             return wall, inside, passed
+        if not fills[inner] and not _is_even(
+            points, triangles[part == wall], triangles[part == inner]
+        ):
+            listed = (
+                f"'{1 + int((volume > volume[k]).sum())}' ({volume[k] / 1000.0:.3g} mL)"
+                for k in (wall, inner)
+            )
+            raise InputError(
+                f"a closed part of {volume[inner] / 1000.0:.3g} mL lies along the inside of one of "
+                f"{volume[wall] / 1000.0:.3g} mL: it may be a body in the lumen or the inner side "
+                f"of a thick wall; say which part is the wall of the lumen, with --part: "
+                f"{' or '.join(listed)}"
+            )
         message = (
             f"a closed sheet of {volume[inner] / 1000.0:.3g} mL lies inside one of "
             f"{volume[wall] / 1000.0:.3g} mL: taken for a wall with thickness, the lumen is inside "
@@ -240,6 +260,16 @@ def _find_wall(
         found.append(Finding("wall-with-thickness", "warning", message))
         passed[wall] = True
         wall = inner
+
+
+def _is_even(points: Vertices, outer: Faces, inner: Faces) -> bool:
+    """Whether two sheets, one in the other, are everywhere about as far from each other."""
+    gaps = []
+    for one, other in ((outer, inner), (inner, outer)):
+        places = np.concatenate((points[np.unique(one)], points[one].mean(axis=1)))
+        gaps.append(_measure_squared(points, np.ascontiguousarray(other), places))
+    squared = np.concatenate(gaps)
+    return bool(squared.max() <= FOLLOWS_RATIO**2 * squared.min())
 
 
 def _find_closed(triangles: Faces, part: NDArray[np.int64], number: int) -> NDArray[np.bool_]:

@@ -87,7 +87,8 @@ def tract_from_surface(
     Raises
     ------
     InputError
-        If a vertex is not finite, or a face points nowhere.
+        If a vertex is not finite, or a face points nowhere; if a closed part that lies along the
+        inside of another may be a body in its lumen as well as the inner side of its wall.
     GeometryError
         If the surface is flat, encloses no volume, or is open so that it is not certain what is
         inside; the message names the place.

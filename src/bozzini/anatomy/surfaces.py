@@ -180,6 +180,10 @@ def _load(file: Path) -> tuple[list[_Part], dict[str, Any] | None]:
     with quiet_libraries():
         try:
             data = file.read_bytes()
+            if kind == "off":
+                data = _check_off(data.decode("latin-1")).encode()
+            elif kind == "obj":
+                _check_obj(data.decode("latin-1"))
             if kind in ("obj", "off") and not _is_text(data):
                 data = data.decode("latin-1").encode()  # names and remarks; numbers are ASCII
             loaded: Any = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
@@ -189,6 +193,53 @@ def _load(file: Path) -> tuple[list[_Part], dict[str, Any] | None]:
                 f"{file} is not {kind.upper()} triangles: {explain(error)}"
             ) from None
     return parts, marked
+
+
+def _check_off(text: str) -> str:
+    """Return an OFF file without remarks; `ValueError` unless it has the lines that it states."""
+    lines = [line.split("#")[0].split() for line in text.splitlines()]
+    lines = [line for line in lines if line]
+    if not lines or not lines[0][0].endswith("OFF"):
+        raise ValueError("it does not begin with OFF")
+    if len(lines[0]) > 1:  # the counts may stand on the same line
+        lines[:1] = [lines[0][:1], lines[0][1:]]
+    counts, rest = (lines[1] if len(lines) > 1 else []), lines[2:]
+    if len(counts) < 2:
+        raise ValueError("it states no numbers of vertices and faces")
+    corners, faces = int(counts[0]), int(counts[1])
+    if min(corners, faces) < 0 or len(rest) != corners + faces:
+        raise ValueError(
+            f"its header states {corners} vertices and {faces} faces, it has {len(rest)} lines "
+            "of them: it is cut short or damaged"
+        )
+    for line in rest[:corners]:
+        if len(line) < 3:
+            raise ValueError(f"the vertex '{' '.join(line)}' has {len(line)} numbers, not 3")
+    for line in rest[corners:]:
+        if len(line) < 1 + max(int(line[0]), 3):
+            raise ValueError(f"the face '{' '.join(line)[:60]}' is cut short")
+    return "\n".join(" ".join(line) for line in lines)
+
+
+def _check_obj(text: str) -> None:
+    """Raise `ValueError` for half a line of an OBJ file, or a face of vertices not there."""
+    corners, highest = 0, 0
+    for line in text.replace("\r\n", "\n").replace("\\\n", " ").split("\n"):
+        key, *words = line.split("#")[0].split() or [""]
+        if key not in ("v", "f"):
+            continue
+        if len(words) < 3:
+            raise ValueError(f"the line '{line.strip()[:60]}' is cut short")
+        if key == "v":
+            corners += 1
+            continue
+        for word in words:
+            index = int(word.split("/")[0])
+            if index == 0 or index < -corners:
+                raise ValueError(f"the face '{line.strip()[:60]}' names no vertex {index}")
+            highest = max(highest, index)
+    if highest > corners:
+        raise ValueError(f"a face names vertex {highest}, but it has {corners} vertices")
 
 
 def _is_text(data: bytes) -> bool:

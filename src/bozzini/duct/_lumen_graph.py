@@ -240,7 +240,7 @@ class LumenGraph:
             allowed[self._number(among)] = True
             lengths[~allowed] = -1.0
         if lengths.max() < 0.0:
-            raise GeometryError("start and end are not connected inside the lumen at this grid")
+            raise GeometryError(self._explain_apart(source, among))
         tips = []
         for node in self._find_tips(lengths):
             path = search.traceback(node) * self.field.spacing
@@ -277,11 +277,33 @@ class LumenGraph:
         search, costs = self.search(start)
         target = tuple(int(v) for v in goal)
         if not np.isfinite(costs[target]):  # type: ignore[index]
-            raise GeometryError(
-                "start and end are not connected inside the lumen at this grid: use a smaller "
-                "--voxel, or other ends"
-            )
+            raise GeometryError(self._explain_apart(start, goal))
         return search.traceback(target)
+
+    def _explain_apart(self, start: NDArray[np.int64], goal: NDArray[np.int64] | None) -> str:
+        """Say where the lumen is closed between two nodes, or sets of them, that no way joins."""
+        from scipy.spatial import cKDTree
+
+        text = "start and end are not connected inside the lumen at this grid"
+        if goal is None:
+            return text
+        spacing = self.field.spacing
+        wall = self.depths < 2.0 * float(spacing.max())
+        sides = [
+            self.places(np.flatnonzero(np.isfinite(self.measure_lengths(end)) & wall)) * spacing
+            for end in (start, goal)
+        ]
+        gaps, nearest = cKDTree(sides[0]).query(sides[1])
+        at = int(np.argmin(gaps))
+        middle = self.field.to_world(0.5 * (sides[0][nearest[at]] + sides[1][at]))
+        place = ", ".join(f"{value:.1f}" for value in middle)
+        text += f": a wall closes it between them, its two sides are nearest at ({place}) mm"
+        if gaps[at] <= 3.0 * float(spacing.max()):
+            text += (
+                f"; a passage there narrower than {float(spacing.max()):.2g} mm may be found with "
+                "a smaller --voxel"
+            )
+        return text
 
     def measure_depth(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Room at points (n, 3) of the grid frame, before inflation [mm]."""

@@ -21,12 +21,13 @@ from ..duct.refined import RefinedField, refine_field
 from ..errors import FileFormatError, InputError
 from ..progress import Progress, no_progress
 from .certify import TOLERANCE, Certificate, certify_plan
-from .insertion import measure_body
+from .insertion import METHODS, measure_body
 from .introducer import Introducer
 from .measures import measure_angles
 from .plan import SLACK, Plan, read_route
 from .recheck import Recheck, Tube, Wall, recheck_motion, surface_wall, voxel_wall
 from .scope import Scope
+from .tube import grid_of
 
 __all__ = [
     "Check",
@@ -44,6 +45,9 @@ LENGTH_SLACK = 1e-4
 
 CLAIM_SLACK = 1e-6
 """How far a claimed clearance may lie above the one proved anew, by rounding [mm]."""
+
+ROUNDED = 0.01
+"""How far the ends of a path may be off those of its centreline, which is stated rounded [mm]."""
 
 FINE_MIN, DISTANCE_MAX = 0.25, 20.0
 """Least spacing of a plan's finer grid, and how far from the centreline it may reach [mm]."""
@@ -174,7 +178,7 @@ def verify_file(
     result = verify_plan(plan, field, wall=wall, progress=progress)
     return Verification(
         plan=plan,
-        checks=(*result.checks[:1], source, *result.checks[1:]),
+        checks=(*result.checks[:1], source, _check_grid(plan, field), *result.checks[1:]),
         certificate=result.certificate,
         recheck=result.recheck,
     )
@@ -226,7 +230,7 @@ def verify_plan(
         finer = certify_plan(plan, duct, tolerance=tolerance)
         certificate = finer if finer.clearance > certificate.clearance else certificate
     progress("certify", 1.0)
-    checks = (*checks, *_check_wall(plan, duct), _check_claim(plan, certificate, claimed))
+    checks = (*checks, *_check_wall(plan, duct), _check_claim(plan, duct, certificate, claimed))
     second = None
     if wall is not None:
         progress("second check", 0.0)
@@ -237,13 +241,16 @@ def verify_plan(
 
 
 def check_consistency(plan: Plan) -> tuple[Check, ...]:
-    """Check a plan against itself: links, head, order and size of steps, introducer, measures."""
+    """Check a plan against itself: links, head, steps, ends, inflation, introducer, measures."""
     return (
         _check_links(plan),
         _check_head(plan),
         _check_order(plan),
         _check_moves(plan),
+        *_check_method(plan),
+        *_check_ends(plan),
         *_check_introducer(plan),
+        *_check_inflation(plan),
         *_check_measures(plan),
     )
 
@@ -364,11 +371,16 @@ def _read_introducer(plan: Plan) -> Introducer | None:
 
 
 def _check_source(plan: Plan, path: str | os.PathLike[str]) -> Check:
-    stated = (plan.meta.get("input") or {}).get("sha256")
-    if stated is None:
-        message = "the plan does not state from which file it was made"
-        return Check(name="input", ok=True, message=message)
+    given = plan.meta.get("input") or {}
+    stated = given.get("sha256")
     digest = hash_input(path)
+    if stated is None:
+        # The command line always states both; only a plan made in Python states neither.
+        message = "the plan does not state from which file it was made"
+        if "sha256" in given or "file" in given:
+            message = f"the plan does not state the sha256 of its file; this one's is {digest}"
+            return Check(name="input", ok=False, message=message)
+        return Check(name="input", ok=True, message=f"{message}: what follows is for this one")
     if digest == stated:
         return Check(name="input", ok=True, message=f"the plan was made from this file ({digest})")
     return Check(
@@ -477,6 +489,75 @@ def _check_order(plan: Plan) -> Check:
     )
 
 
+def _has_ended(plan: Plan) -> bool:
+    """Whether the head comes to all targets of its route, in their order."""
+    at = 0
+    for share in read_route(plan):
+        rest = np.abs(plan.head_arc_length[at:] - share * plan.path_arc_length[-1])
+        there = np.flatnonzero(rest <= SLACK)
+        if not len(there):
+            return False
+        at += int(there[0])
+    return True
+
+
+def _check_method(plan: Plan) -> tuple[Check, ...]:
+    if plan.method in METHODS:
+        return ()
+    message = f"{plan.method!r} is none of this package's planners: only its motion is judged"
+    return (Check(name="method", ok=True, message=message),)
+
+
+def _check_ends(plan: Plan) -> tuple[Check, ...]:
+    """Check that the path leads from the entry of the stated centreline to its goal."""
+    line = plan.meta.get("centreline")
+    if line is None:
+        return ()
+
+    def fail(message: str) -> tuple[Check, ...]:
+        return (Check(name="ends", ok=False, message=message),)
+
+    stated: Any = line.get("points_mm") if isinstance(line, dict) else None
+    points = check_points("meta.centreline.points_mm", stated, dim=plan.path.shape[1])
+    if points.ndim != 2 or len(points) < 2:
+        return fail(f"the centreline has shape {points.shape}: it must have at least 2 points")
+    first, last = (float(np.linalg.norm(plan.path[at] - points[at])) for at in (0, -1))
+    if first > ROUNDED:
+        return fail(f"the path begins {first:.3g} mm from where the centreline begins")
+    if plan.status == "complete" and last > ROUNDED:
+        return fail(
+            f"the plan is called complete, but its path ends {last:.3g} mm from the end of the "
+            "centreline"
+        )
+    if plan.status == "stopped" and last <= ROUNDED and _has_ended(plan):
+        return fail("the plan is called stopped, but its head goes the whole way to the goal")
+    return (
+        Check(
+            name="ends",
+            ok=True,
+            message="the path begins where the centreline begins"
+            + (" and ends where it ends" if last <= ROUNDED else f", and ends {last:.1f} mm short"),
+        ),
+    )
+
+
+def _check_inflation(plan: Plan) -> tuple[Check, ...]:
+    """Check the wall's inflation against what was asked for and what the soft wall used."""
+    asked = _read_number(plan.meta, "input", "inflate_mm")
+    if asked is None:
+        return ()
+    total = _read_number(plan.meta, "field", "inflation_mm") or 0.0
+    used = _read_number(plan.meta, "soft_wall", "used_mm") or 0.0
+    ok = abs(total - asked - used) <= SLACK
+    message = (
+        f"the wall is inflated by {total:g} mm, as stated"
+        if ok
+        else f"the wall is inflated by {total:g} mm, but {asked:g} mm were asked for and the soft "
+        f"wall used {used:g} mm"
+    )
+    return (Check(name="inflation", ok=ok, message=message),)
+
+
 def _check_moves(plan: Plan) -> Check:
     moves = np.linalg.norm(np.diff(plan.joints, axis=0), axis=2)
     largest = float(moves.max(initial=0.0))
@@ -550,6 +631,38 @@ def _check_measures(plan: Plan) -> tuple[Check, ...]:
     return (Check(name="measures", ok=ok, message=message),)
 
 
+def _is_same_grid(plan: Plan, duct: Duct) -> bool | None:
+    """Whether a duct is sampled as the plan states; None where it states no grid."""
+    stated = plan.meta.get("field") or {}
+    grid = grid_of(duct)
+    if grid is None or "spacing_mm" not in stated:
+        return None
+    spacing = [float(value) for value in grid.spacing]
+    try:
+        same = bool(np.allclose(np.array(stated["spacing_mm"], float), spacing, rtol=1e-6))
+    except (TypeError, ValueError):
+        return False
+    fine = isinstance(duct, RefinedField)
+    return (
+        same
+        and stated.get("nodes") == list(grid.values.shape)
+        and (stated.get("fine_spacing_mm") is not None) == fine
+    )
+
+
+def _check_grid(plan: Plan, field: SampledField | RefinedField) -> Check:
+    grid = field.coarse if isinstance(field, RefinedField) else field
+    same = _is_same_grid(plan, field)
+    size = " x ".join(str(count) for count in grid.values.shape)
+    message = f"{size} nodes, {float(grid.spacing.max()):.4g} mm apart"
+    if same is None:
+        return Check(name="grid", ok=True, message=f"{message}; the plan states none")
+    if same:
+        return Check(name="grid", ok=True, message=f"{message}, as stated")
+    message += "; the plan states another grid, so it was not made from this input so read"
+    return Check(name="grid", ok=False, message=message)
+
+
 def _check_wall(plan: Plan, duct: Duct) -> tuple[Check, ...]:
     """Check what the plan says of the wall: inflation, bore, and clearances at the steps."""
     checks = []
@@ -584,9 +697,15 @@ def _check_wall(plan: Plan, duct: Duct) -> tuple[Check, ...]:
     over = _subtract(plan.clearance, anew)
     step, link = np.unravel_index(int(np.argmax(over)), over.shape)
     most = float(over[step, link])
+    same = _is_same_grid(plan, duct)
+    if most <= SLACK and same:
+        # The same samples of the same field: they must agree.
+        under = _subtract(np.where(np.isinf(anew), -np.inf, anew), plan.clearance)
+        step, link = np.unravel_index(int(np.argmax(under)), under.shape)
+        most, error = float(under[step, link]), 0.0
     ok = most <= min(error, duct.error) + SLACK
     message = (
-        "none is stated larger than it is found anew"
+        f"none is stated {'otherwise' if same else 'larger'} than it is found anew"
         if ok
         else f"link {link + 1} at step {step} is stated to have {plan.clearance[step, link]:.3f} "
         f"mm, but has {anew[step, link]:.3f} mm"
@@ -601,7 +720,7 @@ def _subtract(stated: NDArray[np.float64], anew: NDArray[np.float64]) -> NDArray
     return over
 
 
-def _check_claim(plan: Plan, certificate: Certificate, claimed: float | None) -> Check:
+def _check_claim(plan: Plan, duct: Duct, certificate: Certificate, claimed: float | None) -> Check:
     def make(ok: bool, message: str) -> Check:
         return Check(name="certificate", ok=ok, message=message)
 
@@ -616,6 +735,13 @@ def _check_claim(plan: Plan, certificate: Certificate, claimed: float | None) ->
     if claimed > proof + CLAIM_SLACK:
         anew = f"{proof:.3f} mm are proved" if certificate.certified else "nothing is proved"
         return make(False, f"the plan claims {claimed:.3f} mm: anew {anew}")
+    found = _read_number(plan.meta, "certificate", "found_mm")
+    if found is not None and proof > found + SLACK and _is_same_grid(plan, duct):
+        return make(
+            False,
+            f"the plan states a place of the body with {found:.3f} mm: anew {proof:.3f} mm are "
+            "proved everywhere, so this is another scope, wall or motion",
+        )
     return make(True, f"the plan claims {claimed:.3f} mm: anew {proof:.3f} mm are proved")
 
 

@@ -15,12 +15,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..anatomy.findings import Finding
+from ..anatomy.findings import Finding, name_place
 from ..anatomy.frame import find_axis
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_points
 from ..duct import Centreline, SampledField, find_centreline
 from ..errors import GeometryError, InputError
+from ..motion import Plan
+from ..motion.introducer import Introducer
 from ..progress import Progress, no_progress
 
 __all__ = [
@@ -28,6 +30,7 @@ __all__ = [
     "End",
     "Place",
     "Way",
+    "find_introducer_crossing",
     "find_way",
     "list_branches",
     "resolve_places",
@@ -132,6 +135,8 @@ class Way:
         What the way leads to: ``"the far end"``, or the name of what was given.
     candidates : tuple of Candidate
     findings : tuple of Finding
+    given : bool
+        Whether an end was given; else the way is to lead through the whole lumen.
     """
 
     line: Centreline
@@ -140,6 +145,7 @@ class Way:
     goal: str
     candidates: tuple[Candidate, ...]
     findings: tuple[Finding, ...] = ()
+    given: bool = False
 
 
 def resolve_places(
@@ -216,7 +222,85 @@ def find_way(
         goal=words,
         candidates=candidates,
         findings=tuple(findings),
+        given=start is not None or end is not None,
     )
+
+
+def find_introducer_crossing(
+    field: SampledField, plan: Plan, start: Place | None
+) -> tuple[Finding, ...]:
+    """Return a warning if the introducer goes through the wall elsewhere than at the entry.
+
+    Rays along it, as far out as the scope stands in it, are sampled in the lumen before inflation;
+    each may leave the lumen once. An entry that was given must lie at an end of the lumen.
+    """
+    tube = Introducer.from_description(plan.meta["introducer"])
+    rest = field.inflate(-field.inflation)
+    step = 0.5 * float(rest.spacing.min())
+    box = np.array(rest.values.shape) * rest.spacing
+    length = min(float(np.linalg.norm(box)), plan.links * plan.meta["scope"]["link_length_mm"])
+    along = np.arange(0.0, length + step, step)
+    side = np.linalg.svd(tube.outward[None])[2][1:]
+    sides = np.concatenate([np.zeros((1, 3)), 0.5 * tube.bore * side, -0.5 * tube.bore * side])
+    rays = tube.entry + sides[:, None] + along[:, None] * tube.outward
+    grid = rest.to_grid(rays)
+    inside = np.asarray(((grid >= 0.0) & (grid <= box - rest.spacing)).all(axis=2))
+    inside[inside] = rest.signed_distance(rays[inside]) < 0.0
+    crossing: tuple[str, NDArray[np.float64]] | None = None
+    for ray, filled in zip(rays, inside, strict=True):
+        left = int(np.argmin(filled)) if not filled.all() else len(filled)
+        again = np.flatnonzero(filled[left:])
+        if len(again) > 1:  # not by a corner of the wall alone
+            crossing = ("lumen of the tract again", ray[left + again[0]])
+            break
+    if crossing is None and start is not None and not inside[0].all():
+        beyond = _measure_behind(rest, plan, tube.entry, tip=start.kind == "label")
+        if beyond > 0.0:
+            what = f"the wall of lumen that goes on for {beyond:.0f} mm or more behind the entry,"
+            crossing = (what, rays[0, int(np.argmin(inside[0]))])
+    if crossing is None:
+        return ()
+    message = (
+        f"the introducer, a straight tube outwards from the entry, crosses {crossing[0]} at "
+        f"{name_place(crossing[1])} mm; the part of the scope in it is not checked"
+    )
+    return (Finding("introducer-crosses", "warning", message),)
+
+
+def _measure_behind(
+    rest: SampledField, plan: Plan, entry: NDArray[np.float64], *, tip: bool
+) -> float:
+    """Return how far lumen goes on from an entry otherwise than along the path [mm]; 0 at an end.
+
+    That is lumen which a ball of 1.3 radii about the entry parts from the path, as far as it
+    reaches one radius out of the ball. An entry found in a label may have a tip behind it, see
+    `bozzini.duct.find_centreline`.
+    """
+    from scipy import ndimage
+
+    spacing = rest.spacing
+    near = plan.path[plan.path_arc_length <= OPENING_REACH]
+    radius = float(max((-rest.signed_distance(near)).max(), spacing.max()))
+    ball = 1.3 * radius
+    most = ball + radius + 2.0 * float(spacing.max())
+    if tip:
+        most = max(most, max(2.0 * radius, 8.0) + 10.0 + 2.0 * float(spacing.max()))
+    half = np.ceil((most + radius) / spacing).astype(int)
+    middle = np.rint(rest.to_grid(entry) / spacing).astype(int)
+    low = np.maximum(middle - half, 0)
+    high = np.minimum(middle + half + 1, rest.values.shape)
+    box = rest.values[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] < 0.0
+    nodes = (np.indices(box.shape).reshape(3, -1).T + low) * spacing
+    distance = np.linalg.norm(nodes - rest.to_grid(entry), axis=1).reshape(box.shape)
+    marks, _ = ndimage.label(box & (distance > ball))
+    touching = np.unique(marks[distance <= ball + 1.8 * float(spacing.max())])
+    away = np.linalg.norm(plan.path - entry, axis=1) > ball + float(spacing.max())
+    on_way = np.rint(rest.to_grid(plan.path[away][:10]) / spacing).astype(int) - low
+    on_way = on_way[((on_way >= 0) & (on_way < box.shape)).all(axis=1)]
+    own = set(marks[tuple(on_way.T)].tolist()) | {0}
+    others = [mark for mark in touching.tolist() if mark not in own and len(own) > 1]
+    reach = max((float(distance[marks == mark].max()) for mark in others), default=0.0)
+    return reach if reach > most else 0.0
 
 
 def turn_way(tract: LabelTract | SurfaceTract, way: Way, basis: str) -> Way:
@@ -230,6 +314,7 @@ def turn_way(tract: LabelTract | SurfaceTract, way: Way, basis: str) -> Way:
         goal=way.goal,
         candidates=_list_candidates(tract, line),
         findings=(*other.values(), *list_branches(line)),
+        given=way.given,
     )
 
 

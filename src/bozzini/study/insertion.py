@@ -39,7 +39,7 @@ from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
 from ._inputs import check_options, explain_scale
 from ._robot import find_robot_trouble, write_robot
-from .ends import End, Way, find_way, resolve_places, turn_way
+from .ends import End, Way, find_introducer_crossing, find_way, resolve_places, turn_way
 from .exports import write_centreline, write_volumes
 from .reach import Unreached, find_unreached
 
@@ -100,7 +100,13 @@ class InsertionStudy:
 
     @property
     def fits(self) -> bool:
-        """Whether the scope, or the robot if there is one, is proved to reach the end clear."""
+        """Whether the scope, or the robot if there is one, is proved to reach the end clear.
+
+        That is the end which the user can see: given, or of the whole lumen. Where no end was
+        given and a large part of the lumen is closed off from the way or beyond it, that is False.
+        """
+        if not self.way.given and any(part.stated and part.cut_off for part in self.unreached):
+            return False
         if self.robot is not None:
             return self.plan.status == "complete" and self.robot.fits
         return self.plan.status == "complete" and bool(self.plan.meta["certified"])
@@ -133,6 +139,7 @@ class InsertionStudy:
             "goal": {
                 "point_mm": np.round(self.line.points[-1], 3).tolist(),
                 "name": self.way.goal,
+                "given": self.way.given,
             },
             "ends": [candidate.describe() for candidate in self.way.candidates],
             "unreached": [part.describe() for part in self.unreached],
@@ -368,7 +375,8 @@ def run_insertion(
                 plan, finer = _choose_finer(plan, make_plan(line, fine))
     with _clock(times, "unreached"):
         unreached = find_unreached(tract, field, line)
-    findings = (*tract.findings, *way.findings, *_find_other_entry(entries), *finer)
+    crossing = find_introducer_crossing(field, plan, places[1] if reverse else places[0])
+    findings = (*tract.findings, *way.findings, *_find_other_entry(entries), *finer, *crossing)
     moved = None
     if robot is not None:
         with _clock(times, "robot"):

@@ -63,6 +63,11 @@ class Unreached:
         return self.share >= SHARE_STATED or (long and self.share >= SHARE_MIN)
 
     @property
+    def cut_off(self) -> bool:
+        """Whether the way, which ends before it, was to lead there where no end was given."""
+        return self.kind in ("component", "beyond")
+
+    @property
     def words(self) -> str:
         """The part in a few words."""
         size = f"{self.volume / 1000.0:.3g} mL ({100.0 * self.share:.0f} % of the lumen)"

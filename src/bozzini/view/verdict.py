@@ -17,6 +17,9 @@ __all__ = ["Verdict", "judge_plan", "list_unreached"]
 
 FAR_END = "the far end"
 
+CUT_OFF = ("component", "beyond")
+"""Kinds of parts not reached of which a way without given ends was to reach the end."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
@@ -60,6 +63,7 @@ def judge_plan(plan: Plan, summary: Mapping[str, Any], *, error: float = 0.0) ->
     scope = f"The {2.0 * radius:.1f} mm scope" if radius > 0.0 else "The scope"
     verdict = _judge(plan, summary, claim, scope, error)
     verdict = _add_unreached(verdict, plan, summary)
+    verdict = _add_unchecked(verdict, plan, summary)
     return _add_wall_error(verdict, claim, summary)
 
 
@@ -117,11 +121,40 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> 
         goal = _read_goal(summary)
         if goal == FAR_END:
             share = sum(read_number(part, "share") or 0.0 for part in parts)
+            if not _is_given(summary) and any(part.get("kind") in CUT_OFF for part in parts):
+                label = label.replace("Fits", "Reaches the end of a part", 1)
             label = f"{label}; {max(1.0, 100.0 * share):.0f} % of the lumen not reached"
             tone = "amber"
         else:
             label = label.replace("Fits", f"Fits to {goal}", 1)
     return replace(verdict, label=label, tone=tone, sentence=f"{verdict.sentence} {text}")
+
+
+UNCHECKED = {
+    "introducer-crosses": "the introducer crosses the organ",
+    "parts-cross": "parts left out reach into the lumen",
+}
+"""Findings of what the scope may meet that the proof does not cover, and each in a few words."""
+
+
+def _add_unchecked(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> Verdict:
+    """Say what the scope may meet that nothing was proved of."""
+    for item in summary.get("findings") or ():
+        words = UNCHECKED.get(str(item.get("code"))) if isinstance(item, Mapping) else None
+        if words is None:
+            continue
+        message = str(item.get("message", words)).strip().rstrip(".")
+        text = f"{message[:1].upper()}{message[1:]}."
+        if plan.status == "stopped":
+            verdict = replace(verdict, notes=(*verdict.notes, text))
+            continue
+        verdict = replace(
+            verdict,
+            label=f"{verdict.label}; {words}",
+            tone="amber" if verdict.tone == "green" else verdict.tone,
+            sentence=f"{verdict.sentence} {text}",
+        )
+    return verdict
 
 
 def _add_wall_error(verdict: Verdict, claim: Claim, summary: Mapping[str, Any]) -> Verdict:
@@ -157,6 +190,12 @@ def list_unreached(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 def join_words(words: Sequence[str]) -> str:
     """Return words as a list for people: ``a, b and c``."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _is_given(summary: Mapping[str, Any]) -> bool:
+    """Whether an end of the way was given; a summary that does not say so counts as if it was."""
+    goal = summary.get("goal")
+    return not isinstance(goal, Mapping) or goal.get("given") is not False
 
 
 def _read_goal(summary: Mapping[str, Any]) -> str:
