@@ -77,8 +77,12 @@ def test_another_file_is_not_the_one_of_the_plan(
     tracts.mesh.copy().apply_translation([0.0, 0.0, 0.1]).export(other)
     outcome = certify(capsys, plans["surface"], other, "--json")
     assert outcome.code == 1 and outcome.result["certified"] is False
-    failed = [item["name"] for item in outcome.result["checks"] if not item["ok"]]
-    assert "input" in failed
+    # What another file offers says nothing about the plan: nothing else is checked.
+    assert [(item["name"], item["ok"]) for item in outcome.result["checks"]] == [("input", False)]
+    text = certify(capsys, plans["surface"], other)
+    first, last = text.out.splitlines()
+    assert first.startswith("FAILED input: the plan was made from another file")
+    assert last == f"Not certified. {other} is not the file that the plan was made from."
 
 
 @pytest.mark.parametrize(("by", "code"), [(0.0, 0), (0.4, 1), (50.0, 1)])

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from bozzini import motion
+from bozzini.cli.plan import METHODS
 from tests.cli.plan_cases import SCOPE, Outcome, Run, Tracts, list_all, write_volume
 
 NOTES = b"These are my notes.\n" * 20
@@ -148,7 +150,9 @@ BAD = [
     Bad("start not finite", with_options("--start", "nan,0,0"), ("--start", "nan")),
     Bad("start label not there", with_options("--start", "9"), ("start", "9", "one of 1")),
     Bad("label end of a surface", of_surface("--end", "2"), ("end", "2", "surface", "point")),
-    Bad("negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "(0, 500] mm")),
+    Bad(
+        "negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "[0.1, 500] mm")
+    ),
     Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "(0, 500] mm")),
     Bad("endless diameter", with_options("--diameter", "inf"), ("--diameter", "inf")),
     Bad("unknown unit", with_options("--diameter", "5 elbows"), ("elbows", "5mm")),
@@ -168,8 +172,10 @@ BAD = [
     Bad("a wide scope", with_options("--diameter", "1km"), ("scope diameter", "(0, 500] mm")),
     Bad("a long scope", with_options("--length", "1e9mm"), ("--length", "1e9mm", "1e+06] mm")),
     Bad("1e308 mm", with_options("--voxel", "1e308mm"), ("--voxel", "1e308mm", "1e+06] mm")),
-    Bad("no voxel", with_options("--voxel", "0"), ("voxel", "is 0", "(0, inf)")),
-    Bad("negative voxel", with_options("--voxel", "-1mm"), ("voxel", "is -1", "(0, inf)")),
+    Bad("a thin scope", with_options("--diameter", "1nm"), ("scope diameter", "[0.1, 500] mm")),
+    Bad("a short link", with_options("--link", "1nm"), ("link length", "[0.1, 10000] mm")),
+    Bad("no voxel", with_options("--voxel", "0"), ("voxel", "is 0", "[0.01, inf)")),
+    Bad("negative voxel", with_options("--voxel", "-1mm"), ("voxel", "is -1", "[0.01, inf)")),
     Bad("tiny voxel", with_options("--voxel", "1um"), ("voxel", "0.001", "at least")),
     Bad("huge voxel", with_options("--voxel", "1m"), ("1000", "smaller --voxel")),
     Bad("huge voxel of a surface", of_surface("--voxel", "1m"), ("1000", "smaller --voxel")),
@@ -227,6 +233,32 @@ def check_refusal(
         assert set(outcome.result) == {"error"}
     else:
         assert outcome.out == ""
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        "--inflate=99mm",
+        "--method=magic",
+        "--head-step=0mm",
+        "--slip=7",
+        "--label-error=-1mm",
+        "--voxel=1e-6mm",
+        "--diameter=1nm",
+    ],
+)
+def test_an_option_is_refused_before_the_file_is_read(
+    run: Run, tmp_path: Path, option: str
+) -> None:
+    # There is no such file: what is refused first is what is looked at first.
+    outcome = run(tmp_path / "none.nii.gz", option, "--quiet", "--out", tmp_path / "plan")
+    assert outcome.code == 2 and "none.nii.gz" not in outcome.err
+    assert option.partition("=")[0].strip("-").replace("-", " ")[:4] in outcome.err.lower()
+    assert list_all(tmp_path) == set()
+
+
+def test_the_command_line_knows_every_planner() -> None:
+    assert METHODS == motion.METHODS
 
 
 @pytest.mark.parametrize("as_json", [False, True], ids=["", "json"])

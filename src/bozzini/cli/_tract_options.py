@@ -128,8 +128,10 @@ def read_with_options(
     from dataclasses import replace
 
     from ..anatomy import read_tract
+    from ..study.inputs import check_field_options
 
     reading, organ, ways = sort_options(options)
+    check_field_options(voxel=ways["voxel"], inflate=ways["inflate"])  # before the file is read
     with progress_bar(quiet=quiet) as progress:
         progress("read", 0.0)
         tract = read_tract(source, **reading)

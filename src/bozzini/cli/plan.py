@@ -31,6 +31,10 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 """What ``--route`` means: fractions of the way that the head goes to in turn."""
 
 
+METHODS = ("best", "tube", "follow", "thesis")
+# As `bozzini.motion.METHODS`, which is not imported for --help; a test compares them.
+
+
 @click.command(name="plan")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
 @tract_options
@@ -47,6 +51,7 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 )
 @click.option(
     "--method",
+    type=click.Choice(METHODS),
     default="best",
     show_default=True,
     help="The planner: best (of the next two and some between), tube (whole body, proved), follow "
@@ -134,27 +139,32 @@ def command(
     machine = read_robot(robot)
     scope = choose_scope(machine, diameter=diameter, link=link, length=length)
     from ..study import run_insertion
+    from ..study.inputs import check_options
 
+    motion: dict[str, Any] = {
+        "scope": scope,
+        "method": method,
+        "head_step": head_step,
+        "slip": slip,
+        "angle_limit": angle_limit,
+        "route": ROUTES[route],
+        "soft_wall": soft_wall,
+        "label_error": label_error,
+    }
+    check_options(**motion, voxel=options["voxel"], inflate=options["inflate"] or 0.0)
     begin = time.perf_counter()
     tract, ways = read_with_options(source, options, quiet=quiet)
     seconds = {"read": time.perf_counter() - begin}
     with progress_bar(quiet=quiet) as progress:
         study = run_insertion(
             tract,
-            scope=scope,
-            method=method,
-            head_step=head_step,
-            slip=slip,
-            angle_limit=angle_limit,
-            route=ROUTES[route],
-            soft_wall=soft_wall,
-            label_error=label_error,
             largest=largest,
             compare=compare,
             robot=machine,
             inputs=_describe_input(source, tract, options),
             seconds=seconds,
             progress=progress,
+            **motion,
             **ways,
         )
     tell_findings(study.findings[len(tract.findings) :])

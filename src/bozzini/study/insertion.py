@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ..anatomy.findings import Finding
 from ..anatomy.tract import LabelTract, SurfaceTract
-from ..checks import check_number
 from ..continuum import ContinuumRobot
 from ..continuum.actuate import actuate_plan
 from ..continuum.actuation import Actuation
@@ -37,7 +36,7 @@ from ..motion import (
 )
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
-from ._inputs import check_options, explain_scale
+from .inputs import check_options, explain_scale
 from ._robot import find_robot_trouble, write_robot
 from .ends import End, Way, find_way, resolve_places, turn_way
 from .exports import write_centreline, write_volumes
@@ -321,9 +320,8 @@ def run_insertion(
         angle_limit=angle_limit,
         route=route,
         soft_wall=soft_wall,
+        label_error=label_error,
     )
-    if label_error is not None:
-        check_number("label error", label_error, low=0.0, high=100.0, unit="mm")
     places = resolve_places(tract, start, end, via)
     options: dict[str, Any] = {
         "head_step": head_step,
