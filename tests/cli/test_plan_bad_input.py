@@ -153,7 +153,7 @@ BAD = [
     Bad(
         "negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "[0.1, 500] mm")
     ),
-    Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "(0, 500] mm")),
+    Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "[0.1, 500] mm")),
     Bad("endless diameter", with_options("--diameter", "inf"), ("--diameter", "inf")),
     Bad("unknown unit", with_options("--diameter", "5 elbows"), ("elbows", "5mm")),
     Bad("wrong kind of unit", with_options("--link", "5kg"), ("5kg", "unit", "5mm")),
@@ -161,7 +161,7 @@ BAD = [
     Bad("unknown unit of file", of_surface("--unit", "elbow"), ("elbow",)),
     Bad("weight as unit of file", of_surface("--unit", "kg"), ("kg", "length")),
     Bad("unit of a volume", with_options("--unit", "m"), ("'m'", "label volume")),
-    Bad("no link", with_options("--link", "0"), ("link", "is 0", "(0, 10000] mm")),
+    Bad("no link", with_options("--link", "0"), ("link", "is 0", "[0.1, 10000] mm")),
     Bad("link too long", with_options("--link", "5m"), ("link", "5000", "at most", "mm")),
     Bad("scope too short", with_options("--length", "1mm"), ("length", "is 1", "[10")),
     Bad("negative inflation", with_options("--inflate", "-1mm"), ("inflation", "-1", "[0")),
@@ -169,7 +169,7 @@ BAD = [
     Bad("much inflation", with_options("--inflate", "99mm"), ("inflation", "99", "[0, 30] mm")),
     Bad("parsecs", with_options("--length", "5parsec"), ("--length", "parsec", "1e+06] mm")),
     Bad("a scope of 1 km", with_options("--length", "1km"), ("scope length", "[10, 10000] mm")),
-    Bad("a wide scope", with_options("--diameter", "1km"), ("scope diameter", "(0, 500] mm")),
+    Bad("a wide scope", with_options("--diameter", "1km"), ("scope diameter", "[0.1, 500] mm")),
     Bad("a long scope", with_options("--length", "1e9mm"), ("--length", "1e9mm", "1e+06] mm")),
     Bad("1e308 mm", with_options("--voxel", "1e308mm"), ("--voxel", "1e308mm", "1e+06] mm")),
     Bad("a thin scope", with_options("--diameter", "1nm"), ("scope diameter", "[0.1, 500] mm")),

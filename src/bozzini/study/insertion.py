@@ -36,10 +36,10 @@ from ..motion import (
 )
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
-from .inputs import check_options, explain_scale
 from ._robot import find_robot_trouble, write_robot
 from .ends import End, Way, find_way, resolve_places, turn_way
 from .exports import write_centreline, write_volumes
+from .inputs import check_options, explain_scale
 from .reach import Unreached, find_unreached
 
 __all__ = ["InsertionStudy", "run_insertion"]
