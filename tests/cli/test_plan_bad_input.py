@@ -176,7 +176,7 @@ BAD = [
     Bad("a short link", with_options("--link", "1nm"), ("link length", "[0.1, 10000] mm")),
     Bad("no voxel", with_options("--voxel", "0"), ("voxel", "is 0", "[0.01, inf)")),
     Bad("negative voxel", with_options("--voxel", "-1mm"), ("voxel", "is -1", "[0.01, inf)")),
-    Bad("tiny voxel", with_options("--voxel", "1um"), ("voxel", "0.001", "at least")),
+    Bad("tiny voxel", with_options("--voxel", "1um"), ("voxel", "0.001", "[0.01, inf)")),
     Bad("huge voxel", with_options("--voxel", "1m"), ("1000", "smaller --voxel")),
     Bad("huge voxel of a surface", of_surface("--voxel", "1m"), ("1000", "smaller --voxel")),
     Bad("no head step", with_options("--head-step", "0"), ("head step", "is 0", "[0.001, 10]")),
