@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ._tables import PICTURES, check_target
-from ._tract_options import read_with_options, sort_options, tell_findings, tract_options
+from ._tract_options import (
+    count_notes,
+    read_with_options,
+    sort_options,
+    tell_findings,
+    tract_options,
+)
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
@@ -88,6 +94,7 @@ def limits_command(
     with progress_bar(quiet=quiet) as progress:
         study = run_limits(given, diameter=diameter, link=link, progress=progress, **ways)
     tell_findings(study.findings[len(known) :])
+    count_notes(study.findings, "--json")
     if out is not None:
         from ..view.figures import write_figure
         from ..view.traverse_figures import draw_link_limits

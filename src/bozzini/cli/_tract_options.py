@@ -14,7 +14,14 @@ if TYPE_CHECKING:
     from ..anatomy.findings import Finding
     from ..anatomy.tract import LabelTract, Organ, SurfaceTract
 
-__all__ = ["EndType", "read_with_options", "sort_options", "tell_findings", "tract_options"]
+__all__ = [
+    "EndType",
+    "count_notes",
+    "read_with_options",
+    "sort_options",
+    "tell_findings",
+    "tract_options",
+]
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -141,6 +148,15 @@ def read_with_options(
 
 
 def tell_findings(findings: Sequence[Finding]) -> None:
-    """Write what the checks found on stderr, a line each."""
+    """Write the warnings among the findings on stderr, a line each."""
     for item in findings:
-        click.echo(f"bozzini: {item.severity}: {' '.join(item.message.split())}", err=True)
+        if item.severity == "warning":
+            click.echo(f"bozzini: warning: {' '.join(item.message.split())}", err=True)
+
+
+def count_notes(findings: Sequence[Finding], place: str) -> None:
+    """Write on stderr how many notes are left to read, and where they are."""
+    number = sum(item.severity != "warning" for item in findings)
+    if number:
+        word = "note" if number == 1 else "notes"
+        click.echo(f"bozzini: note: and {number} {word}: see {place}", err=True)

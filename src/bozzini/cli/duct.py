@@ -9,7 +9,7 @@ import click
 
 from ._duct_limits import limits_command
 from ._tables import PICTURES, check_target
-from ._tract_options import read_with_options, tell_findings, tract_options
+from ._tract_options import count_notes, read_with_options, tell_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
@@ -115,6 +115,7 @@ def fit_command(
             **ways,
         )
     tell_findings(study.findings[len(tract.findings) :])
+    count_notes(study.findings, "--json")
     if out is not None:
         note = f"{study.fitted.report.pieces} {kind} fitted to {source.name}"
         fit = "least squares" if least_squares else "inscribed"
@@ -191,6 +192,7 @@ def _show_tract(
             tract, spacing=2.0 if spacing is None else spacing, progress=progress, **ways
         )
     tell_findings(study.findings[len(tract.findings) :])
+    count_notes(study.findings, "--json")
     if out is not None:
         from ..view.duct_figures import draw_sections
         from ..view.figures import write_figure
@@ -223,6 +225,7 @@ def _show_shapes(
         with progress_bar(quiet=quiet) as progress:
             study = run_sections(tract, spacing=10.0, progress=progress, **ways)
         tell_findings(study.findings[len(tract.findings) :])
+        count_notes(study.findings, "--json")
         field, line = study.field, study.line
     if out is not None:
         from ..view.duct_figures import draw_shapes

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ._robot_options import choose_scope, describe_robot, read_robot, scope_options
-from ._tract_options import read_with_options, tell_findings, tract_options
+from ._tract_options import count_notes, read_with_options, tell_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
@@ -168,6 +168,7 @@ def command(
             **ways,
         )
     tell_findings(study.findings[len(tract.findings) :])
+    count_notes(study.findings, "the report")
     write_result(study, out, force=force, export=export, as_json=as_json, quiet=quiet)
 
 

@@ -99,10 +99,21 @@ class InsertionStudy:
 
     @property
     def fits(self) -> bool:
-        """Whether the scope, or the robot if there is one, is proved to reach the end clear."""
+        """Whether the scope, or the robot if there is one, is proved to reach the end clear.
+
+        With a stated label error also whether the proof covers it.
+        """
+        if not self._covers_label_error():
+            return False
         if self.robot is not None:
             return self.plan.status == "complete" and self.robot.fits
         return self.plan.status == "complete" and bool(self.plan.meta["certified"])
+
+    def _covers_label_error(self) -> bool:
+        if self.label_error is None:
+            return True
+        proof = self.plan.meta.get("certificate") or {}
+        return bool(self.plan.meta["certified"]) and proof["clearance_mm"] >= self.label_error
 
     def summarise(self) -> dict[str, Any]:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
@@ -132,10 +143,10 @@ class InsertionStudy:
             "goal": {
                 "point_mm": np.round(self.line.points[-1], 3).tolist(),
                 "name": self.way.goal,
+                "given": self.way.goal_given,
             },
             "ends": [candidate.describe() for candidate in self.way.candidates],
             "unreached": [part.describe() for part in self.unreached],
-            "wall_error_covered_mm": summary["clearance_certified_mm"],
             "label_error_mm": self.label_error,
         }
         if self.entries:
@@ -534,9 +545,9 @@ def _find_other_entry(entries: Sequence[Mapping[str, Any]]) -> tuple[Finding, ..
     """Return a warning that names both results where both ends were tried."""
     if not entries:
         return ()
-    texts = []
+    places, results = [], []
     for entry in entries:
-        place = ", ".join(f"{value:.0f}" for value in entry["point_mm"])
+        places.append(f"({', '.join(f'{value:.0f}' for value in entry['point_mm'])}) mm")
         proved = entry["clearance_certified_mm"]
         result = "reaches the other end" if entry["status"] == "complete" else "stops"
         result += f" after {entry['inserted_mm']:.0f} mm of the head's path"
@@ -544,10 +555,15 @@ def _find_other_entry(entries: Sequence[Mapping[str, Any]]) -> tuple[Finding, ..
             result += f", {floor_mm(proved)} mm of clearance proved"
         elif entry["status"] == "complete":
             result += ", not proved"
-        texts.append(f"entered at ({place}) mm the scope {result}")
+        results.append(result)
+    if results[0] == results[1]:
+        text = f"the same from either end, {' or '.join(places)}: the scope {results[0]}"
+    else:
+        pairs = zip(places, results, strict=True)
+        text = "; ".join(f"entered at {place} the scope {result}" for place, result in pairs)
     message = (
-        f"the organ is not known, so both ends were tried: {'; '.join(texts)}. The first is "
-        "reported here: give --organ, --start or --reverse to choose"
+        f"the organ is not known, so both ends were tried: {text}. The first is reported here: "
+        "give --organ, --start or --reverse to choose"
     )
     return (Finding("organ-unknown", "warning", message),)
 

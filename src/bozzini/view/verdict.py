@@ -15,8 +15,6 @@ from .way import find_way
 
 __all__ = ["Verdict", "judge_plan", "list_unreached"]
 
-FAR_END = "the far end"
-
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
@@ -26,7 +24,8 @@ class Verdict:
     ----------
     tone : {"green", "amber", "red"}
         Green: reaches the end, clear of the wall. Amber: reaches the end, but the wall is nearer
-        than the error of an estimate, or has to give way. Red: through the wall, or stopped.
+        than the error of an estimate or than its own error, or has to give way, or lumen is not
+        reached or missing. Red: through the wall, or stopped.
     label : str
         The same in a word or two.
     sentence : str
@@ -109,18 +108,24 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> 
     parts = [part for part in list_unreached(summary) if part.get("stated")]
     if not parts:
         return verdict
-    text = f"Not reached: {join_words([str(part['text']) for part in parts])}."
+    lacks = [str(part["text"]) for part in parts if part.get("kind") == "missing"]
+    rest = [part for part in parts if part.get("kind") != "missing"]
+    texts = [*lacks, *([f"not reached: {join_words([str(p['text']) for p in rest])}"] * bool(rest))]
+    text = "; ".join(texts)
+    text = f"{text[0].upper()}{text[1:]}."
     if plan.status == "stopped":
         return replace(verdict, notes=(*verdict.notes, text))
     label, tone = verdict.label, verdict.tone
-    if label.startswith("Fits"):
-        goal = _read_goal(summary)
-        if goal == FAR_END:
-            share = sum(read_number(part, "share") or 0.0 for part in parts)
-            label = f"{label}; {max(1.0, 100.0 * share):.0f} % of the lumen not reached"
+    if label.startswith("Fits") and _is_goal_given(summary):
+        label = label.replace("Fits", f"Fits to {_read_goal(summary)}", 1)
+    elif label.startswith("Fits"):
+        share = sum(read_number(part, "share") or 0.0 for part in rest)
+        if share > 0.0:
+            label += f"; {max(1.0, 100.0 * share):.0f} % of the lumen not reached"
+        if lacks:
+            label += "; lumen is missing in the file"
+        if share > 0.0 or lacks:
             tone = "amber"
-        else:
-            label = label.replace("Fits", f"Fits to {goal}", 1)
     return replace(verdict, label=label, tone=tone, sentence=f"{verdict.sentence} {text}")
 
 
@@ -133,6 +138,9 @@ def _add_wall_error(verdict: Verdict, claim: Claim, summary: Mapping[str, Any]) 
     if voxel:
         relation = "more" if covered >= voxel else "less"
         text += f", {relation} than the {voxel:.2f} mm by which its resolution may displace it"
+        if covered < voxel and ", proved" in verdict.label:
+            label = verdict.label.replace(", proved", ", proved for the stated wall", 1)
+            verdict = replace(verdict, label=label, tone="amber")
     stated = read_number(summary, "label_error_mm")
     if stated is None:
         return replace(verdict, notes=(*verdict.notes, f"{text}."))
@@ -161,7 +169,13 @@ def join_words(words: Sequence[str]) -> str:
 
 def _read_goal(summary: Mapping[str, Any]) -> str:
     goal = summary.get("goal")
-    return str(goal.get("name") or FAR_END) if isinstance(goal, Mapping) else FAR_END
+    named = goal.get("name") if isinstance(goal, Mapping) else None
+    return str(named or "the far end")
+
+
+def _is_goal_given(summary: Mapping[str, Any]) -> bool:
+    goal = summary.get("goal")
+    return isinstance(goal, Mapping) and bool(goal.get("given"))
 
 
 def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str) -> Verdict:
