@@ -174,12 +174,8 @@ def _read_masks(folder: Path, masks: dict[str, Path], labels: Labels | None) -> 
     findings = joined.findings
     if len(wanted) < len(names):
         left = len(names) - len(set(wanted))
-        masks = (
-            "1 other mask of the folder is"
-            if left == 1
-            else f"{left} other masks of the folder are"
-        )
-        message = f"{masks} not compared"
+        what = "mask of the folder is" if left == 1 else "masks of the folder are"
+        message = f"{left} other {what} not compared"
         findings += (Finding("masks-left-out", "note", message),)
     return replace(
         joined,

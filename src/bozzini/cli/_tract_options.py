@@ -64,8 +64,9 @@ def tract_options(function: _Function) -> _Function:
             click.option(
                 "--part",
                 multiple=True,
-                metavar="NAME",
-                help="The part of a scene to read; may be repeated: the parts are united.",
+                metavar="NAME|NUMBER",
+                help="The part of a scene, or of a mesh (1 is the largest), to read; may be "
+                "repeated: the parts are united.",
             ),
             click.option("--unit", help="Unit of a surface file (default: mm; GLB: m)."),
             click.option(

@@ -79,12 +79,13 @@ METHODS = ("best", "tube", "follow", "thesis")
     type=QuantityType("length"),
     default="0mm",
     show_default=True,
-    help="The body may displace the wall by up to this; the report says where.",
+    help="The body may displace the wall by up to this; the report names the places.",
 )
 @click.option(
     "--label-error",
     type=QuantityType("length"),
-    help="How far the given wall may be from the true one: is that covered by the proof?",
+    help="How far the given wall may be from the true one; exit code 1 if the proof does not "
+    "cover it.",
 )
 @click.option(
     "--export",
@@ -127,11 +128,12 @@ def command(
 ) -> None:
     """Plan how a scope moves through the lumen in INPUT.
 
-    INPUT is a label volume (.nii, .nii.gz) or a surface (.stl, .ply, .obj, .glb). Lengths take
-    units (5mm, 0.5cm). The organ decides which end is the entry: a colon is entered from its lower
-    end, other organs from the higher one; of an unknown organ both ends are tried. With --robot the
-    motion of a tendon robot is made too: tendons.csv tells its drives. Exit code 0: it fits; 1: it
-    does not, and the report says where; 2: bad input.
+    INPUT is a label volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, or a folder of masks) or a
+    surface (.stl, .ply, .obj, .off, .glb, .vtk, .vtp). Lengths take units (5mm, 0.5cm). The organ
+    decides which end is the entry: a colon is entered from its lower end, other organs from the
+    higher one; of an unknown organ both ends are tried. With --robot the motion of a tendon robot
+    is made too: tendons.csv is the time table of its drives. Exit code 0: it fits; 1: it does not,
+    or that is not proved, and the report names the place; 2: bad input.
     """
     from ..files import reserve_directory
 

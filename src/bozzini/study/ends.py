@@ -283,7 +283,7 @@ def _find_named_ends(
     """
     own: Sequence[NDArray[np.float64]] = ()
     try:
-        own = _find_two_openings(tract, field) or find_centreline(field).points[[0, -1]]
+        own = _find_two_openings(tract, field) or tuple(find_centreline(field).points[[0, -1]])
     except GeometryError:  # no tube: the name has to do alone
         pass
     gaps = {
