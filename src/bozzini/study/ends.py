@@ -354,7 +354,8 @@ def name_landmarks(tract: LabelTract | SurfaceTract) -> dict[str, tuple[float, f
     """Return the landmarks of a tract, each place once: by the first of its names."""
     named: dict[tuple[float, float, float], str] = {}
     for name, point in tract.landmarks.items():
-        named.setdefault(point, name)
+        x, y, z = point
+        named.setdefault((x, y, z), name)
     return {name: point for point, name in named.items()}
 
 
