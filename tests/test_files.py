@@ -441,6 +441,10 @@ def test_a_read_only_installation_without_a_home_computes(
     else:
         assert done.stderr.startswith("bozzini: note: compiled code is kept in ")
         assert done.stderr.count("\n") == 1 and "NUMBA_CACHE_DIR" in done.stderr
+        # Where a run fails the error stays the last line.
+        failed = run_bound("-m", "bozzini", "plan", "none.nii", cwd=closing_place, **env)
+        note, error = failed.stderr.splitlines()
+        assert note.startswith("bozzini: note: compiled code") and "error: " in error
         # The next run finds it; a directory that others can write is not trusted.
         times = {path: path.stat().st_mtime_ns for path in kept}
         assert run_bound(*call, cwd=closing_place, **env).returncode == 0

@@ -71,7 +71,7 @@ def test_pairs_of_sheets_become_the_lumen_of_the_inner_ones():
     assert tract.volume == pytest.approx(np.pi * 100.0 * 60.0 * 2.2, rel=0.02)
     assert [opening.radius for opening in tract.openings] == pytest.approx([10.0, 10.0], rel=0.02)
     assert {"sheets-solidified", "ends-capped"} <= set(codes(tract))
-    assert "lumen-missing" not in codes(tract)
+    assert "lumen-missing" not in codes(tract) and tract.missing == ()
     voxel = tract.spacing.max()
     assert 0.5 * np.sqrt(3.0) * voxel < tract.wall_error < 2.0 * np.sqrt(3.0) * voxel
     assert "solidified" in tract.wall
@@ -85,6 +85,10 @@ def test_lumen_without_an_inner_sheet_is_reported_as_missing():
     message = codes(tract)["lumen-missing"].message
     place = [float(word) for word in message.split("(")[1].split(")")[0].split(",")]
     assert np.arctan2(place[2], place[0]) == pytest.approx(2.4, abs=0.2)
+    (part,) = tract.missing
+    assert part.point == pytest.approx(place, abs=0.051)
+    # At most what the outer sheet encloses there, and most of it.
+    assert 0.6 < part.volume / (np.pi * 144.0 * 60.0 * 0.8) < 1.0
 
 
 def test_single_open_sheets_one_behind_the_other_are_united():
@@ -127,7 +131,7 @@ def test_an_outer_sheet_that_goes_on_without_the_inner_one_is_reported():
     tract = tract_from_surface(*merge(*walls((0.0, 1.0)), bent_tube(12.0, 1.0, 2.0)))
     assert tract.kind == "surface"
     assert tract.volume == pytest.approx(np.pi * 100.0 * 60.0, rel=0.02)
-    assert "lumen-missing" in codes(tract)
+    assert "lumen-missing" in codes(tract) and len(tract.missing) == 1
 
 
 def save_scene(path, **parts):

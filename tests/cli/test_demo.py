@@ -14,6 +14,7 @@ from bozzini.cli.main import main
 from tests.cli.plan_cases import list_all
 
 FILES = {"plan.npz", "summary.json", "report.html", "picture.png", "scene.glb"}
+FILES |= {"centreline.mrk.json", "centreline.vtp"}
 
 
 def run_demo(place: Path, *options: str) -> tuple[int, dict[str, Any]]:
@@ -71,7 +72,7 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_another(
         (["--voxel", "0"], ["voxel", "0"]),
         (["--voxel", "1um"], ["voxel", "0.001"]),
         (["--voxel", "1m"], ["1000"]),
-        (["--diameter", "-9mm"], ["diameter", "-9", "(0, inf)"]),
+        (["--diameter", "-9mm"], ["diameter", "-9", "[0.1, 500]"]),
         (["--link", "3m"], ["link", "3000", "at most"]),
     ],
 )

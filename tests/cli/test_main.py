@@ -285,8 +285,8 @@ sys.exit(cli.main(["probe"]))
     ("number", "code", "words"),
     [
         (signal.SIGINT, 130, "bozzini: interrupted\n"),
-        (signal.SIGTERM, -signal.SIGTERM, ""),
-        (signal.SIGHUP, -signal.SIGHUP, ""),
+        (signal.SIGTERM, -signal.SIGTERM, "bozzini: interrupted\n"),
+        (signal.SIGHUP, -signal.SIGHUP, "bozzini: interrupted\n"),
     ],
 )
 def test_a_signal_leaves_nothing_half_written(
@@ -305,6 +305,40 @@ def test_a_signal_leaves_nothing_half_written(
     _, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (code, words)
     assert list(tmp_path.iterdir()) == []
+
+
+_CALLING_BACK = """
+import ctypes, os, sys, time, click
+from types import ModuleType
+from bozzini.cli import main as cli
+def work(number, fails):
+    # As a compiler does: what is raised while C calls back is dropped by Python.
+    back = ctypes.CFUNCTYPE(None)(lambda: (os.kill(os.getpid(), number), time.sleep(0.01)))
+    back()
+    if fails:
+        raise RuntimeError("no code was made")
+    time.sleep(60)
+module = ModuleType("probe")
+module.command = click.Command("probe", callback=lambda: work({number}, {fails}))
+sys.modules["bozzini.cli.probe"] = module
+cli.COMMANDS["probe"] = ""
+sys.exit(cli.main(["probe"]))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+@pytest.mark.parametrize("fails", [False, True])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)]
+)
+def test_a_signal_inside_a_callback_of_compiled_code_ends_the_run(
+    number: int, code: int, fails: bool
+) -> None:
+    script = _CALLING_BACK.format(number=int(number), fails=fails)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=50
+    )
+    assert (done.returncode, done.stderr) == (code, "bozzini: interrupted\n")
 
 
 def test_signals_are_as_before_after_a_run(use: Setup) -> None:

@@ -184,7 +184,8 @@ def test_every_kind_of_surface_gives_the_same_plan(
 ) -> None:
     source = tmp_path / f"tube.{suffix}"
     tracts.mesh.export(source)
-    outcome = run(source, *SCOPE, "--json", "--out", tmp_path / "p")
+    unit = ["--unit", "mm"] if suffix == "glb" else []  # its standard says metres
+    outcome = run(source, *SCOPE, *unit, "--json", "--out", tmp_path / "p")
     assert outcome.code in (0, 1)
     expected = np.linalg.norm(np.diff(CURVE, axis=0), axis=1).sum()
     assert outcome.result["status"] == "complete"
@@ -238,10 +239,20 @@ def test_a_name_that_is_not_utf8_goes_through(tracts: Tracts, run: Run, tmp_path
     assert "\\udcff é.stl" in (place / "report.html").read_text("utf-8")
 
 
-def test_findings_are_told_once_on_stderr(tracts: Tracts, run: Run, tmp_path: Path) -> None:
+def test_warnings_stand_on_stderr_once_and_notes_are_counted(
+    tracts: Tracts, run: Run, tmp_path: Path
+) -> None:
     outcome = run(tracts.halves, *SCOPE, "--labels", "2", "--quiet", "--out", tmp_path / "plan")
     assert outcome.code in (0, 1)
     summary = json.loads((tmp_path / "plan" / "summary.json").read_text("utf-8"))
-    told = [f"bozzini: {item['severity']}: {item['message']}" for item in summary["findings"]]
-    assert told and outcome.err.splitlines() == told
+    notes = [item for item in summary["findings"] if item["severity"] == "note"]
+    warnings = [item for item in summary["findings"] if item["severity"] == "warning"]
+    assert notes and warnings
+    count = f"{len(notes)} note" + "s" * (len(notes) > 1)
+    assert outcome.err.splitlines() == [
+        *(f"bozzini: warning: {item['message']}" for item in warnings),
+        f"bozzini: note: and {count}: see the report",
+    ]
+    report = (tmp_path / "plan" / "report.html").read_text("utf-8")
+    assert all(item["message"] in report for item in notes)
     assert not any(item["message"] in outcome.out for item in summary["findings"])

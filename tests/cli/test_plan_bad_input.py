@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from bozzini import motion
+from bozzini.cli.plan import METHODS
 from tests.cli.plan_cases import SCOPE, Outcome, Run, Tracts, list_all, write_volume
 
 NOTES = b"These are my notes.\n" * 20
@@ -148,8 +150,10 @@ BAD = [
     Bad("start not finite", with_options("--start", "nan,0,0"), ("--start", "nan")),
     Bad("start label not there", with_options("--start", "9"), ("start", "9", "one of 1")),
     Bad("label end of a surface", of_surface("--end", "2"), ("end", "2", "surface", "point")),
-    Bad("negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "(0, 500] mm")),
-    Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "(0, 500] mm")),
+    Bad(
+        "negative diameter", with_options("--diameter", "-5mm"), ("diameter", "-5", "[0.1, 500] mm")
+    ),
+    Bad("no diameter", with_options("--diameter", "0mm"), ("diameter", "is 0", "[0.1, 500] mm")),
     Bad("endless diameter", with_options("--diameter", "inf"), ("--diameter", "inf")),
     Bad("unknown unit", with_options("--diameter", "5 elbows"), ("elbows", "5mm")),
     Bad("wrong kind of unit", with_options("--link", "5kg"), ("5kg", "unit", "5mm")),
@@ -157,7 +161,7 @@ BAD = [
     Bad("unknown unit of file", of_surface("--unit", "elbow"), ("elbow",)),
     Bad("weight as unit of file", of_surface("--unit", "kg"), ("kg", "length")),
     Bad("unit of a volume", with_options("--unit", "m"), ("'m'", "label volume")),
-    Bad("no link", with_options("--link", "0"), ("link", "is 0", "(0, 10000] mm")),
+    Bad("no link", with_options("--link", "0"), ("link", "is 0", "[0.1, 10000] mm")),
     Bad("link too long", with_options("--link", "5m"), ("link", "5000", "at most", "mm")),
     Bad("scope too short", with_options("--length", "1mm"), ("length", "is 1", "[10")),
     Bad("negative inflation", with_options("--inflate", "-1mm"), ("inflation", "-1", "[0")),
@@ -165,12 +169,14 @@ BAD = [
     Bad("much inflation", with_options("--inflate", "99mm"), ("inflation", "99", "[0, 30] mm")),
     Bad("parsecs", with_options("--length", "5parsec"), ("--length", "parsec", "1e+06] mm")),
     Bad("a scope of 1 km", with_options("--length", "1km"), ("scope length", "[10, 10000] mm")),
-    Bad("a wide scope", with_options("--diameter", "1km"), ("scope diameter", "(0, 500] mm")),
+    Bad("a wide scope", with_options("--diameter", "1km"), ("scope diameter", "[0.1, 500] mm")),
     Bad("a long scope", with_options("--length", "1e9mm"), ("--length", "1e9mm", "1e+06] mm")),
     Bad("1e308 mm", with_options("--voxel", "1e308mm"), ("--voxel", "1e308mm", "1e+06] mm")),
-    Bad("no voxel", with_options("--voxel", "0"), ("voxel", "is 0", "(0, inf)")),
-    Bad("negative voxel", with_options("--voxel", "-1mm"), ("voxel", "is -1", "(0, inf)")),
-    Bad("tiny voxel", with_options("--voxel", "1um"), ("voxel", "0.001", "at least")),
+    Bad("a thin scope", with_options("--diameter", "1nm"), ("scope diameter", "[0.1, 500] mm")),
+    Bad("a short link", with_options("--link", "1nm"), ("link length", "[0.1, 10000] mm")),
+    Bad("no voxel", with_options("--voxel", "0"), ("voxel", "is 0", "[0.01, inf)")),
+    Bad("negative voxel", with_options("--voxel", "-1mm"), ("voxel", "is -1", "[0.01, inf)")),
+    Bad("tiny voxel", with_options("--voxel", "1um"), ("voxel", "0.001", "[0.01, inf)")),
     Bad("huge voxel", with_options("--voxel", "1m"), ("1000", "smaller --voxel")),
     Bad("huge voxel of a surface", of_surface("--voxel", "1m"), ("1000", "smaller --voxel")),
     Bad("no head step", with_options("--head-step", "0"), ("head step", "is 0", "[0.001, 10]")),
@@ -227,6 +233,32 @@ def check_refusal(
         assert set(outcome.result) == {"error"}
     else:
         assert outcome.out == ""
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        "--inflate=99mm",
+        "--method=magic",
+        "--head-step=0mm",
+        "--slip=7",
+        "--label-error=-1mm",
+        "--voxel=1e-6mm",
+        "--diameter=1nm",
+    ],
+)
+def test_an_option_is_refused_before_the_file_is_read(
+    run: Run, tmp_path: Path, option: str
+) -> None:
+    # There is no such file: what is refused first is what is looked at first.
+    outcome = run(tmp_path / "none.nii.gz", option, "--quiet", "--out", tmp_path / "plan")
+    assert outcome.code == 2 and "none.nii.gz" not in outcome.err
+    assert option.partition("=")[0].strip("-").replace("-", " ")[:4] in outcome.err.lower()
+    assert list_all(tmp_path) == set()
+
+
+def test_the_command_line_knows_every_planner() -> None:
+    assert METHODS == motion.METHODS
 
 
 @pytest.mark.parametrize("as_json", [False, True], ids=["", "json"])

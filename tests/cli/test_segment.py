@@ -58,7 +58,9 @@ def test_labels_picture_and_report(scan: Path, capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--out", "labels.stl"], "written as .nii"),
+        (["--out", "labels.stl"], "labels are written as .nii or .nii.gz"),
+        (["--out", "labels.txt"], "labels are written as .nii or .nii.gz"),
+        (["--out", "labels.nii", "--threshold", "-300"], "-1000.0<=x<=-400.0"),
         (["--out", "labels.nii", "--seed", "60mm,60mm,5mm"], "from the nearest gas"),
         (["--out", "labels.nii", "--threshold", "5"], "threshold"),
         (["--out", "none/labels.nii"], "not a directory"),

@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 
 from bozzini.anatomy.labels import tract_from_labels
+from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
 from bozzini.cli._tract_options import _ORGANS
 from bozzini.duct import build_field, find_centreline
-from bozzini.errors import InputError
+from bozzini.errors import GeometryError, InputError
 from bozzini.motion import Scope
 from bozzini.study import run_insertion
-from bozzini.study.ends import find_way, resolve_places
+from bozzini.study.ends import find_way, measure_gap, resolve_places
 from bozzini.study.exports import write_centreline, write_volumes
-from bozzini.study.reach import find_unreached
+from bozzini.study.reach import Unreached, find_unreached
 from bozzini.view.verdict import judge_plan
 from tests.shapes import curve_distance
 
@@ -121,6 +122,72 @@ def test_places_have_names(tract) -> None:
         named, numbered = way_of(tract, name, None), way_of(tract, number, None)
         assert named.line.points == pytest.approx(numbered.line.points)
     assert way_of(tract, None, "appendix tip").goal == "the given end (landmark 'appendix tip')"
+
+
+def test_a_landmark_at_an_end_gives_the_point_that_is_found_there(tract) -> None:
+    colon = replace(tract, organ="colon")
+    found = way_of(colon, None, None).line.points[0]
+    marked = replace(colon, landmarks={**colon.landmarks, "anus": (0.0, -40.0, -74.0)})
+    for name in ("anus", "opening 1"):
+        for end in (None, "splenic flexure"):
+            assert way_of(marked, name, end).line.points[0] == pytest.approx(found), (name, end)
+    back = way_of(marked, "splenic flexure", "anus").line
+    assert back.points[-1] == pytest.approx(found)
+
+
+def test_an_end_that_was_found_is_named_by_its_opening(tract) -> None:
+    top = Opening(point=(50.0, 14.0, 27.0), radius=8.0, name="opening 2")
+    capped = replace(tract, organ="colon", openings=(tract.openings[0], top), landmarks={})
+    way = way_of(capped, None, None)
+    assert (way.goal, way.goal_given) == ("opening 2", False)
+    assert way_of(capped, None, None, reverse=True).goal == "opening 1"
+    assert way_of(replace(capped, openings=()), None, None).goal == "the far end"
+    assert way_of(capped, None, "opening 2").goal_given
+
+
+def test_a_landmark_is_read_by_words(tract) -> None:
+    for name, marks in (("spinal canal", False), ("anal_verge", True), ("oropharynx", True)):
+        way = way_of(replace(tract, organ=None, landmarks={name: tuple(LOW)}), None, None)
+        assert way.decided is marks, name
+
+
+def test_a_place_far_outside_is_refused_before_any_work_and_names_are_listed_once(tract) -> None:
+    far = (0.0, 0.0, -125.0)
+    lacking = Component(volume=37_700.0, point=far)
+    odd = replace(tract, landmarks={"appendix orifice": far, "AO": far, "anus": tuple(LOW)})
+    for start, missing, words in (
+        ("AO", (), r"landmark 'AO' lies 6\d mm outside the lumen: give"),
+        ("AO", (lacking,), r"6\d mm outside the lumen, of which 37.7 mL are missing in the file"),
+        (far, (), r"\(0, 0, -125\) mm lies 6\d mm outside"),
+    ):
+        with pytest.raises(GeometryError, match=words):
+            resolve_places(replace(odd, missing=missing), start, None)
+    with pytest.raises(InputError, match=r"'appendix orifice', 'anus'"):
+        resolve_places(odd, "no name", None)
+    assert [c.name for c in way_of(odd, None, None).candidates if c.kind == "landmark"] == [
+        "appendix orifice",
+        "anus",
+    ]
+    # The one label of a whole lumen is no place in it.
+    whole = replace(tract, labels=(tract.labels > 0).astype(np.uint16), label_names={})
+    with pytest.raises(InputError) as caught:
+        resolve_places(whole, "no name", None)
+    assert "one of 'splenic flexure'" in str(caught.value)
+
+
+@pytest.mark.parametrize("surface", [False, True])
+def test_how_far_a_point_lies_outside(tract, surface: bool) -> None:
+    solid = tract
+    if surface:
+        from skimage.measure import marching_cubes
+
+        vertices, faces, _, _ = marching_cubes(tract.mask.astype(np.float32), 0.5)
+        world = vertices @ tract.affine[:3, :3].T + tract.affine[:3, 3]
+        solid = tract_from_surface(world, faces, source="tube")
+    assert measure_gap(solid, COLON[1]) == 0.0
+    for away in (20.0, 60.0):
+        gap = measure_gap(solid, np.array([0.0, 0.0, 0.0]) - [away, 0.0, 0.0])
+        assert gap == pytest.approx(away - 8.0, abs=3.0 * VOXEL)
 
 
 def test_a_wrong_name_lists_the_legal_ones_in_one_line(tract) -> None:
@@ -247,7 +314,37 @@ def test_a_component_that_is_not_joined_stands_in_the_verdict(tract, both) -> No
     assert "separate component (caecum)" in verdict.sentence
     assert replace(torn, unreached=(replace(torn.unreached[0], kind="branch"),)).fits
     whole = judge_plan(study.plan, study.summarise())
-    assert whole.label == "Fits, proved" and whole.tone == "green"
+    assert whole.label.startswith("Fits, proved") and "lumen" not in whole.label
+
+
+def test_missing_lumen_and_landmarks_outside_stand_in_the_verdict(tract, both) -> None:
+    bare, study = both
+    far = (0.0, 0.0, -125.0)
+    marks = {"ileocaecal valve": far, "ICV": far, "flexure": (0.0, 0.0, 50.0)}
+    gone = Component(volume=0.07 * bare.volume, point=(0.0, 0.0, -110.0))
+    lacking = replace(bare, missing=(gone,), landmarks=marks)
+    torn = replace(study, unreached=find_unreached(lacking, study.field, study.line))
+    assert [part.kind for part in torn.unreached] == ["missing", "landmark"]
+    verdict = judge_plan(torn.plan, torn.summarise())
+    size = f"{gone.volume / 1000.0:.3g} mL of lumen are missing in the file"
+    assert f"{size}; not reached: ileocaecal valve." in verdict.sentence
+    assert verdict.label.endswith("lumen is missing in the file") and verdict.tone == "amber"
+    assert torn.fits
+
+
+def test_a_proof_below_the_error_of_the_wall_is_amber(both) -> None:
+    study = both[1]
+    for error, tone, label in (
+        (1e-3, "green", "Fits, proved"),
+        (9.0, "amber", "Fits, proved for the stated wall"),
+    ):
+        verdict = judge_plan(study.plan, study.summarise() | {"wall_error_mm": error})
+        assert (verdict.tone, verdict.label) == (tone, label)
+
+
+def test_a_small_part_is_less_than_one_percent() -> None:
+    part = Unreached(kind="component", volume=99.0, share=0.0002, point=(0.0, 0.0, 0.0))
+    assert "(<1 % of the lumen)" in part.words and not part.stated
 
 
 def test_a_septum_that_closes_the_lumen_is_no_fit() -> None:
@@ -317,9 +414,11 @@ def test_two_tubes_in_one_field_are_two_components() -> None:
 def test_the_verdict_states_up_to_which_wall_error_the_proof_holds(both) -> None:
     summary = both[1].summarise()
     proved = summary["clearance_certified_mm"]
-    assert summary["wall_error_covered_mm"] == proved > 0.0
+    assert proved > 0.0
     for stated, covers in ((0.5 * proved, True), (2.0 * proved, False)):
-        verdict = judge_plan(both[1].plan, summary | {"label_error_mm": stated})
+        asked = replace(both[1], label_error=stated)
+        assert asked.fits is covers  # the user asked for it
+        verdict = judge_plan(asked.plan, asked.summarise())
         (note,) = verdict.notes
         assert ("does not cover" in note) is not covers
         assert (verdict.tone == "green") is covers

@@ -15,7 +15,7 @@ from ._kernels import add_windings
 from ._sheets import Choice, Sheet, close_sheet
 from .findings import Finding, name_place
 from .labels import tract_from_labels
-from .tract import LabelTract, Opening
+from .tract import Component, LabelTract, Opening
 
 __all__ = ["find_missing", "find_openings", "measure_width", "report_holes", "solidify"]
 
@@ -148,7 +148,8 @@ def solidify(
         found += _check_ambiguous(points, kept, lumen, grid, source)
     found += report_holes(openings, small)
     lumen = _carve(points, choice, lumen, grid, found)
-    found += find_missing(points, choice.outer, kept)
+    missing, lacks = find_missing(points, choice.outer, kept)
+    found += lacks
     volume = lumen.astype(np.uint16)
     if len(names) > 1:
         for k, sheet in reversed(list(enumerate(choice.kept))):
@@ -159,20 +160,24 @@ def solidify(
     tract = tract_from_labels(volume, affine, source=source, findings=found)
     sheets = np.concatenate((kept, *(sheet.faces for sheet in choice.copies)))
     caps = closed[len(kept) :]
-    deviation, farthest, place = _measure_deviation(corners, sheets, caps, tract)
+    deviation, farthest, place, at_cap = _measure_deviation(corners, sheets, caps, tract)
     number = len(choice.kept)
     message = (
         f"{number} {'sheet' if number == 1 else 'sheets'} united to one lumen of voxels of "
-        f"{grid.voxel:.2g} mm ({len(choice.outer)} outer, {len(choice.copies)} doubled left out): "
-        f"its wall is within {deviation[0]:.2f} mm (95 %), {deviation[1]:.2f} mm (99 %) of the "
-        f"triangles and flat caps, and {farthest:.1f} mm of the triangles alone, near "
-        f"{name_place(place)} mm"
+        f"{grid.voxel:.2g} mm: its wall is within {deviation[0]:.2f} mm (95 %), "
+        f"{deviation[1]:.2f} mm (99 %) and {farthest:.1f} mm (all) of the triangles, farthest near "
+        f"{name_place(place)} mm, {'on a flat cap' if at_cap else 'where sheets meet'}"
     )
     found = [*tract.findings, Finding("sheets-solidified", "warning", message)]
     return replace(
         tract,
         findings=tuple(found),
         openings=openings,
+        # One label stands for the whole lumen here: it is no name of a part.
+        not_reached=tuple(
+            part if len(names) > 1 else replace(part, label_names=()) for part in tract.not_reached
+        ),
+        missing=missing,
         label_names={k + 1: name for k, name in enumerate(names) if k + 1 in tract.label_values},
         wall=f"faces of voxels of {grid.voxel:.2g} mm of the solidified surface",
         wall_error=float(0.5 * np.sqrt(3.0) * grid.voxel + deviation[1]),
@@ -321,13 +326,15 @@ def _carve_touched(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> 
     lumen[tuple(index[squared <= reach**2].T)] = False
 
 
-def find_missing(points: Vertices, outer: Sequence[Sheet], kept: Faces) -> list[Finding]:
-    """Report where an outer sheet encloses a place that no inner one does."""
+def find_missing(
+    points: Vertices, outer: Sequence[Sheet], kept: Faces
+) -> tuple[tuple[Component, ...], list[Finding]]:
+    """Find where an outer sheet encloses a place that no inner one does, and report it."""
     from scipy import ndimage
     from scipy.spatial import cKDTree
 
     if not outer:
-        return []
+        return (), []
     faces = np.concatenate((kept, *(sheet.faces for sheet in outer)))
     grid = _Grid(points, faces, COARSE * _Grid(points, kept).voxel)
     step = grid.voxel
@@ -340,25 +347,27 @@ def find_missing(points: Vertices, outer: Sequence[Sheet], kept: Faces) -> list[
     theirs = points[np.unique(np.concatenate([sheet.faces for sheet in outer]))]
     thick, _ = cKDTree(theirs).query(points[np.unique(kept)])
     away = ndimage.distance_transform_edt(~inside, sampling=step)
-    missing = enclosed & (away > 2.0 * np.quantile(thick, 0.95) + step)
-    label, number = ndimage.label(missing)
+    lacking = enclosed & (away > 2.0 * np.quantile(thick, 0.95) + step)
+    label, number = ndimage.label(lacking)
     if not number:
-        return []
+        return (), []
     sizes = np.bincount(label.reshape(-1))[1:] * step**3
     largest = int(sizes.argmax())
     if sizes[largest] < 0.005 * float(inside.sum()) * step**3:
-        return []
+        return (), []
     place = grid.place(np.argwhere(label == largest + 1)).mean(axis=0)
     message = (
         f"only an outer sheet is there round {sizes.sum() / 1000.0:.3g} mL, the most near "
         f"{name_place(place)} mm: that lumen is missing"
     )
-    return [Finding("lumen-missing", "warning", message)]
+    x, y, z = (float(v) for v in place)
+    part = Component(volume=float(sizes.sum()), point=(x, y, z))
+    return (part,), [Finding("lumen-missing", "warning", message)]
 
 
 def _measure_deviation(
     points: Vertices, faces: Faces, caps: Faces, tract: LabelTract
-) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+) -> tuple[NDArray[np.float64], float, NDArray[np.float64], bool]:
     """Return how far the faces of voxels are from the triangles.
 
     Returns
@@ -369,6 +378,8 @@ def _measure_deviation(
         The largest distance to the triangles alone [mm].
     place : (3,) float
         Where that is.
+    at_cap : bool
+        Whether a cap is nearer there than any triangle.
     """
     import igl
 
@@ -393,4 +404,4 @@ def _measure_deviation(
     if at_cap.any():
         distance[at_cap] = ask(faces, middles[at_cap])[0]
     most = int(distance.argmax())
-    return np.asarray(shares), float(distance[most]), middles[most]
+    return np.asarray(shares), float(distance[most]), middles[most], bool(at_cap[most])

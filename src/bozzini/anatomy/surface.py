@@ -15,7 +15,7 @@ from ._scale import check_scale
 from ._sheets import Choice, Sheet, choose_sheets, close_sheet
 from ._solidify import find_missing, find_openings, measure_width, report_holes, solidify
 from .findings import Finding, name_place
-from .tract import LabelTract, Opening, SurfaceTract
+from .tract import Component, LabelTract, Opening, SurfaceTract
 
 __all__ = ["tract_from_surface", "unite_parts"]
 
@@ -108,6 +108,7 @@ def tract_from_surface(
     part = _mesh.label_parts(triangles, len(points))
     wall = _find_largest(points, triangles, part)
     openings: tuple[Opening, ...] = ()
+    missing: tuple[Component, ...] = ()
     edges = _mesh.count_edges(triangles[part == wall])
     if (edges.counts % 2 == 1).any():
         choice = choose_sheets(points, triangles)
@@ -115,7 +116,9 @@ def tract_from_surface(
             raise GeometryError(f"{source} is open and encloses no volume")
         if len(choice.kept) > 1:
             return solidify(points, choice, source=source, found=found)
-        points, triangles, part, openings = _cap_sheet(points, choice, source, found, repair)
+        points, triangles, part, openings, missing = _cap_sheet(
+            points, choice, source, found, repair
+        )
         wall = 0
     parts = resolve_parts(points, triangles, found, part=part, wall=wall)
     points, triangles = parts.points, _orient(parts.points, parts.wall, found)
@@ -139,6 +142,7 @@ def tract_from_surface(
         findings=tuple(found),
         openings=openings,
         not_reached=parts.apart,
+        missing=missing,
         wall=wall_text,
     )
 
@@ -217,7 +221,7 @@ def _find_largest(points: Vertices, triangles: Faces, part: NDArray[np.int64]) -
 
 def _cap_sheet(
     points: Vertices, choice: Choice, source: str, found: list[Finding], repair: bool
-) -> tuple[Vertices, Faces, NDArray[np.int64], tuple[Opening, ...]]:
+) -> tuple[Vertices, Faces, NDArray[np.int64], tuple[Opening, ...], tuple[Component, ...]]:
     """Cap the one sheet that bounds the lumen; the other sheets become parts beside it."""
     sheet = choice.kept[0]
     width = measure_width(points, sheet.faces, sheet.holes)
@@ -250,10 +254,11 @@ def _cap_sheet(
             f"there first"
         )
     found += report_holes(openings, small)
-    found += find_missing(points, choice.outer, sheet.faces)
+    missing, lacks = find_missing(points, choice.outer, sheet.faces)
+    found += lacks
     others = [s.faces for s in (*choice.outer, *choice.copies, *choice.others)]
     part = np.repeat(np.arange(1 + len(others)), [len(closed), *(len(faces) for faces in others)])
-    return corners, np.concatenate((closed, *others)), part, openings
+    return corners, np.concatenate((closed, *others)), part, openings, missing
 
 
 def _is_flat(hole: _mesh.Hole) -> bool:

@@ -45,7 +45,7 @@ class Opening:
 
 @dataclass(frozen=True, kw_only=True)
 class Component:
-    """A part of the lumen of a file that is not joined to the part that was kept.
+    """A part of a lumen that is not joined to the part that was kept, or that the file lacks.
 
     Attributes
     ----------
@@ -87,6 +87,8 @@ class LabelTract:
         Open ends that were capped.
     not_reached : tuple of Component
         The other parts of the lumen, largest first: no motion in this tract reaches them.
+    missing : tuple of Component
+        Lumen that the file lacks: places that only an outer sheet of the wall encloses.
     frame : str, optional
         Where the world axes point in the patient, a letter each (R or L, A or P, S or I), such as
         "RAS" or "LPS"; None where the file does not say.
@@ -113,6 +115,7 @@ class LabelTract:
     landmarks: Mapping[str, Point] = field(default_factory=dict)
     openings: tuple[Opening, ...] = ()
     not_reached: tuple[Component, ...] = ()
+    missing: tuple[Component, ...] = ()
     frame: str | None = None
     wall: str = ""
     wall_error: float | None = None
@@ -188,6 +191,8 @@ class SurfaceTract:
         Open ends that were capped.
     not_reached : tuple of Component
         The other parts of the lumen, largest first: no motion in this tract reaches them.
+    missing : tuple of Component
+        Lumen that the file lacks: places that only an outer sheet of the wall encloses.
     frame : str, optional
         Where the world axes point in the patient, a letter each (R or L, A or P, S or I), such as
         "RAS" or "LPS"; None where the file does not say.
@@ -210,6 +215,7 @@ class SurfaceTract:
     landmarks: Mapping[str, Point] = field(default_factory=dict)
     openings: tuple[Opening, ...] = ()
     not_reached: tuple[Component, ...] = ()
+    missing: tuple[Component, ...] = ()
     frame: str | None = None
     wall: str = ""
     wall_error: float | None = None

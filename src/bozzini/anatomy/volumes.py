@@ -173,7 +173,9 @@ def _read_masks(folder: Path, masks: dict[str, Path], labels: Labels | None) -> 
         raise InputError("no labels were given: name at least one, or 'all'")
     findings = joined.findings
     if len(wanted) < len(names):
-        message = f"{len(names) - len(set(wanted))} other masks of the folder are not compared"
+        left = len(names) - len(set(wanted))
+        what = "mask of the folder is" if left == 1 else "masks of the folder are"
+        message = f"{left} other {what} not compared"
         findings += (Finding("masks-left-out", "note", message),)
     return replace(
         joined,

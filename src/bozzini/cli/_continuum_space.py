@@ -60,7 +60,7 @@ CELLS = 30.0
     metavar="X,Y,Z",
     help="Also try in how many directions the tip can look from here, by the inverse.",
 )
-@click.option("--directions", default=100, show_default=True, help="Directions told apart.")
+@click.option("--directions", default=100, show_default=True, help="Number of directions.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path),

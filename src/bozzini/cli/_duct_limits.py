@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ._tables import PICTURES, check_target
-from ._tract_options import read_with_options, sort_options, tell_findings, tract_options
+from ._tract_options import (
+    count_notes,
+    read_with_options,
+    sort_options,
+    tell_findings,
+    tract_options,
+)
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
@@ -76,10 +82,10 @@ def limits_command(
 ) -> None:
     """Bound the longest link and the largest diameter along the lumen in INPUT, and say where.
 
-    INPUT is a label volume (.nii, .nii.gz), a surface (.stl, .ply, .obj, .glb) or fitted shapes
-    (.json, .yaml). All bounds are proved; of shapes they are about the shapes, and where these
-    were fitted to a tract, what does not pass them may pass the tract. Exit code 0: the link passes
-    (without --link: short ones do); 1: it does not, or these bounds do not decide it; 2: bad input.
+    INPUT is a label volume or a surface, as for bozzini plan, or fitted shapes (.json, .yaml). All
+    bounds are proved; of shapes they are about the shapes, and where these were fitted to a tract,
+    what does not pass them may pass the tract. Exit code 0: the link passes (without --link: short
+    ones do); 1: it does not, or these bounds do not decide it; 2: bad input.
     """
     check_target(out, PICTURES, force=force)
     from ..study.traverse import run_limits
@@ -88,6 +94,7 @@ def limits_command(
     with progress_bar(quiet=quiet) as progress:
         study = run_limits(given, diameter=diameter, link=link, progress=progress, **ways)
     tell_findings(study.findings[len(known) :])
+    count_notes(study.findings, "--json")
     if out is not None:
         from ..view.figures import write_figure
         from ..view.traverse_figures import draw_link_limits
@@ -133,13 +140,13 @@ def _describe(study: LimitsStudy) -> str:
             f"{by}"
         )
     else:
-        lines.append(f"  the centreline has no room for it at {links.link_low_at:.0f} mm")
+        lines.append(f"  the centreline has no clearance for it at {links.link_low_at:.0f} mm")
     for bound, at, whose in (
         (links.link_head, links.link_head_at, " with its head on the centreline"),
         (links.link_high, links.link_high_at, " at all"),
     ):
         if bound == 0.0:
-            lines.append(f"  no link passes{whose}; there is no room at {at:.0f} mm")
+            lines.append(f"  no link passes{whose}; there is no clearance at {at:.0f} mm")
         elif math.isfinite(bound):
             lines.append(
                 f"  none above {_ceil(bound)} mm passes{whose}; the bend at {at:.0f} mm limits it"

@@ -14,7 +14,14 @@ if TYPE_CHECKING:
     from ..anatomy.findings import Finding
     from ..anatomy.tract import LabelTract, Organ, SurfaceTract
 
-__all__ = ["EndType", "read_with_options", "sort_options", "tell_findings", "tract_options"]
+__all__ = [
+    "EndType",
+    "count_notes",
+    "read_with_options",
+    "sort_options",
+    "tell_findings",
+    "tract_options",
+]
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -57,8 +64,9 @@ def tract_options(function: _Function) -> _Function:
             click.option(
                 "--part",
                 multiple=True,
-                metavar="NAME",
-                help="The part of a scene to read; may be repeated: the parts are united.",
+                metavar="NAME|NUMBER",
+                help="The part of a scene, or of a mesh (1 is the largest), to read; may be "
+                "repeated: the parts are united.",
             ),
             click.option("--unit", help="Unit of a surface file (default: mm; GLB: m)."),
             click.option(
@@ -128,8 +136,10 @@ def read_with_options(
     from dataclasses import replace
 
     from ..anatomy import read_tract
+    from ..study.inputs import check_field_options
 
     reading, organ, ways = sort_options(options)
+    check_field_options(voxel=ways["voxel"], inflate=ways["inflate"])  # before the file is read
     with progress_bar(quiet=quiet) as progress:
         progress("read", 0.0)
         tract = read_tract(source, **reading)
@@ -139,6 +149,15 @@ def read_with_options(
 
 
 def tell_findings(findings: Sequence[Finding]) -> None:
-    """Write what the checks found on stderr, a line each."""
+    """Write the warnings among the findings on stderr, a line each."""
     for item in findings:
-        click.echo(f"bozzini: {item.severity}: {' '.join(item.message.split())}", err=True)
+        if item.severity == "warning":
+            click.echo(f"bozzini: warning: {' '.join(item.message.split())}", err=True)
+
+
+def count_notes(findings: Sequence[Finding], place: str) -> None:
+    """Write on stderr how many notes are left to read, and where they are."""
+    number = sum(item.severity != "warning" for item in findings)
+    if number:
+        word = "note" if number == 1 else "notes"
+        click.echo(f"bozzini: note: and {number} {word}: see {place}", err=True)

@@ -49,12 +49,14 @@ def command(plan: Path, source: Path | None, independent: bool, as_json: bool, q
         "input": None if source is None else str(source),
         **result.describe(),
     }
-    emit(summary, as_json=as_json, text=_describe(result))
+    if source is not None:
+        summary["certified"] = result.certified
+    emit(summary, as_json=as_json, text=_describe(result, source))
     if not (result.consistent if source is None else result.certified):
         run_exit(EXIT_NEGATIVE)
 
 
-def _describe(result: Verification) -> str:
+def _describe(result: Verification, source: Path | None) -> str:
     """Return the checks, a line each, and the verdict."""
     lines = [
         f"{'ok' if item.ok else 'FAILED':<7}{item.name}: {item.message}" for item in result.checks
@@ -64,7 +66,9 @@ def _describe(result: Verification) -> str:
     body = f"{scope.get('diameter_mm', 0.0):g} mm scope"
     way = f"{plan.inserted:.1f} mm of a path of {plan.path_arc_length[-1]:.1f} mm ({plan.status})"
     failed = sum(not item.ok for item in result.checks)
-    if proof is None:
+    if proof is None and source is not None:
+        lines.append(f"Not certified. {source} is not the file that the plan was made from.")
+    elif proof is None:
         verdict = "Consistent" if result.consistent else "Not consistent"
         lines.append(
             f"{verdict}. Nothing about the wall was checked: give the file that the plan was made "

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from ._robot_options import choose_scope, read_robot, scope_options
-from ._tract_options import tell_findings
+from ._tract_options import count_notes, tell_findings
 from .common import (
     QuantityType,
     force_option,
@@ -73,4 +73,5 @@ def command(
             progress=progress,
         )
     tell_findings(study.findings[len(tract.findings) :])
+    count_notes(study.findings, "the report")
     write_result(study, out, force=force, as_json=as_json, quiet=quiet)

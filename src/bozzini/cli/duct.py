@@ -9,7 +9,7 @@ import click
 
 from ._duct_limits import limits_command
 from ._tables import PICTURES, check_target
-from ._tract_options import read_with_options, tell_findings, tract_options
+from ._tract_options import count_notes, read_with_options, tell_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
@@ -58,7 +58,8 @@ command.add_command(limits_command)
 @click.option(
     "--pieces",
     type=int,
-    help="How many shapes at most (default: so many that no more room than --max-error is lost).",
+    help="How many shapes at most (default: so many that no more clearance than --max-error is "
+    "lost).",
 )
 @click.option(
     "--least-squares",
@@ -89,9 +90,9 @@ def fit_command(
 ) -> None:
     """Fit shapes to the lumen in INPUT, and say what they keep of it.
 
-    INPUT is a label volume (.nii, .nii.gz) or a surface (.stl, .ply, .obj, .glb). Exit code 0: no
-    point of the shapes is farther outside than --max-error, which is proved; 1: one is, or too
-    much room is lost (the file is written, and the report says what); 2: bad input.
+    INPUT is a label volume or a surface, as for bozzini plan. Exit code 0: no point of the shapes
+    is farther outside than --max-error, which is proved; 1: one is, or too much clearance is lost
+    (the file is written, and the output names what); 2: bad input.
     """
     from ..checks import check_integer, check_number
     from ..duct.fit import PIECES_MAX
@@ -115,6 +116,7 @@ def fit_command(
             **ways,
         )
     tell_findings(study.findings[len(tract.findings) :])
+    count_notes(study.findings, "--json")
     if out is not None:
         note = f"{study.fitted.report.pieces} {kind} fitted to {source.name}"
         fit = "least squares" if least_squares else "inscribed"
@@ -191,6 +193,7 @@ def _show_tract(
             tract, spacing=2.0 if spacing is None else spacing, progress=progress, **ways
         )
     tell_findings(study.findings[len(tract.findings) :])
+    count_notes(study.findings, "--json")
     if out is not None:
         from ..view.duct_figures import draw_sections
         from ..view.figures import write_figure
@@ -213,8 +216,8 @@ def _show_shapes(
     result = data | {"input": source.name, "pieces": count_pieces(shapes)}
     result |= {"bounds_mm": [low, high], "file": out}
     size = " x ".join(f"{value:.0f}" for value in high - low)
-    told = f"{count_pieces(shapes)} {data['kind']}"
-    text = f"{source}: {told} in {size} mm"
+    content = f"{count_pieces(shapes)} {data['kind']}"
+    text = f"{source}: {content} in {size} mm"
     field = line = None
     if over is not None:
         from ..study.shapes import run_sections
@@ -223,12 +226,13 @@ def _show_shapes(
         with progress_bar(quiet=quiet) as progress:
             study = run_sections(tract, spacing=10.0, progress=progress, **ways)
         tell_findings(study.findings[len(tract.findings) :])
+        count_notes(study.findings, "--json")
         field, line = study.field, study.line
     if out is not None:
         from ..view.duct_figures import draw_shapes
         from ..view.figures import write_figure
 
-        write_figure(draw_shapes(shapes, field=field, line=line, title=told), out)
+        write_figure(draw_shapes(shapes, field=field, line=line, title=content), out)
         text += f"\n{out}"
     return result, text
 
@@ -245,9 +249,9 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
         f"+-{share * report.volume_error:.2f} %)",
         f"  no point is more than {_ceil(report.outside_bound)} mm outside the wall (proved); "
         f"found {report.outside:.2f} mm",
-        f"  room lost on the centreline: {report.room_loss[3]:.2f} mm in the middle, "
+        f"  clearance lost on the centreline: {report.room_loss[3]:.2f} mm in the middle, "
         f"{report.room_loss[-1]:.2f} mm at most, at {report.room_loss_place:.0f} mm; at least "
-        f"{floor_mm(_least_room(study))} mm is left",
+        f"{floor_mm(_find_least_clearance(study))} mm is left",
     ]
     if not fitted.reached:
         lines.append(f"Not reached: {fitted.reason}")
@@ -256,8 +260,8 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
     return "\n".join(lines)
 
 
-def _least_room(study: FitStudy) -> float:
-    """Return the least room of the shapes on the centreline, off its ends [mm]."""
+def _find_least_clearance(study: FitStudy) -> float:
+    """Return the least clearance of the shapes on the centreline, off its ends [mm]."""
     line = study.line
     inner = (line.arc_length > line.radius[0]) & (line.arc_length < line.length - line.radius[-1])
     points = line.points[inner] if inner.any() else line.points

@@ -2,7 +2,8 @@
 
 Exit codes: 0 done; 1 an honest negative answer (for example: it does not fit); 2 bad input or
 usage; 70 a fault in Bozzini itself; 130 interrupted; 141 the reader of the output went away. A
-process that is terminated (SIGTERM, SIGHUP) removes what is unfinished, then ends by that signal.
+process that is terminated (SIGTERM, SIGHUP) removes what is unfinished, writes one line, then ends
+by that signal.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import click
@@ -110,6 +111,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _silence_stdout()
         return EXIT_BROKEN_PIPE
     except _Terminated as stop:
+        with suppress(OSError):  # after SIGHUP there may be no terminal to write on
+            run.tell_interrupted()
         signal.signal(stop.signal, signal.SIG_DFL)
         os.kill(os.getpid(), stop.signal)
         return 128 + stop.signal
@@ -131,17 +134,40 @@ def _ending_cleanly() -> Iterator[None]:
     # A signal that is ignored (nohup) stays ignored.
     before = {number: signal.getsignal(number) for number in numbers}
     before = {number: old for number, old in before.items() if old == signal.SIG_DFL}
+    report = sys.unraisablehook
 
     def stop(number: int, frame: Any) -> None:
         raise _Terminated(number)
 
+    def catch(lost: Any) -> None:
+        # Python drops what is raised inside a callback of compiled code, such as a compiler's.
+        if isinstance(lost.exc_value, (_Terminated, KeyboardInterrupt)):
+            _lost.append(lost.exc_value)
+            again = threading.Timer(0.05, _send_again, [lost.exc_value])
+            again.daemon = True
+            again.start()
+        else:
+            report(lost)
+
     for number in before:
         signal.signal(number, stop)
+    sys.unraisablehook = catch
     try:
         yield
     finally:
+        sys.unraisablehook = report
+        _lost.clear()
         for number, old in before.items():
             signal.signal(number, old)
+
+
+_lost: list[BaseException] = []
+"""Interruptions that Python dropped, and that are not yet obeyed."""
+
+
+def _send_again(stop: BaseException) -> None:
+    if stop in _lost:
+        os.kill(os.getpid(), stop.signal if isinstance(stop, _Terminated) else signal.SIGINT)
 
 
 def _allow_any_name() -> None:
@@ -162,16 +188,9 @@ class _Run:
         self.context: click.Context | None = None
 
     def invoke(self, arguments: list[str]) -> int:
+        self._note_cache(arguments)
         try:
-            return self._invoke(arguments)
-        finally:
-            self._note_cache()
-
-    def _invoke(self, arguments: list[str]) -> int:
-        try:
-            self.context = root.make_context("bozzini", arguments)
-            with self.context:
-                result = root.invoke(self.context)
+            result = self._call(arguments)
             sys.stdout.flush()
         except Exit as stop:
             sys.stdout.flush()
@@ -181,7 +200,7 @@ class _Run:
         except BozziniError as error:
             return self._tell(type(error).__name__, str(error), EXIT_BAD_INPUT)
         except (KeyboardInterrupt, Abort):
-            return self._tell("Interrupted", "interrupted", EXIT_INTERRUPTED)
+            return self.tell_interrupted()
         except BrokenPipeError:
             raise
         except OSError as error:
@@ -197,11 +216,26 @@ class _Run:
             return self._tell_internal(error)
         return result if isinstance(result, int) else EXIT_DONE
 
-    def _note_cache(self) -> None:
+    def _call(self, arguments: list[str]) -> Any:
+        try:
+            self.context = root.make_context("bozzini", arguments)
+            with self.context:
+                return root.invoke(self.context)
+        except Exception:
+            if _lost:  # not an error, but what an interruption left behind
+                raise _lost.pop() from None
+            raise
+
+    def tell_interrupted(self) -> int:
+        """Write that the run was interrupted, and return the exit code of that."""
+        return self._tell("Interrupted", "interrupted", EXIT_INTERRUPTED)
+
+    def _note_cache(self, arguments: list[str]) -> None:
         from ..files import find_provided_cache
 
         cache = find_provided_cache()
-        if cache is not None and "numba" in sys.modules:
+        works = arguments[0] in COMMANDS and not {"-h", "--help"} & set(arguments)
+        if cache is not None and works:
             click.echo(
                 f"bozzini: note: compiled code is kept in {cache}, as neither the installation nor "
                 "the home directory can be written; NUMBA_CACHE_DIR names another place",

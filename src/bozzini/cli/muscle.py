@@ -246,7 +246,7 @@ def _compute_curve(
 def _find_lowest(model: StaticModel, pressure: float, load: float, direction: str | None) -> float:
     """Return the lowest pressure from which on, up to one, a model has an answer [MPa].
 
-    Found by bisection: of models that have none somewhere in between, that is not told.
+    Found by bisection: of models that have none somewhere in between, that is not reported.
 
     Raises
     ------

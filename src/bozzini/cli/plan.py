@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ._robot_options import choose_scope, describe_robot, read_robot, scope_options
-from ._tract_options import read_with_options, tell_findings, tract_options
+from ._tract_options import count_notes, read_with_options, tell_findings, tract_options
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
@@ -31,6 +31,10 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 """What ``--route`` means: fractions of the way that the head goes to in turn."""
 
 
+METHODS = ("best", "tube", "follow", "thesis")
+# As `bozzini.motion.METHODS`, which is not imported for --help; a test compares them.
+
+
 @click.command(name="plan")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
 @tract_options
@@ -47,6 +51,7 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 )
 @click.option(
     "--method",
+    type=click.Choice(METHODS),
     default="best",
     show_default=True,
     help="The planner: best (of the next two and some between), tube (whole body, proved), follow "
@@ -74,12 +79,13 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
     type=QuantityType("length"),
     default="0mm",
     show_default=True,
-    help="The body may displace the wall by up to this; the report says where.",
+    help="The body may displace the wall by up to this; the report names the places.",
 )
 @click.option(
     "--label-error",
     type=QuantityType("length"),
-    help="How far the given wall may be from the true one: is that covered by the proof?",
+    help="How far the given wall may be from the true one; exit code 1 if the proof does not "
+    "cover it.",
 )
 @click.option(
     "--export",
@@ -122,11 +128,12 @@ def command(
 ) -> None:
     """Plan how a scope moves through the lumen in INPUT.
 
-    INPUT is a label volume (.nii, .nii.gz) or a surface (.stl, .ply, .obj, .glb). Lengths take
-    units (5mm, 0.5cm). The organ decides which end is the entry: a colon is entered from its lower
-    end, other organs from the higher one; of an unknown organ both ends are tried. With --robot the
-    motion of a tendon robot is made too: tendons.csv tells its drives. Exit code 0: it fits; 1: it
-    does not, and the report says where; 2: bad input.
+    INPUT is a label volume (.nii, .nii.gz, .nrrd, .nhdr, .mha, .mhd, or a folder of masks) or a
+    surface (.stl, .ply, .obj, .off, .glb, .vtk, .vtp). Lengths take units (5mm, 0.5cm). The organ
+    decides which end is the entry: a colon is entered from its lower end, other organs from the
+    higher one; of an unknown organ both ends are tried. With --robot the motion of a tendon robot
+    is made too: tendons.csv is the time table of its drives. Exit code 0: it fits; 1: it does not,
+    or that is not proved, and the report names the place; 2: bad input.
     """
     from ..files import reserve_directory
 
@@ -134,30 +141,36 @@ def command(
     machine = read_robot(robot)
     scope = choose_scope(machine, diameter=diameter, link=link, length=length)
     from ..study import run_insertion
+    from ..study.inputs import check_options
 
+    motion: dict[str, Any] = {
+        "scope": scope,
+        "method": method,
+        "head_step": head_step,
+        "slip": slip,
+        "angle_limit": angle_limit,
+        "route": ROUTES[route],
+        "soft_wall": soft_wall,
+        "label_error": label_error,
+    }
+    check_options(**motion, voxel=options["voxel"], inflate=options["inflate"] or 0.0)
     begin = time.perf_counter()
     tract, ways = read_with_options(source, options, quiet=quiet)
     seconds = {"read": time.perf_counter() - begin}
     with progress_bar(quiet=quiet) as progress:
         study = run_insertion(
             tract,
-            scope=scope,
-            method=method,
-            head_step=head_step,
-            slip=slip,
-            angle_limit=angle_limit,
-            route=ROUTES[route],
-            soft_wall=soft_wall,
-            label_error=label_error,
             largest=largest,
             compare=compare,
             robot=machine,
             inputs=_describe_input(source, tract, options),
             seconds=seconds,
             progress=progress,
+            **motion,
             **ways,
         )
     tell_findings(study.findings[len(tract.findings) :])
+    count_notes(study.findings, "the report")
     write_result(study, out, force=force, export=export, as_json=as_json, quiet=quiet)
 
 

@@ -35,7 +35,11 @@ LIMITS = (
     help="Labels to write: .nii or .nii.gz; a picture (.png) is put beside it.",
 )
 @click.option(
-    "--threshold", type=float, default=-800.0, show_default=True, help="Gas lies below it [HU]."
+    "--threshold",
+    type=click.FloatRange(-1000.0, -400.0),
+    default=-800.0,
+    show_default=True,
+    help="Gas lies below it [HU].",
 )
 @click.option(
     "--seed",
@@ -75,8 +79,9 @@ def command(
     from ..files import check_new_file, write_atomically
     from ..view.figures import write_figure
 
-    if check_target(target, force=force) != "labels":
+    if not target.name.lower().endswith((".nii", ".nii.gz")):
         raise InputError(f"{target}: labels are written as .nii or .nii.gz")
+    check_target(target, force=force)
     picture = target.with_name(f"{target.name.removesuffix('.gz').removesuffix('.nii')}.png")
     check_new_file(picture, (".png",), force=force)
     with progress_bar(quiet=quiet) as progress:

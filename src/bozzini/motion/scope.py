@@ -10,6 +10,9 @@ from ..checks import check_number
 __all__ = ["Scope"]
 
 
+SIZE_MIN = 0.1
+"""Smallest diameter of a scope, and shortest link [mm]: less than any that was made."""
+
 DIAMETER_MAX = 500.0
 """Widest scope [mm]: wider than any tract."""
 
@@ -33,7 +36,7 @@ class Scope:
     Raises
     ------
     InputError
-        If a dimension is not a positive number, or the scope is shorter than one link.
+        If a dimension is below 0.1 mm or not a number, or the scope is shorter than one link.
     """
 
     diameter: float
@@ -41,12 +44,8 @@ class Scope:
     length: float | None = None
 
     def __post_init__(self) -> None:
-        check_number(
-            "scope diameter", self.diameter, low=0.0, high=DIAMETER_MAX, low_open=True, unit="mm"
-        )
-        check_number(
-            "link length", self.link_length, low=0.0, high=LENGTH_MAX, low_open=True, unit="mm"
-        )
+        check_number("scope diameter", self.diameter, low=SIZE_MIN, high=DIAMETER_MAX, unit="mm")
+        check_number("link length", self.link_length, low=SIZE_MIN, high=LENGTH_MAX, unit="mm")
         if self.length is not None:
             check_number(
                 "scope length", self.length, low=self.link_length, high=LENGTH_MAX, unit="mm"

@@ -172,6 +172,8 @@ def verify_file(
         raise InputError("the plan has 2 dimensions: a file holds a tract in 3")
     progress("read", 0.0)
     source = _check_source(plan, path)
+    if not source.ok:  # what another file offers says nothing about this plan
+        return Verification(plan=plan, checks=(source,))
     tract = read_input(plan, path)
     field = rebuild_field(plan, tract, progress=progress)
     wall = build_wall(tract) if independent else None

@@ -7,6 +7,7 @@ decides. Where it is not known, both ends are tried.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral
@@ -17,9 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..anatomy.findings import Finding, name_place
 from ..anatomy.frame import find_axis
-from ..anatomy.tract import LabelTract, SurfaceTract
+from ..anatomy.tract import LabelTract, Opening, SurfaceTract
 from ..checks import check_points
 from ..duct import Centreline, SampledField, find_centreline
+from ..duct.build import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Plan
 from ..motion.introducer import Introducer
@@ -33,6 +35,8 @@ __all__ = [
     "find_introducer_crossing",
     "find_way",
     "list_branches",
+    "measure_gap",
+    "name_landmarks",
     "resolve_places",
     "turn_way",
 ]
@@ -42,11 +46,11 @@ End = ArrayLike | int | str | None
 opening, ``"largest-opening"``, or None to find it."""
 
 ENTRY_LANDMARKS = {
-    "colon": ("anus", "anal"),
-    "upper-tract": ("mouth", "incisor", "pharyn"),
-    "small-bowel": ("gastro-duoden", "pylor"),
+    "colon": re.compile(r"\b(anus|anal)\b"),
+    "upper-tract": re.compile(r"\b(mouth|incisors?)\b|pharyn(x|geal)"),
+    "small-bowel": re.compile(r"\b(gastro-?duodenal|pylor(us|ic))\b"),
 }
-"""What the name of a landmark at the entry of an organ contains."""
+"""What the name of a landmark at the entry of an organ contains, as words."""
 
 OPENING_RADIUS = 3.0
 """A smaller opening is not taken for an end of the tract [mm]."""
@@ -132,7 +136,10 @@ class Way:
     decided : bool
         Whether that is known; otherwise the other end may be the entry as well.
     goal : str
-        What the way leads to: ``"the far end"``, or the name of what was given.
+        What the way leads to: the name of an opening or of what was given, else
+        ``"the far end"``.
+    goal_given : bool
+        Whether the goal was given: then what lies beyond it is left out on purpose.
     candidates : tuple of Candidate
     findings : tuple of Finding
     given : bool
@@ -146,6 +153,7 @@ class Way:
     candidates: tuple[Candidate, ...]
     findings: tuple[Finding, ...] = ()
     given: bool = False
+    goal_given: bool = False
 
 
 def resolve_places(
@@ -157,13 +165,16 @@ def resolve_places(
     ------
     InputError
         If a name, label or point is none of the tract's; the legal ones are named.
+    GeometryError
+        If a place lies far outside the lumen.
     """
-    stops = tuple(_resolve(tract, "via", chosen) for chosen in via)
-    return (
-        _resolve(tract, "start", start),
-        _resolve(tract, "end", end),
-        tuple(place for place in stops if place is not None),
-    )
+    given = [_resolve(tract, "via", chosen) for chosen in via]
+    stops = tuple(place for place in given if place is not None)
+    first, last = _resolve(tract, "start", start), _resolve(tract, "end", end)
+    for place in (first, last, *stops):
+        if place is not None and place.kind != "label":
+            _check_near(tract, place)
+    return first, last, stops
 
 
 def find_way(
@@ -189,12 +200,30 @@ def find_way(
     """
     start, end, via = places
     findings: list[Finding] = []
-    taken: list[Place | None] = [start, end]
+    points: list[NDArray[np.float64] | None] = [None, None]
+    regions: list[NDArray[np.float64] | None] = [None, None]
     if start is None and end is None and not via:
-        wide = [o for o in tract.openings if o.radius >= OPENING_RADIUS]
-        if len(wide) == 2:  # a file with two open ends is clear about its ends
-            taken = [_resolve(tract, "start", opening.name) for opening in wide]
-    line = _find_line(field, taken, via, progress)
+        points = list(_find_two_openings(tract, field) or points)
+    for k, place in enumerate((start, end)):
+        if place is not None and place.kind == "label":
+            regions[k] = place.points
+        elif place is not None and place.kind == "point":
+            points[k] = np.array(place.points, dtype=np.float64)
+    named = {
+        k: place
+        for k, place in enumerate((start, end))
+        if place is not None and place.kind in ("landmark", "opening")
+    }
+    if named:
+        for k, point in _find_named_ends(tract, field, named).items():
+            points[k] = point
+    line = find_centreline(
+        field,
+        (points[0], points[1]),
+        regions=(regions[0], regions[1]),
+        via=[p.points if p.kind == "label" else _step_inside(field, p) for p in via],
+        progress=progress,
+    )
     basis, decided = "it was given", True
     if start is None and end is None:
         line, basis, decided, assumed = _orient(tract, line)
@@ -212,17 +241,17 @@ def find_way(
     if reverse:
         line, basis = line.reverse(), f"reversed ({basis})"
     goal = end if not reverse else start
-    words = "the far end" if goal is None else f"the given end ({goal.name})"
     candidates = _list_candidates(tract, line)
     findings += list_branches(line)
     return Way(
         line=line,
         basis=basis,
         decided=decided,
-        goal=words,
+        goal=_name_goal(candidates) if goal is None else f"the given end ({goal.name})",
         candidates=candidates,
         findings=tuple(findings),
         given=start is not None or end is not None,
+        goal_given=goal is not None,
     )
 
 
@@ -304,41 +333,115 @@ def _measure_behind(
 
 
 def turn_way(tract: LabelTract | SurfaceTract, way: Way, basis: str) -> Way:
-    """Return the same way from its other end."""
+    """Return the same way, whose ends were found, from its other end."""
     line = way.line.reverse()
     other = {item.code: item for item in way.findings if item.code != "branches"}
+    candidates = _list_candidates(tract, line)
     return Way(
         line=line,
         basis=basis,
         decided=way.decided,
-        goal=way.goal,
-        candidates=_list_candidates(tract, line),
+        goal=_name_goal(candidates),
+        candidates=candidates,
         findings=(*other.values(), *list_branches(line)),
         given=way.given,
     )
 
 
-def _find_line(
-    field: SampledField,
-    taken: Sequence[Place | None],
-    via: Sequence[Place],
-    progress: Progress,
-) -> Centreline:
-    points: list[NDArray[np.float64] | None] = [None, None]
-    regions: list[NDArray[np.float64] | None] = [None, None]
-    for k, place in enumerate(taken):
-        if place is not None and place.kind == "label":
-            regions[k] = place.points
-        elif place is not None:
-            points[k] = _step_inside(field, place)
-    stops = [p.points if p.kind == "label" else _step_inside(field, p) for p in via]
-    return find_centreline(
-        field,
-        (points[0], points[1]),
-        regions=(regions[0], regions[1]),
-        via=stops,
-        progress=progress,
-    )
+def _find_two_openings(
+    tract: LabelTract | SurfaceTract, field: SampledField
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the ends of a tract with two wide openings: such a file is clear about its ends."""
+    wide = [o for o in tract.openings if o.radius >= OPENING_RADIUS]
+    if len(wide) != 2:
+        return None
+    first, second = (_step_inside(field, _take_opening(opening)) for opening in wide)
+    return first, second
+
+
+def _find_named_ends(
+    tract: LabelTract | SurfaceTract, field: SampledField, named: dict[int, Place]
+) -> dict[int, NDArray[np.float64]]:
+    """Return a point in the lumen for landmarks and openings, by the numbers of their ends.
+
+    A name at an end that is found without it means that end, and gives the same point.
+    """
+    own: Sequence[NDArray[np.float64]] = ()
+    try:
+        own = _find_two_openings(tract, field) or tuple(find_centreline(field).points[[0, -1]])
+    except GeometryError:  # no tube: the name has to do alone
+        pass
+    gaps = {
+        (k, n): float(np.linalg.norm(end - place.points))
+        for k, place in named.items()
+        for n, end in enumerate(own)
+    }
+    found: dict[int, NDArray[np.float64]] = {}
+    taken: set[int] = set()
+    for k, n in sorted(gaps, key=lambda pair: gaps[pair]):
+        reach = OPENING_REACH if named[k].kind == "opening" else LANDMARK_REACH
+        if k not in found and n not in taken and gaps[k, n] <= max(reach, 2.0 * named[k].radius):
+            found[k] = np.array(own[n])
+            taken.add(n)
+    for k, place in named.items():
+        if k not in found:
+            found[k] = _step_inside(field, place)
+    return found
+
+
+def _check_near(tract: LabelTract | SurfaceTract, place: Place) -> None:
+    """Raise `GeometryError` if a place is so far outside the lumen that no end can be there."""
+    reach = INFLATION_MAX if place.kind == "point" else max(LANDMARK_REACH, 2.0 * place.radius)
+    gap = measure_gap(tract, place.points)
+    if gap > reach:
+        raise GeometryError(
+            f"{place.name} lies {gap:.0f} mm outside the lumen{_explain_gap(tract)}: give a point "
+            "inside it"
+        )
+
+
+def _explain_gap(tract: LabelTract | SurfaceTract) -> str:
+    volume = sum(part.volume for part in tract.missing)
+    return f", of which {volume / 1000.0:.3g} mL are missing in the file" if volume else ""
+
+
+def measure_gap(tract: LabelTract | SurfaceTract, point: NDArray[np.float64]) -> float:
+    """Return how far a point lies outside a lumen [mm], to half a voxel; 0 inside."""
+    if isinstance(tract, SurfaceTract):
+        import igl
+
+        asked = np.ascontiguousarray(point[None])
+        if float(igl.fast_winding_number(tract.vertices, tract.faces, asked)[0]) > 0.5:
+            return 0.0
+        boxes = igl.AABB()
+        boxes.init(tract.vertices, tract.faces)
+        squared = boxes.squared_distance(tract.vertices, tract.faces, asked)[0]
+        return float(np.sqrt(np.ravel(squared)[0]))
+    axes = tract.affine[:3, :3]
+    index = np.rint(np.linalg.solve(axes, point - tract.affine[:3, 3])).astype(np.int64)
+    inside = bool(((index >= 0) & (index < tract.labels.shape)).all())
+    if inside and tract.labels[tuple(index)]:
+        return 0.0
+    gap = np.inf
+    for k, layer in enumerate(tract.labels):  # one at a time: indices take much memory
+        places = np.argwhere(layer) @ axes[:, 1:].T + (tract.affine[:3, 3] + k * axes[:, 0] - point)
+        gap = min(gap, float((places**2).sum(axis=1).min(initial=np.inf)))
+    return float(np.sqrt(gap))
+
+
+def _name_goal(candidates: Sequence[Candidate]) -> str:
+    """Return what an end is called that was found: its opening, if it has one."""
+    names = [c.name for c in candidates if c.kind == "opening" and c.role == "goal"]
+    return names[0] if names else "the far end"
+
+
+def name_landmarks(tract: LabelTract | SurfaceTract) -> dict[str, tuple[float, float, float]]:
+    """Return the landmarks of a tract, each place once: by the first of its names."""
+    named: dict[tuple[float, float, float], str] = {}
+    for name, point in tract.landmarks.items():
+        x, y, z = point
+        named.setdefault((x, y, z), name)
+    return {name: point for point, name in named.items()}
 
 
 def _step_inside(field: SampledField, place: Place) -> NDArray[np.float64]:
@@ -358,9 +461,7 @@ def _step_inside(field: SampledField, place: Place) -> NDArray[np.float64]:
         return point
     nodes = rest.to_world(np.argwhere(rest.values < 0.0) * rest.spacing)
     tree = cKDTree(nodes)
-    gap, nearest = tree.query(point)
-    if gap > max(LANDMARK_REACH, 2.0 * place.radius):
-        raise GeometryError(f"{place.name} lies {gap:.0f} mm outside the lumen: give a point")
+    _, nearest = tree.query(point)
     first = nodes[nearest]
     near = nodes[tree.query_ball_point(first, 2.0 * enough)]
     near = near[np.argsort(np.linalg.norm(near - first, axis=1), kind="stable")]
@@ -376,17 +477,17 @@ def _orient(
 ) -> tuple[Centreline, str, bool, str]:
     """Turn a line so that it begins at the organ's entry.
 
-    Returns the line, why, whether that is known, and "lower" or "higher" where a frame had to be
-    assumed for it.
+    Returns the line, why, whether that is known, and "lower", "higher" or "rear" where a frame had
+    to be assumed for it. Rear is the end nearer to the patient's back, of a colon whose ends are
+    about level.
     """
     ends = line.points[[0, -1]]
     organ = tract.organ or _guess_organ(tract)
-    for part in ENTRY_LANDMARKS.get(organ or "", ()):
-        for name, place in tract.landmarks.items():
-            if part in name.lower():
-                gaps = np.linalg.norm(ends - np.array(place), axis=1)
-                turned = line.reverse() if gaps[1] < gaps[0] else line
-                return turned, f"the landmark '{name}' marks the entry of the {organ}", True, ""
+    for name, place in tract.landmarks.items():
+        if organ in ENTRY_LANDMARKS and _marks_entry(name, organ):
+            gaps = np.linalg.norm(ends - np.array(place), axis=1)
+            turned = line.reverse() if gaps[1] < gaps[0] else line
+            return turned, f"the landmark '{name}' marks the entry of the {organ}", True, ""
     head = find_axis(tract.frame or "RAS", "S")
     heights = ends @ head
     which = "lower" if organ == "colon" else "higher"
@@ -413,13 +514,16 @@ def _article(organ: str) -> str:
 
 def _guess_organ(tract: LabelTract | SurfaceTract) -> str | None:
     """Return the organ whose entry is among the landmarks, if that is only one."""
-    names = [name.lower() for name in tract.landmarks]
     found = [
         organ
-        for organ, parts in ENTRY_LANDMARKS.items()
-        if any(part in name for part in parts for name in names)
+        for organ in ENTRY_LANDMARKS
+        if any(_marks_entry(name, organ) for name in tract.landmarks)
     ]
     return found[0] if len(found) == 1 else None
+
+
+def _marks_entry(name: str, organ: str) -> bool:
+    return bool(ENTRY_LANDMARKS[organ].search(name.lower().replace("_", " ")))
 
 
 def _list_candidates(tract: LabelTract | SurfaceTract, line: Centreline) -> tuple[Candidate, ...]:
@@ -458,7 +562,7 @@ def _list_candidates(tract: LabelTract | SurfaceTract, line: Centreline) -> tupl
     ]
     found += [
         Candidate(kind="landmark", name=name, point=place)
-        for name, place in tract.landmarks.items()
+        for name, place in name_landmarks(tract).items()
     ]
     return tuple(found)
 
@@ -527,16 +631,20 @@ def _find_name(tract: LabelTract | SurfaceTract, option: str, chosen: str) -> Pl
     openings = sorted(tract.openings, key=lambda opening: -opening.radius)
     for k, opening in enumerate(openings):
         if opening.name.lower() == wanted or (k == 0 and wanted == "largest-opening"):
-            return Place(
-                name=f"opening '{opening.name}'",
-                given=opening.name,
-                kind="opening",
-                points=np.array(opening.point),
-                radius=opening.radius,
-            )
+            return _take_opening(opening)
     raise InputError(
         f"{option} is '{chosen}', which names nothing in this tract: it must be a point "
         f"x,y,z{_list_names(tract)}"
+    )
+
+
+def _take_opening(opening: Opening) -> Place:
+    return Place(
+        name=f"opening '{opening.name}'",
+        given=opening.name,
+        kind="opening",
+        points=np.array(opening.point),
+        radius=opening.radius,
     )
 
 
@@ -546,8 +654,9 @@ def _list_names(tract: LabelTract | SurfaceTract, most: int = 12) -> str:
     if isinstance(tract, LabelTract):
         for label in tract.label_values:
             named = tract.label_names.get(label)
-            names.append(f"{label} ({named})" if named else f"{label}")
-    names += [f"'{name}'" for name in tract.landmarks]
+            if named or len(tract.label_values) > 1:  # else it is the whole lumen
+                names.append(f"{label} ({named})" if named else f"{label}")
+    names += [f"'{name}'" for name in name_landmarks(tract)]
     if tract.openings:
         names += ["'largest-opening'", *(f"'{opening.name}'" for opening in tract.openings)]
     if not names:

@@ -14,22 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..anatomy.frame import find_axis
+from ..anatomy.frame import convert_frame
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..duct import Centreline, SampledField
 from ..files import write_atomically, write_text
 
-__all__ = ["frame_to_ras", "write_centreline", "write_volumes"]
+__all__ = ["write_centreline", "write_volumes"]
 
 MARKUPS_SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
     "Resources/Schema/markups-schema-v1.0.3.json#"
 )
-
-
-def frame_to_ras(frame: str) -> NDArray[np.float64]:
-    """Return the matrix (3, 3) that turns coordinates of a frame into RAS+ ones."""
-    return np.stack([find_axis(frame, side) for side in "RAS"])
 
 
 def write_centreline(line: Centreline, folder: Path, *, frame: str) -> None:
@@ -48,7 +43,7 @@ def write_centreline(line: Centreline, folder: Path, *, frame: str) -> None:
 def _format_markups(line: Centreline, frame: str) -> str:
     system, points = frame, line.points
     if frame not in ("RAS", "LPS"):
-        system, points = "RAS", points @ frame_to_ras(frame).T
+        system, points = "RAS", points @ convert_frame(np.eye(4), frame)[:3, :3].T
     record = {
         "@schema": MARKUPS_SCHEMA,
         "markups": [
@@ -138,9 +133,7 @@ def _write_nifti(
 ) -> None:
     import nibabel
 
-    turn = np.eye(4)
-    turn[:3, :3] = frame_to_ras(frame)
-    image: Any = nibabel.Nifti1Image(values, turn @ affine)  # type: ignore[no-untyped-call]
+    image: Any = nibabel.Nifti1Image(values, convert_frame(affine, frame))  # type: ignore[no-untyped-call]
     image.header.set_xyzt_units("mm")
     data = gzip.compress(image.to_bytes(), compresslevel=4, mtime=0)
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from ..anatomy.findings import Finding
 from ..anatomy.tract import LabelTract, SurfaceTract
-from ..checks import check_number
 from ..continuum import ContinuumRobot
 from ..continuum.actuate import actuate_plan
 from ..continuum.actuation import Actuation
@@ -37,10 +36,10 @@ from ..motion import (
 )
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
-from ._inputs import check_options, explain_scale
 from ._robot import find_robot_trouble, write_robot
 from .ends import End, Way, find_introducer_crossing, find_way, resolve_places, turn_way
 from .exports import write_centreline, write_volumes
+from .inputs import check_options, explain_scale
 from .reach import Unreached, find_unreached
 
 __all__ = ["InsertionStudy", "run_insertion"]
@@ -104,12 +103,21 @@ class InsertionStudy:
 
         That is the end which the user can see: given, or of the whole lumen. Where no end was
         given and a large part of the lumen is closed off from the way or beyond it, that is False.
+        With a stated label error also whether the proof covers it.
         """
         if not self.way.given and any(part.stated and part.cut_off for part in self.unreached):
+            return False
+        if not self._covers_label_error():
             return False
         if self.robot is not None:
             return self.plan.status == "complete" and self.robot.fits
         return self.plan.status == "complete" and bool(self.plan.meta["certified"])
+
+    def _covers_label_error(self) -> bool:
+        if self.label_error is None:
+            return True
+        proof = self.plan.meta.get("certificate") or {}
+        return bool(self.plan.meta["certified"]) and proof["clearance_mm"] >= self.label_error
 
     def summarise(self) -> dict[str, Any]:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
@@ -139,11 +147,11 @@ class InsertionStudy:
             "goal": {
                 "point_mm": np.round(self.line.points[-1], 3).tolist(),
                 "name": self.way.goal,
-                "given": self.way.given,
+                "given": self.way.goal_given,
+                "ends_given": self.way.given,
             },
             "ends": [candidate.describe() for candidate in self.way.candidates],
             "unreached": [part.describe() for part in self.unreached],
-            "wall_error_covered_mm": summary["clearance_certified_mm"],
             "label_error_mm": self.label_error,
         }
         if self.entries:
@@ -328,9 +336,8 @@ def run_insertion(
         angle_limit=angle_limit,
         route=route,
         soft_wall=soft_wall,
+        label_error=label_error,
     )
-    if label_error is not None:
-        check_number("label error", label_error, low=0.0, high=100.0, unit="mm")
     places = resolve_places(tract, start, end, via)
     options: dict[str, Any] = {
         "head_step": head_step,
@@ -544,9 +551,9 @@ def _find_other_entry(entries: Sequence[Mapping[str, Any]]) -> tuple[Finding, ..
     """Return a warning that names both results where both ends were tried."""
     if not entries:
         return ()
-    texts = []
+    places, results = [], []
     for entry in entries:
-        place = ", ".join(f"{value:.0f}" for value in entry["point_mm"])
+        places.append(f"({', '.join(f'{value:.0f}' for value in entry['point_mm'])}) mm")
         proved = entry["clearance_certified_mm"]
         result = "reaches the other end" if entry["status"] == "complete" else "stops"
         result += f" after {entry['inserted_mm']:.0f} mm of the head's path"
@@ -554,10 +561,15 @@ def _find_other_entry(entries: Sequence[Mapping[str, Any]]) -> tuple[Finding, ..
             result += f", {floor_mm(proved)} mm of clearance proved"
         elif entry["status"] == "complete":
             result += ", not proved"
-        texts.append(f"entered at ({place}) mm the scope {result}")
+        results.append(result)
+    if results[0] == results[1]:
+        text = f"the same from either end, {' or '.join(places)}: the scope {results[0]}"
+    else:
+        pairs = zip(places, results, strict=True)
+        text = "; ".join(f"entered at {place} the scope {result}" for place, result in pairs)
     message = (
-        f"the organ is not known, so both ends were tried: {'; '.join(texts)}. The first is "
-        "reported here: give --organ, --start or --reverse to choose"
+        f"the organ is not known, so both ends were tried: {text}. The first is reported here: "
+        "give --organ, --start or --reverse to choose"
     )
     return (Finding("organ-unknown", "warning", message),)
 

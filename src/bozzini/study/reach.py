@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..duct import Centreline, SampledField
+from .ends import LANDMARK_REACH, measure_gap, name_landmarks
 
 __all__ = ["Unreached", "find_unreached"]
 
@@ -26,14 +27,18 @@ SUBSAMPLE = 200_000
 """About so many nodes of the lumen are looked at."""
 
 
+Kind = Literal["component", "before", "beyond", "branch", "missing", "landmark"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Unreached:
     """A part of the lumen that the way does not reach.
 
     Attributes
     ----------
-    kind : {"component", "before", "beyond", "branch"}
-        Not joined to the lumen of the way; before its entry; beyond its goal; beside it.
+    kind : {"component", "before", "beyond", "branch", "missing", "landmark"}
+        Not joined to the lumen of the way; before its entry; beyond its goal; beside it; not in
+        the file; a landmark far outside the lumen.
     volume : float
         [mm^3].
     share : float
@@ -43,12 +48,13 @@ class Unreached:
     at : float or None
         Where it leaves the way: arc length of the centreline [mm].
     length : float or None
-        How far it reaches, in a straight line, from the body of lumen along the way [mm].
+        How far it reaches, in a straight line, from the body of lumen along the way, or how far a
+        landmark lies outside the lumen [mm].
     name : str
-        Names of its labels, where there are any.
+        Names of its labels, where there are any, or of a landmark.
     """
 
-    kind: Literal["component", "before", "beyond", "branch"]
+    kind: Kind
     volume: float
     share: float
     point: tuple[float, float, float]
@@ -59,6 +65,8 @@ class Unreached:
     @property
     def stated(self) -> bool:
         """Whether it is large enough to stand in the verdict."""
+        if self.kind in ("missing", "landmark"):
+            return True
         long = self.length is None or self.length >= LENGTH_STATED
         return self.share >= SHARE_STATED or (long and self.share >= SHARE_MIN)
 
@@ -70,7 +78,12 @@ class Unreached:
     @property
     def words(self) -> str:
         """The part in a few words."""
-        size = f"{self.volume / 1000.0:.3g} mL ({100.0 * self.share:.0f} % of the lumen)"
+        percent = "<1" if self.share < 0.01 else f"{100.0 * self.share:.0f}"
+        size = f"{self.volume / 1000.0:.3g} mL ({percent} % of the lumen)"
+        if self.kind == "landmark":
+            return self.name
+        if self.kind == "missing":
+            return f"{self.volume / 1000.0:.3g} mL of lumen are missing in the file"
         named = f" ({self.name})" if self.name else ""
         if self.kind == "component":
             return f"a separate component{named} of {size}"
@@ -103,7 +116,8 @@ def find_unreached(
     A node of the lumen belongs to the way if it is no farther from the centreline than 1.5 times
     the largest inscribed radius within about that distance, and 5 mm more: this holds the lumen
     round the line also where its section is not round. What is farther is grouped into connected
-    parts. Components that are not in the field at all are those that the tract lists.
+    parts. Components that are not in the field at all, and lumen that is missing in the file, are
+    those that the tract lists; landmarks far outside the lumen come last.
     """
     from scipy import ndimage
     from scipy.spatial import cKDTree
@@ -119,11 +133,12 @@ def find_unreached(
     distance, nearest = cKDTree(grid).query(thin * rest.spacing)
     room = np.maximum(line.radius - field.inflation, 0.0)
     far = distance > 1.5 * _spread(room, line.arc_length)[nearest] + 5.0
-    others = [
-        (part.volume, part.point, part.label_names) for part in getattr(tract, "not_reached", ())
-    ]
-    total = len(thin) * cell + sum(volume for volume, _, _ in others)
+    total = len(thin) * cell + sum(part.volume for part in (*tract.not_reached, *tract.missing))
     found = [
+        Unreached(kind="missing", volume=part.volume, share=part.volume / total, point=part.point)
+        for part in tract.missing
+    ]
+    found += [
         Unreached(
             kind="component",
             volume=part.volume,
@@ -150,7 +165,7 @@ def find_unreached(
             mouth, tip = chosen[np.argmin(distance[chosen])], chosen[np.argmax(distance[chosen])]
             x, y, z = (float(v) for v in rest.to_world(thin[tip] * rest.spacing))
             at = float(line.arc_length[nearest[mouth]])
-            kind: Literal["component", "before", "beyond", "branch"] = "branch"
+            kind: Kind = "branch"
             if part not in joined:
                 kind = "component"
             elif at <= max(5.0, 1.5 * room[0]):
@@ -165,6 +180,14 @@ def find_unreached(
                     point=(x, y, z),
                     at=at,
                     length=float(distance[tip] - distance[mouth]),
+                )
+            )
+    for name, place in name_landmarks(tract).items():
+        gap = measure_gap(tract, np.array(place))
+        if gap > LANDMARK_REACH:
+            found.append(
+                Unreached(
+                    kind="landmark", volume=0.0, share=0.0, point=place, length=gap, name=name
                 )
             )
     return tuple(sorted(found, key=lambda part: -part.volume))

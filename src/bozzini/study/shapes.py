@@ -14,8 +14,8 @@ from ..duct.fit import PERCENTS, FittedDuct, fit_duct, mesh_from_mask
 from ..duct.mesh import TriangleMesh
 from ..duct.sections import SectionCircles, Sections, cut_sections
 from ..progress import Progress, no_progress
-from ._inputs import explain_scale
 from .ends import End, Way, find_way, resolve_places
+from .inputs import explain_scale
 
 __all__ = ["SPACING_MIN", "FitStudy", "SectionStudy", "run_fit", "run_sections"]
 

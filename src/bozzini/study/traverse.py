@@ -30,8 +30,8 @@ from ..errors import InputError
 from ..motion.traverse import LinkLimits, find_link_limits
 from ..motion.traverse_diameter import DiameterLimits, find_diameter_limits
 from ..progress import Progress, no_progress
-from ._inputs import explain_scale
 from .ends import End, find_way, list_branches, resolve_places
+from .inputs import explain_scale
 
 __all__ = ["LimitsStudy", "run_limits"]
 

@@ -265,7 +265,7 @@ def render_ends(plan: Plan, summary: Mapping[str, Any]) -> str:
     entry = _read_part(summary, "entry")
     basis = f"The entry is this end because {entry['basis']}. " if entry.get("basis") else ""
     parts = "".join(f"<li>{escape(str(part['text']))}</li>" for part in list_unreached(summary))
-    rest = f"<p>Not reached:</p><ul>{parts}</ul>" if parts else ""
+    rest = f"<p>Not reached, or missing:</p><ul>{parts}</ul>" if parts else ""
     return (
         f"<h2>Ends of the tract</h2><p>{escape(basis)}Every place where the way could begin or "
         "end; the numbers are those in the pictures. Choose with --start, --end, --via or "

@@ -15,8 +15,6 @@ from .way import find_way
 
 __all__ = ["Verdict", "judge_plan", "list_unreached"]
 
-FAR_END = "the far end"
-
 CUT_OFF = ("component", "beyond")
 """Kinds of parts not reached of which a way without given ends was to reach the end."""
 
@@ -29,7 +27,8 @@ class Verdict:
     ----------
     tone : {"green", "amber", "red"}
         Green: reaches the end, clear of the wall. Amber: reaches the end, but the wall is nearer
-        than the error of an estimate, or has to give way. Red: through the wall, or stopped.
+        than the error of an estimate or than its own error, or has to give way, or lumen is not
+        reached or missing. Red: through the wall, or stopped.
     label : str
         The same in a word or two.
     sentence : str
@@ -113,20 +112,26 @@ def _add_unreached(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> 
     parts = [part for part in list_unreached(summary) if part.get("stated")]
     if not parts:
         return verdict
-    text = f"Not reached: {join_words([str(part['text']) for part in parts])}."
+    lacks = [str(part["text"]) for part in parts if part.get("kind") == "missing"]
+    rest = [part for part in parts if part.get("kind") != "missing"]
+    texts = [*lacks, *([f"not reached: {join_words([str(p['text']) for p in rest])}"] * bool(rest))]
+    text = "; ".join(texts)
+    text = f"{text[0].upper()}{text[1:]}."
     if plan.status == "stopped":
         return replace(verdict, notes=(*verdict.notes, text))
     label, tone = verdict.label, verdict.tone
-    if label.startswith("Fits"):
-        goal = _read_goal(summary)
-        if goal == FAR_END:
-            share = sum(read_number(part, "share") or 0.0 for part in parts)
-            if not _is_given(summary) and any(part.get("kind") in CUT_OFF for part in parts):
-                label = label.replace("Fits", "Reaches the end of a part", 1)
-            label = f"{label}; {max(1.0, 100.0 * share):.0f} % of the lumen not reached"
+    if label.startswith("Fits") and _is_goal_given(summary):
+        label = label.replace("Fits", f"Fits to {_read_goal(summary)}", 1)
+    elif label.startswith("Fits"):
+        share = sum(read_number(part, "share") or 0.0 for part in rest)
+        if not _are_ends_given(summary) and any(part.get("kind") in CUT_OFF for part in rest):
+            label = label.replace("Fits", "Reaches the end of a part", 1)
+        if share > 0.0:
+            label += f"; {max(1.0, 100.0 * share):.0f} % of the lumen not reached"
+        if lacks:
+            label += "; lumen is missing in the file"
+        if share > 0.0 or lacks:
             tone = "amber"
-        else:
-            label = label.replace("Fits", f"Fits to {goal}", 1)
     return replace(verdict, label=label, tone=tone, sentence=f"{verdict.sentence} {text}")
 
 
@@ -166,6 +171,9 @@ def _add_wall_error(verdict: Verdict, claim: Claim, summary: Mapping[str, Any]) 
     if voxel:
         relation = "more" if covered >= voxel else "less"
         text += f", {relation} than the {voxel:.2f} mm by which its resolution may displace it"
+        if covered < voxel and ", proved" in verdict.label:
+            label = verdict.label.replace(", proved", ", proved for the stated wall", 1)
+            verdict = replace(verdict, label=label, tone="amber")
     stated = read_number(summary, "label_error_mm")
     if stated is None:
         return replace(verdict, notes=(*verdict.notes, f"{text}."))
@@ -192,15 +200,21 @@ def join_words(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def _is_given(summary: Mapping[str, Any]) -> bool:
+def _are_ends_given(summary: Mapping[str, Any]) -> bool:
     """Whether an end of the way was given; a summary that does not say so counts as if it was."""
     goal = summary.get("goal")
-    return not isinstance(goal, Mapping) or goal.get("given") is not False
+    return not isinstance(goal, Mapping) or goal.get("ends_given") is not False
 
 
 def _read_goal(summary: Mapping[str, Any]) -> str:
     goal = summary.get("goal")
-    return str(goal.get("name") or FAR_END) if isinstance(goal, Mapping) else FAR_END
+    named = goal.get("name") if isinstance(goal, Mapping) else None
+    return str(named or "the far end")
+
+
+def _is_goal_given(summary: Mapping[str, Any]) -> bool:
+    goal = summary.get("goal")
+    return isinstance(goal, Mapping) and bool(goal.get("given"))
 
 
 def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str) -> Verdict:

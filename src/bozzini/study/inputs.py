@@ -12,7 +12,10 @@ from ..errors import GeometryError, InputError
 from ..motion import Scope
 from ..motion.insertion import check_options as check_planner_options
 
-__all__ = ["check_options", "explain_scale"]
+__all__ = ["check_field_options", "check_options", "explain_scale"]
+
+VOXEL_MIN = 0.01
+"""Finest grid [mm]: a hundredth of the smallest tract."""
 
 
 def check_options(
@@ -26,11 +29,10 @@ def check_options(
     angle_limit: float | None,
     route: Sequence[float],
     soft_wall: float,
+    label_error: float | None = None,
 ) -> None:
     """Raise `InputError` for any option that is not legal for every tract."""
-    check_number("inflation", inflate, low=0.0, high=INFLATION_MAX, unit="mm")
-    if voxel is not None:
-        check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
+    check_field_options(voxel=voxel, inflate=inflate)
     check_planner_options(
         scope=scope,
         method=method,
@@ -40,6 +42,15 @@ def check_options(
         route=route,
     )
     check_number("soft wall", soft_wall, low=0.0, high=100.0, unit="mm")
+    if label_error is not None:
+        check_number("label error", label_error, low=0.0, high=100.0, unit="mm")
+
+
+def check_field_options(*, voxel: float | None, inflate: float) -> None:
+    """Raise `InputError` for an option of the distance field that is not legal for every tract."""
+    check_number("inflation", inflate, low=0.0, high=INFLATION_MAX, unit="mm")
+    if voxel is not None:
+        check_number("voxel", voxel, low=VOXEL_MIN, unit="mm")
 
 
 @contextmanager
