@@ -29,7 +29,8 @@ class Verdict:
     ----------
     tone : {"green", "amber", "red"}
         Green: reaches the end, clear of the wall. Amber: reaches the end, but the wall is nearer
-        than the error of an estimate, or has to give way. Red: through the wall, or stopped.
+        than the error of an estimate, or has to give way; or a part of the lumen is not reached,
+        or something that the scope may meet was not checked. Red: through the wall, or stopped.
     label : str
         The same in a word or two.
     sentence : str
