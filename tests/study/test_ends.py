@@ -10,7 +10,9 @@ from pathlib import Path
 import nibabel
 import numpy as np
 import pytest
+import trimesh
 
+from bozzini.anatomy import tract_from_surface
 from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
@@ -347,6 +349,21 @@ def test_a_small_part_is_less_than_one_percent() -> None:
     assert "(<1 % of the lumen)" in part.words and not part.stated
 
 
+@pytest.mark.parametrize("where", [45.0, 60.0, 80.0])
+def test_a_sheet_across_the_lumen_parts_it(where) -> None:
+    tube = trimesh.creation.cylinder(radius=8.0, segment=[[0, 0, 0], [0, 0, 120.0]])
+    sheet = np.array([[-15, -15, where], [15, -15, where], [15, 15, where], [-15, 15, where]])
+    faces = np.concatenate([tube.faces, np.array([[0, 1, 2], [0, 2, 3]]) + len(tube.vertices)])
+    closed = tract_from_surface(np.concatenate([tube.vertices, sheet]), faces)
+    field = build_field(closed)
+    line = find_centreline(field)
+    parts = find_unreached(closed, field, line)
+    assert [part.kind for part in parts] == ["component"]
+    rest = (where if line.points[0, 2] > where else 120.0 - where) / 120.0
+    assert parts[0].share == pytest.approx(rest, abs=0.03)
+    assert np.sign(parts[0].point[2] - where) != np.sign(line.points[0, 2] - where)
+
+
 def test_a_septum_that_closes_the_lumen_is_no_fit() -> None:
     whole = make_tract(HOOK)
     centres = np.indices(whole.labels.shape)[0] * VOXEL + whole.affine[0, 3]
@@ -378,6 +395,7 @@ HOOK = np.array([[26.0, 0, 0], [60.0, 0, 0], [60.0, 0, 50.0], [0, 0, 50.0], [0, 
         ({"start": (0.0, 0.0, 5.0), "end": HOOK[0]}, "the wall of lumen that goes on"),
         ({"start": (30.0, 0.0, 50.0), "end": HOOK[0]}, "the wall of lumen that goes on"),
         ({"start": (2.0, 0.0, 48.0), "end": HOOK[0]}, "the wall of lumen that goes on"),
+        ({"start": (0.0, 0.0, 0.0), "end": HOOK[-1]}, "the wall of lumen that goes on"),
         ({"start": (2.0, 3.0, -36.0), "end": HOOK[0]}, ""),
     ],
 )

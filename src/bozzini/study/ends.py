@@ -260,15 +260,14 @@ def find_introducer_crossing(
 ) -> tuple[Finding, ...]:
     """Return a warning if the introducer goes through the wall elsewhere than at the entry.
 
-    Rays along it, as far out as the scope stands in it, are sampled in the lumen before inflation;
-    each may leave the lumen once. An entry that was given must lie at an end of the lumen.
+    Rays along it are sampled in the lumen before inflation; each may leave it once. An entry that
+    was given must lie at an end of the lumen.
     """
     tube = Introducer.from_description(plan.meta["introducer"])
     rest = field.inflate(-field.inflation)
     step = 0.5 * float(rest.spacing.min())
     box = np.array(rest.values.shape) * rest.spacing
-    length = min(float(np.linalg.norm(box)), plan.links * plan.meta["scope"]["link_length_mm"])
-    along = np.arange(0.0, length + step, step)
+    along = np.arange(0.0, float(np.linalg.norm(box)) + step, step)
     side = np.linalg.svd(tube.outward[None])[2][1:]
     sides = np.concatenate([np.zeros((1, 3)), 0.5 * tube.bore * side, -0.5 * tube.bore * side])
     rays = tube.entry + sides[:, None] + along[:, None] * tube.outward
@@ -282,7 +281,7 @@ def find_introducer_crossing(
         if len(again) > 1:  # not by a corner of the wall alone
             crossing = ("lumen of the tract again", ray[left + again[0]])
             break
-    if crossing is None and start is not None and not inside[0].all():
+    if crossing is None and start is not None:
         beyond = _measure_behind(rest, plan, tube.entry, tip=start.kind == "label")
         if beyond > 0.0:
             what = f"the wall of lumen that goes on for {beyond:.0f} mm or more behind the entry,"

@@ -116,14 +116,18 @@ def find_unreached(
     A node of the lumen belongs to the way if it is no farther from the centreline than 1.5 times
     the largest inscribed radius within about that distance, and 5 mm more: this holds the lumen
     round the line also where its section is not round. What is farther is grouped into connected
-    parts. Components that are not in the field at all, and lumen that is missing in the file, are
-    those that the tract lists; landmarks far outside the lumen come last.
+    parts. What a wall closes off from the way is a component. Components that are not in the field
+    at all, and lumen that is missing in the file, are those that the tract lists; landmarks far
+    outside the lumen come last.
     """
     from scipy import ndimage
     from scipy.spatial import cKDTree
 
     rest = field.inflate(-field.inflation)
-    index = np.argwhere(rest.values < 0.0)
+    inside = rest.values < 0.0
+    index = np.argwhere(inside)
+    # As in the centreline's graph: what none of the 26 neighbours joins is closed off.
+    component, _ = ndimage.label(inside, structure=np.ones((3, 3, 3)))
     stride = max(1, round((len(index) / SUBSAMPLE) ** (1.0 / 3.0)))
     thin = index[(index % stride == 0).all(axis=1)]
     if len(thin) < 8:
@@ -132,7 +136,12 @@ def find_unreached(
     grid = rest.to_grid(line.points)
     distance, nearest = cKDTree(grid).query(thin * rest.spacing)
     room = np.maximum(line.radius - field.inflation, 0.0)
+    on_line = np.rint(grid / rest.spacing).astype(int)
+    own = np.setdiff1d(component[tuple(on_line.T)], 0)
+    closed_off = component[tuple(thin.T)]
+    closed_off[np.isin(closed_off, own)] = 0
     far = distance > 1.5 * _spread(room, line.arc_length)[nearest] + 5.0
+    far &= closed_off == 0
     total = len(thin) * cell + sum(part.volume for part in (*tract.not_reached, *tract.missing))
     found = [
         Unreached(kind="missing", volume=part.volume, share=part.volume / total, point=part.point)
@@ -148,40 +157,41 @@ def find_unreached(
         )
         for part in tract.not_reached
     ]
+    groups = [
+        (np.flatnonzero(closed_off == mark), False) for mark in np.unique(closed_off) if mark > 0
+    ]
     if far.any():
         nodes = thin // stride
         low = nodes.min(axis=0)
-        shape = tuple(nodes.max(axis=0) - low + 1)
-        mask = np.zeros(shape, dtype=bool)
+        mask = np.zeros(tuple(nodes.max(axis=0) - low + 1), dtype=bool)
         mask[tuple((nodes[far] - low).T)] = True
-        marks, _ = ndimage.label(mask, structure=np.ones((3, 3, 3)))
+        marks, count = ndimage.label(mask, structure=np.ones((3, 3, 3)))
         number = marks[tuple((nodes - low).T)]
-        joined = _find_joined(marks, nodes[~far] - low)
-        for part in range(1, int(number.max()) + 1):
-            chosen = np.flatnonzero(number == part)
-            share = len(chosen) * cell / total
-            if share < SHARE_MIN:
-                continue
-            mouth, tip = chosen[np.argmin(distance[chosen])], chosen[np.argmax(distance[chosen])]
-            x, y, z = (float(v) for v in rest.to_world(thin[tip] * rest.spacing))
-            at = float(line.arc_length[nearest[mouth]])
-            kind: Kind = "branch"
-            if part not in joined:
-                kind = "component"
-            elif at <= max(5.0, 1.5 * room[0]):
-                kind = "before"
-            elif at >= line.length - max(5.0, 1.5 * room[-1]):
-                kind = "beyond"
-            found.append(
-                Unreached(
-                    kind=kind,
-                    volume=len(chosen) * cell,
-                    share=share,
-                    point=(x, y, z),
-                    at=at,
-                    length=float(distance[tip] - distance[mouth]),
-                )
+        groups += [(np.flatnonzero(far & (number == k)), True) for k in range(1, count + 1)]
+    for chosen, joined in groups:
+        share = len(chosen) * cell / total
+        if share < SHARE_MIN:
+            continue
+        mouth, tip = chosen[np.argmin(distance[chosen])], chosen[np.argmax(distance[chosen])]
+        x, y, z = (float(v) for v in rest.to_world(thin[tip] * rest.spacing))
+        at = float(line.arc_length[nearest[mouth]])
+        kind: Kind = "branch"
+        if not joined:
+            kind = "component"
+        elif at <= max(5.0, 1.5 * room[0]):
+            kind = "before"
+        elif at >= line.length - max(5.0, 1.5 * room[-1]):
+            kind = "beyond"
+        found.append(
+            Unreached(
+                kind=kind,
+                volume=len(chosen) * cell,
+                share=share,
+                point=(x, y, z),
+                at=at,
+                length=float(distance[tip] - distance[mouth]),
             )
+        )
     for name, place in name_landmarks(tract).items():
         gap = measure_gap(tract, np.array(place))
         if gap > LANDMARK_REACH:
@@ -200,14 +210,3 @@ def _spread(radius: NDArray[np.float64], arc: NDArray[np.float64]) -> NDArray[np
     step = float(arc[-1]) / max(len(arc) - 1, 1)
     half = int(np.median(radius) / max(step, 1e-9)) + 1
     return np.asarray(maximum_filter1d(radius, 2 * half + 1))
-
-
-def _find_joined(marks: NDArray[np.int32], near: NDArray[np.int64]) -> set[int]:
-    """Return the numbers of the parts that touch one of the nodes near the way."""
-    joined: set[int] = set()
-    shape = np.array(marks.shape)
-    for step in np.argwhere(np.ones((3, 3, 3))) - 1:
-        beside = near + step
-        beside = beside[((beside >= 0) & (beside < shape)).all(axis=1)]
-        joined.update(np.unique(marks[tuple(beside.T)]).tolist())
-    return joined

@@ -27,8 +27,9 @@ class Verdict:
     ----------
     tone : {"green", "amber", "red"}
         Green: reaches the end, clear of the wall. Amber: reaches the end, but the wall is nearer
-        than the error of an estimate or than its own error, or has to give way, or lumen is not
-        reached or missing. Red: through the wall, or stopped.
+        than the error of an estimate or than its own error, or has to give way; or lumen is missing
+        or not reached, or something that the scope may meet was not checked. Red: through the wall,
+        or stopped.
     label : str
         The same in a word or two.
     sentence : str
