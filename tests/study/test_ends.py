@@ -158,9 +158,9 @@ def test_a_place_far_outside_is_refused_before_any_work_and_names_are_listed_onc
     lacking = Component(volume=37_700.0, point=far)
     odd = replace(tract, landmarks={"appendix orifice": far, "AO": far, "anus": tuple(LOW)})
     for start, missing, words in (
-        ("AO", (), r"landmark 'AO' lies 6\d mm outside the lumen: give"),
-        ("AO", (lacking,), r"6\d mm outside the lumen, of which 37.7 mL are missing in the file"),
-        (far, (), r"\(0, 0, -125\) mm lies 6\d mm outside"),
+        ("AO", (), r"start is landmark 'AO', which lies outside the lumen by 6\d mm: give"),
+        ("AO", (lacking,), r"by 6\d mm \(37.7 mL of lumen are missing in the file\): give"),
+        (far, (), r"\(0, 0, -125\) mm, which lies outside the lumen by 6\d mm"),
     ):
         with pytest.raises(GeometryError, match=words):
             resolve_places(replace(odd, missing=missing), start, None)

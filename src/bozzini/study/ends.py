@@ -171,9 +171,10 @@ def resolve_places(
     given = [_resolve(tract, "via", chosen) for chosen in via]
     stops = tuple(place for place in given if place is not None)
     first, last = _resolve(tract, "start", start), _resolve(tract, "end", end)
-    for place in (first, last, *stops):
+    named = [("start", first), ("end", last), *(("via", place) for place in stops)]
+    for option, place in named:
         if place is not None and place.kind != "label":
-            _check_near(tract, place)
+            _check_near(tract, option, place)
     return first, last, stops
 
 
@@ -388,20 +389,20 @@ def _find_named_ends(
     return found
 
 
-def _check_near(tract: LabelTract | SurfaceTract, place: Place) -> None:
+def _check_near(tract: LabelTract | SurfaceTract, option: str, place: Place) -> None:
     """Raise `GeometryError` if a place is so far outside the lumen that no end can be there."""
     reach = INFLATION_MAX if place.kind == "point" else max(LANDMARK_REACH, 2.0 * place.radius)
     gap = measure_gap(tract, place.points)
     if gap > reach:
         raise GeometryError(
-            f"{place.name} lies {gap:.0f} mm outside the lumen{_explain_gap(tract)}: give a point "
-            "inside it"
+            f"{option} is {place.name}, which lies outside the lumen by {gap:.0f} mm"
+            f"{_explain_gap(tract)}: give a point inside it"
         )
 
 
 def _explain_gap(tract: LabelTract | SurfaceTract) -> str:
     volume = sum(part.volume for part in tract.missing)
-    return f", of which {volume / 1000.0:.3g} mL are missing in the file" if volume else ""
+    return f" ({volume / 1000.0:.3g} mL of lumen are missing in the file)" if volume else ""
 
 
 def measure_gap(tract: LabelTract | SurfaceTract, point: NDArray[np.float64]) -> float:
