@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from bozzini.anatomy import tract_from_surface
 from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
