@@ -175,7 +175,7 @@ def _read_goal(summary: Mapping[str, Any]) -> str:
 
 def _is_goal_given(summary: Mapping[str, Any]) -> bool:
     goal = summary.get("goal")
-    return isinstance(goal, Mapping) and bool(goal.get("given"))
+    return isinstance(goal, Mapping) and bool(goal.get("chosen"))
 
 
 def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str) -> Verdict:
