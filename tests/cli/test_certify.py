@@ -45,7 +45,7 @@ def certify(capsys: CAPTURE, *arguments: object) -> Outcome:
 def test_a_plan_is_certified_anew_by_both_methods(
     capsys: CAPTURE, plans: dict[str, Path], tracts: Tracts, name: str
 ) -> None:
-    source = tracts.halves if name == "labels" else tracts.surface
+    source = tracts.volume if name == "labels" else tracts.surface
     outcome = certify(capsys, plans[name], source, "--independent", "--json")
     assert (outcome.code, outcome.err) == (0, "")
     result, second = outcome.result, outcome.result["second_check"]
@@ -202,7 +202,7 @@ def test_a_body_moved_through_the_wall_is_found(
 ) -> None:
     plan = Plan.load(plans["labels"])
     plan.joints[-1, 3] += [0.0, 12.0, 0.0]
-    outcome = certify(capsys, plan.save(tmp_path / "p.npz"), tracts.halves, "--independent")
+    outcome = certify(capsys, plan.save(tmp_path / "p.npz"), tracts.volume, "--independent")
     assert outcome.code == 1
     for name in ("links", "moves", "certificate"):
         assert f"FAILED {name}:" in outcome.out
@@ -231,7 +231,7 @@ def test_an_input_that_cannot_be_read_as_stated_is_one_line(
 ) -> None:
     plan = Plan.load(plans["labels"])
     plan.meta["input"].update(change)
-    outcome = certify(capsys, plan.save(tmp_path / "p.npz"), tracts.halves)
+    outcome = certify(capsys, plan.save(tmp_path / "p.npz"), tracts.volume)
     assert outcome.code == 2
     assert message in outcome.err and outcome.err.count("\n") == 1
 

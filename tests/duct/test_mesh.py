@@ -129,7 +129,9 @@ def test_kernels_get_a_rigorous_bound():
     duct = as_duct(mesh)
     field = duct.sample(0.5)
     points = scatter(random, duct, 20_000)
-    assert np.all(field.clearance_bound(points) <= -duct.signed_distance(points) + 1e-9)
+    # Outside, a sampled field only knows distances up to its reach.
+    known = np.minimum(duct.signed_distance(points), field.reach)
+    assert np.all(field.clearance_bound(points) <= -known + 1e-9)
     again = duct.to_world(duct.to_grid(points))
     assert again == pytest.approx(points, abs=1e-9)
     assert duct.pack().values.shape == duct.sample().values.shape

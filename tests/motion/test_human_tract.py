@@ -7,7 +7,7 @@ import pytest
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import build_field, find_centreline
-from bozzini.motion import Introducer, Scope, plan_insertion
+from bozzini.motion import Introducer, Scope, find_passage, plan_insertion
 from tests.exact import MeshWall, VoxelWall, outside_introducer, sample_body
 
 FILES = {"labels": "upper_gi_labels_1mm.nii.gz", "surface": "upper_gi_mc1mm.stl"}
@@ -62,7 +62,11 @@ def test_the_scope_passes_certified(human, diameter, link):
 def test_nine_millimetres_are_refused_and_pass_when_inflated(human, link):
     plan = human.plan(9.0, link)
     assert plan.status == "stopped"
-    assert plan.reason_code in ("NO_PASSAGE", "GOAL_CLEARANCE")
+    refusal = plan.meta["refusal"]
+    assert plan.reason_code in ("NO_PASSAGE", "GOAL_CLEARANCE", "LINK_TOO_LONG")
+    assert refusal["offers_mm"] < refusal["needs_mm"]
+    # Whatever the links: the widest way on the grid is narrower than the scope.
+    assert find_passage(human.field, human.line.points[0], human.line.points[-1]).level < 4.55
     assert plan.inserted == 0.0 or plan.meta["certified"]
     inflated = human.plan(9.0, link, inflate=4.0)
     assert inflated.status == "complete", inflated.reason

@@ -102,5 +102,5 @@ def test_scope_dimensions_must_be_positive_numbers(bad):
 
 
 def test_a_scope_has_at_least_one_link():
-    with pytest.raises(InputError, match=r"scope length is 4 mm: it must lie in \[5, inf\) mm"):
+    with pytest.raises(InputError, match=r"scope length is 4 mm: it must lie in \[5, 10000\] mm"):
         Scope(diameter=2.0, link_length=5.0, length=4.0)

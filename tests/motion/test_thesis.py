@@ -146,11 +146,11 @@ def test_a_shorter_scope_is_inserted_as_far_as_it_is_long():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "magic"}, "method is 'magic': it must be one of tube, follow, thesis"),
+        ({"method": "magic"}, "method is 'magic': it must be one of best, tube, follow, thesis"),
         ({"head_step": 0.0}, "head step is 0 mm"),
         ({"head_step": 9.0}, "head step is 9 mm"),
         ({"link": 500.0}, "link length is 500 mm: it must be at most the tract's centreline"),
-        ({"diameter": -5.0}, r"scope diameter is -5 mm: it must lie in \(0, inf\) mm"),
+        ({"diameter": -5.0}, r"scope diameter is -5 mm: it must lie in \[0.1, 500\] mm"),
     ],
 )
 def test_illegal_input_is_refused(options, message):

@@ -147,8 +147,8 @@ class InsertionStudy:
             "goal": {
                 "point_mm": np.round(self.line.points[-1], 3).tolist(),
                 "name": self.way.goal,
-                "given": self.way.goal_given,
-                "ends_given": self.way.given,
+                "given": self.way.given,
+                "chosen": self.way.goal_given,
             },
             "ends": [candidate.describe() for candidate in self.way.candidates],
             "unreached": [part.describe() for part in self.unreached],

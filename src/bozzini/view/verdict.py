@@ -204,7 +204,7 @@ def join_words(words: Sequence[str]) -> str:
 def _are_ends_given(summary: Mapping[str, Any]) -> bool:
     """Whether an end of the way was given; a summary that does not say so counts as if it was."""
     goal = summary.get("goal")
-    return not isinstance(goal, Mapping) or goal.get("ends_given") is not False
+    return not isinstance(goal, Mapping) or goal.get("given") is not False
 
 
 def _read_goal(summary: Mapping[str, Any]) -> str:
@@ -215,7 +215,7 @@ def _read_goal(summary: Mapping[str, Any]) -> str:
 
 def _is_goal_given(summary: Mapping[str, Any]) -> bool:
     goal = summary.get("goal")
-    return isinstance(goal, Mapping) and bool(goal.get("given"))
+    return isinstance(goal, Mapping) and bool(goal.get("chosen"))
 
 
 def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str) -> Verdict:
