@@ -148,22 +148,23 @@ def list_scopes(seed):
 
 
 @pytest.mark.slow
-def test_all_advice_on_random_tubes_fits():
+@pytest.mark.parametrize("first", [0, 8, 16])
+def test_all_advice_on_random_tubes_fits(first):
     held = []
-    for seed in range(24):
+    for seed in range(first, first + 8):
         for diameter, link in list_scopes(seed):
             held.append(check_advice(make_random(seed), diameter=diameter, link=link))
     held = [each for each in held if each is not None]
-    assert len(held) >= 40
-    assert sum("diameter" in each for each in held) >= 25
-    assert sum("inflation" in each for each in held) >= 35
-    assert len({each["code"] for each in held}) >= 3
+    assert len(held) >= 14
+    assert sum("diameter" in each for each in held) >= 8
+    assert sum("inflation" in each for each in held) >= 11
+    assert len({each["code"] for each in held}) >= 2
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("file", ["upper_gi_labels_1mm.nii.gz", "upper_gi_mc1mm.stl"])
 def test_all_advice_on_a_human_tract_fits(upper_gi_dir, file):
-    tract = read_tract(upper_gi_dir / file)
+    tract = read_tract(upper_gi_dir / file, labels="all" if ".nii" in file else None)
     lumen = Lumen(lambda inflation: build_field(tract, inflate=inflation), (None, None))
     for diameter, link in ((9.0, 8.0), (9.0, 20.0), (12.0, 12.0), (7.0, 35.0), (8.6, 14.0)):
         held = check_advice(lumen, diameter=diameter, link=link)
