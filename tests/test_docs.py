@@ -37,7 +37,7 @@ def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "example"}
     for number, code in enumerate(_examples(page), start=1):
-        exec(compile(code, f"{_name(page)}, example {number}", "exec"), names)
+        exec(compile(code, f"{_name(page)}, example {number}", "exec", dont_inherit=True), names)
 
 
 def test_readme_has_an_example_of_about_fifteen_lines() -> None:
