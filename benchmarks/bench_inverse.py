@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bozzini.effector.design import preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.inverse import solve_inverse
 from bozzini.effector.pose import pose
-from bozzini.effector.presets import preset
-from bozzini.effector.stick import Stick, find_stick_scale, steer
+from bozzini.effector.steering import Stick, find_stick_scale, steer
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 
 MODELS = {"energy": EnergyMuscle, "thesis": partial(ThesisMuscle, load_path="bulk")}

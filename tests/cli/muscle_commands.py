@@ -44,15 +44,15 @@ muscle fit data.csv --preset thesis-45 --model sangian
 muscle fit data.csv --preset thesis-45 --free gap,braid-angle --bound gap=0mm:0.1mm --anyway
 muscle compare data.csv --preset thesis-45 --model energy --model thesis
 muscle compare data.csv --preset thesis-45 --model energy --model chou --fit
-muscle compare data.csv --preset thesis-45 --model energy --model tondu-lopez --fit --by cv --folds 3
+muscle compare data.csv --model energy --model tondu-lopez --fit --by cv --folds 3
 effector pose --pressure R=689.4kPa,G=413.6kPa
 effector pose --pressure R=689.4kPa,G=413.6kPa --method thesis --order G,R
-effector pose --pressure R=689.4kPa --model thesis --load-path bulk --muscle-preset effector-45 --table
+effector pose --pressure R=689.4kPa --model thesis --load-path bulk --table
 effector pose --pressure R=300kPa --model chou
 effector pose --pressure Q=1kPa
 effector reach --to 12mm,-5mm --beam 2
 effector reach --to 3mm,-4mm
-effector reach --to 3mm,-4mm --model thesis --load-path bulk --muscle-preset effector-45
+effector reach --to 3mm,-4mm --model thesis --load-path bulk
 effector reach --to 3mm,-4mm --model gaylord-1
 effector reach --to 300mm,0mm
 effector workspace

@@ -34,9 +34,7 @@ def _compare(found: Any, kept: Any, where: str) -> None:
 
 
 @pytest.mark.parametrize("line", COMMANDS.strip().splitlines())
-def test_answers_are_those_kept(
-    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_answers_are_those_kept(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write_data(tmp_path / "data.csv")
     found = run(line)

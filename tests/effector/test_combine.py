@@ -20,7 +20,7 @@ from bozzini.effector import (
     pose,
     preset,
 )
-from bozzini.effector.combine import combine_bends, take_order
+from bozzini.effector.pose import combine_bends, take_order
 from bozzini.errors import GeometryError, InputError
 from bozzini.muscle import preset as muscle_preset
 from tests.effector.reference import combine_printed

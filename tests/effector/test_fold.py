@@ -22,8 +22,8 @@ from bozzini.effector import (
     preset,
     solve_inverse,
 )
-from bozzini.effector._linkage_kernels import find_end, measure_lateral
-from bozzini.effector.forward import take_linkage
+from bozzini.effector.kernels.linkage import find_end, measure_lateral
+from bozzini.effector.linkage import take_linkage
 from bozzini.errors import GeometryError
 from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle
 from bozzini.muscle import preset as muscle_preset

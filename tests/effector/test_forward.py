@@ -18,7 +18,7 @@ from bozzini.effector import (
     place_curve,
     preset,
 )
-from bozzini.effector._linkage_kernels import find_end, measure_lag, measure_lateral
+from bozzini.effector.kernels.linkage import find_end, measure_lag, measure_lateral
 from bozzini.errors import GeometryError, InputError
 from tests.effector.reference import ROWS, intersect_circles, solve_printed
 from tests.effector.strategies import designs

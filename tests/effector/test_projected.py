@@ -9,10 +9,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from bozzini.effector.design import EffectorDesign, PlacedMuscle
-from bozzini.effector.presets import preset
-from bozzini.effector.projected import INVERSE_OUTCOMES, project_inverse
-from bozzini.effector.sectors import find_sectors
+from bozzini.effector.design import EffectorDesign, PlacedMuscle, preset
+from bozzini.effector.inverse import INVERSE_OUTCOMES, find_sectors, project_inverse
 from bozzini.errors import InputError
 from bozzini.muscle import preset as muscle_preset
 

@@ -70,6 +70,6 @@ def test_whole_floats_are_whole_numbers():
 
 
 def test_results_are_built_by_keyword_only():
-    for result in (room.Bend, room.Peak, room.Balance, room.EffectorPose, room.TipForce):
+    for result in (room.LinkageBend, room.Peak, room.Balance, room.EffectorPose, room.TipForce):
         with pytest.raises(TypeError, match="positional argument"):
             result(1.0)

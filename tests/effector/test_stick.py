@@ -18,9 +18,9 @@ from bozzini.effector import (
     pose,
     trace_path,
 )
+from bozzini.effector.design import preset
 from bozzini.effector.inverse import solve_inverse
-from bozzini.effector.presets import preset
-from bozzini.effector.stick import Stick, find_stick_scale, steer
+from bozzini.effector.steering import Stick, find_stick_scale, steer
 from bozzini.effector.workspace import workspace
 from bozzini.errors import InputError
 from bozzini.muscle import preset as muscle_preset

@@ -7,12 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from bozzini.effector.design import preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
-from bozzini.effector.forward import find_peak
-from bozzini.effector.optimise import optimise_design
-from bozzini.effector.presets import preset
-from bozzini.effector.study import change_design, find_needed_pressure, sweep
+from bozzini.effector.linkage import find_peak
+from bozzini.effector.study import change_design, find_needed_pressure, optimise_design, sweep
 from bozzini.effector.workspace import workspace
 from bozzini.errors import BozziniError, InputError
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, linprog
 
+from bozzini.effector.design import preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
-from bozzini.effector.forward import contraction_for_lateral
 from bozzini.effector.inverse import solve_inverse
-from bozzini.effector.presets import preset
-from bozzini.effector.tip_force import passive_stiffness, tip_force, tip_stiffness
+from bozzini.effector.linkage import contraction_for_lateral
+from bozzini.effector.workspace import passive_stiffness, tip_force, tip_stiffness
 from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 

@@ -7,11 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from bozzini.effector.cubic import CubicFit, fit_cubic, look_up_pressures
+from bozzini.effector.design import preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
-from bozzini.effector.presets import preset
-from bozzini.effector.trace import trace_circle, trace_line, trace_path
+from bozzini.effector.steering import (
+    CubicFit,
+    fit_cubic,
+    look_up_pressures,
+    trace_circle,
+    trace_line,
+    trace_path,
+)
 from bozzini.effector.workspace import workspace
 from bozzini.errors import InputError
 
@@ -93,7 +99,7 @@ def test_the_cubic_is_inverted_where_it_rises() -> None:
 def test_a_cubic_that_turns_is_only_inverted_past_its_turn() -> None:
     # (p - 0.2)^2 (p + 0.1) falls from 0 to 0.2.
     root = np.polynomial.Polynomial.fromroots([0.2, 0.2, -0.1])
-    from bozzini.effector.cubic import _find_rise
+    from bozzini.effector.steering import _find_rise
 
     assert _find_rise(root.coef, 0.0, 0.8, "R") == pytest.approx(0.2)
     assert _find_rise(root.coef, 0.3, 0.8, "R") == 0.3

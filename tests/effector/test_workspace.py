@@ -9,12 +9,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from bozzini.effector.design import PlacedMuscle
+from bozzini.effector.design import PlacedMuscle, preset
 from bozzini.effector.effector import Effector
-from bozzini.effector.forward import find_peak
 from bozzini.effector.inverse import solve_inverse
+from bozzini.effector.linkage import find_peak
 from bozzini.effector.pose import pose
-from bozzini.effector.presets import preset
 from bozzini.effector.workspace import place_tips, workspace
 from bozzini.errors import InputError
 from tests.effector.models import SpringMuscle

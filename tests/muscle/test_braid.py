@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bozzini.errors import InputError
 from bozzini.muscle import LOCKING_ANGLE, Braid
-from bozzini.muscle.braid import BRAID_ANGLES
+from bozzini.muscle.design import BRAID_ANGLES
 
 braids = st.builds(
     Braid,

@@ -12,8 +12,8 @@ from hypothesis.extra.numpy import arrays
 
 from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle
-from bozzini.muscle.compare import compare_models
-from bozzini.muscle.dataset import Measurements
+from bozzini.muscle.data import Measurements
+from bozzini.muscle.ranking import compare_models
 
 MUSCLE = Muscle(length=45.0, outer_radius=0.75)
 ENERGY, THESIS = EnergyMuscle(MUSCLE), ThesisMuscle(MUSCLE)

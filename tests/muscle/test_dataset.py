@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.errors import BozziniError, FileFormatError, InputError, MissingExtraError, UnitError
-from bozzini.muscle.dataset import Measurements, read_measurements, write_measurements
+from bozzini.muscle.data import Measurements, read_measurements, write_measurements
 from bozzini.muscle.design import Muscle
 
 MUSCLE = Muscle(length=45.0, outer_radius=0.55)

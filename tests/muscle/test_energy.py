@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from bozzini.muscle import LOCKING_ANGLE, EnergyMuscle, Muscle, preset
-from bozzini.muscle import _kernels as kernels
+from bozzini.muscle.kernels import energy as kernels
 from tests.muscle import reference
 from tests.muscle.strategies import SHARES, muscles, pressures
 

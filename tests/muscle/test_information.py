@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError
-from bozzini.muscle.information import compute_aicc, compute_bic, weigh_models
+from bozzini.muscle.ranking import compute_aicc, compute_bic, weigh_models
 
 squares = st.floats(1e-12, 1e12)
 

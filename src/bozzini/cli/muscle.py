@@ -1,36 +1,509 @@
-"""``bozzini muscle``: solve a muscle, compute its curves; compare, fit and models are beside."""
+"""``bozzini muscle``: solve a muscle, compute its curves, list, fit and compare models."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ._muscle_compare import compare_command
-from ._muscle_constants import describe_constants, parse_settings, set_option
-from ._muscle_fit import fit_command
-from ._muscle_models import models_command
 from ._muscle_options import (
+    FIELDS,
+    ModelType,
     check_direction,
     check_fields,
+    check_friction,
+    data_argument,
     describe_choices,
+    describe_constants,
     describe_muscle,
     design_options,
     direction_option,
+    find_card,
+    list_kinds,
     make_class,
     make_muscle,
+    mean_option,
     model_option,
     model_options,
+    note_data,
+    parse_constant,
+    parse_settings,
+    read_data,
+    select_choices,
+    set_option,
+    unit_of,
+    units_option,
 )
 from ._tables import PICTURES, check_target, format_csv
-from .common import EXIT_NEGATIVE, QuantityType, emit, force_option, json_option, run_exit
+from .common import (
+    EXIT_NEGATIVE,
+    QuantityType,
+    emit,
+    force_option,
+    json_option,
+    progress_bar,
+    run_exit,
+)
 
 if TYPE_CHECKING:
-    from ..muscle.model import StaticModel
+    from ..muscle.data import Measurements
+    from ..muscle.design import Muscle
+    from ..muscle.fit import Calibration
+    from ..muscle.model import MuscleModel
+    from ..muscle.models import Card, Parameter
+    from ..muscle.ranking import ModelScore, RankedModel
 
-__all__ = ["command"]
+__all__ = ["command", "compare_command", "fit_command", "models_command"]
+
+# ``bozzini muscle models``: what models there are, and the card of one.
+
+
+@click.command("models")
+@click.argument("name", required=False)
+@json_option
+def models_command(name: str | None, as_json: bool) -> None:
+    """List the models of a muscle, or show all that is known of one.
+
+    The status is how much of a model the survey holds: self-contained; corrected, with errata
+    mended; fitted, with constants to fit; partial, with a law missing that the paper named has.
+    """
+    from ..errors import InputError
+    from ..muscle import MODELS
+    from ..muscle.models import count_statuses, describe_card
+
+    if name is None:
+        cards = list(MODELS.cards.values())
+        own = [key for key in MODELS.own if key not in MODELS.cards]
+        counts = count_statuses(cards)
+        listed = ", ".join(f"{count} {status}" for status, count in counts.items())
+        lines = [
+            _format_table(cards),
+            f"{len(cards)} models of the survey: {listed}; and {' and '.join(own)}, this package's "
+            "own",
+            *(f"{key}: of the package {point.value}" for key, point in MODELS.plugins.items()),
+        ]
+        result = {
+            "own": own,
+            "counts": counts,
+            "models": [dataclasses.asdict(card) for card in cards],
+        }
+        if MODELS.plugins:
+            result["plugins"] = {key: point.value for key, point in MODELS.plugins.items()}
+        emit(result, as_json=as_json, text="\n".join(lines))
+        return
+    if name not in MODELS:
+        raise InputError(f"there is no model '{name}': choose one of {', '.join(MODELS)}")
+    card = MODELS[name].card
+    if card is None:
+        whose = "of another package" if name in MODELS.plugins else "this package's own"
+        raise InputError(f"the model {name} is {whose} and has no card: see its documentation")
+    emit(dataclasses.asdict(card), as_json=as_json, text=describe_card(card))
+
+
+def _format_table(cards: list[Card]) -> str:
+    rows = [("model", "equation", "status", "")]
+    rows += [(card.name, card.equation, card.status, card.title) for card in cards]
+    wide = [max(len(row[i]) for row in rows) for i in range(3)]
+    return "\n".join(
+        "  ".join(
+            [*(cell.ljust(w) for cell, w in zip(row[:3], wide, strict=True)), row[3]]
+        ).rstrip()
+        for row in rows
+    )
+
+
+# ``bozzini muscle fit``: fields of a muscle from measurements.
+
+
+@click.command("fit")
+@data_argument
+@model_option
+@click.option(
+    "--free",
+    help="Fields of the muscle and constants of the model to fit, separated by commas; the options "
+    "below are where fields start (default: modulus,dead-length in energy, modulus,end-length in "
+    "thesis, in others what is unknown of them).",
+)
+@click.option(
+    "--bound",
+    "bound_texts",
+    multiple=True,
+    metavar="FIELD=LOW:HIGH",
+    help="Bounds of a field that is fitted, e.g. modulus=0.1MPa:2MPa; can be repeated.",
+)
+@click.option("--anyway", is_flag=True, help="Fit also what the data cannot distinguish.")
+@units_option
+@mean_option
+@set_option
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="A picture.")
+@design_options
+@model_options
+@force_option
+@json_option
+def fit_command(
+    source: Path,
+    model_name: str,
+    free: str | None,
+    bound_texts: tuple[str, ...],
+    anyway: bool,
+    units: tuple[str, ...],
+    take_mean: bool,
+    settings: tuple[str, ...],
+    out: Path | None,
+    preset: str,
+    ends: str | None,
+    load_path: str | None,
+    force: bool,
+    as_json: bool,
+    **fields: float | None,
+) -> None:
+    """Fit fields of a muscle, and constants of a model, to measurements.
+
+    DATA is a .csv or .parquet file, see 'bozzini muscle compare --help'.
+
+    Exit code 0: fitted, and nothing speaks against the estimates; 1: fitted, but with warnings,
+    or no minimum was found; 2: bad input.
+    """
+    from ..muscle import FitOptions, calibrate, compare_models
+
+    check_target(out, PICTURES, force=force)
+    muscle = make_muscle(preset, fields)
+    check_fields([model_name], fields)
+    constants = parse_settings([model_name], settings)[model_name]
+    make = make_class(model_name, ends=ends, load_path=load_path, constants=constants)
+    own = _list_constants(model_name)
+    bounds = _parse_bounds(bound_texts, own)
+    data = read_data(source, muscle, units, take_mean)
+    names = None if free is None else tuple(_name_field(part) for part in free.split(","))
+    check_friction(fields, data, free=names or ())
+    found = calibrate(
+        make, muscle, data, free=names, options=FitOptions(bounds=bounds, force=anyway)
+    )
+    if out is not None:
+        from ..view import write_figure
+        from ..view.muscle_figures import draw_models
+
+        models = {model_name: found.fitted}
+        comparison = compare_models(models, data, fitted={model_name: len(found.free)})
+        write_figure(draw_models(comparison, models), out)
+    result = {
+        "model": model_name,
+        "preset": preset,
+        **describe_choices(found.fitted),
+        "set": constants,
+        "held": found.held,
+        "mean": take_mean,
+        "anyway": anyway,
+        "bounds": bounds,
+        "rows": len(data),
+        "ignored_columns": data.ignored,
+        "notes": data.notes,
+        "estimates": {
+            name: {
+                "value": found.estimates[name],
+                "unit": _find_unit(name, own),
+                "standard_error": found.standard_errors[name],
+                "interval_95": found.intervals[name],
+            }
+            for name in found.free
+        },
+        "correlations": found.correlations,
+        "condition": found.condition,
+        "sigma_mm": found.sigma,
+        "warnings": found.warnings,
+        "converged": found.converged,
+        "reason": found.reason,
+        "muscle": describe_muscle(found.muscle),
+        "file": out,
+    }
+    emit(result, as_json=as_json, text=note_data(data) + _format_fit(found, own))
+    if not found.trusted:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _name_field(text: str) -> str:
+    return text.strip().replace("-", "_")
+
+
+def _list_constants(name: str) -> dict[str, Parameter]:
+    card = find_card(name)
+    return {} if card is None else {item.name: item for item in card.parameters}
+
+
+def _find_unit(name: str, own: dict[str, Parameter]) -> str:
+    return own[name].unit if name in own else unit_of(name)
+
+
+def _parse_bounds(
+    texts: tuple[str, ...], own: dict[str, Parameter]
+) -> dict[str, tuple[float, float]]:
+    from ..errors import InputError
+    from ..units import parse_quantity
+
+    bounds: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        name, _, pair = text.partition("=")
+        field = _name_field(name)
+        ends = pair.split(":")
+        if (field not in FIELDS and field not in own) or len(ends) != 2:
+            raise InputError(
+                f"--bound is '{text}': it must be FIELD=LOW:HIGH, such as modulus=0.1MPa:2MPa"
+            )
+        if field in bounds:
+            raise InputError(f"--bound names {name.strip()} more than once: give it once")
+        if field in own:
+            bounds[field] = (
+                parse_constant(own[field], ends[0]),
+                parse_constant(own[field], ends[1]),
+            )
+            continue
+        kind = FIELDS[field].kind
+        bounds[field] = (parse_quantity(ends[0], kind), parse_quantity(ends[1], kind))
+    return bounds
+
+
+def _format_fit(found: Calibration, own: dict[str, Parameter]) -> str:
+    lines = []
+    wide = max(16, *(len(name) + 1 for name in found.free))
+    for name in found.free:
+        low, high = found.intervals[name]
+        lines.append(
+            f"{name:<{wide}}{found.estimates[name]:10.4g} {_find_unit(name, own):<4} "
+            f"95 %: {low:.4g} to {high:.4g}"
+        )
+    lines.append(
+        f"residuals {found.sigma:.3g} mm, condition {found.condition:.1f}; "
+        f"{'converged' if found.converged else 'not converged'}: {found.reason}"
+    )
+    lines += [f"{name}: {reason}" for name, reason in found.held.items()]
+    return "\n".join([*lines, *(f"warning: {text}" for text in found.warnings)])
+
+
+# ``bozzini muscle compare``: models against measurements.
+
+
+_WARNED = 3  # so many models, the first, have the warnings of their fits shown
+
+
+@click.command("compare")
+@data_argument
+@click.option(
+    "--model",
+    "model_names",
+    type=ModelType(),
+    multiple=True,
+    help="A model to compare; can be repeated (default: fit and rank all, see 'models').",
+)
+@click.option(
+    "--fit",
+    is_flag=True,
+    help="With --model, fit each model first, and rank: modulus, and dead length (energy) or end "
+    "length (thesis); constants and modulus of the others.",
+)
+@click.option(
+    "--by",
+    "criterion",
+    type=click.Choice(["aicc", "bic", "cv"]),
+    help="Of a fit, rank by an information criterion or by the rows left out (default: aicc).",
+)
+@click.option(
+    "--folds", type=int, help="Of a fit, parts for cross-validation; 0 for none (default: 5)."
+)
+@click.option("--seed", type=int, help="Of a fit, for folds and starts (default: 0).")
+@units_option
+@mean_option
+@set_option
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="A picture.")
+@design_options
+@model_options
+@force_option
+@json_option
+def compare_command(
+    source: Path,
+    model_names: tuple[str, ...],
+    fit: bool,
+    criterion: str | None,
+    folds: int | None,
+    seed: int | None,
+    units: tuple[str, ...],
+    take_mean: bool,
+    settings: tuple[str, ...],
+    out: Path | None,
+    preset: str,
+    ends: str | None,
+    load_path: str | None,
+    force: bool,
+    as_json: bool,
+    **fields: float | None,
+) -> None:
+    """Compare models with measurements; without --model, fit and rank all that can be fitted.
+
+    DATA is a .csv or .parquet file with the columns pressure, contraction or length and, if there,
+    load, direction and specimen; their units stand in the header, as in 'pressure [kPa]'. The
+    standard error is also given as a percentage of the largest contraction.
+
+    Models that are fitted are ranked: by AICc, which charges a model for its constants, unless --by
+    asks otherwise. 'left out' is the error at rows left out of the fit.
+
+    Exit code 0: compared; 1: no model has an answer; 2: bad input. A picture is written only if a
+    model has an answer.
+    """
+    from ..errors import InputError
+
+    check_target(out, PICTURES, force=force)
+    fit = fit or not model_names
+    for option, value in (("--by", criterion), ("--folds", folds), ("--seed", seed)):
+        if value is not None and not fit:
+            raise InputError(f"{option} has no effect without --fit: leave it out")
+    names = list(dict.fromkeys(model_names) if model_names else list_kinds())
+    choices = select_choices(names, ends=ends, load_path=load_path)
+    check_fields(names, fields)
+    constants = parse_settings(names, settings)
+    muscle = make_muscle(preset, fields)
+    data = read_data(source, muscle, units, take_mean)
+    check_friction(fields, data, free=())
+    makes = {
+        name: make_class(
+            name, **{"ends": None, "load_path": None, **choices[name]}, constants=constants[name]
+        )
+        for name in names
+    }
+    result = {
+        "rows": len(data),
+        "preset": preset,
+        "mean": take_mean,
+        "choices": choices,
+        "set": constants,
+        "ignored_columns": data.ignored,
+        "notes": data.notes,
+        "largest_contraction_mm": data.largest_contraction,
+    }
+    compare = _rank if fit else _compare
+    options = {"criterion": criterion or "aicc", "folds": folds, "seed": seed or 0}
+    more, text, found = compare(makes, muscle, data, out, **(options if fit else {}))
+    result.update(more, muscle=describe_muscle(muscle))
+    emit(result, as_json=as_json, text=note_data(data) + text)
+    if not found:
+        run_exit(EXIT_NEGATIVE)
+
+
+_Answer = tuple[dict[str, Any], str, bool]
+
+
+def _compare(
+    makes: Mapping[str, Callable[[Muscle], MuscleModel]],
+    muscle: Muscle,
+    data: Measurements,
+    out: Path | None,
+) -> _Answer:
+    """Compare the models as they are; return result, text, and whether there is an answer."""
+    from ..errors import BozziniError
+    from ..muscle import compare_models
+
+    models: dict[str, MuscleModel] = {}
+    refusals: dict[str, str] = {}
+    for name, make in makes.items():
+        try:
+            models[name] = make(muscle)
+        except BozziniError as error:
+            refusals[name] = str(error)
+    comparison = compare_models(models, data, refusals=refusals)
+    written = out if comparison.scores else None
+    if written is not None:
+        from ..view import write_figure
+        from ..view.muscle_figures import draw_models
+
+        write_figure(draw_models(comparison, models), written)
+    result = {
+        "models": [{**_describe_score(score), "fitted": {}} for score in comparison.scores],
+        "refusals": comparison.refusals,
+        "file": written,
+    }
+    return result, comparison.format_table(), bool(comparison.scores)
+
+
+def _rank(
+    makes: Mapping[str, Callable[[Muscle], MuscleModel]],
+    muscle: Muscle,
+    data: Measurements,
+    out: Path | None,
+    **options: Any,
+) -> _Answer:
+    """Fit the models and rank them; return result, text, and whether there is an answer."""
+    from ..muscle import RankOptions, rank
+
+    with progress_bar() as progress:
+        ranking = rank(
+            data, muscle, models=makes, options=RankOptions(**options), progress=progress
+        )
+    written = out if ranking.models else None
+    if written is not None:
+        from ..view import write_figure
+        from ..view.muscle_figures import draw_ranking
+
+        write_figure(draw_ranking(ranking), written)
+    result = {
+        "ranked_by": ranking.criterion,
+        "folds": ranking.folds,
+        "seed": ranking.seed,
+        "models": [_describe_ranked(entry) for entry in ranking.models],
+        "refusals": ranking.refusals,
+        "notes": ranking.notes,
+        "file": written,
+    }
+    lines = [ranking.format_table()]
+    for entry in ranking.models[:_WARNED]:
+        found = entry.calibration
+        if found is None:
+            continue
+        if not found.converged:
+            lines.append(f"{entry.name}: not converged: {found.reason}")
+        lines += [f"{entry.name}: warning: {text}" for text in found.warnings]
+    return result, "\n".join(lines), bool(ranking.models)
+
+
+def _describe_score(score: ModelScore) -> dict[str, Any]:
+    return {
+        "model": score.name,
+        "standard_error_mm": score.standard_error,
+        "standard_error_percent": score.standard_error_percent,
+        "rmse_mm": score.rmse,
+        "bias_mm": score.bias,
+        "largest_error_mm": score.largest,
+    }
+
+
+def _describe_ranked(entry: RankedModel) -> dict[str, Any]:
+    left_out = entry.validation
+    result = {
+        **_describe_score(entry.score),
+        "aicc": entry.aicc,
+        "bic": entry.bic,
+        "weight": entry.weight,
+        "parameters": entry.parameters,
+        "left_out_mm": entry.validation_error,
+        "left_out_reason": "" if left_out is None else left_out.reason,
+        "left_out_not_converged": 0 if left_out is None else left_out.unsettled,
+        "same_as": entry.same_as,
+        "held": entry.held,
+        "fitted": {},
+    }
+    found = entry.calibration
+    if found is not None:
+        result |= {
+            "fitted": found.estimates,
+            "fit_warnings": found.warnings,
+            "fit_converged": found.converged,
+            "fit_reason": found.reason,
+        }
+    return result
+
+
+# ``bozzini muscle``: solve a muscle, compute its curves; compare, fit and models are beside.
 
 
 @click.group("muscle")
@@ -207,7 +680,7 @@ command.add_command(models_command)
 
 
 def _compute_curve(
-    model: StaticModel,
+    model: MuscleModel,
     kind: str,
     pressure: float,
     load: float,
@@ -243,10 +716,10 @@ def _compute_curve(
     return columns
 
 
-def _find_lowest(model: StaticModel, pressure: float, load: float, direction: str | None) -> float:
+def _find_lowest(model: MuscleModel, pressure: float, load: float, direction: str | None) -> float:
     """Return the lowest pressure from which on, up to one, a model has an answer [MPa].
 
-    Found by bisection: of models that have none somewhere in between, that is not told.
+    Found by bisection: a gap in between is not found.
 
     Raises
     ------
@@ -254,9 +727,9 @@ def _find_lowest(model: StaticModel, pressure: float, load: float, direction: st
         If it has none at the highest one.
     """
     from ..errors import InputError
-    from ..muscle.models import CatalogueModel
+    from ..muscle.models.base import ExplicitModel
 
-    if not isinstance(model, CatalogueModel):
+    if not isinstance(model, ExplicitModel):
         return 0.0
     model.solve(pressure, load, direction=direction)
 
@@ -276,7 +749,7 @@ def _find_lowest(model: StaticModel, pressure: float, load: float, direction: st
 
 
 def _draw_curve(
-    model: StaticModel, kind: str, pressure: float, load: float, direction: str | None, out: Path
+    model: MuscleModel, kind: str, pressure: float, load: float, direction: str | None, out: Path
 ) -> None:
     from ..view import muscle_figures as figures
     from ..view import write_figure

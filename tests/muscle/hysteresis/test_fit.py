@@ -17,7 +17,7 @@ from bozzini.muscle.hysteresis import (
     Preisach,
     UnparallelPrandtlIshlinskii,
 )
-from bozzini.muscle.hysteresis.fit import fit_linear
+from bozzini.muscle.hysteresis.operator import fit_linear
 from tests.muscle.hysteresis.reference import LEVELS, OPERATORS
 
 

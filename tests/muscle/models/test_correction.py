@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError
-from bozzini.muscle.models import CATALOGUE
+from bozzini.muscle.models import MODELS
 from tests.muscle.models.catalogue import MUSCLE, build, find_lengths
 
 NAMES = [
@@ -265,4 +265,4 @@ def test_constants_have_to_be_given():
         ("andrikopoulos", "largest_force, largest_contraction, test_pressure"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=f"must be given {missing}: the survey has no values"):
-            CATALOGUE[name](MUSCLE)
+            MODELS[name](MUSCLE)

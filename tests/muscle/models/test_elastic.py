@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models.force_balance import (
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.ideal import (
     Wall,
     balance_forces,
     find_contact_pressure,
@@ -42,7 +42,7 @@ def thin(share=0.99, **changes):
 @given(muscles(), st.floats(0.0, 1.0), st.floats(0.0, 10.0), STRESSES, STRESSES)
 def test_both_forms_of_the_balance_are_one(muscle, share, pressure, axial, hoop):
     """Through the braid's pressure, and collected by terms."""
-    model = CATALOGUE["kothera-balance"](muscle)
+    model = MODELS["kothera-balance"](muscle)
     braid, wall = model.braid, model.wall
     low, high = (braid.length - x for x in model.contraction_limits[::-1])
     length = np.asarray(low + share * (high - low))
@@ -141,8 +141,8 @@ def test_kothera_without_modulus_and_thickness_is_gaylord():
 @given(muscle=muscles(), share=st.floats(0.01, 0.99), more=st.floats(1.01, 3.0))
 def test_a_stiffer_bladder_contracts_less(name, muscle, share, more):
     """The elastic term takes from the pull at any contraction, and adds at any lengthening."""
-    model = CATALOGUE[name](muscle)
-    stiffer = CATALOGUE[name](muscle.replace(modulus=min(more * muscle.modulus, 1e3)))
+    model = MODELS[name](muscle)
+    stiffer = MODELS[name](muscle.replace(modulus=min(more * muscle.modulus, 1e3)))
     low, high = model.contraction_limits
     for contraction, sign in ((share * high, -1.0), (share * low, 1.0)):
         change = sign * (stiffer.force(0.0, contraction) - model.force(0.0, contraction))

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models.force_balance import (
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.ideal import (
     balance_forces,
     find_contact_pressure,
     find_radius,
@@ -49,7 +49,7 @@ def contact_area(length, pressure):
 
 
 def make(muscle=MUSCLE, **given):
-    return CATALOGUE["doumit"](muscle, **{"hoop_stress": hoop_stress, **given})
+    return MODELS["doumit"](muscle, **{"hoop_stress": hoop_stress, **given})
 
 
 PLAIN, CONES = make(), make(cone_length=cone_length)
@@ -196,7 +196,7 @@ def test_shapes_that_do_not_fit_are_refused():
 
 def test_doumit_wants_its_laws_and_says_where_they_are():
     with pytest.raises(MissingLawError, match=r"hoop_stress\(length .*Doumit, Fahim and Munro"):
-        CATALOGUE["doumit"](MUSCLE)
+        MODELS["doumit"](MUSCLE)
     with pytest.raises(MissingLawError, match=r"contact_area\(length .*Doumit, Fahim and Munro"):
         make(friction=0.1)
 
@@ -217,7 +217,7 @@ def cylinder_thickness(length):
 
 def shape(muscle=MUSCLE, **given):
     laws = {"middle_radius": cylinder_radius, "middle_thickness": cylinder_thickness, **given}
-    return CATALOGUE["elliptic-ends"](muscle, **laws)
+    return MODELS["elliptic-ends"](muscle, **laws)
 
 
 @pytest.mark.parametrize("pressure", [0.0, 0.4])
@@ -285,10 +285,10 @@ def test_sections_that_are_no_tube_are_refused(law):
 
 def test_the_ends_are_in_another_paper():
     with pytest.raises(MissingLawError, match=r"middle_radius\(length.*reference \[90\]") as error:
-        CATALOGUE["elliptic-ends"](MUSCLE)
+        MODELS["elliptic-ends"](MUSCLE)
     assert "\n" not in str(error.value)
     with pytest.raises(MissingLawError, match=r"middle_thickness\(length.*reference \[90\]"):
-        CATALOGUE["elliptic-ends"](MUSCLE, middle_radius=cylinder_radius)
+        MODELS["elliptic-ends"](MUSCLE, middle_radius=cylinder_radius)
 
 
 @pytest.mark.parametrize("name", ["doumit", "elliptic-ends"])
@@ -321,7 +321,7 @@ def test_any_shape_is_answered_or_refused(muscle, pressure, share, laws):
                     "clamp_ratio": max(wide, 0.05)}),
     ):  # fmt: skip
         try:
-            model = CATALOGUE[name](muscle, **given_laws)
+            model = MODELS[name](muscle, **given_laws)
             low, high = model.contraction_limits
             force = model.force(pressure, low + share * (high - low))
         except InputError as error:

@@ -9,10 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_number, name_at
 from ...errors import InputError
-from . import _bouc_wen_kernels as _kernels
-from ._loops import Loops, search
-from .fit import HysteresisFit
-from .operator import LIMIT, Operator
+from ..kernels import hysteresis as kernels
+from .operator import LIMIT, HysteresisFit, Loops, Operator, search
 
 __all__ = ["BoucWen"]
 
@@ -178,7 +176,7 @@ class BoucWen(Operator):
     def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
         share = self.beta / (self.beta + self.gamma)
         normal = np.clip(memory / self.bound, -1.0, 1.0)
-        state = self.bound * _kernels.run_bouc_wen(
+        state = self.bound * kernels.run_bouc_wen(
             inputs, self.exponent, share, self.alpha / self.bound, last, normal
         )
         memory[...] = normal * self.bound
@@ -197,5 +195,5 @@ class BoucWen(Operator):
 def _run_normalised(inputs: Floats, exponent: float, share: float, reach: float) -> Floats:
     """Return h over its bound (m, n), from rest; `reach` is the input that would yield it."""
     last, memory = np.zeros(len(inputs)), np.zeros((len(inputs), 1))
-    state = _kernels.run_bouc_wen(inputs, exponent, share, 1.0 / reach, last, memory)
+    state = kernels.run_bouc_wen(inputs, exponent, share, 1.0 / reach, last, memory)
     return np.asarray(state)
