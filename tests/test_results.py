@@ -102,3 +102,18 @@ def test_tables_of_pandas_are_measurements() -> None:
     ranking = rank(kilo, MUSCLE, models={"energy": EnergyMuscle}, options=RankOptions(folds=0))
     assert ranking.models[0].score.rmse < 1e-6
     assert list(ranking.to_frame()["model"]) == ["energy"]
+
+
+def test_a_model_draws_itself() -> None:
+    import bozzini as bz
+
+    model = bz.muscle.TonduLopez(MUSCLE, kappa1=0.0, kappa2=1.0)
+    axes = model.plot_contraction(0.6, lowest=0.1)
+    over, drawn = axes.lines[0].get_data()
+    assert drawn == pytest.approx(model.contraction(np.asarray(over) / 1e3))
+    force = model.plot_force(0.6)
+    assert force.lines[0].get_ydata()[-1] == pytest.approx(0.0, abs=1e-9)
+    for drawn_into in (axes, force):
+        mpl.pyplot.close(drawn_into.figure)
+    with pytest.raises(AttributeError, match="has no attribute 'Nobody'"):
+        bz.muscle.Nobody  # noqa: B018

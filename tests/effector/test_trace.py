@@ -99,12 +99,12 @@ def test_the_cubic_is_inverted_where_it_rises() -> None:
 def test_a_cubic_that_turns_is_only_inverted_past_its_turn() -> None:
     # (p - 0.2)^2 (p + 0.1) falls from 0 to 0.2.
     root = np.polynomial.Polynomial.fromroots([0.2, 0.2, -0.1])
-    from bozzini.effector.steering import _find_rise
+    from bozzini.effector.steering import find_rise
 
-    assert _find_rise(root.coef, 0.0, 0.8, "R") == pytest.approx(0.2)
-    assert _find_rise(root.coef, 0.3, 0.8, "R") == 0.3
+    assert find_rise(root.coef, 0.0, 0.8, "R") == pytest.approx(0.2)
+    assert find_rise(root.coef, 0.3, 0.8, "R") == 0.3
     with pytest.raises(InputError, match="cannot be inverted"):
-        _find_rise(-root.coef, 0.0, 0.8, "R")
+        find_rise(-root.coef, 0.0, 0.8, "R")
 
 
 def test_a_true_cubic_is_found() -> None:

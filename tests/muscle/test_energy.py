@@ -61,7 +61,7 @@ def test_force_is_the_slope_of_the_energy_across_contact():
     model = build()
     pressure = 0.03
     stretch = brentq(
-        lambda z: kernels.find_force(model._equilibrium.design, pressure, z, 0.0)[2] - 1e-9,
+        lambda z: kernels.find_force(model.compiled.numbers[:11], pressure, z, 0.0)[2] - 1e-9,
         1.0,
         model._equilibrium.stretches[1],
     )

@@ -269,7 +269,7 @@ def test_models_that_say_the_same_are_told(ranking):
 def test_what_the_data_do_not_tell_is_held(ranking):
     held = {entry.name: entry.held for entry in ranking.models}
     assert "no effect" in held["tondu-lopez"]["friction"]  # no row has a direction
-    assert "cannot tell it" in held["andrikopoulos"]["test_pressure"]  # only a ratio matters
+    assert "do not distinguish it" in held["andrikopoulos"]["test_pressure"]  # only a ratio matters
     unloaded = ranking.data.select(ranking.data.load == 0.0)
     alone = calibrate(MODELS["andrikopoulos"], MUSCLE, unloaded)
     assert alone.free == ("largest_contraction",)  # a force of any size is none at all

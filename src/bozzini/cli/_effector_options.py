@@ -10,8 +10,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from ._muscle_options import FIELDS, describe_muscle, make_class, model_option, model_options
-from .common import QuantityType, emit
+from ._muscle_options import (
+    FIELDS,
+    Answer,
+    describe_muscle,
+    make_class,
+    model_option,
+    model_options,
+)
+from .common import QuantityType
 
 if TYPE_CHECKING:
     from ..effector import Effector, EffectorDesign
@@ -41,6 +48,8 @@ LENGTHS = {
 }
 
 _Function = Callable[..., Any]
+Given = Mapping[str, Any]
+"""The options of a design, by their names."""
 
 
 _OPTIONS = {
@@ -114,7 +123,7 @@ def effector_options(function: _Function) -> _Function:
     return run
 
 
-def make_design(given: Mapping[str, Any]) -> EffectorDesign:
+def make_design(given: Given) -> EffectorDesign:
     """Return the design that the options ask for."""
     from ..effector import PlacedMuscle, preset, rigidity_from_test
     from ..muscle.design import preset as muscle_preset
@@ -155,7 +164,7 @@ def make_design(given: Mapping[str, Any]) -> EffectorDesign:
     return design.replace(muscles=tuple(placed), **changes)
 
 
-def make_effector(given: Mapping[str, Any]) -> Effector:
+def make_effector(given: Given) -> Effector:
     """Return the effector that the options ask for, with its muscle model."""
     from ..effector import Effector
 
@@ -216,14 +225,14 @@ def describe_design(design: EffectorDesign) -> dict[str, Any]:
 
 
 def report(
-    result: Mapping[str, Any], *, as_json: bool, text: str, notes: Sequence[str] = ()
+    result: Mapping[str, Any], *, answer: Answer, text: str, notes: Sequence[str] = ()
 ) -> None:
     """Write a result on stdout, and what is to be known of it and of its design on stderr.
 
     With ``--json`` it is all in the object: ``notes``, and the design's ``conflicts``.
     """
-    emit({**result, "notes": list(notes)}, as_json=as_json, text=text)
-    if not as_json:
+    answer.give({**result, "notes": list(notes)}, text)
+    if not answer.as_json:
         for line in (*notes, *result["design"]["conflicts"]):
             click.echo(f"note: {line}", err=True)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,41 +13,13 @@ import click
 from click.shell_completion import CompletionItem
 
 from ..muscle.design import Muscle
-from .common import QuantityType
+from ._tables import check_target
+from .common import QuantityType, emit, force_option, json_option
 
 if TYPE_CHECKING:
     from ..muscle.data import Measurements
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
-
-__all__ = [
-    "FIELDS",
-    "ModelType",
-    "check_direction",
-    "check_fields",
-    "check_friction",
-    "data_argument",
-    "describe_choices",
-    "describe_constants",
-    "describe_muscle",
-    "design_options",
-    "direction_option",
-    "find_card",
-    "list_kinds",
-    "make_class",
-    "make_muscle",
-    "mean_option",
-    "model_option",
-    "model_options",
-    "note_data",
-    "parse_constant",
-    "parse_settings",
-    "read_data",
-    "select_choices",
-    "set_option",
-    "unit_of",
-    "units_option",
-]
 
 # What the commands of ``bozzini muscle`` share: the options of a design, models, targets.
 
@@ -71,9 +44,75 @@ FIELDS = Muscle.quantities()
 _Function = Callable[..., Any]
 
 
+def gather(
+    argument: str, make: Callable[..., Any], *options: Callable[[_Function], _Function]
+) -> Callable[[_Function], _Function]:
+    """Return what adds options whose values arrive together, as one argument.
+
+    Parameters
+    ----------
+    argument : str
+        Name of the argument.
+    make : callable
+        Makes it from the values, which are keywords.
+    *options : callable
+        Decorators of click, in the order of the help text.
+    """
+
+    def decorate(function: _Function) -> _Function:
+        def probe() -> None: ...
+
+        for option in options:
+            option(probe)
+        names = [str(item.name) for item in probe.__click_params__]  # type: ignore[attr-defined]
+
+        @wraps(function)
+        def run(**values: Any) -> Any:
+            taken = {name: values.pop(name) for name in names}
+            return function(**{argument: make(**taken)}, **values)
+
+        for option in reversed(options):
+            option(run)
+        return run
+
+    return decorate
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Where the answer of a command goes: stdout as text or JSON, and perhaps a file."""
+
+    as_json: bool
+    out: Path | None = None
+
+    @property
+    def is_table(self) -> bool:
+        """Whether the file is a table."""
+        return self.out is not None and self.out.suffix.lower() == ".csv"
+
+    def give(self, result: Mapping[str, Any], text: str) -> None:
+        """Write the answer on stdout."""
+        emit(result, as_json=self.as_json, text=text)
+
+
+def answer_options(*suffixes: str, text: str = "A picture.") -> Callable[[_Function], _Function]:
+    """Return what adds ``--out``, ``--force`` and ``--json`` as the argument ``answer``.
+
+    The file is refused before any work, if it could not be written later. Without suffixes there
+    is ``--json`` alone.
+    """
+
+    def make(as_json: bool, out: Path | None = None, force: bool = False) -> Answer:
+        check_target(out, suffixes, force=force)
+        return Answer(as_json, out)
+
+    out = click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help=text)
+    return gather("answer", make, *((out, force_option) if suffixes else ()), json_option)
+
+
 def design_options(function: _Function) -> _Function:
     """Add the options that make a muscle: ``preset``, and the fields by their names."""
-    for name in reversed(FIELDS):
+    for name in reversed(list(FIELDS)):
         option = "--" + name.replace("_", "-")
         function = click.option(
             option, name, type=QuantityType(FIELDS[name].kind), help=FIELDS[name].help
@@ -133,16 +172,6 @@ direction_option = click.option(
     type=click.Choice(["inflating", "deflating"]),
     help="Which way it came, for friction (default: neither).",
 )
-
-
-def make_muscle(preset_name: str, fields: Mapping[str, float | None]) -> Muscle:
-    from ..muscle.design import preset
-
-    changes: dict[str, Any] = {name: value for name, value in fields.items() if value is not None}
-    strands = changes.get("strands")
-    if strands is not None and strands == int(strands):
-        changes["strands"] = int(strands)
-    return preset(preset_name, **changes)
 
 
 def list_kinds() -> Mapping[str, type[MuscleModel]]:
@@ -218,6 +247,56 @@ def check_direction(
         raise InputError(_say_unused("--direction", [model.name]))
     if model.muscle.friction_length == 0.0 and fields.get("friction_length") is None:
         raise InputError("--direction has no effect on a muscle without --friction-length")
+
+
+@dataclass(frozen=True)
+class Request:
+    """A muscle and its model, as the options ask for them."""
+
+    preset: str
+    ends: str | None
+    load_path: str | None
+    settings: tuple[str, ...]
+    fields: Mapping[str, float | None]
+    model_name: str = ""
+    direction: str | None = None
+
+    @classmethod
+    def take(cls, **values: Any) -> Request:
+        """Return the request of some options."""
+        return cls(fields={name: values.pop(name) for name in FIELDS}, **values)
+
+    @cached_property
+    def muscle(self) -> Muscle:
+        """The muscle."""
+        from ..muscle.design import preset
+
+        changes: dict[str, Any] = {
+            name: value for name, value in self.fields.items() if value is not None
+        }
+        strands = changes.get("strands")
+        if strands is not None and strands == int(strands):
+            changes["strands"] = int(strands)
+        return preset(self.preset, **changes)
+
+    @cached_property
+    def constants(self) -> dict[str, Any]:
+        """What is set of the one model."""
+        return parse_settings([self.model_name], self.settings)[self.model_name]
+
+    def make(self) -> Callable[[Muscle], MuscleModel]:
+        """Return what makes the one model, options without effect being refused."""
+        check_fields([self.model_name], self.fields)
+        return make_class(
+            self.model_name, ends=self.ends, load_path=self.load_path, constants=self.constants
+        )
+
+    def build(self, *, pressure: float) -> MuscleModel:
+        """Return the one model of the muscle, for the direction asked for."""
+        muscle = self.muscle
+        model = self.make()(muscle)
+        check_direction(model, self.direction, self.fields, pressure=pressure)
+        return model
 
 
 def _has_friction(model: MuscleModel, pressure: float) -> bool:
@@ -396,33 +475,59 @@ def _say_legal(names: Sequence[str]) -> str:
 # What ``bozzini muscle compare`` and ``bozzini muscle fit`` share: the table of measurements.
 
 
-data_argument = click.argument("source", metavar="DATA", type=click.Path(path_type=Path))
-units_option = click.option(
-    "--unit",
-    "units",
-    multiple=True,
-    metavar="COLUMN=UNIT",
-    help="Unit of a column that states none, e.g. pressure=kPa; can be repeated.",
+@dataclass(frozen=True)
+class DataRequest:
+    """A table of measurements, as the options ask for it."""
+
+    source: Path
+    units: tuple[str, ...]
+    take_mean: bool
+
+    def read(self, muscle: Muscle) -> Measurements:
+        """Return the measurements of a muscle."""
+        from ..errors import InputError
+        from ..muscle.data import read_measurements
+
+        table = {}
+        for item in self.units:
+            name, mark, unit = item.partition("=")
+            if not (name and mark and unit):
+                raise InputError(
+                    f"--unit is '{item}': it must be COLUMN=UNIT, such as pressure=kPa"
+                )
+            table[name.strip()] = unit.strip()
+        data = read_measurements(self.source, muscle=muscle, units=table)
+        return data.mean_of_directions() if self.take_mean else data
+
+
+data_options = gather(
+    "table",
+    DataRequest,
+    click.argument("source", metavar="DATA", type=click.Path(path_type=Path)),
+    click.option(
+        "--unit",
+        "units",
+        multiple=True,
+        metavar="COLUMN=UNIT",
+        help="Unit of a column that states none, e.g. pressure=kPa; can be repeated.",
+    ),
+    click.option(
+        "--mean", "take_mean", is_flag=True, help="Take the mean of inflation and deflation."
+    ),
 )
-mean_option = click.option(
-    "--mean", "take_mean", is_flag=True, help="Take the mean of inflation and deflation."
+request_options = gather("asked", Request.take, set_option, design_options, model_options)
+one_model_options = gather(
+    "asked", Request.take, model_option, set_option, design_options, model_options
 )
-
-
-def read_data(
-    source: Path, muscle: Muscle, units: tuple[str, ...], take_mean: bool
-) -> Measurements:
-    from ..errors import InputError
-    from ..muscle.data import read_measurements
-
-    table = {}
-    for item in units:
-        name, mark, unit = item.partition("=")
-        if not (name and mark and unit):
-            raise InputError(f"--unit is '{item}': it must be COLUMN=UNIT, such as pressure=kPa")
-        table[name.strip()] = unit.strip()
-    data = read_measurements(source, muscle=muscle, units=table)
-    return data.mean_of_directions() if take_mean else data
+directed_options = gather(
+    "asked",
+    Request.take,
+    model_option,
+    direction_option,
+    set_option,
+    design_options,
+    model_options,
+)
 
 
 def check_friction(

@@ -13,6 +13,7 @@ from ..checks import check_number
 from ..errors import InputError
 from ._effector_options import (
     MOST,
+    Given,
     add_unit,
     describe_design,
     effector_options,
@@ -23,13 +24,12 @@ from ._effector_options import (
     parse_values,
     report,
 )
-from ._tables import PICTURES, check_target, format_csv, format_rows
+from ._muscle_options import Answer, answer_options
+from ._tables import PICTURES, format_csv, format_rows
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
     VectorType,
-    force_option,
-    json_option,
     progress_bar,
     quiet_option,
     run_exit,
@@ -53,11 +53,6 @@ __all__ = ["command", "curve_command", "study_command", "trace_command", "worksp
 # ``bozzini effector workspace`` and ``curve``: what the tip can reach, and each muscle's curve.
 
 
-out_option = click.option(
-    "--out", type=click.Path(path_type=Path), metavar="FILE", help="A table (.csv) or a picture."
-)
-
-
 @click.command("workspace")
 @click.option(
     "--of",
@@ -73,17 +68,13 @@ out_option = click.option(
     metavar="X,Y",
     help="With --of force: where something holds the tip (default: 0,0).",
 )
-@out_option
 @effector_options
-@force_option
-@json_option
+@answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
 def workspace_command(
     kind: str,
     at: tuple[float, ...] | None,
-    out: Path | None,
-    given: Mapping[str, Any],
-    force: bool,
-    as_json: bool,
+    given: Given,
+    answer: Answer,
 ) -> None:
     """Find where the tip can go, and what it can press with.
 
@@ -93,7 +84,7 @@ def workspace_command(
     """
     if at is not None and kind != "force":
         raise InputError("--at has no effect without --of force: leave it out")
-    check_target(out, (".csv", *PICTURES), force=force)
+    out = answer.out
     effector = make_effector(given)
     if kind == "force":
         result, text = _find_force(effector, at or (0.0, 0.0), out)
@@ -101,7 +92,7 @@ def workspace_command(
         result, text = _find_places(effector, out)
     result |= {"model": given["model_name"], "design": describe_design(effector.design)}
     found = bool(result.get("reachable", True))
-    report(result | {"of": kind, "file": out if found else None}, as_json=as_json, text=text)
+    report(result | {"of": kind, "file": out if found else None}, answer=answer, text=text)
     if not found:
         run_exit(EXIT_NEGATIVE)
 
@@ -113,17 +104,13 @@ def workspace_command(
     type=QuantityType("pressure"),
     help="Fit the thesis's cubic from this pressure on, and show how far it is off.",
 )
-@out_option
 @effector_options
-@force_option
-@json_option
+@answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
 def curve_command(
     points: int,
     cubic_from: float | None,
-    out: Path | None,
-    given: Mapping[str, Any],
-    force: bool,
-    as_json: bool,
+    given: Given,
+    answer: Answer,
 ) -> None:
     """Compute the deflection by each muscle alone over its pressure.
 
@@ -138,7 +125,7 @@ def curve_command(
     from ..effector import balance, fit_cubic
     from ..files import write_text
 
-    check_target(out, (".csv", *PICTURES), force=force)
+    out = answer.out
     check_integer("points", points, low=2, high=100_000)
     effector = make_effector(given)
     names = effector.design.names
@@ -191,7 +178,7 @@ def curve_command(
         "design": describe_design(effector.design),
         "file": out,
     }
-    report(result, as_json=as_json, text="\n".join(lines), notes=notes)
+    report(result, answer=answer, text="\n".join(lines), notes=notes)
     if not solved:
         run_exit(EXIT_NEGATIVE)
 
@@ -335,28 +322,23 @@ def trace_command() -> None:
 @click.option("--to", "end", type=_PLACE, metavar="X,Y", required=True, help="Where it ends.")
 @click.option("--points", default=51, show_default=True, help="Targets, both ends included.")
 @cubic_option
-@out_option
 @effector_options
-@force_option
-@json_option
+@answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
 def line_command(
     start: tuple[float, ...],
     end: tuple[float, ...],
     points: int,
     cubic_from: float | None,
-    out: Path | None,
-    given: Mapping[str, Any],
-    force: bool,
-    as_json: bool,
+    given: Given,
+    answer: Answer,
 ) -> None:
     """Follow a straight line."""
     from ..effector import trace_line
 
-    check_target(out, (".csv", *PICTURES), force=force)
     _check_points(points, low=2)
     effector = make_effector(given)
     found = trace_line(effector, start, end, steps=points, cubics=_fit(effector, cubic_from))
-    _show(effector, found, given, out, as_json)
+    _show(effector, found, given, answer)
 
 
 @trace_command.command("circle")
@@ -371,30 +353,25 @@ def line_command(
     help="Targets round the circle; the first comes again at the end, to close it.",
 )
 @cubic_option
-@out_option
 @effector_options
-@force_option
-@json_option
+@answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
 def circle_command(
     radius: float,
     centre: tuple[float, ...],
     points: int,
     cubic_from: float | None,
-    out: Path | None,
-    given: Mapping[str, Any],
-    force: bool,
-    as_json: bool,
+    given: Given,
+    answer: Answer,
 ) -> None:
     """Follow a circle, from +x counter-clockwise."""
     from ..effector import trace_circle
 
-    check_target(out, (".csv", *PICTURES), force=force)
     _check_points(points, low=3)
     effector = make_effector(given)
     found = trace_circle(
         effector, radius, centre=centre, steps=points, cubics=_fit(effector, cubic_from)
     )
-    _show(effector, found, given, out, as_json)
+    _show(effector, found, given, answer)
 
 
 def _check_points(points: int, *, low: int) -> None:
@@ -411,11 +388,10 @@ def _fit(effector: Effector, cubic_from: float | None) -> dict[str, CubicFit] | 
     return {name: fit_cubic(effector, name, start=cubic_from) for name in effector.design.names}
 
 
-def _show(
-    effector: Effector, found: Trace, given: Mapping[str, Any], out: Path | None, as_json: bool
-) -> None:
+def _show(effector: Effector, found: Trace, given: Given, answer: Answer) -> None:
     from ..files import write_text
 
+    out = answer.out
     names = effector.design.names
     columns = {
         "target_x_mm": found.targets[:, 0],
@@ -465,7 +441,7 @@ def _show(
         )
     if not found.converged.all():
         notes.append(f"not converged at {int((~found.converged).sum())} of {count} targets")
-    report(result, as_json=as_json, text=text, notes=notes)
+    report(result, answer=answer, text=text, notes=notes)
     if not (found.complete and found.converged.all()):
         run_exit(EXIT_NEGATIVE)
 
@@ -496,21 +472,15 @@ def study_command() -> None:
     "for angles, sets of them: angles=0deg/120deg/240deg. Can be repeated.",
 )
 @deflection_option
-@click.option(
-    "--out", type=click.Path(path_type=Path), metavar="FILE", help="A table (.csv) or a picture."
-)
 @effector_options
 @quiet_option
-@force_option
-@json_option
+@answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
 def sweep_command(
     varied: tuple[str, ...],
     deflection: float | None,
-    out: Path | None,
-    given: Mapping[str, Any],
+    given: Given,
     quiet: bool,
-    force: bool,
-    as_json: bool,
+    answer: Answer,
 ) -> None:
     """Try every combination of some values; designs that do not work are listed with the reason.
 
@@ -518,7 +488,7 @@ def sweep_command(
     """
     from ..effector import sweep
 
-    check_target(out, (".csv", *PICTURES), force=force)
+    out = answer.out
     effector = make_effector(given)
     parameters: dict[str, Sequence[Any]] = {}
     for item in varied:
@@ -556,7 +526,7 @@ def sweep_command(
         lines = format_rows(others, [list(row) for row in rows]).splitlines()
         ends = [reason, *columns[reason]]
         text = "\n".join(f"{a}  {b}".rstrip() for a, b in zip(lines, ends, strict=True))
-    report(result, as_json=as_json, text=text)
+    report(result, answer=answer, text=text)
     if not found.feasible:
         run_exit(EXIT_NEGATIVE)
 
@@ -581,14 +551,14 @@ def sweep_command(
 )
 @effector_options
 @quiet_option
-@json_option
+@answer_options()
 def least_command(
     ranges: tuple[str, ...],
     choose_segments: str | None,
     deflection: float,
-    given: Mapping[str, Any],
+    given: Given,
     quiet: bool,
-    as_json: bool,
+    answer: Answer,
 ) -> None:
     """Find the design that reaches a deflection with the least pressure.
 
@@ -627,7 +597,7 @@ def least_command(
     text += f"\nnote: {found.reason}" if found.reason else ""
     if not found.success:
         text = f"no design: {found.reason}"
-    report(result, as_json=as_json, text=text)
+    report(result, answer=answer, text=text)
     if not found.success:
         run_exit(EXIT_NEGATIVE)
 
@@ -687,9 +657,9 @@ def _write_sweep(found: Sweep, columns: Mapping[str, Sequence[Any]], out: Path) 
 # ``bozzini effector``: pressures to pose and back; traces, workspace and studies are beside.
 
 
-SHOWN = 15
+SHOWN_ROWS = 15
 """Rows of an iteration table that are shown to people; the files and --json have all."""
-ON_AXIS = 5e-4
+ON_AXIS_MM = 5e-4
 """Deflection that is shown as none [mm]: it has no direction to speak of."""
 
 
@@ -720,24 +690,19 @@ def command() -> None:
 @click.option(
     "--table", "with_table", is_flag=True, help="The thesis's iteration of each muscle alone."
 )
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="A picture, or the backbone as a table (.csv). With --table the picture or table of that.",
-)
 @effector_options
-@force_option
-@json_option
+@answer_options(
+    ".csv",
+    *PICTURES,
+    text="A picture, or the backbone as a table (.csv). With --table the picture or table of that.",
+)
 def pose_command(
     pressure: str,
     method: PoseMethod,
     order: str | None,
     with_table: bool,
-    out: Path | None,
-    given: Mapping[str, Any],
-    force: bool,
-    as_json: bool,
+    given: Given,
+    answer: Answer,
 ) -> None:
     """Find where the tip goes under given pressures.
 
@@ -746,7 +711,7 @@ def pose_command(
     """
     from ..effector import pose
 
-    check_target(out, (".csv", *PICTURES), force=force)
+    out = answer.out
     effector = make_effector(given)
     names = effector.design.names
     pressures = parse_pairs(
@@ -795,7 +760,7 @@ def pose_command(
     text = _format_pose(effector, found)
     for name, table in tables.items():
         text += f"\n\n{_format_table(name, pressures[name], table)}"
-    report(result, as_json=as_json, text=text, notes=list(notes.values()))
+    report(result, answer=answer, text=text, notes=list(notes.values()))
     if bool(found.saturated) or not bool(found.converged):
         run_exit(EXIT_NEGATIVE)
 
@@ -809,16 +774,12 @@ def pose_command(
     metavar="X,Y",
     help="Where the tip shall be, seen along the axis, such as 12mm,-5mm.",
 )
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="A picture.")
 @effector_options
-@force_option
-@json_option
+@answer_options(*PICTURES)
 def reach_command(
     target: tuple[float, ...],
-    out: Path | None,
-    given: Mapping[str, Any],
-    force: bool,
-    as_json: bool,
+    given: Given,
+    answer: Answer,
 ) -> None:
     """Find the pressures that bring the tip to a place seen along the axis.
 
@@ -828,7 +789,7 @@ def reach_command(
     """
     from ..effector import pose, solve_inverse
 
-    check_target(out, PICTURES, force=force)
+    out = answer.out
     effector = make_effector(given)
     names = effector.design.names
     found = solve_inverse(effector, target)
@@ -882,7 +843,7 @@ def reach_command(
     else:
         wanted = f"{target[0]:g}, {target[1]:g} mm"
         text = f"out of reach: {wanted}; delivered {x:.3f}, {y:.3f} mm: {found.reason}\n{text}"
-    report(result, as_json=as_json, text=text)
+    report(result, answer=answer, text=text)
     if not (bool(found.reachable) and bool(found.converged)):
         run_exit(EXIT_NEGATIVE)
 
@@ -947,7 +908,7 @@ def _format_pose(effector: Effector, found: EffectorPose) -> str:
     lateral, longer = float(found.lateral), float(found.length_error)
     azimuth = math.degrees(float(found.azimuth)) % 360.0
     where = f"{lateral:.3f} mm from the axis, towards {azimuth:.2f} deg"
-    if lateral < ON_AXIS:
+    if lateral < ON_AXIS_MM:
         x, y, where = 0.0, 0.0, "on the axis"
     lines = [f"tip at {x:.3f}, {y:.3f}, {z:.3f} mm: {where}"]
     if abs(longer) > 1e-6:
@@ -971,8 +932,8 @@ def _format_pose(effector: Effector, found: EffectorPose) -> str:
 
 def _format_table(name: str, pressure: float, found: Balance) -> str:
     rows = [[f"{value:.4f}" for value in row.values()] for row in _list_rows(found)]
-    if len(rows) > SHOWN:
-        rows = [*rows[: SHOWN - 2], ["..."] * 4, rows[-1]]
+    if len(rows) > SHOWN_ROWS:
+        rows = [*rows[: SHOWN_ROWS - 2], ["..."] * 4, rows[-1]]
     head = ["F [N]", "contraction [mm]", "deflection [mm]", "F* [N]"]
     lines = [f"muscle {name} alone at {1e3 * pressure:.1f} kPa, {len(found.table)} rows"]
     lines.append(format_rows(head, rows))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,38 +13,35 @@ import click
 
 from ._muscle_options import (
     FIELDS,
+    Answer,
+    DataRequest,
     ModelType,
-    check_direction,
+    Request,
+    answer_options,
     check_fields,
     check_friction,
-    data_argument,
+    data_options,
     describe_choices,
     describe_constants,
     describe_muscle,
-    design_options,
-    direction_option,
+    directed_options,
     find_card,
+    gather,
     list_kinds,
     make_class,
-    make_muscle,
-    mean_option,
-    model_option,
-    model_options,
     note_data,
+    one_model_options,
     parse_constant,
     parse_settings,
-    read_data,
+    request_options,
     select_choices,
-    set_option,
     unit_of,
-    units_option,
 )
-from ._tables import PICTURES, check_target, format_csv
+from ._tables import PICTURES, format_csv
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
     emit,
-    force_option,
     json_option,
     progress_bar,
     run_exit,
@@ -55,7 +53,7 @@ if TYPE_CHECKING:
     from ..muscle.fit import Calibration
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
-    from ..muscle.ranking import ModelScore, RankedModel
+    from ..muscle.ranking import Criterion, ModelScore, RankedModel, RankOptions
 
 __all__ = ["command", "compare_command", "fit_command", "models_command"]
 
@@ -120,8 +118,7 @@ def _format_table(cards: list[Card]) -> str:
 
 
 @click.command("fit")
-@data_argument
-@model_option
+@data_options
 @click.option(
     "--free",
     help="Fields of the muscle and constants of the model to fit, separated by commas; the options "
@@ -136,30 +133,15 @@ def _format_table(cards: list[Card]) -> str:
     help="Bounds of a field that is fitted, e.g. modulus=0.1MPa:2MPa; can be repeated.",
 )
 @click.option("--anyway", is_flag=True, help="Fit also what the data cannot distinguish.")
-@units_option
-@mean_option
-@set_option
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="A picture.")
-@design_options
-@model_options
-@force_option
-@json_option
+@one_model_options
+@answer_options(*PICTURES)
 def fit_command(
-    source: Path,
-    model_name: str,
+    table: DataRequest,
     free: str | None,
     bound_texts: tuple[str, ...],
     anyway: bool,
-    units: tuple[str, ...],
-    take_mean: bool,
-    settings: tuple[str, ...],
-    out: Path | None,
-    preset: str,
-    ends: str | None,
-    load_path: str | None,
-    force: bool,
-    as_json: bool,
-    **fields: float | None,
+    asked: Request,
+    answer: Answer,
 ) -> None:
     """Fit fields of a muscle, and constants of a model, to measurements.
 
@@ -170,33 +152,29 @@ def fit_command(
     """
     from ..muscle import FitOptions, calibrate, compare_models
 
-    check_target(out, PICTURES, force=force)
-    muscle = make_muscle(preset, fields)
-    check_fields([model_name], fields)
-    constants = parse_settings([model_name], settings)[model_name]
-    make = make_class(model_name, ends=ends, load_path=load_path, constants=constants)
+    muscle, model_name, make = asked.muscle, asked.model_name, asked.make()
     own = _list_constants(model_name)
     bounds = _parse_bounds(bound_texts, own)
-    data = read_data(source, muscle, units, take_mean)
+    data = table.read(muscle)
     names = None if free is None else tuple(_name_field(part) for part in free.split(","))
-    check_friction(fields, data, free=names or ())
+    check_friction(asked.fields, data, free=names or ())
     found = calibrate(
         make, muscle, data, free=names, options=FitOptions(bounds=bounds, force=anyway)
     )
-    if out is not None:
+    if answer.out is not None:
         from ..view import write_figure
         from ..view.muscle_figures import draw_models
 
         models = {model_name: found.fitted}
         comparison = compare_models(models, data, fitted={model_name: len(found.free)})
-        write_figure(draw_models(comparison, models), out)
+        write_figure(draw_models(comparison, models), answer.out)
     result = {
         "model": model_name,
-        "preset": preset,
+        "preset": asked.preset,
         **describe_choices(found.fitted),
-        "set": constants,
+        "set": asked.constants,
         "held": found.held,
-        "mean": take_mean,
+        "mean": table.take_mean,
         "anyway": anyway,
         "bounds": bounds,
         "rows": len(data),
@@ -218,9 +196,9 @@ def fit_command(
         "converged": found.converged,
         "reason": found.reason,
         "muscle": describe_muscle(found.muscle),
-        "file": out,
+        "file": answer.out,
     }
-    emit(result, as_json=as_json, text=note_data(data) + _format_fit(found, own))
+    answer.give(result, note_data(data) + _format_fit(found, own))
     if not found.trusted:
         run_exit(EXIT_NEGATIVE)
 
@@ -289,8 +267,55 @@ def _format_fit(found: Calibration, own: dict[str, Parameter]) -> str:
 _WARNED = 3  # so many models, the first, have the warnings of their fits shown
 
 
+@dataclass(frozen=True)
+class RankRequest:
+    """Whether models are fitted and ranked, and how, as the options ask for it."""
+
+    fit: bool
+    criterion: Criterion | None
+    folds: int | None
+    seed: int | None
+
+    def choose(self, *, fit: bool) -> RankOptions | None:
+        """Return the options of a ranking; None without a fit, where none may be given."""
+        from ..errors import InputError
+        from ..muscle import RankOptions
+
+        if fit:
+            return RankOptions(
+                criterion=self.criterion or "aicc", folds=self.folds, seed=self.seed or 0
+            )
+        given = (("--by", self.criterion), ("--folds", self.folds), ("--seed", self.seed))
+        for option, value in given:
+            if value is not None:
+                raise InputError(f"{option} has no effect without --fit: leave it out")
+        return None
+
+
+rank_options = gather(
+    "ranked",
+    RankRequest,
+    click.option(
+        "--fit",
+        is_flag=True,
+        help="With --model, fit each model first, and rank: modulus, and dead length (energy) or "
+        "end length (thesis); constants and modulus of the others.",
+    ),
+    click.option(
+        "--by",
+        "criterion",
+        type=click.Choice(["aicc", "bic", "cv"]),
+        help="Of a fit, rank by an information criterion or by the rows left out (default: aicc).",
+    ),
+    click.option(
+        "--folds", type=int, help="Of a fit, parts for cross-validation; 0 for none (default: 5)."
+    ),
+    click.option("--seed", type=int, help="Of a fit, for folds and starts (default: 0)."),
+)
+
+
 @click.command("compare")
-@data_argument
+@data_options
 @click.option(
     "--model",
     "model_names",
@@ -298,47 +323,15 @@ _WARNED = 3  # so many models, the first, have the warnings of their fits shown
     multiple=True,
     help="A model to compare; can be repeated (default: fit and rank all, see 'models').",
 )
-@click.option(
-    "--fit",
-    is_flag=True,
-    help="With --model, fit each model first, and rank: modulus, and dead length (energy) or end "
-    "length (thesis); constants and modulus of the others.",
-)
-@click.option(
-    "--by",
-    "criterion",
-    type=click.Choice(["aicc", "bic", "cv"]),
-    help="Of a fit, rank by an information criterion or by the rows left out (default: aicc).",
-)
-@click.option(
-    "--folds", type=int, help="Of a fit, parts for cross-validation; 0 for none (default: 5)."
-)
-@click.option("--seed", type=int, help="Of a fit, for folds and starts (default: 0).")
-@units_option
-@mean_option
-@set_option
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="A picture.")
-@design_options
-@model_options
-@force_option
-@json_option
+@rank_options
+@request_options
+@answer_options(*PICTURES)
 def compare_command(
-    source: Path,
+    table: DataRequest,
     model_names: tuple[str, ...],
-    fit: bool,
-    criterion: str | None,
-    folds: int | None,
-    seed: int | None,
-    units: tuple[str, ...],
-    take_mean: bool,
-    settings: tuple[str, ...],
-    out: Path | None,
-    preset: str,
-    ends: str | None,
-    load_path: str | None,
-    force: bool,
-    as_json: bool,
-    **fields: float | None,
+    ranked: RankRequest,
+    asked: Request,
+    answer: Answer,
 ) -> None:
     """Compare models with measurements; without --model, fit and rank all that can be fitted.
 
@@ -352,20 +345,14 @@ def compare_command(
     Exit code 0: compared; 1: no model has an answer; 2: bad input. A picture is written only if a
     model has an answer.
     """
-    from ..errors import InputError
-
-    check_target(out, PICTURES, force=force)
-    fit = fit or not model_names
-    for option, value in (("--by", criterion), ("--folds", folds), ("--seed", seed)):
-        if value is not None and not fit:
-            raise InputError(f"{option} has no effect without --fit: leave it out")
+    options = ranked.choose(fit=ranked.fit or not model_names)
     names = list(dict.fromkeys(model_names) if model_names else list_kinds())
-    choices = select_choices(names, ends=ends, load_path=load_path)
-    check_fields(names, fields)
-    constants = parse_settings(names, settings)
-    muscle = make_muscle(preset, fields)
-    data = read_data(source, muscle, units, take_mean)
-    check_friction(fields, data, free=())
+    choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
+    check_fields(names, asked.fields)
+    constants = parse_settings(names, asked.settings)
+    muscle = asked.muscle
+    data = table.read(muscle)
+    check_friction(asked.fields, data, free=())
     makes = {
         name: make_class(
             name, **{"ends": None, "load_path": None, **choices[name]}, constants=constants[name]
@@ -374,19 +361,20 @@ def compare_command(
     }
     result = {
         "rows": len(data),
-        "preset": preset,
-        "mean": take_mean,
+        "preset": asked.preset,
+        "mean": table.take_mean,
         "choices": choices,
         "set": constants,
         "ignored_columns": data.ignored,
         "notes": data.notes,
         "largest_contraction_mm": data.largest_contraction,
     }
-    compare = _rank if fit else _compare
-    options = {"criterion": criterion or "aicc", "folds": folds, "seed": seed or 0}
-    more, text, found = compare(makes, muscle, data, out, **(options if fit else {}))
+    if options is None:
+        more, text, found = _compare(makes, muscle, data, answer.out)
+    else:
+        more, text, found = _rank(makes, muscle, data, options, answer.out)
     result.update(more, muscle=describe_muscle(muscle))
-    emit(result, as_json=as_json, text=note_data(data) + text)
+    answer.give(result, note_data(data) + text)
     if not found:
         run_exit(EXIT_NEGATIVE)
 
@@ -430,16 +418,14 @@ def _rank(
     makes: Mapping[str, Callable[[Muscle], MuscleModel]],
     muscle: Muscle,
     data: Measurements,
+    options: RankOptions,
     out: Path | None,
-    **options: Any,
 ) -> _Answer:
     """Fit the models and rank them; return result, text, and whether there is an answer."""
-    from ..muscle import RankOptions, rank
+    from ..muscle import rank
 
     with progress_bar() as progress:
-        ranking = rank(
-            data, muscle, models=makes, options=RankOptions(**options), progress=progress
-        )
+        ranking = rank(data, muscle, models=makes, options=options, progress=progress)
     written = out if ranking.models else None
     if written is not None:
         from ..view import write_figure
@@ -512,46 +498,26 @@ def command() -> None:
 
 
 @command.command("solve")
-@model_option
 @click.option("--pressure", type=QuantityType("pressure"), required=True, help="Gauge pressure.")
 @click.option(
     "--load", type=QuantityType("force"), default="0N", show_default=True, help="Tension held."
 )
-@direction_option
-@set_option
-@design_options
-@model_options
-@json_option
-def solve_command(
-    model_name: str,
-    pressure: float,
-    load: float,
-    direction: str | None,
-    settings: tuple[str, ...],
-    preset: str,
-    ends: str | None,
-    load_path: str | None,
-    as_json: bool,
-    **fields: float | None,
-) -> None:
+@directed_options
+@answer_options()
+def solve_command(pressure: float, load: float, asked: Request, answer: Answer) -> None:
     """Find the contraction of a muscle at a pressure and a load.
 
     Exit code 0: solved; 1: no solution was found; 2: bad input.
     """
-    muscle = make_muscle(preset, fields)
-    check_fields([model_name], fields)
-    constants = parse_settings([model_name], settings)[model_name]
-    make = make_class(model_name, ends=ends, load_path=load_path, constants=constants)
-    model = make(muscle)
-    check_direction(model, direction, fields, pressure=pressure)
-    state = model.solve(pressure, load, direction=direction)
+    model = asked.build(pressure=pressure)
+    state = model.solve(pressure, load, direction=asked.direction)
     band = float(model.dead_band())
     result = {
-        "model": model_name,
-        "preset": preset,
+        "model": asked.model_name,
+        "preset": asked.preset,
         "pressure_MPa": pressure,
         "load_N": load,
-        "direction": direction,
+        "direction": asked.direction,
         **describe_choices(model),
         "constants": describe_constants(model),
         "contraction_mm": _one(state.contraction),
@@ -563,7 +529,7 @@ def solve_command(
         "residual_N": _one(state.residual),
         "iterations": int(_one(state.iterations)),
         "reason": str(_one(state.reason)),
-        "muscle": describe_muscle(muscle),
+        "muscle": describe_muscle(asked.muscle),
     }
     angle = math.degrees(result["braid_angle_rad"])
     text = (
@@ -572,13 +538,12 @@ def solve_command(
     )
     if not result["converged"]:
         text = f"no solution: {result['reason']}"
-    emit(result, as_json=as_json, text=text)
+    answer.give(result, text)
     if not result["converged"]:
         run_exit(EXIT_NEGATIVE)
 
 
 @command.command("curve")
-@model_option
 @click.option(
     "--of",
     "kind",
@@ -597,31 +562,16 @@ def solve_command(
 @click.option(
     "--load", type=QuantityType("force"), help="Tension held; not with --of force (default: 0N)."
 )
-@direction_option
 @click.option("--points", type=int, help="Rows of the table (default: 41).")
-@click.option(
-    "--out", type=click.Path(path_type=Path), metavar="FILE", help="A table (.csv) or a picture."
-)
-@set_option
-@design_options
-@model_options
-@force_option
-@json_option
+@directed_options
+@answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
 def curve_command(
-    model_name: str,
     kind: str,
     pressure: float,
     load: float | None,
-    direction: str | None,
     points: int | None,
-    out: Path | None,
-    settings: tuple[str, ...],
-    preset: str,
-    ends: str | None,
-    load_path: str | None,
-    force: bool,
-    as_json: bool,
-    **fields: float | None,
+    asked: Request,
+    answer: Answer,
 ) -> None:
     """Compute a curve, as a table or a picture.
 
@@ -632,20 +582,15 @@ def curve_command(
     from ..errors import InputError
     from ..files import write_text
 
-    check_target(out, (".csv", *PICTURES), force=force)
-    is_picture = out is not None and out.suffix.lower() in PICTURES
+    out, direction = answer.out, asked.direction
+    is_picture = out is not None and not answer.is_table
     if is_picture and points is not None:
         raise InputError("--points has no effect on a picture: leave it out, or write a .csv")
     if kind == "force" and load is not None:
         raise InputError("--load has no effect with --of force, which is over all loads")
     rows = check_integer("points", 41 if points is None else points, low=2, high=100_000)
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
-    muscle = make_muscle(preset, fields)
-    check_fields([model_name], fields)
-    constants = parse_settings([model_name], settings)[model_name]
-    make = make_class(model_name, ends=ends, load_path=load_path, constants=constants)
-    model = make(muscle)
-    check_direction(model, direction, fields, pressure=pressure)
+    model = asked.build(pressure=pressure)
     held = 0.0 if load is None else load
     columns = _compute_curve(model, kind, pressure, held, direction, rows)
     table = format_csv(columns)
@@ -658,8 +603,8 @@ def curve_command(
         else:
             write_text(out, table)
     result = {
-        "model": model_name,
-        "preset": preset,
+        "model": asked.model_name,
+        "preset": asked.preset,
         "of": kind,
         "pressure_MPa": pressure,
         "load_N": None if kind == "force" else held,
@@ -669,9 +614,9 @@ def curve_command(
         "dead_band_MPa": float(model.dead_band()),
         "file": out,
         "columns": columns,
-        "muscle": describe_muscle(muscle),
+        "muscle": describe_muscle(asked.muscle),
     }
-    emit(result, as_json=as_json, text=text)
+    answer.give(result, text)
 
 
 command.add_command(compare_command)

@@ -117,7 +117,7 @@ def _settle_model(
         iterations[beyond] = 1
         active = np.setdiff1d(active, beyond)
     codes[active] = kernels.STOPPED
-    tolerance = kernels.STEP * packed.linkage[1]
+    tolerance = kernels.STEP_TOLERANCE * packed.linkage[1]
     for iteration in range(1, MAX_ITERATIONS):
         if not active.size:
             break
@@ -126,7 +126,7 @@ def _settle_model(
         pull, stiffness = model.force(pressure, here), model.stiffness(pressure, here)
         miss = pull - lateral / packed.compliance
         steep = stiffness + slope / packed.compliance
-        small = kernels.MISS * np.abs(pull) + kernels.ROUND_OFF * (
+        small = kernels.PULL_TOLERANCE * np.abs(pull) + kernels.ROUND_OFF * (
             packed.linkage[1] * np.abs(stiffness) + here * np.abs(steep)
         )
         low[active] = np.where(miss >= 0.0, here, low[active])

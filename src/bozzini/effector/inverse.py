@@ -106,7 +106,7 @@ def find_sectors(design: EffectorDesign) -> Sectors:
 INVERSE_OUTCOMES = ("reached", "muscle limit", "largest deflection", "gap")
 """What the codes 0 to 3 of an inverse mean."""
 
-FURTHEST = 1e9
+TARGET_LIMIT_MM = 1e9
 """Largest legal coordinate of a target [mm]: a limit of the arithmetic."""
 
 
@@ -197,11 +197,11 @@ def take_place(name: str, place: ArrayLike) -> NDArray[np.float64]:
 
 def _take_places(name: str, places: ArrayLike) -> NDArray[np.float64]:
     targets = check_points(name, check_array(name, places), dim=2)
-    if targets.size and not np.abs(targets).max() <= FURTHEST:
+    if targets.size and not np.abs(targets).max() <= TARGET_LIMIT_MM:
         index = int(np.argmax(np.abs(targets)))
         raise InputError(
             f"{name} {'xy'[index % 2]} is {targets.flat[index]:g} mm: it must lie in "
-            f"[{-FURTHEST:g}, {FURTHEST:g}] mm"
+            f"[{-TARGET_LIMIT_MM:g}, {TARGET_LIMIT_MM:g}] mm"
         )
     return targets
 
@@ -607,7 +607,7 @@ def _find_miss(
     whole = packed.compliance * np.abs(left_over[used])
     slopes = np.maximum(slopes, 0.0)
     give = slopes + packed.compliance * np.maximum(stiffness, 0.0)
-    small = whole <= kernels.SMALL * give * contractions[used]
+    small = whole <= kernels.FIRST_ORDER_SHARE * give * contractions[used]
     share = np.where(small, slopes / np.where(give > 0.0, give, 1.0), 1.0)
     miss[used] = whole * share
     return miss

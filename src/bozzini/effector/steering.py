@@ -185,7 +185,7 @@ def fit_cubic(effector: Section, name: str, *, start: float = 0.0, samples: int 
         start=float(start),
         limit=float(limit),
         saturated=saturated,
-        rising_from=_find_rise(coefficients, start, limit, name),
+        rising_from=find_rise(coefficients, start, limit, name),
         pressure=pressure,
         lateral=lateral,
         rms_error=float(np.sqrt(np.mean(error * error))),
@@ -270,7 +270,7 @@ def _find_limit(effector: Section, name: str) -> tuple[float, bool]:
     return float(pressures[0, place]), True
 
 
-def _find_rise(coefficients: NDArray[np.float64], start: float, limit: float, name: str) -> float:
+def find_rise(coefficients: NDArray[np.float64], start: float, limit: float, name: str) -> float:
     """Return the pressure from which on the slope is positive up to `limit`."""
     _, first, second, third = (float(value) for value in coefficients)
     if not first + limit * (2.0 * second + limit * 3.0 * third) > 0.0:

@@ -38,6 +38,9 @@ __all__ = [
     "sweep",
 ]
 
+Changes = dict[str, Any]
+"""Parameters of a design and their values, as in `change_design`."""
+
 # Values of the parameters of a design study: names and ranges, checked before anything is tried.
 
 
@@ -93,7 +96,7 @@ def check_value(design: EffectorDesign, name: str, value: Any) -> Any:
     return check_number(words, value, low=low, high=high, unit=unit)
 
 
-def check_angles(design: EffectorDesign, value: Any) -> tuple[float, ...]:
+def check_angles(design: EffectorDesign, value: object) -> tuple[float, ...]:
     """Return the angles of all muscles [rad], or raise `InputError`."""
     names = design.names
     if isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)):
@@ -111,7 +114,7 @@ def check_angles(design: EffectorDesign, value: Any) -> tuple[float, ...]:
     return tuple(float(angle) for angle in design.replace(muscles=placed).angles)
 
 
-def list_values(design: EffectorDesign, name: str, values: Any) -> tuple[Any, ...]:
+def list_values(design: EffectorDesign, name: str, values: object) -> tuple[Any, ...]:
     """Return the values of a parameter to try, each one checked."""
     check_parameter(design, name)
     if isinstance(values, str) or not isinstance(values, (Sequence, np.ndarray)):
@@ -163,7 +166,7 @@ class SweepRow:
         Whether the design can be built.
     """
 
-    changes: dict[str, Any]
+    changes: Changes
     feasible: bool
     reason: str = ""
     least_amplitude: float = 0.0
@@ -255,7 +258,7 @@ def change_design(design: EffectorDesign, changes: Mapping[str, Any]) -> Effecto
         raise InputError(f"changes is {changes!r:.60}: it must be a mapping from names to values")
     for name in changes:
         check_parameter(design, name)
-    rest: dict[str, Any] = dict(changes)
+    rest: Changes = dict(changes)
     if "muscles" in rest:
         # Angles are given for these muscles; what else does not fit them is refused at the end.
         muscles = check_value(design, "muscles", rest.pop("muscles"))
@@ -369,7 +372,7 @@ def sweep(
     return Sweep(parameters=names, deflection=wanted, rows=tuple(rows))
 
 
-def _try_design(effector: Effector, changes: dict[str, Any], deflection: float) -> SweepRow:
+def _try_design(effector: Effector, changes: Changes, deflection: float) -> SweepRow:
     try:
         tried = Effector(change_design(effector.design, changes), effector.model)
         known = find_reach(tried)
@@ -441,7 +444,7 @@ class Optimum(Result):
     success: bool
     reason: str
     effector: Effector
-    changes: dict[str, Any]
+    changes: Changes
     pressure: float
     pressure_before: float
     deflection: float
@@ -467,7 +470,7 @@ class _Search:
         self.deflection = deflection
         self.names = names
         self.best = _WORST
-        self.best_changes: dict[str, Any] = {}
+        self.best_changes: Changes = {}
         self.best_effector = effector
         self.evaluations = 0
         self.infeasible = 0
@@ -541,7 +544,7 @@ def optimise_design(
         most = int(MOST_GRID_DESIGNS ** (1.0 / len(names)) + 1e-9)
         raise InputError(f"grid is {grid}: with {len(names)} parameters it must lie in [2, {most}]")
     box = np.array([_take_bounds(effector, name, bounds[name]) for name in names])
-    cases: list[dict[str, Any]] = [{}]
+    cases: list[Changes] = [{}]
     if segments is not None:
         counts = list_values(effector.design, "segments", segments)
         cases = [{"segments": count} for count in counts]

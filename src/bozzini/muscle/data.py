@@ -44,7 +44,7 @@ __all__ = [
 # The columns of a table of measurements as read-only arrays, and its rows by mask or index.
 
 
-def _take_numbers(name: str, values: Any, *, count: int | None = None) -> NDArray[np.float64]:
+def _take_numbers(name: str, values: ArrayLike, *, count: int | None = None) -> NDArray[np.float64]:
     array = np.array(check_array(name, values))  # a copy
     if array.ndim == 0 and count is not None:
         array = np.full(count, float(array))
@@ -53,7 +53,7 @@ def _take_numbers(name: str, values: Any, *, count: int | None = None) -> NDArra
     return array
 
 
-def _take_row_numbers(values: Any, count: int) -> NDArray[np.int64]:
+def _take_row_numbers(values: ArrayLike, count: int) -> NDArray[np.int64]:
     array = np.array(values)
     if array.size == 0:
         array = np.arange(1, count + 1)
@@ -65,7 +65,7 @@ def _take_row_numbers(values: Any, count: int) -> NDArray[np.int64]:
     return array
 
 
-def _take_index(rows: ArrayLike, count: int) -> NDArray[Any]:
+def _take_index(rows: ArrayLike, count: int) -> NDArray[np.int64] | NDArray[np.bool_]:
     """Rows as a mask or indices that NumPy takes."""
     index = np.atleast_1d(np.asarray(rows))
     if index.size == 0:
@@ -82,7 +82,7 @@ def _take_index(rows: ArrayLike, count: int) -> NDArray[Any]:
     return index
 
 
-def _take_words(name: str, values: Any, *, count: int) -> NDArray[np.str_]:
+def _take_words(name: str, values: ArrayLike, *, count: int) -> NDArray[np.str_]:
     array = np.array(values, dtype=np.str_)
     if array.ndim == 0:
         array = np.full(count, str(array))
@@ -92,7 +92,7 @@ def _take_words(name: str, values: Any, *, count: int) -> NDArray[np.str_]:
     return array
 
 
-def _check_shape(name: str, array: NDArray[Any], count: int | None) -> None:
+def _check_shape(name: str, array: NDArray[np.generic], count: int | None) -> None:
     if array.ndim != 1 or (count is not None and len(array) != count):
         wanted = "(n,)" if count is None else f"({count},), one for each pressure"
         raise InputError(f"{name} has shape {array.shape}: it must be {wanted}")
@@ -443,7 +443,7 @@ def check_length(where: str, length: float, strand: float) -> float:
     return check_number(f"{where}length", length, low=0.0, low_open=True, high=strand, unit="mm")
 
 
-def _set(data: Measurements, **values: Any) -> None:
+def _set(data: Measurements, **values: object) -> None:
     for name, value in values.items():
         object.__setattr__(data, name, value)
 
@@ -529,7 +529,7 @@ def summarise_repeats(data: Measurements, tolerance: float) -> RepeatStatistics:
 
 
 def _group(
-    data: Measurements, *keys: NDArray[Any], where: NDArray[np.bool_] | None = None
+    data: Measurements, *keys: NDArray[np.generic], where: NDArray[np.bool_] | None = None
 ) -> Iterator[tuple[tuple[Any, ...], NDArray[np.intp]]]:
     """Give each combination of keys, in order, and its rows."""
     groups: dict[tuple[Any, ...], list[int]] = {}
@@ -588,7 +588,7 @@ class _Sheet:
     """A table as text: its titles, its rows, and the number of each row in the file."""
 
     titles: Sequence[str]
-    rows: Sequence[Sequence[Any]]
+    rows: Sequence[Sequence[object]]
     numbers: Sequence[int]
 
 
@@ -806,7 +806,7 @@ def _find_factor(name: str, title: str, unit: str, units: Mapping[str, str]) -> 
         raise UnitError(f"column '{title.strip()}': {error}") from None
 
 
-def _take_cell(where: str, name: str, column: _Column, cell: Any) -> Any:
+def _take_cell(where: str, name: str, column: _Column, cell: object) -> Any:
     if name == "specimen":
         return str(cell).strip()
     if name == "direction":
@@ -826,13 +826,13 @@ def _take_cell(where: str, name: str, column: _Column, cell: Any) -> Any:
     return value
 
 
-def _show(cell: Any) -> str:
+def _show(cell: object) -> str:
     """Return a cell as one short line."""
     text = " ".join(str(cell).split())
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _take_number(where: str, name: str, cell: Any) -> float:
+def _take_number(where: str, name: str, cell: object) -> float:
     text = str(cell).strip()
     try:
         value = float(text)

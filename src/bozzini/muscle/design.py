@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field
+from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -175,7 +178,7 @@ class Braid:
 STRESS_LIMIT = 1e6
 """Largest legal pressure or stress on a tube [MPa], either way: a limit of the arithmetic."""
 
-THINNEST = 1.0001
+LEAST_RADIUS_RATIO = 1.0001
 """Smallest legal outer radius over the inner one: the wall's area is the difference of squares."""
 
 
@@ -272,7 +275,11 @@ class Tube:
             "length": check_number("tube length", self.length, low=1e-6, high=1e6, unit="mm"),
             "inner_radius": inner,
             "outer_radius": check_number(
-                "tube outer radius", self.outer_radius, low=THINNEST * inner, high=1e6, unit="mm"
+                "tube outer radius",
+                self.outer_radius,
+                low=LEAST_RADIUS_RATIO * inner,
+                high=1e6,
+                unit="mm",
             ),
             "modulus": check_number("tube modulus", self.modulus, low=1e-12, high=1e6, unit="MPa"),
             "poisson_ratio": check_number(
@@ -451,9 +458,11 @@ class Muscle:
     )
 
     @classmethod
-    def quantities(cls) -> dict[str, Quantity]:
+    @cache
+    def quantities(cls) -> Mapping[str, Quantity]:
         """Return what is known of each field."""
-        return {item.name: item.metadata["quantity"] for item in dataclasses.fields(cls)}
+        known = {item.name: item.metadata["quantity"] for item in dataclasses.fields(cls)}
+        return MappingProxyType(known)
 
     def __post_init__(self) -> None:
         strands = check_integer("muscle strands", self.strands, low=2, high=10000)

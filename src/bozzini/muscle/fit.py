@@ -33,6 +33,7 @@ from .problem import (
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
+    from scipy.optimize import OptimizeResult
 
     from .design import Muscle
     from .model import MuscleModel
@@ -198,7 +199,9 @@ _SECOND = 65  # evaluations that each of these has then; the best of them has th
 _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 
 
-def find_minimum(problem: Problem, start: NDArray[np.float64], *, limit: int = EVALUATIONS) -> Any:
+def find_minimum(
+    problem: Problem, start: NDArray[np.float64], *, limit: int = EVALUATIONS
+) -> OptimizeResult:
     """Return SciPy's result of the best search; `nfev` counts all of them.
 
     Parameters
@@ -229,7 +232,7 @@ def find_minimum(problem: Problem, start: NDArray[np.float64], *, limit: int = E
     return best
 
 
-def find_constants(starts: Sequence[Problem]) -> tuple[Any, Problem]:
+def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
     """Return the best of searches from several starts, and the problem it began with.
 
     A search that ends with an answer at all rows is better than any that does not.
@@ -253,7 +256,9 @@ def find_constants(starts: Sequence[Problem]) -> tuple[Any, Problem]:
     return found, begun
 
 
-def _go_on(found: Any, problem: Problem, *, limit: int) -> tuple[Any, Problem]:
+def _go_on(
+    found: OptimizeResult, problem: Problem, *, limit: int
+) -> tuple[OptimizeResult, Problem]:
     """Return a search that has not ended taken further."""
     if found.status != 0:
         return found, problem
@@ -262,7 +267,7 @@ def _go_on(found: Any, problem: Problem, *, limit: int) -> tuple[Any, Problem]:
     return more, problem
 
 
-def _judge(search: tuple[Any, Problem]) -> tuple[bool, float]:
+def _judge(search: tuple[OptimizeResult, Problem]) -> tuple[bool, float]:
     """Return the key to sort searches by."""
     found, problem = search
     return not problem.evaluate(found.x)[1].all(), float(found.cost)
@@ -283,7 +288,7 @@ def _demand_answers(problem: Problem, point: NDArray[np.float64]) -> None:
     )
 
 
-def _search(problem: Problem, start: NDArray[np.float64], limit: int) -> Any:
+def _search(problem: Problem, start: NDArray[np.float64], limit: int) -> OptimizeResult:
     from scipy.optimize import least_squares
 
     low, high = problem.limits.T / problem.scales
@@ -351,8 +356,8 @@ _TRIALS = 16
 _SEARCHES = 8  # how many of the trials are searched from
 _EVALUATIONS = 40  # of each search
 _ROUNDS = 4  # of linear least squares, whose weights depend on the answer
-_SAME = 1e-3  # relative difference of two misfits that are taken for the same minimum
-_LITTLE = 1e-12  # keeps a weight finite where the model has no stiffness [N/mm]
+_SAME_MISFIT = 1e-3  # relative difference of two misfits that are taken for the same minimum
+_LEAST_STIFFNESS_N_PER_MM = 1e-12  # keeps a weight finite where the model has no stiffness [N/mm]
 
 
 def find_starts(
@@ -381,7 +386,7 @@ def find_starts(
     trials: list[tuple[float, Floats]] = []
     for start in begins[:_SEARCHES]:
         found, cost = _descend(problem, start)
-        if all(abs(cost - other) > _SAME * (cost + other) for other, _ in trials):
+        if all(abs(cost - other) > _SAME_MISFIT * (cost + other) for other, _ in trials):
             trials.append((cost, found))
     points = [point for _, point in sorted(trials, key=lambda trial: trial[0])]
     points.sort(key=lambda point: float(np.sum(problem.miss(point) ** 2)))
@@ -432,7 +437,8 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
         for _ in range(_ROUNDS):
             model = problem.build(problem.name_values(now))
             force = predict_force(model, data, data.contraction)
-            weights = 1.0 / (np.abs(predict_stiffness(model, data, data.contraction)) + _LITTLE)
+            stiffness = np.abs(predict_stiffness(model, data, data.contraction))
+            weights = 1.0 / (stiffness + _LEAST_STIFFNESS_N_PER_MM)
             table = []
             for column, (low, high) in zip(columns, limits, strict=True):
                 there = now.copy()
@@ -724,7 +730,7 @@ def calibrate(
 
 def _find_best(
     problem: Problem, own: Mapping[str, Parameter], options: FitOptions
-) -> tuple[Any, Problem]:
+) -> tuple[OptimizeResult, Problem]:
     """Return the best of the searches from a few starts, and the problem as it was begun."""
     if not problem.constants:
         model = problem.build(problem.start)
@@ -757,7 +763,7 @@ def _explain_end(status: int, *, answered: bool) -> str:
 
 def _conclude(
     problem: Problem,
-    found: Any,
+    found: OptimizeResult,
     *,
     warnings: list[str],
     answered: bool,

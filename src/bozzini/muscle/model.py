@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_range, name_at
 from ..errors import BozziniError, InputError
-from ..results import Result
+from ..results import Result, take_axes
 from .design import Muscle
 from .hysteresis import Hysteresis
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from .models.card import Card
 
 __all__ = [
@@ -44,6 +46,9 @@ Floats = NDArray[np.float64]
 DIRECTIONS = {"inflating": -1.0, "": 0.0, "deflating": 1.0}
 """Sign of friction in the pull of the muscle: it pulls less on the way up, more on the way down."""
 
+
+CURVE_POINTS = 201
+"""Points of a curve that is drawn."""
 
 LOAD_LIMIT = 1e15
 """Largest legal load [N]: a limit of the arithmetic, above what any legal muscle pulls."""
@@ -281,6 +286,39 @@ class MuscleModel(ABC):
     def braid_angle(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
         """Return the angle between strands and axis [rad]."""
         return self.solve(pressure, load).braid_angle
+
+    def plot_contraction(
+        self,
+        pressure: float = 0.8,
+        *,
+        load: float = 0.0,
+        lowest: float = 0.0,
+        ax: Axes | None = None,
+    ) -> Axes:
+        """Draw the contraction over the pressure, up to one [MPa], and return the axes.
+
+        Raises
+        ------
+        InputError
+            As `contraction` does; `lowest` is the first pressure drawn [MPa].
+        """
+        axes = take_axes(ax, x="pressure [kPa]", y="contraction [mm]")
+        over = np.linspace(lowest, pressure, CURVE_POINTS)
+        axes.plot(1e3 * over, self.contraction(over, load), label=self.name)
+        return axes
+
+    def plot_force(self, pressure: float = 0.8, *, ax: Axes | None = None) -> Axes:
+        """Draw the force over the contraction at a pressure [MPa], and return the axes.
+
+        Raises
+        ------
+        InputError
+            As `force` does.
+        """
+        axes = take_axes(ax, x="contraction [mm]", y="force [N]")
+        over = np.linspace(0.0, float(self.free_contraction(pressure)), CURVE_POINTS)
+        axes.plot(over, self.force(pressure, over), label=f"{1e3 * pressure:g} kPa")
+        return axes
 
     def trace_contraction(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
         """Return the contraction [mm] along a history of pressures, with the muscle's hysteresis.

@@ -226,9 +226,9 @@ def _take_pair(
 # What a fit needs: predictions of a model, and their derivatives by its unknowns.
 
 
-_MISS = 1e5  # what the search sees at a row that a trial has no answer for [mm]
+_NO_ANSWER_MM = 1e5  # what the search sees at a row that a trial has no answer for [mm]
 _STEEPEST = 1e9  # of a derivative, so that its square is finite [mm]
-_LITTLE = 1e-12  # keeps a quotient finite where a model has no stiffness [N/mm]
+_LEAST_STIFFNESS_N_PER_MM = 1e-12  # keeps a quotient finite where a model has no stiffness [N/mm]
 _STEP = 1e-4  # of a difference, in scales: small against curvature, large against round-off
 
 
@@ -314,7 +314,7 @@ class Problem:
         """
         miss, held = self.evaluate(point)
         if held.all() or not self.constants:
-            return np.where(held, miss, _MISS)
+            return np.where(held, miss, _NO_ANSWER_MM)
         steps = self.steps(point)
         return np.where(held, miss, steps + np.copysign(self.muscle.length, steps))
 
@@ -363,7 +363,7 @@ class Problem:
 
         table, held = answer_rows(answer, self.data)
         with np.errstate(all="ignore"):
-            steps = table[:, 0] / (np.abs(table[:, -1]) + _LITTLE)
+            steps = table[:, 0] / (np.abs(table[:, -1]) + _LEAST_STIFFNESS_N_PER_MM)
             bent = steps / np.hypot(1.0, steps / most)
         return np.where(held & np.isfinite(bent), bent, most)
 
@@ -543,7 +543,7 @@ def choose_unknowns(
     if kind is None:
         return Unknowns(fields=wanted, start={}, held={}, build=model_class)
     guess = {**guess_constants(kind, muscle), **given}
-    held = _find_lame(kind, given)
+    held = _find_unsupported(kind, given)
     own = {
         item.name: item
         for item in sorted(kind.card.parameters, key=lambda item: item.source != "fitted")
@@ -624,20 +624,20 @@ def _is_unknown(item: Parameter, given: Mapping[str, Any]) -> bool:
     return item.source == "fitted" or required
 
 
-def _find_lame(kind: type[CatalogueModel], given: Mapping[str, Any]) -> dict[str, str]:
+def _find_unsupported(kind: type[CatalogueModel], given: Mapping[str, Any]) -> dict[str, str]:
     """Return the constants that stay at 0, since what they need beside them is not given."""
-    lame: dict[str, list[str]] = {}
+    lacking: dict[str, list[str]] = {}
     for item in kind.card.parameters:
         needed = item.default is None and item.source != "fitted"
         if item.only_with and needed and item.name not in given:
-            lame.setdefault(item.only_with, []).append(item.name)
+            lacking.setdefault(item.only_with, []).append(item.name)
     for law in kind.card.laws:
         if law.only_with and law.required and law.name not in given:
-            lame.setdefault(law.only_with, []).append(f"the law {law.name} ({law.paper})")
+            lacking.setdefault(law.only_with, []).append(f"the law {law.name} ({law.paper})")
     unknown = [item.name for item in kind.card.parameters if _is_unknown(item, given)]
     return {
         name: f"held at 0: it needs {' and '.join(needs)}"
-        for name, needs in lame.items()
+        for name, needs in lacking.items()
         if name not in given and name in unknown
     }
 

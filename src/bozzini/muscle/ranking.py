@@ -56,7 +56,7 @@ __all__ = [
 # Compare models on one set of measurements: standard error, RMSE, bias.
 
 
-_SMALLEST = 1e-3  # largest contraction that errors can be a percentage of [mm]
+_LEAST_CONTRACTION_MM = 1e-3  # largest contraction that errors can be a percentage of [mm]
 
 
 Criterion = Literal["aicc", "bic", "cv"]
@@ -219,10 +219,10 @@ def compare_models(
 
 def check_largest(data: Measurements) -> None:
     """Raise `InputError` if the largest contraction is below a micrometre."""
-    if not data.largest_contraction >= _SMALLEST:
+    if not data.largest_contraction >= _LEAST_CONTRACTION_MM:
         raise InputError(
             f"the largest contraction is {data.largest_contraction:g} mm: it must be "
-            f"{_SMALLEST:g} mm or more, since errors are percentages of it"
+            f"{_LEAST_CONTRACTION_MM:g} mm or more, since errors are percentages of it"
         )
 
 
@@ -615,7 +615,7 @@ _FOLDS = 5
 _FLOOR = 1e-9  # of the largest contraction: residuals below may be those of the solver
 _EVALUATIONS = 50  # of the fit to a fold, which starts at that to all rows
 _BETTER = 1e-3  # relative decrease of the sum of squares for which a fit begins anew
-_SAME = 1e-7  # of the largest contraction: curves that differ by less are the same
+_SAME_CURVE = 1e-7  # of the largest contraction: curves that differ by less are the same
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -866,7 +866,7 @@ def _order(entry: RankedModel, criterion: Criterion) -> tuple[float, float, int,
 
 def _finish(entries: list[RankedModel], data: Measurements) -> tuple[RankedModel, ...]:
     """Put in which models have the same curve, and the weights."""
-    least = _SAME * data.largest_contraction
+    least = _SAME_CURVE * data.largest_contraction
     done: list[RankedModel] = []
     for entry in entries:
         same = ""

@@ -17,6 +17,7 @@ from .palette import AMBER, GREEN, INK, RED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from mpl_toolkits.mplot3d import Axes3D
 
     from ..effector import (
         Balance,
@@ -423,7 +424,7 @@ def draw_sweep(sweep: Sweep) -> Figure:
     over, labels = _number([row.changes[first] for row in sweep.rows])
     groups: dict[str, list[int]] = {}
     for index, row in enumerate(sweep.rows):
-        name = ", ".join(f"{key} {_tell(row.changes[key])}" for key in others)
+        name = ", ".join(f"{key} {_format(row.changes[key])}" for key in others)
         groups.setdefault(name, []).append(index)
     figure, (left, right) = make_panels(2)
     wanted = sweep.deflection > 0.0
@@ -474,11 +475,11 @@ def _number(values: list[Any]) -> tuple[Any, list[str]]:
     """Return places on an axis, and labels if the values are no numbers."""
     if all(isinstance(value, (int, float)) for value in values):
         return np.array(values, dtype=np.float64), []
-    names = list(dict.fromkeys(_tell(value) for value in values))
-    return np.array([names.index(_tell(value)) for value in values], dtype=np.float64), names
+    names = list(dict.fromkeys(_format(value) for value in values))
+    return np.array([names.index(_format(value)) for value in values], dtype=np.float64), names
 
 
-def _tell(value: Any) -> str:
+def _format(value: object) -> str:
     if isinstance(value, (tuple, list, np.ndarray)):
         return "/".join(f"{math.degrees(angle):g}°" for angle in value)
     return f"{value:g}" if isinstance(value, (int, float)) else str(value)
@@ -535,7 +536,7 @@ def draw_pose(
     design = effector.design
     figure = Figure(figsize=(10.4, 5.0), facecolor="white", layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
-    space: Any = figure.add_subplot(grid[0], projection="3d")
+    space: Axes3D = figure.add_subplot(grid[0], projection="3d")
     plane = figure.add_subplot(grid[1])
     colors = pick_colors(design.names)
     backbone, end = np.asarray(pose.backbone), np.asarray(pose.holder_tip)
@@ -620,13 +621,13 @@ def _turn_view(degrees: float) -> float:
     return degrees - beyond + min(max(beyond, 25.0), 65.0)
 
 
-def _name_lines(space: Any) -> None:
+def _name_lines(space: Axes3D) -> None:
     """Give a 3-D panel a legend in its corner, which takes no space from it."""
     legend = space.legend(frameon=False, fontsize=8.5, loc="upper left", bbox_to_anchor=(-0.2, 1.0))
     legend.set_in_layout(False)
 
 
-def _fit_box(space: Any, points: Floats, *, least: float = 26.0, zoom: float = 1.0) -> None:
+def _fit_box(space: Axes3D, points: Floats, *, least: float = 26.0, zoom: float = 1.0) -> None:
     """Give a 3-D panel equal scales, and sides of at least `least` mm."""
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * np.maximum(1.04 * (high - low), least)
@@ -654,7 +655,7 @@ def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     figure = Figure(figsize=(10.4, 4.9), facecolor="white", layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.1))
     plane = figure.add_subplot(grid[0])
-    space: Any = figure.add_subplot(grid[1], projection="3d")
+    space: Axes3D = figure.add_subplot(grid[1], projection="3d")
     _fill_workspace(plane, workspace)
     _draw_spokes(plane, effector, workspace)
     sectors, amplitudes = workspace.reach.sectors, workspace.reach.amplitudes
@@ -705,11 +706,11 @@ def _subdivide(line: Floats, pieces: int = 240) -> Floats:
     return np.stack([np.interp(places, along, line[:, k]) for k in range(2)], axis=-1)
 
 
-def _fill_workspace(axes: Any, workspace: Workspace) -> None:
+def _fill_workspace(axes: Axes, workspace: Workspace) -> None:
     axes.fill(*workspace.boundary.T, facecolor=_FILL, edgecolor=_EDGE, linewidth=1.2, zorder=0)
 
 
-def _draw_spokes(axes: Any, effector: Effector, workspace: Workspace | None) -> None:
+def _draw_spokes(axes: Axes3D, effector: Effector, workspace: Workspace | None) -> None:
     """Draw the direction of each muscle, as far as it deflects alone, and its name."""
     from ..effector import find_reach
 

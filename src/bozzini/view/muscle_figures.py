@@ -17,6 +17,7 @@ from .palette import AMBER, GREEN, INK, RED
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from ..muscle.data import Measurements
     from ..muscle.hysteresis import Hysteresis, HysteresisFit
     from ..muscle.model import MuscleModel
     from ..muscle.ranking import Comparison, RankedModel, Ranking
@@ -300,8 +301,13 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
         for load in loads:
             for direction in dict.fromkeys(data.direction[data.load == load].tolist()):
                 rows = (data.load == load) & (data.direction == direction)
-                _draw_line(left, models[score.name], data.pressure[rows], load, direction,
-                           score.predicted[rows], {**style, "label": label})  # fmt: skip
+                _draw_line(
+                    left,
+                    models[score.name],
+                    data.select(rows),
+                    predicted=score.predicted[rows],
+                    style={**style, "label": label},
+                )
                 label = None
         right.plot(
             1e3 * data.pressure, score.predicted - data.contraction, "o", markersize=3.5,
@@ -319,19 +325,31 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
 def _draw_line(
     axes: Axes,
     model: MuscleModel,
-    pressure: NDArray[np.float64],
-    load: float,
-    direction: str,
+    rows: Measurements,
+    *,
     predicted: NDArray[np.float64],
-    style: dict[str, Any],
+    style: Mapping[str, Any],
 ) -> None:
-    """Draw a model between the rows as well; where it has no answer there, only at them."""
-    over = np.linspace(pressure.min(), pressure.max(), _FINE)
+    """Draw a model between rows of one load and direction; without an answer there, only at them.
+
+    Parameters
+    ----------
+    axes : Axes
+    model : MuscleModel
+    rows : Measurements
+        Rows of one load and direction.
+    predicted : ndarray, shape (n,)
+        Contraction at the rows [mm].
+    style : mapping
+        Of the line.
+    """
+    over = np.linspace(rows.pressure.min(), rows.pressure.max(), _FINE)
+    direction = str(rows.direction[0]) or None
     try:
-        line = np.asarray(model.contraction(over, load, direction=direction or None))
-    except InputError:
-        order = np.argsort(pressure, kind="stable")
-        over, line = pressure[order], predicted[order]
+        line = np.asarray(model.contraction(over, rows.load[0], direction=direction))
+    except BozziniError:
+        order = np.argsort(rows.pressure, kind="stable")
+        over, line = rows.pressure[order], predicted[order]
     axes.plot(1e3 * over, line, **style)
 
 
@@ -375,7 +393,6 @@ def _make_panels(count: int, *, ratios: tuple[float, ...] = (1.0,)) -> tuple[Fig
 _RANK_COLORS = ("#1f5fa8", AMBER, GREEN, RED, "#6f4fa8")
 _RANK_DASHES = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
 _LEAST = 1e-3  # a percentage below is drawn there
-_RANK_POINTS = 101
 
 
 def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
@@ -477,32 +494,14 @@ def _draw_curves(axes: Axes, ranking: Ranking, shown: list[RankedModel]) -> None
         ):
             rows = (data.load == load) & (data.direction == direction)
             style = {"color": color, "linestyle": dash, "linewidth": 1.5, "label": label}
-            _draw_curve(axes, entry, data.pressure[rows], load, direction, rows, style)
+            predicted = entry.score.predicted[rows]
+            _draw_line(axes, entry.model, data.select(rows), predicted=predicted, style=style)
             label = None
     axes.set(xlabel="pressure [kPa]", ylabel="contraction [mm]")
     loads = np.unique(data.load)
     if len(loads) > 1:
         axes.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=8)
-
-
-def _draw_curve(
-    axes: Axes,
-    entry: RankedModel,
-    pressure: Any,
-    load: float,
-    direction: str,
-    rows: Any,
-    style: dict[str, Any],
-) -> None:
-    """Draw a model between the rows as well; where it has no answer there, only at them."""
-    over = np.linspace(pressure.min(), pressure.max(), _RANK_POINTS)
-    try:
-        line = np.asarray(entry.model.contraction(over, load, direction=direction or None))
-    except BozziniError:
-        order = np.argsort(pressure, kind="stable")
-        over, line = pressure[order], entry.score.predicted[rows][order]
-    axes.plot(1e3 * over, line, **style)
 
 
 # Figures of hysteresis: loops of operators, and a fit against the loops measured.

@@ -235,7 +235,7 @@ def test_bounded_least_squares_meets_its_conditions(count, seed):
     """Karush, Kuhn and Tucker: no gradient inside, the right sign at a bound."""
     random = np.random.default_rng(seed)
     columns, target = random.normal(size=(30, count)), random.normal(size=30) + 3.0
-    found = fit_linear(columns, target, names="abcde"[:count], high=0.1)
+    found = fit_linear(columns, target, names="abcde"[:count], limits=(0.0, 0.1))
     values = np.array(found.values)
     gradient = -columns.T @ found.residual
     assert found.residual.sum() == pytest.approx(0.0, abs=1e-9)

@@ -57,9 +57,12 @@ def test_both_forms_of_the_balance_are_one(muscle, share, pressure, axial, hoop)
     )
     other = strands + axial * wall.area_at(length) - bore
     force = balance_forces(
-        pressure, length, braid=braid, thickness=thickness, area=wall.area_at(length),
-        axial_stress=axial, hoop_stress=hoop,
-    )  # fmt: skip
+        pressure,
+        length,
+        braid=braid,
+        section=(thickness, wall.area_at(length)),
+        stresses=(axial, hoop),
+    )
     scale = abs(strands) + abs(axial) * wall.area_at(length) + bore
     assert force == pytest.approx(other, abs=1e-9 * float(scale))
 
@@ -68,9 +71,12 @@ def test_a_wall_that_only_passes_pressure_on_makes_gaylord():
     """Incompressible and without shear, the stress in the wall is the pressure on it."""
     wall = KOTHERA.wall
     force = balance_forces(
-        0.4, LENGTHS, braid=KOTHERA.braid, thickness=wall.thickness_at(LENGTHS),
-        area=wall.area_at(LENGTHS), axial_stress=-0.4, hoop_stress=-0.4,
-    )  # fmt: skip
+        0.4,
+        LENGTHS,
+        braid=KOTHERA.braid,
+        section=(wall.thickness_at(LENGTHS), wall.area_at(LENGTHS)),
+        stresses=(-0.4, -0.4),
+    )
     assert force == pytest.approx(pull_ideal(KOTHERA.braid, 0.4, LENGTHS), rel=1e-11)
 
 

@@ -79,9 +79,12 @@ def test_a_cylinder_of_fine_strands_is_the_balance_of_forces(muscle, share, pres
     length = np.asarray(low + share * (high - low))
     radius = find_radius(braid, length)
     expected = balance_forces(
-        pressure, length, braid=braid, thickness=thickness,
-        area=math.pi * thickness * (2.0 * radius - thickness), axial_stress=0.0, hoop_stress=stress,
-    )  # fmt: skip
+        pressure,
+        length,
+        braid=braid,
+        section=(thickness, math.pi * thickness * (2.0 * radius - thickness)),
+        stresses=(0.0, stress),
+    )
     strands = length**2 / (2.0 * math.pi * braid.turns**2)
     scale = (pressure + abs(stress)) * float(strands + math.pi * radius**2)
     slack = 1e-9 + 1e-5 / muscle.inner_radius  # the strands' own thickness
@@ -226,9 +229,12 @@ def test_a_cylinder_all_along_is_the_balance_of_forces(pressure):
     radius, thickness = cylinder_radius(lengths), wall.thickness_at(lengths)
     hoop = MUSCLE.modulus * (radius / MUSCLE.braid_radius - 1.0)
     expected = balance_forces(
-        pressure, lengths, braid=model.braid, thickness=thickness, area=wall.area_at(lengths),
-        axial_stress=MUSCLE.modulus * (lengths / 42.0 - 1.0), hoop_stress=hoop,
-    )  # fmt: skip
+        pressure,
+        lengths,
+        braid=model.braid,
+        section=(thickness, wall.area_at(lengths)),
+        stresses=(MUSCLE.modulus * (lengths / 42.0 - 1.0), hoop),
+    )
     assert pull(model, pressure, lengths) == pytest.approx(expected, rel=1e-10, abs=1e-11)
     contact = find_contact_pressure(
         0.4, 34.0, braid=model.braid, thickness=wall.thickness_at(34.0),

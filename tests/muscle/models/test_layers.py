@@ -141,7 +141,11 @@ def test_one_layer_is_the_balance_of_forces_with_its_whole_stresses():
     mean = pressure - 0.5 * around * thickness / middle
     stresses = {"axial_stress": along - mean, "hoop_stress": around - mean}
     expected = balance_forces(
-        pressure, LENGTHS, braid=braid, thickness=thickness, area=wall.area_at(LENGTHS), **stresses
+        pressure,
+        LENGTHS,
+        braid=braid,
+        section=(thickness, wall.area_at(LENGTHS)),
+        stresses=(stresses["axial_stress"], stresses["hoop_stress"]),
     )
     assert pull(model, pressure, LENGTHS) == pytest.approx(expected, rel=1e-9, abs=1e-10)
     contact = find_contact_pressure(

@@ -216,10 +216,12 @@ def test_stiffening_is_the_full_balance():
         return (0.3 + 0.4 * 0.5) * strain - 0.2 * strain**2 + 0.6 * 0.5 * strain**3
 
     force = balance_forces(
-        0.5, lengths, braid=braid, thickness=wall.thickness_at(lengths), area=wall.area_at(lengths),
-        axial_stress=stress(lengths / 42.0 - 1.0),
-        hoop_stress=stress(find_radius(braid, lengths) / RADIUS - 1.0),
-    )  # fmt: skip
+        0.5,
+        lengths,
+        braid=braid,
+        section=(wall.thickness_at(lengths), wall.area_at(lengths)),
+        stresses=(stress(lengths / 42.0 - 1.0), stress(find_radius(braid, lengths) / RADIUS - 1.0)),
+    )
     assert pull(model, 0.5, lengths) == pytest.approx(force, rel=1e-11, abs=1e-12)
 
 
@@ -230,9 +232,8 @@ def test_the_pressure_on_a_wall_of_constant_thickness_is_chou():
     lengths = find_lengths(chou)
     area = math.pi * thickness * (2.0 * find_radius(chou.braid, lengths) - thickness)
     force = balance_forces(
-        0.4, lengths, braid=chou.braid, thickness=thickness, area=area, axial_stress=0.0,
-        hoop_stress=0.0,
-    )  # fmt: skip
+        0.4, lengths, braid=chou.braid, section=(thickness, area), stresses=(0.0, 0.0)
+    )
     assert pull(chou, 0.4, lengths) == pytest.approx(force, rel=1e-10, abs=1e-12)
 
 

@@ -22,10 +22,10 @@ from .linkage import measure_lateral
 BALANCED, SLACK, SATURATED, NO_ANSWER, STOPPED = 0, 1, 2, 3, 4
 """Equilibrium; no pull; none up to the largest deflection; no answer of the model; not converged"""
 
-STEP = 1e-11
+STEP_TOLERANCE = 1e-11
 """Newton's last step, relative to the backbone: the next one would be its square."""
 
-MISS = 1e-10
+PULL_TOLERANCE = 1e-10
 """What may be left over before that step, relative to the pull.
 
 Where the linkage ends its slope is endless and a step is short far from the root.
@@ -66,7 +66,7 @@ def find_balance(start, pull, numbers, linkage, compliance, peak, pressure, out)
     high_known = False
     code = STOPPED
     iterations = 0
-    step_limit = STEP * linkage[1]
+    step_limit = STEP_TOLERANCE * linkage[1]
     for iteration in range(1, MAX_ITERATIONS):
         iterations = iteration
         lateral, lateral_slope, failed = measure_lateral(linkage, x)
@@ -86,7 +86,7 @@ def find_balance(start, pull, numbers, linkage, compliance, peak, pressure, out)
             high_known = True
         small = ROUND_OFF * linkage[1] * abs(slope)
         slope -= lateral_slope / compliance
-        small += MISS * abs(force) + ROUND_OFF * x * abs(slope)
+        small += PULL_TOLERANCE * abs(force) + ROUND_OFF * x * abs(slope)
         following = x - miss / slope if slope < 0.0 else (peak if miss > 0.0 else -1.0)
         near = abs(following - x) <= step_limit and abs(miss) <= small
         if low <= following <= high and near:

@@ -26,7 +26,7 @@ ANGLE_SLACK = 1e-12
 SHARE_SLACK = 1e-12
 """Share of a target that may be cut off before it counts as not reached: round-off."""
 
-SMALL = 1e-6
+FIRST_ORDER_SHARE = 1e-6
 """Share of a contraction by which it may be off for a miss to be taken to first order."""
 
 _RIGID = interface.RIGID
@@ -148,12 +148,12 @@ def measure_left_over(
     state = out[0]
     if kind == _RIGID:
         off = state - contraction
-        small = abs(off) <= SMALL * contraction
+        small = abs(off) <= FIRST_ORDER_SHARE * contraction
         return off * (max(slope, 0.0) if small else displacement / contraction)
     call_pull(pull, row, state, pressure, contraction, results)
     miss = compliance * out[0] - displacement
     give = max(slope, 0.0) + compliance * max(-out[1], 0.0)
-    if not abs(miss) <= SMALL * give * contraction:
+    if not abs(miss) <= FIRST_ORDER_SHARE * give * contraction:
         return miss
     return miss * max(slope, 0.0) / give
 

@@ -115,20 +115,12 @@ class BoucWen(Operator):
         begun at several widths; a height of more than 1000 times the span of the response is not
         tried.
 
+        History, response and skip are those of all operators, see `Operator`.
+
         Parameters
         ----------
-        history, response : array_like, shape (..., n)
-            Inputs in the order of time, each history from rest at 0, and the outputs measured.
         exponent : float, optional
             n where it is known; fitted, between 1 and 10, without.
-        skip : int
-            Samples at the beginning of each history that only move the memory.
-
-        Raises
-        ------
-        InputError
-            If history and response are not finite arrays of one shape, the history is constant, or
-            the exponent is out of its range.
         """
         loops = Loops.take(history, response, skip)
         inputs = loops.inputs
@@ -152,8 +144,10 @@ class BoucWen(Operator):
             starts,
             (low + [1.0] * (not known), high + [10.0] * (not known)),
             names=("slope", "alpha"),
-            low=np.array([-_LARGEST * tall / span, 0.0]),
-            high=np.array([_LARGEST * tall / span, _LARGEST * tall]),
+            limits=(
+                np.array([-_LARGEST * tall / span, 0.0]),
+                np.array([_LARGEST * tall / span, _LARGEST * tall]),
+            ),
         )
         slope, height = found.values
         power = exponent if exponent is not None else float(point[2])

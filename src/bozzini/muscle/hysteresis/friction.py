@@ -165,22 +165,14 @@ class MaxwellSlip(Operator):
 
         The output has no offset. Elements of which nothing is left are dropped.
 
+        History, response and skip are those of all operators, see `Operator`.
+
         Parameters
         ----------
-        history, response : array_like, shape (..., n)
-            Inputs in the order of time, each history from rest at 0, and the outputs measured.
         yields : sequence of float, optional
             Inputs w / k at which elements slip; else `count` of them, evenly up to half the span.
         count : int
             How many, 1 to 200.
-        skip : int
-            Samples at the beginning of each history that only move the memory.
-
-        Raises
-        ------
-        InputError
-            If history and response are not finite arrays of one shape, the history is constant,
-            an option is out of its range, or the response does not resist at all.
         """
         loops = Loops.take(history, response, skip)
         count = check_integer("count", count, low=1, high=200)
@@ -319,7 +311,7 @@ class FrictionBand(Operator):
         columns = np.stack([loss * (1.0 - share), loss * share], axis=-1)
         rest = loops.target - loops.pick(inputs[..., None])[:, 0]
         found = fit_linear(
-            loops.pick(columns), rest, names=("kappa1", "kappa2"), high=1.0, offset=False
+            loops.pick(columns), rest, names=("kappa1", "kappa2"), offset=False, limits=(0.0, 1.0)
         )
         first, last = found.values
         kappa2 = -(last - first) / (high - low)

@@ -97,6 +97,12 @@ class Operator(ABC):
 
     Only the order of the inputs counts, not their timing: a sample more on the way between two
     others changes nothing at those. All act along the last axis, over any leading ones.
+
+    ``identify(history, response, skip=0)`` of a subclass fits it to measured loops. `history` has
+    the inputs in the order of time, (..., n), each history from rest, and `response` the outputs
+    measured, of the same shape. The first `skip` samples of each history only move the memory. It
+    raises `InputError` if these are not finite arrays of one shape, the history is constant, or an
+    option is out of its range.
     """
 
     @property
@@ -311,8 +317,7 @@ def fit_linear(
     target: Floats,
     *,
     names: Sequence[str],
-    low: float | Floats = 0.0,
-    high: float | Floats = np.inf,
+    limits: tuple[float | Floats, float | Floats] = (0.0, np.inf),
     offset: bool = True,
     judge: bool = True,
 ) -> LinearFit:
@@ -324,8 +329,8 @@ def fit_linear(
     target : (n,) ndarray
     names : sequence of str
         Of the values.
-    low, high : float or (k,) ndarray
-        Bounds of the values; a column that is constant determines nothing and gets the value
+    limits : tuple of float or (k,) ndarray
+        Lowest and highest values; a column that is constant determines nothing and gets the value
         nearest to 0.
     offset : bool
         Whether there is an offset; it has no bounds.
@@ -335,8 +340,8 @@ def fit_linear(
     from scipy.optimize import lsq_linear
 
     count = columns.shape[1]
-    lows = np.broadcast_to(np.asarray(low, dtype=np.float64), (count,))
-    highs = np.broadcast_to(np.asarray(high, dtype=np.float64), (count,))
+    lows = np.broadcast_to(np.asarray(limits[0], dtype=np.float64), (count,))
+    highs = np.broadcast_to(np.asarray(limits[1], dtype=np.float64), (count,))
     values = np.clip(np.zeros(count), lows, highs)
     # An offset without bounds takes all that is constant: it is fitted to the means.
     middle = columns.mean(axis=0) if offset else np.zeros(count)

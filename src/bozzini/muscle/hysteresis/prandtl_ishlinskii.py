@@ -285,10 +285,10 @@ class PrandtlIshlinskii(PlaySum):
     ) -> HysteresisFit[PrandtlIshlinskii]:
         """Fit weights and offset to measured loops: linear least squares with bounds.
 
+        History, response and skip are those of all operators, see `Operator`.
+
         Parameters
         ----------
-        history, response : array_like, shape (..., n)
-            Inputs in the order of time, each history from rest, and the outputs measured.
         thresholds : sequence of float, optional
             Thresholds; else `count` of them, evenly from 0 to below half the span of the inputs.
         count : int
@@ -297,15 +297,6 @@ class PrandtlIshlinskii(PlaySum):
             Input at rest.
         signed : bool
             Whether weights may be negative; without, they are 0 or more.
-        skip : int
-            Samples at the beginning of each history that only move the memory: the first branch,
-            where the muscle was not at rest before it.
-
-        Raises
-        ------
-        InputError
-            If history and response are not finite arrays of one shape, the history is constant, or
-            an option is out of its range.
         """
         origin = check_number("origin", origin, low=-LIMIT, high=LIMIT)
         loops = Loops.take(history, response, skip)
@@ -318,7 +309,7 @@ class PrandtlIshlinskii(PlaySum):
             columns,
             loops.target,
             names=[f"weights[{i}]" for i in range(len(rungs))],
-            low=-LIMIT if signed else 0.0,
+            limits=(-LIMIT if signed else 0.0, np.inf),
         )
         operator = cls(rungs, found.values, origin=origin, offset=found.offset)
         return loops.report(operator, found)
@@ -431,14 +422,9 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
             How many, 1 to 100.
         envelope : sequence of float, optional
             a0, a1, a2 where they are known; fitted without.
-        skip : int
-            Samples at the beginning of each history that only move the memory.
 
-        Raises
-        ------
-        InputError
-            If history and response are not finite arrays of one shape, the history is constant, or
-            an option is out of its range.
+
+        History, response and skip are those of all operators, see `Operator`.
         """
         loops = Loops.take(history, response, skip)
         count = check_integer("count", count, low=1, high=100)
@@ -642,14 +628,9 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
             Thresholds; else `count` of them, evenly from 0 to below half the span of the inputs.
         count : int
             How many, 2 to 200.
-        skip : int
-            Samples at the beginning of each history that only move the memory.
 
-        Raises
-        ------
-        InputError
-            If history and response are not finite arrays of one shape, the history is constant,
-            there is no threshold above 0, or an option is out of its range.
+
+        History, response and skip are those of all operators, see `Operator`.
         """
         loops = Loops.take(history, response, skip)
         count = check_integer("count", count, low=2, high=200)

@@ -139,25 +139,16 @@ class Preisach(Operator):
         To determine all weights it takes reversals at all levels: loops that grow or shrink step by
         step. `HysteresisFit.undetermined` names the weights that the history does not determine.
 
+        History, response and skip are those of all operators, see `Operator`.
+
         Parameters
         ----------
-        history, response : array_like, shape (..., n)
-            Inputs in the order of time, each history from rest below all levels, and the outputs
-            measured.
         levels : sequence of float, optional
             Levels; else `count` even steps over the span of the history.
         count : int
             How many steps, 1 to 40.
         signed : bool
             Whether weights may be negative; without, they are 0 or more.
-        skip : int
-            Samples at the beginning of each history that only move the memory.
-
-        Raises
-        ------
-        InputError
-            If history and response are not finite arrays of one shape, the history is constant, or
-            an option is out of its range.
         """
         loops = Loops.take(history, response, skip)
         count = check_integer("count", count, low=1, high=40)
@@ -176,7 +167,7 @@ class Preisach(Operator):
             loops.pick(kernels.trace_relays(inputs, np.array(rungs), last, memory)),
             loops.target,
             names=[f"weights[{i}]" for i in range(memory.shape[1])],
-            low=-LIMIT if signed else 0.0,
+            limits=(-LIMIT if signed else 0.0, np.inf),
         )
         return loops.report(cls(rungs, found.values, offset=found.offset), found)
 

@@ -26,13 +26,13 @@ from .energy import (
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 FEW_NODES, FEW_WEIGHTS = np.polynomial.legendre.leggauss(5)
 
-SHORT = 0.05
+INTEGRATED_SPAN = 0.05
 """Change of stretch below which differences of energy are integrated, not subtracted."""
 
-GRAIN = 1e-13
+ROUND_OFF_STRETCH = 1e-13
 """Shortening that is round-off."""
 
-TINY = 1e-6
+LINEAR_SPAN = 1e-6
 """Change of stretch below which the taper is taken to first order."""
 
 NO_TAPER = 4
@@ -50,7 +50,7 @@ def cylinder_potential(design, pressure, load, stretch):
 def potential_drop(design, pressure, load, stretch, local):
     """By how much the cylinder's potential falls from ``stretch`` to ``local`` [N]."""
     span = local - stretch
-    if span > SHORT:
+    if span > INTEGRATED_SPAN:
         return cylinder_potential(design, pressure, load, stretch) - cylinder_potential(
             design, pressure, load, local
         )
@@ -70,7 +70,7 @@ def measure_end(design, pressure, stretch):
     code. A muscle that is not shorter than at rest counts as a cylinder all along: its braid
     would have to widen towards the fittings.
     """
-    if stretch >= 1.0 - GRAIN:
+    if stretch >= 1.0 - ROUND_OFF_STRETCH:
         return 0.0, 0.0, 0.0, CONVERGED
     load, stiffness, contact, _ = find_force(design, pressure, stretch, 0.0)
     c0, s0, rb0 = design[0], design[1], design[2]
@@ -80,7 +80,7 @@ def measure_end(design, pressure, stretch):
     if contact <= 0.0 or pressure * math.pi * rb0 * rb0 + load <= 0.0:
         return 0.0, 0.0, 0.0, NO_TAPER
     span = 1.0 - stretch
-    if span < TINY:
+    if span < LINEAR_SPAN:
         pull = pressure * area * (1.0 - square) + load
         return -span * c0 / math.sqrt(stiffness / (pull * stretch)), 0.0, 0.0, CONVERGED
     shorter = 0.0
@@ -128,7 +128,7 @@ def find_ended_stretches(design, active, pressures, contractions, signs, stretch
     """
     for n in range(stretches.size):
         target = contractions[n]
-        if target <= GRAIN * active:
+        if target <= ROUND_OFF_STRETCH * active:
             stretches[n] = 1.0 - target / active
             continue
         low, code, _ = find_stretch(design, pressures[n], 0.0, signs[n])

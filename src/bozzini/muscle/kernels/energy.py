@@ -16,7 +16,7 @@ from numba import njit
 
 from .interface import PULLS, SLACK, unpack_design, view_numbers, view_out
 
-STEP = 1e-12
+STRETCH_TOLERANCE = 1e-12
 """Newton's last step, relative to the stretch: the next one would be its square."""
 
 MAX_ITERATIONS = 200
@@ -162,7 +162,7 @@ def find_stretch(design, pressure, load, sign):
             following = stretch - miss / stiffness
         else:
             following = high + 1.0 if miss < 0.0 else low - 1.0
-        if abs(following - stretch) <= STEP * stretch and (low <= following <= high):
+        if abs(following - stretch) <= STRETCH_TOLERANCE * stretch and (low <= following <= high):
             return following, CONVERGED, iteration
         if following >= high:
             if not high_known:

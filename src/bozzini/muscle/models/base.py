@@ -53,7 +53,8 @@ STEPS = 64
 MAX_ITERATIONS = 100
 
 _TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
-_JUMP = 1e-6  # of the forces at the ends of a bracket: more is left over only where a force jumps
+_JUMP_SHARE = 1e-6
+"""Share of the forces at a bracket's ends: more is left over only where a force jumps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +127,7 @@ def find_roots(excess: Excess, start: Floats, low: Floats, high: Floats) -> Root
         (near[bracketed], near_excess[bracketed]),
     )
     lengths[bracketed], residuals[bracketed], iterations[bracketed] = best, left, taken
-    jumps = found & (np.abs(residuals) > _JUMP * scale)
+    jumps = found & (np.abs(residuals) > _JUMP_SHARE * scale)
     return Roots(lengths, residuals, iterations, found, jumps)
 
 

@@ -87,7 +87,7 @@ class StrainCorrected(CatalogueModel):
     """
 
     @abstractmethod
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
         """The factor of the strain, ``k``."""
 
     def _strain_offset(self) -> float:
@@ -96,13 +96,13 @@ class StrainCorrected(CatalogueModel):
 
     def _find_stretch(self, pressure: Floats, length: Floats) -> Floats:
         strain = (self.braid.length - length) / self.braid.length + self._strain_offset()
-        return np.asarray(1.0 - self._find_factor(pressure) * strain)
+        return np.asarray(1.0 - self.find_factor(pressure) * strain)
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         return pull_by_strain(self.braid, pressure, self._find_stretch(pressure, length))
 
     def _length_limits(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
-        factor = self._find_factor(pressure)
+        factor = self.find_factor(pressure)
         words = f"strain factor k of the model {self.name} at pressure"
         check_range(words, factor, *_FACTORS)
         rest, cosine = self.braid.length, math.cos(self.braid.angle)
@@ -120,7 +120,7 @@ class StrainCorrected(CatalogueModel):
             )
         return low, high
 
-    def _find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
+    def find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
         """Tondu and Lopez's contact area of strands, ``S1`` [mm^2]: the lateral area at rest."""
         braid = self.braid
         stretch = self._find_stretch(pressure, length)
@@ -132,7 +132,7 @@ class StrainCorrected(CatalogueModel):
         """Friction ``mu P S1 / S_scale`` [N]."""
         given = self.parameters
         share = given["friction"] / given["contact_scale"]
-        return np.asarray(share * pressure * self._find_contact_area(pressure, length))
+        return np.asarray(share * pressure * self.find_contact_area(pressure, length))
 
 
 class TonduLopez(StrainCorrected):
@@ -157,7 +157,8 @@ class TonduLopez(StrainCorrected):
         r"S_1 = \frac{2 \pi r_0 l_0 \sin\theta_0}{x \sqrt{1 - x^2 \cos^2\theta_0}}",
     )
 
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
         return find_tondu_factor(self.parameters, pressure)
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
@@ -188,7 +189,8 @@ class IttoExponential(StrainCorrected):
         r"k = \kappa_1 e^{\kappa_2 P} + \kappa_3",
     )
 
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
         given = self.parameters
         return np.asarray(given["kappa1"] * np.exp(given["kappa2"] * pressure) + given["kappa3"])
 
@@ -213,7 +215,8 @@ class IttoDoubled(StrainCorrected):
         r"\epsilon\right\}^2 - q_2\right]",
     )
 
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
         given = self.parameters
         return np.asarray(given["kappa1"] * (1.0 + np.exp(given["kappa2"] * pressure)))
 
@@ -323,7 +326,8 @@ class DavisCaldwell(StrainCorrected):
                 f"it must be at most {most:g} mm"
             )
 
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
         return find_tondu_factor(self.parameters, pressure)
 
     def _find_share(self, pressure: Floats) -> Floats:
@@ -334,7 +338,8 @@ class DavisCaldwell(StrainCorrected):
         radii = factor * np.cbrt(strain)
         return np.asarray(radii if self.keywords["scale"] == "radii" else radii**2)
 
-    def _find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
+    def find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
+        """Return the contact area of the strands [mm^2]."""
         braid = self.braid
         least = self.smallest_angle
         top = math.sin(least) * math.cos(least)
@@ -347,7 +352,7 @@ class DavisCaldwell(StrainCorrected):
         friction = self.parameters["friction"]
         if friction == 0.0:
             return np.zeros(pressure.shape)
-        area = self._find_contact_area(pressure, length)
+        area = self.find_contact_area(pressure, length)
         return np.asarray(friction * pressure * area * self._find_share(pressure))
 
 
@@ -441,7 +446,8 @@ class Meller(StrainCorrected):
         low, high = super().pressure_limits
         return max(low, 1.001 * self.parameters["pressure_unit"]), high
 
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
         given = self.parameters
         free = given["kappa3"] * np.log(pressure / given["pressure_unit"])
         return np.asarray(locking_strain(self) / free)
@@ -490,7 +496,8 @@ class Andrikopoulos(StrainCorrected):
         guess["largest_contraction"] = share * muscle.braid.locking_contraction
         return guess
 
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
         most = self.parameters["largest_contraction"]
         return np.full(pressure.shape, self.braid.length / most * locking_strain(self))
 

@@ -65,10 +65,11 @@ class ConstantThickness(WalledModel):
             pressure,
             length,
             braid=self.braid,
-            thickness=self.wall.thickness,
-            area=self._find_area(length),
-            axial_stress=self.muscle.modulus * (length / self.braid.length - 1.0),
-            hoop_stress=self._find_hoop_stress(length),
+            section=(self.wall.thickness, self._find_area(length)),
+            stresses=(
+                self.muscle.modulus * (length / self.braid.length - 1.0),
+                self._find_hoop_stress(length),
+            ),
             wall_pressure=False,
         )
 

@@ -55,7 +55,8 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-_OPEN = 1e-4  # share of the bore's area at rest that is left at the ends of the legal lengths
+_OPEN_BORE_SHARE = 1e-4
+"""Share of the bore's area at rest that is left at the ends of the legal lengths."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +129,7 @@ def _find_lengths(
     wall: Wall, low: float, high: float, keeps_thickness: bool
 ) -> tuple[float, float]:
     """Return the answer of `Wall.find_lengths`, which a fit asks for again and again."""
-    left = _OPEN * wall.bore_at_rest**2
+    left = _OPEN_BORE_SHARE * wall.bore_at_rest**2
 
     def spare(length: float) -> float:
         radius = float(find_radius(wall.braid, np.asarray(length)))
@@ -162,10 +163,8 @@ def balance_forces(
     length: Floats,
     *,
     braid: Braid,
-    thickness: Floats | float,
-    area: Floats | float,
-    axial_stress: Floats | float,
-    hoop_stress: Floats | float,
+    section: tuple[Floats | float, Floats | float],
+    stresses: tuple[Floats | float, Floats | float],
     wall_pressure: bool = True,
 ) -> Floats:
     """Return the pull of the muscle by the balance of forces [N].
@@ -175,13 +174,14 @@ def balance_forces(
     pressure, length : ndarray
         Pressure [MPa] and length [mm], of one shape.
     braid : Braid
-    thickness, area : ndarray or float
+    section : tuple of ndarray or float
         Thickness [mm] and area of the cross-section [mm^2] of the wall as it is then.
-    axial_stress, hoop_stress : ndarray or float
-        Stress in the wall [MPa], tension positive.
+    stresses : tuple of ndarray or float
+        Axial and hoop stress in the wall [MPa], tension positive.
     wall_pressure : bool
         Whether to have the term of the pressure on the wall; some papers leave it out.
     """
+    (thickness, area), (axial_stress, hoop_stress) = section, stresses
     radius = find_radius(braid, length)
     slope = thickness * length**2 / (2.0 * math.pi * radius * braid.turns**2)
     pull = pull_ideal(braid, pressure, length) + axial_stress * area - hoop_stress * slope
@@ -236,10 +236,8 @@ class ForceBalanceModel(WalledModel):
             pressure,
             length,
             braid=self.braid,
-            thickness=self.wall.thickness_at(length),
-            area=self.wall.area_at(length),
-            axial_stress=axial,
-            hoop_stress=hoop,
+            section=(self.wall.thickness_at(length), self.wall.area_at(length)),
+            stresses=(axial, hoop),
             wall_pressure=self.wall_pressure,
         )
 

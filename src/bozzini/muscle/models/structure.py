@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 _DOUMIT = "Doumit, Fahim and Munro (2009)"
 _TOROID = "reference [90] of the thesis"
-_SLACK = 1e-9  # of the clamp's radius: a cone of no length may miss so much
+_CONE_TOLERANCE = 1e-9  # of the clamp's radius: a cone of no length may miss so much
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +142,7 @@ class Doumit(CatalogueModel):
         check_range("answer of cone_length", slant, 0.0, 1e6, "mm")
         clamp = self.parameters["clamp_ratio"] * self.braid.radius
         narrower = radius - clamp
-        none = (slant == 0.0) & (np.abs(narrower) <= _SLACK * clamp)
+        none = (slant == 0.0) & (np.abs(narrower) <= _CONE_TOLERANCE * clamp)
         sine = np.where(none, 0.0, narrower / np.where(none, 1.0, slant))
         # A cone that is shorter than it has to narrow makes NaN, and the pull is refused.
         cosine = np.sqrt((1.0 - sine) * (1.0 + sine))
@@ -201,14 +201,15 @@ class EllipticEnds(CatalogueModel):
 
     The survey describes how the ends are found, as sections of an elliptic toroid, but has no
     equation. The shape makes a difference to the pull only by the radius and the thickness that it
-    leaves the middle at a length: these are the laws. The rest is the balance of forces of a linear elastic
-    bladder, on a braid whose crossings do not slip, ``sin(theta) = sin(theta0) r / r0``::
+    leaves the middle at a length: these are the laws. The rest is the balance of forces of a linear
+    elastic bladder, on a braid whose crossings do not slip,
+    ``sin(theta) = sin(theta0) r / r0``::
 
         F = 2 pi r**2 P_o / tan(theta)**2 + s_z pi t (2 r - t) - P pi (r - t)**2
         P_o = (P (r - t) - s_h t) / r,  s_z = E (l / l0 - 1),  s_h = E (r / r0 - 1)
 
     With the radius of a braid that is a cylinder all along it is the balance of forces as it is in
-    `force_balance`. `MuscleState.braid_angle` is that of a cylinder of the same length.
+    `balance_forces`. `MuscleState.braid_angle` is that of a cylinder of the same length.
     """
 
     card = Card(
