@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bozzini.effector import Effector, preset
+from bozzini.errors import InputError
 from bozzini.muscle import CompiledMuscle, EnergyMuscle, ThesisMuscle
 from bozzini.muscle.kernels import interface
 from bozzini.muscle.kernels.interface import view_numbers, view_out
@@ -93,3 +94,8 @@ def test_an_effector_is_packed_anew_in_another_process():
     again = pickle.loads(pickle.dumps(effector))
     assert again == effector
     assert again.forward({"R": 0.5}).tip == pytest.approx(effector.forward({"R": 0.5}).tip)
+
+
+def test_a_model_of_too_many_numbers_is_refused():
+    with pytest.raises(InputError, match="has 33 numbers: it must have at most 32"):
+        CompiledMuscle(numbers=(0.0,) * 33, start=0, pull=0, pressure=0)

@@ -76,25 +76,6 @@ def test_refusals(changes, message):
     assert "\n" not in str(caught.value)
 
 
-def test_refusals_of_muscles():
-    muscle = muscle_preset("fitted-45")
-    one = PlacedMuscle(name="A", muscle=muscle, angle=0.0)
-    with pytest.raises(InputError, match="two muscles are called 'A'"):
-        EffectorDesign(muscles=(one, PlacedMuscle(name="A", muscle=muscle, angle=1.0)))
-    with pytest.raises(InputError, match="A and B are both at"):
-        EffectorDesign(muscles=(one, PlacedMuscle(name="B", muscle=muscle, angle=math.tau)))
-    with pytest.raises(InputError, match="muscle name is 'a b'"):
-        PlacedMuscle(name="a b", muscle=muscle, angle=0.0)
-    with pytest.raises(InputError, match="angle of muscle A is inf"):
-        PlacedMuscle(name="A", muscle=muscle, angle=math.inf)
-    with pytest.raises(InputError, match="muscle A is a float"):
-        PlacedMuscle(name="A", muscle=45.0, angle=0.0)
-    with pytest.raises(InputError, match=r"no muscle 'X': choose one of \['R', 'G', 'B'\]"):
-        preset("prototype").index("X")
-    with pytest.raises(InputError, match="no effector preset 'x'"):
-        preset("x")
-
-
 def test_an_offset_below_half_a_segment_is_refused():
     with pytest.raises(GeometryError, match="at least 1.5 mm, half a segment"):
         preset("prototype", offset=1.49)

@@ -88,34 +88,6 @@ def test_every_point_of_the_workspace_is_on_the_stick() -> None:
     assert np.abs(boundary).max() <= scale * (1.0 + 1e-12)
 
 
-@pytest.mark.parametrize(
-    ("raw", "word"),
-    [
-        ([1024, 500], "x is 1024: it must lie in \\[0, 1023\\]"),
-        ([500, -1], "y is -1"),
-        ([500, math.nan], "not finite"),
-        ([500], "shape"),
-    ],
-)
-def test_readings_out_of_range(raw: list[float], word: str) -> None:
-    with pytest.raises(InputError, match=word):
-        steer(EFFECTOR, raw)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [{"centre": 2000.0}, {"span": 0.0}, {"dead_zone": 500.0}, {"highest": -1.0}],
-)
-def test_wrong_sticks(changes: dict[str, float]) -> None:
-    with pytest.raises(InputError, match=next(iter(changes)).replace("_", " ")):
-        Stick(**changes)
-
-
-def test_wrong_scale() -> None:
-    with pytest.raises(InputError, match="stick scale is 0 mm"):
-        steer(EFFECTOR, [500, 500], scale=0.0)
-
-
 def test_steering_by_a_cubic_says_what_its_pressures_do():
     effector = Effector(preset("prototype"))
     cubics = {name: fit_cubic(effector, name, start=0.1) for name in "RGB"}

@@ -132,18 +132,3 @@ def test_looking_up_caps_at_the_limit() -> None:
     assert pressures[1] == 0.0
     with pytest.raises(InputError, match="muscle B has no cubic"):
         look_up_pressures({"R": cubics["R"], "G": cubics["G"]}, DESIGN.names, [1.0, 1.0, 1.0])
-
-
-def test_wrong_input() -> None:
-    with pytest.raises(InputError, match="radius is 0 mm"):
-        trace_circle(EFFECTOR, 0.0)
-    with pytest.raises(InputError, match="steps is 1"):
-        trace_line(EFFECTOR, [0.0, 0.0], [1.0, 0.0], steps=1)
-    with pytest.raises(InputError, match="end has shape"):
-        trace_line(EFFECTOR, [0.0, 0.0], [[1.0, 0.0]])
-    with pytest.raises(InputError, match="targets has shape"):
-        trace_path(EFFECTOR, np.empty((0, 2)))
-    with pytest.raises(InputError, match="samples is 3"):
-        fit_cubic(EFFECTOR, "R", samples=3)
-    with pytest.raises(InputError, match="start is 5 MPa"):
-        fit_cubic(EFFECTOR, "R", start=5.0)

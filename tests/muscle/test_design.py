@@ -100,3 +100,20 @@ def test_presets():
 def test_unknown_preset_is_refused():
     with pytest.raises(InputError, match=r"no muscle preset 'thesis': choose one of \['effector"):
         preset("thesis")
+
+
+def test_a_field_is_described_once():
+    """Options, files and fits read unit, kind and help from the fields themselves."""
+    from bozzini.cli.muscle import solve_command
+    from bozzini.muscle.problem import PARAMETER_UNITS, choose_scale
+    from bozzini.units import INTERNAL_UNITS
+
+    options = {option.name: option for option in solve_command.params}
+    for name, quantity in Muscle.quantities().items():
+        assert options[name].help == quantity.help
+        assert options[name].type.kind == quantity.kind
+        assert quantity.unit == INTERNAL_UNITS[quantity.kind]
+        if name not in ("length", "strands"):
+            assert PARAMETER_UNITS[name] == quantity.unit
+            assert choose_scale(name, 3.0, own=False) == (quantity.scale or pytest.approx(0.3))
+    assert set(Muscle.quantities()) == set(vars(preset("thesis-45")))

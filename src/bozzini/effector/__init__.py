@@ -28,6 +28,7 @@ from .linkage import (
     place_curve,
 )
 from .pose import POSE_METHODS, EffectorPose, find_resultant, pose
+from .section import Section
 from .steering import (
     CubicFit,
     Stick,
@@ -77,6 +78,7 @@ __all__ = [
     "PlacedMuscle",
     "ProjectedInverse",
     "Reach",
+    "Section",
     "Sectors",
     "Stick",
     "Sweep",

@@ -12,13 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array
 from ..errors import InputError
 from ..muscle import EnergyMuscle, Muscle, MuscleModel
+from ..muscle.model import NUMBERS_LIMIT
 from .design import EffectorDesign
 from .linkage import Peak, find_peak, take_linkage
 
 __all__ = ["PackedEffector", "Section", "pack_effector"]
-
-COLUMNS = 32
-"""Largest count of numbers of a compiled muscle model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +56,7 @@ class PackedEffector:
 def pack_effector(design: EffectorDesign, models: tuple[MuscleModel, ...]) -> PackedEffector:
     """Return a design and its models as numbers."""
     functions = np.zeros((len(models), 3), dtype=np.int64)
-    rows = np.zeros((len(models), COLUMNS))
+    rows = np.zeros((len(models), NUMBERS_LIMIT))
     for j, model in enumerate(models):
         compiled = model.compiled
         if compiled is not None:

@@ -47,6 +47,9 @@ DIRECTIONS = {"inflating": -1.0, "": 0.0, "deflating": 1.0}
 """Sign of friction in the pull of the muscle: it pulls less on the way up, more on the way down."""
 
 
+NUMBERS_LIMIT = 32
+"""Largest count of numbers of a compiled model."""
+
 CURVE_POINTS = 201
 """Points of a curve that is drawn."""
 
@@ -120,15 +123,27 @@ class CompiledMuscle:
     Parameters
     ----------
     numbers : tuple of float
-        What the functions take of the model, at most 32.
+        What the functions take of the model, at most `NUMBERS_LIMIT`.
     start, pull, pressure : int
         Addresses.
+
+    Raises
+    ------
+    InputError
+        If there are more numbers.
     """
 
     numbers: tuple[float, ...]
     start: int
     pull: int
     pressure: int
+
+    def __post_init__(self) -> None:
+        if len(self.numbers) > NUMBERS_LIMIT:
+            raise InputError(
+                f"a compiled model has {len(self.numbers)} numbers: it must have at most "
+                f"{NUMBERS_LIMIT}"
+            )
 
 
 class MuscleModel(ABC):

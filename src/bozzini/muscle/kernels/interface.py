@@ -19,20 +19,19 @@ Any C function with such a signature will do as well.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 from numba import carray, cfunc, njit, types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
+
+from ..model import NUMBERS_LIMIT
 
 PULLS, SLACK, NO_ANSWER, RIGID = 0, 1, 2, 3
 """Codes of ``start``: it pulls; it is longer than the section; no answer; no response to a load.
 
 A rigid muscle has its contraction as the state.
 """
-
-NUMBERS_SIZE = 32
-"""Largest count of numbers that a model may have."""
 
 _POINTER = types.CPointer(types.float64)
 _START = types.int64(_POINTER, types.float64, types.float64, _POINTER)
@@ -43,7 +42,7 @@ _PRESSURE = _PULL
 @njit(inline="always")
 def view_numbers(pointer):
     """The numbers of a model as an array."""
-    return carray(pointer, (NUMBERS_SIZE,))
+    return carray(pointer, (NUMBERS_LIMIT,))
 
 
 @njit(inline="always")
@@ -61,7 +60,7 @@ def unpack_design(numbers):
     )  # fmt: skip
 
 
-@lru_cache
+@cache  # what is compiled must stay, for its address is in use
 def _compile(function, signature):
     return cfunc(signature, cache=True)(function)
 
