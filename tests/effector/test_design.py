@@ -90,9 +90,9 @@ def test_resize():
 
 
 def test_conflicts_of_the_prototype():
-    """The drawn holder has room for 2.75 to 3.5 mm, the tables need 4."""
+    """The drawn holder has space for 2.75 to 3.5 mm, the tables need 4."""
     found = find_conflicts(preset("prototype"))
-    assert any("has room for [2.75, 3.5] mm" in line for line in found)
+    assert any("has space for [2.75, 3.5] mm" in line for line in found)
     assert not any("apart" in line for line in found)
     # Wide enough, with a thin coil, everything fits.
     assert find_conflicts(preset("prototype", holder_diameter=12.0, coil_diameter=2.0)) == ()

@@ -358,36 +358,6 @@ def test_rules_before_the_fit():
         assert (len(never), len(doubts)) == counts, free
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"free": ()}, "no parameter is free"),
-        ({"free": ("colour",)}, "'colour' is not known"),
-        ({"free": ("strands",)}, "'strands' is not known"),
-        ({"free": ("modulus", "length")}, "'length' is not known"),
-        ({"free": ("strand_modulus",)}, "no effect"),
-        ({"free": ("friction_length",)}, "no effect"),
-        ({"bounds": {"gap": (0.0, 0.1)}}, "bounds are given for gap"),
-        ({"bounds": {"modulus": (1.0, 0.5)}}, "upper bound of modulus"),
-        ({"bounds": {"modulus": 3.0}}, "bounds of modulus is 3.0: it must be a pair"),
-        ({"bounds": {"modulus": None}}, "bounds of modulus is None: it must be a pair"),
-        ({"bounds": {"modulus": (0.1, 0.5, 1.0)}}, "it must be a pair"),
-        ({"bounds": {"modulus": ("0.1", 0.5)}}, "lower bound of modulus is '0.1'"),
-        (
-            {"bounds": {"dead_length": (-5.0, 60.0)}},
-            r"lower bound of dead_length is -5 mm: .*\[0, 44",
-        ),
-        ({"bounds": {"dead_length": (0.0, 60.0)}}, "upper bound of dead_length is 60 mm"),
-        ({"bounds": [("modulus", (0.1, 0.5))]}, "bounds must be a mapping"),
-        ({"bounds": {"modulus": (math.nan, 0.5)}}, "lower bound of modulus"),
-    ],
-)
-def test_bad_questions(change, said):
-    with pytest.raises(InputError, match=said):
-        free = change.pop("free", None)
-        calibrate(EnergyMuscle, START, measure(), free=free, options=FitOptions(**change))
-
-
 def test_too_few_rows_and_rows_that_no_muscle_holds():
     two = Measurements(pressure=[0.4, 0.6], contraction=[7.0, 8.0])
     with pytest.raises(InputError, match="2 row"):

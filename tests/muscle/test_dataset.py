@@ -210,27 +210,6 @@ def test_parquet_reads_as_csv_does(tmp_path):
         read_measurements(tmp_path / "bad.parquet")
 
 
-@pytest.mark.parametrize(
-    ("columns", "said"),
-    [
-        ({"pressure": [], "contraction": []}, "0 rows"),
-        ({"pressure": [0.1], "contraction": [1.0, 2.0]}, r"contraction has shape \(2,\)"),
-        ({"pressure": [0.1, -0.1], "contraction": [1.0, 2.0]}, "row 2: pressure is -0.1"),
-        ({"pressure": [0.1], "contraction": [math.nan]}, "row 1: contraction is nan"),
-        ({"pressure": [0.1], "contraction": [1.0], "direction": "up"}, "row 1: direction is 'up'"),
-        ({"pressure": [0.1], "contraction": [1.0], "load": -0.1}, "row 1: load is -0.1 N"),
-        ({"pressure": [0.1], "contraction": [1.0], "specimen": "a\nb"}, "row 1: specimen is 'a"),
-        ({"pressure": [0.1], "contraction": [1.0], "specimen": "\ud800"}, "row 1: specimen is"),
-        ({"pressure": [0.1], "contraction": [1.0], "numbers": [1, 2]}, r"numbers has shape \(2,\)"),
-        ({"pressure": 0.1, "contraction": [1.0]}, "shape"),
-        ({"pressure": ["x"], "contraction": [1.0]}, "array of numbers"),
-    ],
-)
-def test_arrays_are_checked(columns, said):
-    with pytest.raises(InputError, match=said):
-        Measurements(**columns)
-
-
 def test_rows_are_selected_by_mask_or_index():
     data = Measurements(pressure=[0.1, 0.2, 0.3], contraction=[1.0, 2.0, 3.0], numbers=[2, 5, 9])
     assert data.select([2, 0]).pressure.tolist() == [0.3, 0.1]

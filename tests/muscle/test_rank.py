@@ -441,21 +441,3 @@ def test_doubts_are_marked():
     assert " none " in lines[1]
     assert lines[2].endswith("not converged")
     assert lines[3] == doubtful.notes[0]
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"models": {}}, "0 models"),
-        ({"criterion": "best"}, "criterion is 'best': it must be one of aicc, bic, cv"),
-        ({"folds": 1}, "folds is 1: it must be 2 or more"),
-        ({"folds": -1}, "folds is -1"),
-        ({"folds": 99}, "folds is 99: there are 24 different"),
-        ({"folds": 0, "criterion": "cv"}, "to rank by the rows left out"),
-        ({"seed": -1}, "seed is -1"),
-    ],
-)
-def test_bad_questions(change, said):
-    with pytest.raises(InputError, match=said):
-        models = change.pop("models", {"chou": MODELS["chou"]})
-        rank(measure(make("chou")), MUSCLE, models=models, options=RankOptions(**change))
