@@ -12,8 +12,8 @@ import pytest
 from bozzini.effector import (
     Effector,
     balance,
+    effector_preset,
     optimise_design,
-    preset,
     sweep,
     tip_force,
     trace_circle,
@@ -34,7 +34,7 @@ from bozzini.results import Result
 mpl.use("Agg")
 
 MUSCLE = muscle_preset("effector-45")
-EFFECTOR = Effector(preset("prototype"))
+EFFECTOR = Effector(effector_preset("prototype"))
 PRESSURE = np.linspace(0.0, 0.8, 12)
 DATA = Measurements(pressure=PRESSURE, contraction=EnergyMuscle(MUSCLE).contraction(PRESSURE))
 

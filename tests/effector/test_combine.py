@@ -14,17 +14,17 @@ from bozzini.effector import (
     EffectorDesign,
     PlacedMuscle,
     bend,
+    effector_preset,
     find_resultant,
     lateral_deflection,
     place_curve,
-    preset,
 )
 from bozzini.effector.pose import combine_bends, take_order
 from bozzini.errors import GeometryError, InputError
 from bozzini.muscle import preset as muscle_preset
 from tests.effector.reference import combine_printed
 
-DESIGN = preset("prototype")
+DESIGN = effector_preset("prototype")
 EFFECTOR = Effector(DESIGN)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from bozzini.effector import Effector, preset
+from bozzini.effector import Effector, effector_preset
 from bozzini.errors import InputError
 from bozzini.muscle import CompiledMuscle, EnergyMuscle, ThesisMuscle
 from bozzini.muscle.kernels import interface
@@ -70,7 +70,7 @@ class SlowThesis(ThesisMuscle):
     ],
 )
 def test_compiled_or_not_the_answers_are_the_same(fast, slow):
-    one, other = (Effector(preset("prototype"), kind) for kind in (fast, slow))
+    one, other = (Effector(effector_preset("prototype"), kind) for kind in (fast, slow))
     assert not one.packed.uncompiled and len(other.packed.uncompiled) == 3
     table = np.random.default_rng(1).uniform(0.0, 0.8, (12, 3))
     table[0] = 0.0
@@ -86,11 +86,11 @@ def test_a_subclass_with_another_force_is_not_taken_for_its_parent():
         def force(self, pressure, contraction, *, direction=None):
             return 0.5 * super().force(pressure, contraction, direction=direction)
 
-    assert Half(preset("prototype").muscles[0].muscle).compiled is None
+    assert Half(effector_preset("prototype").muscles[0].muscle).compiled is None
 
 
 def test_an_effector_is_packed_anew_in_another_process():
-    effector = Effector(preset("prototype"))
+    effector = Effector(effector_preset("prototype"))
     again = pickle.loads(pickle.dumps(effector))
     assert again == effector
     assert again.forward({"R": 0.5}).tip == pytest.approx(effector.forward({"R": 0.5}).tip)

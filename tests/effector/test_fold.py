@@ -15,11 +15,11 @@ from bozzini.effector import (
     EffectorDesign,
     PlacedMuscle,
     balance,
+    effector_preset,
     find_conflicts,
     find_peak,
     lateral_deflection,
     pose,
-    preset,
     solve_inverse,
 )
 from bozzini.effector.kernels.linkage import find_end, measure_lateral
@@ -29,7 +29,7 @@ from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle
 from bozzini.muscle import preset as muscle_preset
 from tests.effector.models import SpringMuscle
 
-PROTOTYPE = preset("prototype")
+PROTOTYPE = effector_preset("prototype")
 HALF = PROTOTYPE.replace(offset=1.5, pressure_limit=1.5)
 
 

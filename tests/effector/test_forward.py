@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 from bozzini.effector import (
     bend,
     contraction_for_lateral,
+    effector_preset,
     find_peak,
     lateral_deflection,
     lateral_slope,
     place_curve,
-    preset,
 )
 from bozzini.effector.kernels.linkage import find_end, measure_lag, measure_lateral
 from bozzini.errors import GeometryError
 from tests.effector.reference import ROWS, intersect_circles, solve_printed
 from tests.effector.strategies import designs
 
-DESIGN = preset("prototype")
+DESIGN = effector_preset("prototype")
 
 
 def test_all_rows_of_the_tables():

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.effector.design import PlacedMuscle, preset
+from bozzini.effector.design import PlacedMuscle, effector_preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
 from bozzini.effector.inverse import find_reach, solve_inverse
@@ -22,7 +22,7 @@ from bozzini.muscle import EnergyMuscle, ThesisMuscle
 from tests.effector.models import SpringMuscle
 from tests.effector.strategies import designs
 
-PROTOTYPE = preset("prototype")
+PROTOTYPE = effector_preset("prototype")
 MODELS: dict[str, Any] = {
     "energy": EnergyMuscle,
     "thesis": ThesisMuscle,

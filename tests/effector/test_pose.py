@@ -15,11 +15,11 @@ from bozzini.effector import (
     EffectorDesign,
     balance,
     bend,
+    effector_preset,
     find_peak,
     lateral_deflection,
     place_curve,
     pose,
-    preset,
 )
 from bozzini.errors import BozziniError, InputError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
@@ -27,7 +27,7 @@ from tests.effector.models import SpringMuscle
 from tests.effector.reference import turn
 from tests.effector.strategies import designs
 
-DESIGN = preset("prototype")
+DESIGN = effector_preset("prototype")
 EFFECTOR = Effector(DESIGN)
 SHARES = st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3)
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from bozzini.effector.design import EffectorDesign, PlacedMuscle, preset
+from bozzini.effector.design import EffectorDesign, PlacedMuscle, effector_preset
 from bozzini.effector.inverse import INVERSE_OUTCOMES, find_sectors, project_inverse
 from bozzini.muscle import preset as muscle_preset
 
-PROTOTYPE = preset("prototype")
+PROTOTYPE = effector_preset("prototype")
 
 coordinates = st.floats(-40.0, 40.0)
 AMPLITUDES = st.just(0.0) | st.floats(1e-6, 30.0)

@@ -10,11 +10,18 @@ import numpy as np
 import pytest
 
 from bozzini import effector as package
-from bozzini.effector import Effector, EffectorDesign, PlacedMuscle, Stick, find_peak, preset
+from bozzini.effector import (
+    Effector,
+    EffectorDesign,
+    PlacedMuscle,
+    Stick,
+    effector_preset,
+    find_peak,
+)
 from bozzini.errors import InputError
 from bozzini.muscle import ThesisMuscle
 
-DESIGN = preset("prototype")
+DESIGN = effector_preset("prototype")
 EFFECTOR = Effector(DESIGN)
 MUSCLE = DESIGN.muscles[0].muscle
 CUBIC = package.fit_cubic(EFFECTOR, "R", start=0.1)
@@ -320,7 +327,11 @@ REFUSALS: list[tuple[Callable[[], object], str, str]] = [
     ),
     (lambda: DESIGN.index("X"), "there is no muscle 'X'", "choose one of ['R', 'G', 'B']"),
     (lambda: DESIGN.replace(offset=HUGE), "offset is", "a number in [0.001, 1000] mm"),
-    (lambda: preset("x"), "there is no effector preset 'x'", "choose one of ['prototype']"),
+    (
+        lambda: effector_preset("x"),
+        "there is no effector preset 'x'",
+        "choose one of ['prototype']",
+    ),
     (
         lambda: package.find_needed_pressure(EFFECTOR, 27.6),
         "deflection is 27.6 mm",

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from bozzini.effector.design import preset
+from bozzini.effector.design import effector_preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
 from bozzini.effector.study import change_design, find_needed_pressure, optimise_design, sweep
 from bozzini.effector.workspace import workspace
 from bozzini.errors import BozziniError
 
-DESIGN = preset("prototype")
+DESIGN = effector_preset("prototype")
 EFFECTOR = Effector(DESIGN)
 
 

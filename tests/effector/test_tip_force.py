@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, linprog
 
-from bozzini.effector.design import preset
+from bozzini.effector.design import effector_preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
 from bozzini.effector.inverse import solve_inverse
@@ -18,7 +18,7 @@ from bozzini.effector.linkage import contraction_for_lateral
 from bozzini.effector.workspace import passive_stiffness, tip_force, tip_stiffness
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 
-PROTOTYPE = preset("prototype")
+PROTOTYPE = effector_preset("prototype")
 UNITS = np.stack([np.cos(PROTOTYPE.angles), np.sin(PROTOTYPE.angles)], axis=-1)
 
 

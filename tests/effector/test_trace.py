@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from bozzini.effector.design import preset
+from bozzini.effector.design import effector_preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
 from bozzini.effector.steering import (
@@ -21,7 +21,7 @@ from bozzini.effector.steering import (
 from bozzini.effector.workspace import workspace
 from bozzini.errors import InputError
 
-DESIGN = preset("prototype")
+DESIGN = effector_preset("prototype")
 EFFECTOR = Effector(DESIGN)
 
 

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from bozzini.effector.design import PlacedMuscle, preset
+from bozzini.effector.design import PlacedMuscle, effector_preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.inverse import solve_inverse
 from bozzini.effector.linkage import find_peak
@@ -17,7 +17,7 @@ from bozzini.effector.pose import pose
 from bozzini.effector.workspace import place_tips, workspace
 from tests.effector.models import SpringMuscle
 
-PROTOTYPE = preset("prototype")
+PROTOTYPE = effector_preset("prototype")
 STRONG = partial(SpringMuscle, spring=50.0, gain=40.0)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bozzini.cli.main import main
-from bozzini.effector import Effector, preset
+from bozzini.effector import Effector, effector_preset
 from bozzini.errors import InputError
 from bozzini.muscle import MODELS, CatalogueModel, EnergyMuscle
 from bozzini.muscle.models import GROUP, ModelRegistry
@@ -46,8 +46,8 @@ def test_models_of_other_packages_stand_beside_ours(registry):
     assert [*registry][-3:] == ["spring", "lost", "none"]
     assert len(registry) == len(registry.own) + 3
     assert registry["energy"] is EnergyMuscle  # a name that we have stays ours
-    muscle = preset("prototype").muscles[0].muscle
-    effector = Effector(preset("prototype"), registry["spring"])
+    muscle = effector_preset("prototype").muscles[0].muscle
+    effector = Effector(effector_preset("prototype"), registry["spring"])
     assert effector.models[0].muscle == muscle
     assert effector.packed.uncompiled == [0, 1, 2]
     tip = effector.forward({"R": 0.3}).tip
@@ -82,7 +82,7 @@ def test_commands_know_models_of_other_packages(run):
     )
     found = json.loads(out)
     assert code == 0
-    model = MODELS["spring"](preset("prototype").muscles[0].muscle)
+    model = MODELS["spring"](effector_preset("prototype").muscles[0].muscle)
     assert found["contraction_mm"] == pytest.approx(float(model.contraction(0.3, 0.5)))
     assert found["converged"] and abs(found["residual_N"]) < 1e-12
     assert run("models", "spring")[0] == 2
@@ -96,7 +96,7 @@ def test_what_a_model_does_not_bring_follows_from_force_and_contraction():
 
     for name in ("stiffness", "solve", "dead_band"):
         setattr(Plain, name, getattr(EnergyMuscle.__mro__[1], name))
-    muscle = preset("prototype").muscles[0].muscle
+    muscle = effector_preset("prototype").muscles[0].muscle
     plain, known = Plain(muscle), EnergyMuscle(muscle)
     pressure, held = np.array([0.3, 0.6]), np.array([2.0, 4.0])
     assert plain.stiffness(pressure, held) == pytest.approx(

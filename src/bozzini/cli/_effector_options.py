@@ -125,11 +125,11 @@ def effector_options(function: _Function) -> _Function:
 
 def make_design(given: Given) -> EffectorDesign:
     """Return the design that the options ask for."""
-    from ..effector import PlacedMuscle, preset, rigidity_from_test
+    from ..effector import PlacedMuscle, effector_preset, rigidity_from_test
     from ..muscle.design import preset as muscle_preset
     from ..units import parse_quantity
 
-    design = preset(given["preset"])
+    design = effector_preset(given["preset"])
     placed = list(design.muscles)
     if given["angles"] is not None:
         angles = parse_pairs("--angles", given["angles"], "angle", example="A=0deg,B=120deg")

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from .design import BEAM_FACTORS, PRESETS, EffectorDesign, PlacedMuscle, preset, rigidity_from_test
+from .design import (
+    BEAM_FACTORS,
+    PRESETS,
+    EffectorDesign,
+    PlacedMuscle,
+    effector_preset,
+    rigidity_from_test,
+)
 from .effector import Effector
 from .equilibrium import BALANCE_METHODS, Balance, balance
 from .inverse import (
@@ -106,7 +113,7 @@ __all__ = [
     "place_curve",
     "place_tips",
     "pose",
-    "preset",
+    "effector_preset",
     "project_inverse",
     "rigidity_from_test",
     "solve_inverse",

@@ -21,7 +21,7 @@ __all__ = [
     "EffectorDesign",
     "PRESETS",
     "PlacedMuscle",
-    "preset",
+    "effector_preset",
     "rigidity_from_test",
 ]
 
@@ -295,7 +295,7 @@ PRESETS: dict[str, EffectorDesign] = {
 """
 
 
-def preset(name: str, **overrides: Any) -> EffectorDesign:
+def effector_preset(name: str, **overrides: Any) -> EffectorDesign:
     """Return an end-effector of `PRESETS`, with some fields changed.
 
     Raises
