@@ -117,4 +117,5 @@ def run_all() -> dict[str, Any]:
 
 if __name__ == "__main__":
     target = Path(sys.argv[1]).resolve()
-    target.write_text(json.dumps(run_all(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    lines = [f"{json.dumps(line)}: {json.dumps(kept)}" for line, kept in run_all().items()]
+    target.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
