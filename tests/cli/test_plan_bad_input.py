@@ -146,7 +146,7 @@ BAD = [
     ),
     Bad("end outside", with_options("--end", "-500mm,0,0"), ("end", "-500", "outside the lumen")),
     Bad("start of two parts", with_options("--start", "1,2"), ("--start", "'1,2'", "give 3")),
-    Bad("start of words", with_options("--start", "mouth"), ("start", "'mouth'", "one of 1")),
+    Bad("start of words", with_options("--start", "mouth"), ("start", "'mouth'", "names nothing")),
     Bad("start not finite", with_options("--start", "nan,0,0"), ("--start", "nan")),
     Bad("start label not there", with_options("--start", "9"), ("start", "9", "one of 1")),
     Bad("label end of a surface", of_surface("--end", "2"), ("end", "2", "surface", "point")),

@@ -407,6 +407,7 @@ def test_cones_of_the_real_tract_stay_inside(stomach):
     assert 0.35 < fitted.report.kept < 0.6
 
 
+@pytest.mark.slow
 def test_super_ellipsoids_of_the_real_tract_keep_more(stomach, monkeypatch):
     monkeypatch.setattr(candidates, "OTHERS", 12)
     monkeypatch.setattr(candidates, "STRETCH", 10.0)

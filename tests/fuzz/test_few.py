@@ -16,9 +16,20 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="each case is a forked process")
-def test_a_few_damaged_files_and_odd_options(tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [4, pytest.param(20, marks=pytest.mark.slow)])
+def test_a_few_damaged_files_and_odd_options(tmp_path: Path, count: int) -> None:
     # The time is that of a first run, which compiles.
-    options = ["--count", "20", "--seed", "3", "--jobs", "1", "--seconds", "250", "--skip-sound"]
+    options = [
+        "--count",
+        str(count),
+        "--seed",
+        "3",
+        "--jobs",
+        "1",
+        "--seconds",
+        "250",
+        "--skip-sound",
+    ]
     done = subprocess.run(
         [sys.executable, "-m", "tests.fuzz", *options, "--keep", str(tmp_path)],
         cwd=ROOT,
@@ -28,7 +39,7 @@ def test_a_few_damaged_files_and_odd_options(tmp_path: Path) -> None:
         env={**os.environ, "MPLBACKEND": "Agg"},
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "20 cases of seed 3: 20 right, 0 wrong" in done.stdout
+    assert f"{count} cases of seed 3: {count} right, 0 wrong" in done.stdout
 
 
 @pytest.mark.parametrize("name", ["a.yaml", "a.json", "a.csv", "a.stl", "a.nii", "a.xyz"])

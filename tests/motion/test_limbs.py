@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,10 @@ from bozzini.duct import Centreline, SampledField
 from bozzini.motion import Scope, plan_insertion
 from tests.shapes import curve_distance
 
-RADIUS, DEPTH = 5.0, 60.0
+RADIUS, DEPTH = 5.0, 45.0
 
 
+@cache
 def make_hairpin(gap: float, inflation: float) -> tuple[SampledField, Centreline]:
     """Return two straight limbs of a tube side by side, `gap` of wall between, joined by a bend."""
     bend = RADIUS + 0.5 * gap

@@ -16,7 +16,7 @@ from ..duct.protocol import Duct
 from ..errors import BozziniError
 from ..progress import Progress, no_progress
 from .refusal import Refusal
-from .scope import Scope
+from .scope import SIZE_MIN, Scope
 from .shape import SHORTEST
 from .tube import MARGINS, Job, TubeOptions, Ways
 
@@ -98,6 +98,8 @@ def find_largest(
     trials.progress = lambda count: progress("largest", min(0.95, count / 24.0))
 
     def passes(diameter: float, link: float) -> bool:
+        if min(diameter, link) < SIZE_MIN:
+            return False
         return trials.pass_with(Scope(diameter=diameter, link_length=link, length=scope.length))
 
     widest = 2.0 * float(min(line.radius[0], line.radius[-1]))
@@ -144,7 +146,7 @@ def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
         )
 
     diameter = _find_near(
-        pass_diameter, 2.0 * fits, refused=scope.diameter, last=0.0, step=DIAMETER_STEP
+        pass_diameter, 2.0 * fits, refused=scope.diameter, last=SIZE_MIN, step=DIAMETER_STEP
     )
     link = None
     if refusal.code in ("LINK_TOO_LONG", "FOLD", "CERTIFICATE_UNRESOLVED", "ANGLE"):
