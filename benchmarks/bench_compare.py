@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bozzini.muscle import CATALOGUE, Measurements, preset, rank_models
+from bozzini.muscle import MODELS, Measurements, preset, rank
 
 REQUIRED = 60.0
 """Longest time of the processor for all models [s]."""
@@ -19,12 +19,12 @@ def bench_rank_all_models(benchmark: Any, rows: int) -> None:
     muscle = preset("effector-45")
     pressure = np.repeat(np.linspace(0.15, 0.8, rows // 2), 2)
     load = np.tile([0.0, 0.2], rows // 2)
-    contraction = CATALOGUE["kothera-balance"](muscle).contraction(pressure, load)
+    contraction = MODELS["kothera-balance"](muscle).contraction(pressure, load)
     error = 0.05 * np.random.default_rng(1).normal(size=pressure.size)
     data = Measurements(pressure=pressure, contraction=contraction + error, load=load)
 
     begin = time.process_time()
-    ranking = benchmark.pedantic(rank_models, args=(muscle, data), rounds=1)
+    ranking = benchmark.pedantic(rank, args=(muscle, data), rounds=1)
     took = time.process_time() - begin
     assert ranking.models[0].name == "kothera-balance"
     assert took < REQUIRED

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import fsolve
 
-from bozzini.effector import Effector, balance, bend, preset
+from bozzini.effector import Effector, balance, bend, effector_preset
 from bozzini.effector.pose import pose
 from bozzini.muscle import ThesisMuscle
 from bozzini.muscle import preset as muscle_preset
@@ -44,7 +44,7 @@ def time_calls(call: Callable[[int], Any]) -> np.ndarray:
 
 
 def build_thesis() -> Effector:
-    design = preset("prototype")
+    design = effector_preset("prototype")
     muscle = muscle_preset("effector-45")
     placed = tuple(
         type(one)(name=one.name, muscle=muscle, angle=one.angle) for one in design.muscles
@@ -117,7 +117,7 @@ def bench_pose_against_the_printed_norm(benchmark: Any) -> None:
 
 
 def bench_pose_batch(benchmark: Any) -> None:
-    effector, pressures = Effector(preset("prototype")), draw_pressures(COUNT)
+    effector, pressures = Effector(effector_preset("prototype")), draw_pressures(COUNT)
     found = benchmark.pedantic(pose, args=(effector, pressures), rounds=5, warmup_rounds=1)
     assert found.converged.all() and not found.saturated.any()
     ours = benchmark.stats.stats.min / COUNT
@@ -130,7 +130,7 @@ def bench_pose_batch(benchmark: Any) -> None:
 
 
 def bench_pose_single(benchmark: Any) -> None:
-    effector, pressures = Effector(preset("prototype")), draw_pressures(CALLS)
+    effector, pressures = Effector(effector_preset("prototype")), draw_pressures(CALLS)
     took = time_calls(lambda i: pose(effector, pressures[i]))
     middle, tail = np.percentile(took, [50.0, 99.0])
     benchmark.pedantic(pose, args=(effector, pressures[0]), rounds=1000)
@@ -144,7 +144,7 @@ def bench_pose_single(benchmark: Any) -> None:
 
 
 def bench_bend_batch(benchmark: Any) -> None:
-    design, contractions = preset("prototype"), np.linspace(0.0, 14.0, COUNT)
+    design, contractions = effector_preset("prototype"), np.linspace(0.0, 14.0, COUNT)
     benchmark.pedantic(bend, args=(design, contractions), rounds=5, warmup_rounds=1)
     benchmark.extra_info.update(
         what="backbone, muscle and angles at a contraction, in a batch on one core",

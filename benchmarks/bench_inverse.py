@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bozzini.effector.design import effector_preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.inverse import solve_inverse
 from bozzini.effector.pose import pose
-from bozzini.effector.presets import preset
-from bozzini.effector.stick import Stick, find_stick_scale, steer
+from bozzini.effector.steering import Stick, find_stick_scale, steer
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 
 MODELS = {"energy": EnergyMuscle, "thesis": partial(ThesisMuscle, load_path="bulk")}
@@ -37,7 +37,7 @@ def time_calls(call: Any, arguments: Any) -> np.ndarray:
 
 @pytest.mark.parametrize("name", list(MODELS))
 def bench_one_target(benchmark: Any, name: str) -> None:
-    effector = Effector(preset("prototype"), MODELS[name])
+    effector = Effector(effector_preset("prototype"), MODELS[name])
     targets = draw_targets(CALLS)
     solve_inverse(effector, targets[0])
     took = time_calls(lambda target: solve_inverse(effector, target), targets)
@@ -54,7 +54,7 @@ def bench_one_target(benchmark: Any, name: str) -> None:
 
 @pytest.mark.parametrize("name", list(MODELS))
 def bench_many_targets(benchmark: Any, name: str) -> None:
-    effector = Effector(preset("prototype"), MODELS[name])
+    effector = Effector(effector_preset("prototype"), MODELS[name])
     targets = draw_targets(50_000)
     found = benchmark.pedantic(solve_inverse, args=(effector, targets), rounds=5, warmup_rounds=1)
     each = 1e6 * benchmark.stats.stats.min / len(targets)
@@ -70,7 +70,7 @@ def bench_many_targets(benchmark: Any, name: str) -> None:
 
 
 def bench_stick(benchmark: Any) -> None:
-    effector = Effector(preset("prototype"))
+    effector = Effector(effector_preset("prototype"))
     stick, scale = Stick(dead_zone=20.0), find_stick_scale(effector)
     raw = np.random.default_rng(3).integers(0, 1024, (CALLS, 2))
     took = time_calls(lambda r: steer(effector, r, stick=stick, scale=scale), raw)

@@ -18,9 +18,9 @@ import numpy as np
 from bozzini.effector import (
     Effector,
     Stick,
+    effector_preset,
     find_stick_scale,
     fit_cubic,
-    preset,
     trace_path,
     workspace,
 )
@@ -53,7 +53,7 @@ def main(arguments=None):
     parser.add_argument("readings", nargs="?", type=Path, help="your own readings (.csv)")
     parser.add_argument("--out", type=Path, default=Path("effector_stick.png"))
     given = parser.parse_args(arguments)
-    effector = Effector(preset("prototype"))
+    effector = Effector(effector_preset("prototype"))
     scale = find_stick_scale(effector)
     try:
         raw = turn_stick() if given.readings is None else read_readings(given.readings)

@@ -17,6 +17,7 @@ import numpy as np
 from bozzini.errors import InputError
 from bozzini.muscle import (
     EnergyMuscle,
+    FitOptions,
     Measurements,
     ThesisMuscle,
     calibrate,
@@ -81,7 +82,7 @@ def main(arguments=None):
         calibrate(EnergyMuscle, start, up, free=free)
     except InputError as error:
         print(f"inflation alone: refused: {error}")
-    lost = calibrate(EnergyMuscle, start, up, free=free, force=True)
+    lost = calibrate(EnergyMuscle, start, up, free=free, options=FitOptions(force=True))
     print_fit("inflation alone, forced", lost)
 
     printed = calibrate(ThesisMuscle, start, data, free=("modulus", "end_length"))

@@ -12,7 +12,7 @@ import bozzini
 
 SOURCE = Path(bozzini.__file__).resolve().parent
 
-BASE = ("errors", "units", "checks", "files", "progress")
+BASE = ("errors", "units", "checks", "files", "progress", "results")
 
 MAY_IMPORT = {
     "anatomy": set(),

@@ -15,9 +15,9 @@ from bozzini.cli.main import main
 from bozzini.effector import (
     Effector,
     balance,
+    effector_preset,
     lateral_deflection,
     pose,
-    preset,
     solve_inverse,
     tip_force,
     workspace,
@@ -25,7 +25,7 @@ from bozzini.effector import (
 from bozzini.muscle import ThesisMuscle
 from bozzini.muscle import preset as muscle_preset
 
-EFFECTOR = Effector(preset("prototype"))
+EFFECTOR = Effector(effector_preset("prototype"))
 THESIS = ("--model", "thesis", "--load-path", "bulk", "--muscle-preset", "effector-45")
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from bozzini.cli.main import main
-from bozzini.muscle import CATALOGUE, MODELS, Measurements, preset, write_measurements
+from bozzini.muscle import MODELS, Measurements, preset, write_measurements
+from tests.muscle.models.catalogue import SURVEY
 
 MUSCLE = preset("effector-45")
 
@@ -30,7 +31,7 @@ def run(capsys, tmp_path, monkeypatch):
 @pytest.fixture
 def table(tmp_path):
     pressure, load = np.repeat(np.linspace(0.15, 0.8, 10), 2), np.tile([0.0, 0.2], 10)
-    contraction = CATALOGUE["kothera-balance"](MUSCLE).contraction(pressure, load)
+    contraction = MODELS["kothera-balance"](MUSCLE).contraction(pressure, load)
     error = 0.02 * np.random.default_rng(0).normal(size=20)
     data = Measurements(pressure=pressure, contraction=contraction + error, load=load)
     return write_measurements(tmp_path / "data.csv", data)
@@ -40,17 +41,17 @@ def test_the_list_is_the_catalogue(run):
     code, out, _ = run("models")
     assert code == 0
     lines = out.splitlines()
-    assert [line.split()[0] for line in lines[1:-1]] == list(CATALOGUE)
-    assert lines[-1].startswith(f"{len(CATALOGUE)} models of the survey: ")
+    assert [line.split()[0] for line in lines[1:-1]] == list(SURVEY)
+    assert lines[-1].startswith(f"{len(SURVEY)} models of the survey: ")
     said = json.loads(run("models", "--json")[1])
-    assert [item["name"] for item in said["models"]] == list(CATALOGUE)
-    assert sum(said["counts"].values()) == len(CATALOGUE)
+    assert [item["name"] for item in said["models"]] == list(SURVEY)
+    assert sum(said["counts"].values()) == len(SURVEY)
 
 
-@pytest.mark.parametrize("name", CATALOGUE)
+@pytest.mark.parametrize("name", SURVEY)
 def test_a_card_tells_all(run, name):
     code, out, _ = run("models", name)
-    card = CATALOGUE[name].card
+    card = MODELS[name].card
     assert code == 0
     for words in (card.title, card.reference, card.latex, *card.keywords, *card.errata):
         assert words in out
@@ -65,7 +66,7 @@ def test_a_model_without_constants_is_solved(run, name):
     )
     said = json.loads(out)
     assert (code, err) == (0, "")
-    expected = float(CATALOGUE[name](MUSCLE).contraction(0.5, 0.1))
+    expected = float(MODELS[name](MUSCLE).contraction(0.5, 0.1))
     assert said["contraction_mm"] == pytest.approx(expected)
     assert said["constants"] == {}
 
@@ -79,7 +80,7 @@ def test_constants_are_set_in_their_unit_or_as_quantities(run):
     assert code == 0
     given = {"largest_force": 2.0, "largest_contraction": 10.0, "test_pressure": 0.5}
     assert said["constants"] == pytest.approx(given)
-    model = CATALOGUE["andrikopoulos"](MUSCLE, **given)
+    model = MODELS["andrikopoulos"](MUSCLE, **given)
     assert said["contraction_mm"] == pytest.approx(float(model.contraction(0.3, 0.2)))
     code, out, _ = run("curve", "--model", "andrikopoulos", *options, "--points", "3", "--json")
     columns = json.loads(out)["columns"]
@@ -157,10 +158,10 @@ def test_compare_ranks(run, table, tmp_path):
 
 
 def test_compare_without_a_model_fits_and_ranks_all(run, table, monkeypatch):
-    from bozzini.cli import _muscle_compare
+    from bozzini.cli import muscle as _muscle_compare
 
     asked = _muscle_compare.list_kinds
-    assert set(asked()) == {*CATALOGUE, *MODELS}
+    assert set(asked()) == set(MODELS)
     few = {name: asked()[name] for name in ("gaylord-1", "kothera-balance", "wang")}
     monkeypatch.setattr(_muscle_compare, "list_kinds", lambda: few)
     said = json.loads(run("compare", table, "--json")[1])
@@ -214,7 +215,7 @@ def test_the_list_loads_no_other_room():
 @pytest.mark.parametrize("kind", ["contraction", "angle", "phases"])
 @pytest.mark.parametrize("load", [0.0, 0.1])
 def test_a_curve_begins_where_the_model_has_an_answer(run, kind, load):
-    guess = CATALOGUE["meller"].guess_parameters(MUSCLE)
+    guess = MODELS["meller"].guess_parameters(MUSCLE)
     constants = [word for key, value in guess.items() for word in ("--set", f"{key}={value!r}")]
     for name, given in (("meller", constants), ("gaylord-1", []), ("braid-tension", [])):
         if name == "braid-tension" and not load:
@@ -223,7 +224,7 @@ def test_a_curve_begins_where_the_model_has_an_answer(run, kind, load):
         code, out, err = run(*command, "--points", "5", "--json")
         assert (code, err) == (0, "")
         columns = json.loads(out)["columns"]
-        model = CATALOGUE[name](MUSCLE, **(guess if given else {}))
+        model = MODELS[name](MUSCLE, **(guess if given else {}))
         first, *_, last = columns["pressure_MPa"]
         assert last == pytest.approx(0.8)
         lowest = model.pressure_limits[0]
@@ -260,13 +261,13 @@ MANY = ["--model", "itto-b", "--model", "tondu-lopez", "--model", "chou"]
         ([*SOLVE, "itto-b", "--set", "chou.kappa1=1"], "not among those taken: it must be itto-b"),
         ([*SOLVE, "itto-b", "--set", "lee.kappa1=1"], "model 'lee', which is not known"),
         (["compare", "data.csv", *MANY, "--set", "kappa1=1"],
-         "say of which, as in itto-b.kappa1=VALUE; they are itto-b, tondu-lopez"),
+         "name the model, as in itto-b.kappa1=VALUE; they are itto-b, tondu-lopez"),
         (["compare", "data.csv", *MANY, "--set", "chou.kappa1=1"], "model chou takes no constants"),
         (["compare", "data.csv", *MANY, "--set", "itto-b.kappa1=1e9"], "lie in [0, 100]"),
         (["compare", "data.csv", "--model", "itto-b", "--set", "kappa1=1e9"], "lie in [0, 100]"),
         (["compare", "data.csv", "--model", "davis-caldwell", "--set", "scale=big"],
          "must be one of ['areas', 'radii']"),
-        (["compare", "data.csv", "--set", "kappa1=1"], "say of which, as in tondu-lopez."),
+        (["compare", "data.csv", "--set", "kappa1=1"], "name the model, as in tondu-lopez."),
         (["curve", "--model", "braid-tension"],
          "load is 0 N: at a pressure of 0.8 MPa it must lie in [0.00"),
         ([*SOLVE, "andrikopoulos", "--set", "largest_force=2mm"], "2mm"),

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bozzini.muscle import Muscle, MuscleState
+from bozzini.muscle import Muscle, MuscleModel
 
 
 @dataclass(frozen=True)
-class SpringMuscle:
-    """``force = stiffness * (gain * (P - contact) - x)``; `EFFECTOR` asks for nothing else."""
+class SpringMuscle(MuscleModel):
+    """``force = stiffness * (gain * (P - contact) - x)``."""
 
     muscle: Muscle
     spring: float = 2.0
@@ -20,26 +20,15 @@ class SpringMuscle:
 
     name = "spring"
 
-    def free_contraction(self, pressure):
-        return self.gain * (np.asarray(pressure, dtype=np.float64) - self.contact)
-
     def force(self, pressure, contraction, *, direction=None):
-        return self.spring * (self.free_contraction(pressure) - np.asarray(contraction))
+        return self.spring * (self.contraction(pressure) - np.asarray(contraction))
 
     def contraction(self, pressure, load=0.0, *, direction=None):
-        return self.free_contraction(pressure) - np.asarray(load) / self.spring
+        free = self.gain * (np.asarray(pressure, dtype=np.float64) - self.contact)
+        return free - np.asarray(load) / self.spring
 
-    def stiffness(self, pressure, contraction):
+    def stiffness(self, pressure, contraction, *, direction=None):
         return np.full(np.broadcast(pressure, contraction).shape, self.spring)
-
-    def blocked_force(self, pressure):
-        return self.force(pressure, 0.0)
 
     def dead_band(self) -> float:
         return self.contact
-
-    def braid_angle(self, pressure, load=0.0):
-        return np.zeros(np.broadcast(pressure, load).shape)
-
-    def solve(self, pressure, load=0.0, *, direction=None) -> MuscleState:
-        raise NotImplementedError

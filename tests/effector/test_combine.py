@@ -14,18 +14,17 @@ from bozzini.effector import (
     EffectorDesign,
     PlacedMuscle,
     bend,
+    effector_preset,
     find_resultant,
     lateral_deflection,
     place_curve,
-    pose,
-    preset,
 )
-from bozzini.effector.combine import combine_bends, take_order
+from bozzini.effector.pose import combine_bends, take_order
 from bozzini.errors import GeometryError, InputError
 from bozzini.muscle import preset as muscle_preset
 from tests.effector.reference import combine_printed
 
-DESIGN = preset("prototype")
+DESIGN = effector_preset("prototype")
 EFFECTOR = Effector(DESIGN)
 
 
@@ -172,14 +171,3 @@ def test_a_direction_parallel_to_the_plane_is_an_error():
     forces = np.array([[first, second]])
     with pytest.raises(GeometryError, match="muscles A and B: at joint 15 .*parallel"):
         combine_bends(effector, contractions, forces, take_order(effector, None))
-
-
-def test_refusals():
-    with pytest.raises(InputError, match="3 muscles are contracted: .*at most 2"):
-        combine(EFFECTOR, {"R": 1.0, "G": 1.0, "B": 1.0})
-    with pytest.raises(InputError, match="each muscle may be there once"):
-        take_order(EFFECTOR, ["R", "R"])
-    with pytest.raises(InputError, match="no muscle 'X'"):
-        pose(EFFECTOR, {"R": 0.1}, method="thesis", order=["X"])
-    with pytest.raises(InputError, match="only method='thesis'"):
-        pose(EFFECTOR, {"R": 0.1}, order=["R"])

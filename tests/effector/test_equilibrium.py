@@ -12,10 +12,10 @@ from bozzini.effector import (
     Effector,
     EffectorDesign,
     balance,
+    effector_preset,
     find_peak,
     lateral_deflection,
     lateral_slope,
-    preset,
 )
 from bozzini.errors import BozziniError, InputError
 from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle
@@ -36,7 +36,7 @@ def place_muscle(design: EffectorDesign, muscle: Muscle) -> EffectorDesign:
     return design.replace(muscles=placed)
 
 
-DESIGN = preset("prototype")
+DESIGN = effector_preset("prototype")
 THESIS = place_muscle(DESIGN, muscle_preset("effector-45"))
 MODELS = {
     "energy": EnergyMuscle,

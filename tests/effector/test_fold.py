@@ -15,21 +15,21 @@ from bozzini.effector import (
     EffectorDesign,
     PlacedMuscle,
     balance,
+    effector_preset,
     find_conflicts,
     find_peak,
     lateral_deflection,
     pose,
-    preset,
     solve_inverse,
 )
-from bozzini.effector._linkage_kernels import find_end, measure_lateral
-from bozzini.effector.forward import take_linkage
+from bozzini.effector.kernels.linkage import find_end, measure_lateral
+from bozzini.effector.linkage import take_linkage
 from bozzini.errors import GeometryError
 from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle
 from bozzini.muscle import preset as muscle_preset
 from tests.effector.models import SpringMuscle
 
-PROTOTYPE = preset("prototype")
+PROTOTYPE = effector_preset("prototype")
 HALF = PROTOTYPE.replace(offset=1.5, pressure_limit=1.5)
 
 

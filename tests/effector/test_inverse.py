@@ -11,20 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.effector.amplitudes import find_reach
-from bozzini.effector.design import PlacedMuscle
+from bozzini.effector.design import PlacedMuscle, effector_preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
-from bozzini.effector.forward import find_peak, lateral_deflection
-from bozzini.effector.inverse import solve_inverse
+from bozzini.effector.inverse import find_reach, solve_inverse
+from bozzini.effector.linkage import find_peak, lateral_deflection
 from bozzini.effector.pose import pose
-from bozzini.effector.presets import preset
 from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 from tests.effector.models import SpringMuscle
 from tests.effector.strategies import designs
 
-PROTOTYPE = preset("prototype")
+PROTOTYPE = effector_preset("prototype")
 MODELS: dict[str, Any] = {
     "energy": EnergyMuscle,
     "thesis": ThesisMuscle,

@@ -18,14 +18,14 @@ from bozzini.effector import (
     pose,
     trace_path,
 )
+from bozzini.effector.design import effector_preset
 from bozzini.effector.inverse import solve_inverse
-from bozzini.effector.presets import preset
-from bozzini.effector.stick import Stick, find_stick_scale, steer
+from bozzini.effector.steering import Stick, find_stick_scale, steer
 from bozzini.effector.workspace import workspace
 from bozzini.errors import InputError
 from bozzini.muscle import preset as muscle_preset
 
-EFFECTOR = Effector(preset("prototype"))
+EFFECTOR = Effector(effector_preset("prototype"))
 
 readings = st.floats(0.0, 1023.0)
 
@@ -88,36 +88,8 @@ def test_every_point_of_the_workspace_is_on_the_stick() -> None:
     assert np.abs(boundary).max() <= scale * (1.0 + 1e-12)
 
 
-@pytest.mark.parametrize(
-    ("raw", "word"),
-    [
-        ([1024, 500], "x is 1024: it must lie in \\[0, 1023\\]"),
-        ([500, -1], "y is -1"),
-        ([500, math.nan], "not finite"),
-        ([500], "shape"),
-    ],
-)
-def test_readings_out_of_range(raw: list[float], word: str) -> None:
-    with pytest.raises(InputError, match=word):
-        steer(EFFECTOR, raw)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [{"centre": 2000.0}, {"span": 0.0}, {"dead_zone": 500.0}, {"highest": -1.0}],
-)
-def test_wrong_sticks(changes: dict[str, float]) -> None:
-    with pytest.raises(InputError, match=next(iter(changes)).replace("_", " ")):
-        Stick(**changes)
-
-
-def test_wrong_scale() -> None:
-    with pytest.raises(InputError, match="stick scale is 0 mm"):
-        steer(EFFECTOR, [500, 500], scale=0.0)
-
-
 def test_steering_by_a_cubic_says_what_its_pressures_do():
-    effector = Effector(preset("prototype"))
+    effector = Effector(effector_preset("prototype"))
     cubics = {name: fit_cubic(effector, name, start=0.1) for name in "RGB"}
     raw = [[700, 400], [600, 700], [512, 512], [1023, 512]]
     exact, cubic = steer(effector, raw), steer(effector, raw, cubics=cubics)
@@ -133,10 +105,10 @@ def test_steering_by_a_cubic_says_what_its_pressures_do():
 
 
 def test_cubics_of_another_muscle_or_design_are_refused():
-    effector = Effector(preset("prototype"))
+    effector = Effector(effector_preset("prototype"))
     cubics = {name: fit_cubic(effector, name, start=0.1) for name in "RGB"}
-    other = Effector(preset("prototype", offset=3.0))
-    low = Effector(preset("prototype", pressure_limit=0.5))
+    other = Effector(effector_preset("prototype", offset=3.0))
+    low = Effector(effector_preset("prototype", pressure_limit=0.5))
     for robot, fits, word in (
         (effector, 3, "cubics is 3"),
         (effector, {}, "muscle R has no cubic: there are some for none"),
@@ -159,7 +131,7 @@ def test_cubics_of_another_muscle_or_design_are_refused():
 def test_a_cubic_ends_where_the_backbone_does():
     """Beyond, the curve is flat, and no pressure of it says anything of the muscle."""
     muscle = muscle_preset("effector-45")
-    design = preset("prototype", beam_factor=2.0, pressure_limit=3.0)
+    design = effector_preset("prototype", beam_factor=2.0, pressure_limit=3.0)
     placed = tuple(
         type(one)(name=one.name, muscle=muscle, angle=one.angle) for one in design.muscles
     )

@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, linprog
 
+from bozzini.effector.design import effector_preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
-from bozzini.effector.forward import contraction_for_lateral
 from bozzini.effector.inverse import solve_inverse
-from bozzini.effector.presets import preset
-from bozzini.effector.tip_force import passive_stiffness, tip_force, tip_stiffness
-from bozzini.errors import InputError
+from bozzini.effector.linkage import contraction_for_lateral
+from bozzini.effector.workspace import passive_stiffness, tip_force, tip_stiffness
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 
-PROTOTYPE = preset("prototype")
+PROTOTYPE = effector_preset("prototype")
 UNITS = np.stack([np.cos(PROTOTYPE.angles), np.sin(PROTOTYPE.angles)], axis=-1)
 
 
@@ -100,15 +99,3 @@ def test_nothing_is_left_at_the_edge() -> None:
     assert tip_force(effector, UNITS[0], lateral=edge).force == pytest.approx(0.0, abs=1e-9)
     inside = tip_force(effector, UNITS[0], lateral=0.5 * edge).force
     assert 0.0 < inside < tip_force(effector, UNITS[0]).force
-
-
-def test_wrong_input() -> None:
-    effector = Effector(PROTOTYPE)
-    with pytest.raises(InputError, match="direction is"):
-        tip_force(effector, [0.0, 0.0])
-    with pytest.raises(InputError, match="lateral is \\(20, 0\\) mm"):
-        tip_force(effector, [1.0, 0.0], lateral=[20.0, 0.0])
-    with pytest.raises(InputError, match="it must be \\(2,\\)"):
-        tip_force(effector, [1.0, 0.0], lateral=[[1.0, 0.0]])
-    with pytest.raises(InputError, match="load path"):
-        tip_stiffness(Effector(PROTOTYPE, ThesisMuscle), [0.5, 0.0, 0.0])

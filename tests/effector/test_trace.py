@@ -7,15 +7,21 @@ import math
 import numpy as np
 import pytest
 
-from bozzini.effector.cubic import CubicFit, fit_cubic, look_up_pressures
+from bozzini.effector.design import effector_preset
 from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
-from bozzini.effector.presets import preset
-from bozzini.effector.trace import trace_circle, trace_line, trace_path
+from bozzini.effector.steering import (
+    CubicFit,
+    fit_cubic,
+    look_up_pressures,
+    trace_circle,
+    trace_line,
+    trace_path,
+)
 from bozzini.effector.workspace import workspace
 from bozzini.errors import InputError
 
-DESIGN = preset("prototype")
+DESIGN = effector_preset("prototype")
 EFFECTOR = Effector(DESIGN)
 
 
@@ -93,12 +99,12 @@ def test_the_cubic_is_inverted_where_it_rises() -> None:
 def test_a_cubic_that_turns_is_only_inverted_past_its_turn() -> None:
     # (p - 0.2)^2 (p + 0.1) falls from 0 to 0.2.
     root = np.polynomial.Polynomial.fromroots([0.2, 0.2, -0.1])
-    from bozzini.effector.cubic import _find_rise
+    from bozzini.effector.steering import find_rise
 
-    assert _find_rise(root.coef, 0.0, 0.8, "R") == pytest.approx(0.2)
-    assert _find_rise(root.coef, 0.3, 0.8, "R") == 0.3
+    assert find_rise(root.coef, 0.0, 0.8, "R") == pytest.approx(0.2)
+    assert find_rise(root.coef, 0.3, 0.8, "R") == 0.3
     with pytest.raises(InputError, match="cannot be inverted"):
-        _find_rise(-root.coef, 0.0, 0.8, "R")
+        find_rise(-root.coef, 0.0, 0.8, "R")
 
 
 def test_a_true_cubic_is_found() -> None:
@@ -126,18 +132,3 @@ def test_looking_up_caps_at_the_limit() -> None:
     assert pressures[1] == 0.0
     with pytest.raises(InputError, match="muscle B has no cubic"):
         look_up_pressures({"R": cubics["R"], "G": cubics["G"]}, DESIGN.names, [1.0, 1.0, 1.0])
-
-
-def test_wrong_input() -> None:
-    with pytest.raises(InputError, match="radius is 0 mm"):
-        trace_circle(EFFECTOR, 0.0)
-    with pytest.raises(InputError, match="steps is 1"):
-        trace_line(EFFECTOR, [0.0, 0.0], [1.0, 0.0], steps=1)
-    with pytest.raises(InputError, match="end has shape"):
-        trace_line(EFFECTOR, [0.0, 0.0], [[1.0, 0.0]])
-    with pytest.raises(InputError, match="targets has shape"):
-        trace_path(EFFECTOR, np.empty((0, 2)))
-    with pytest.raises(InputError, match="samples is 3"):
-        fit_cubic(EFFECTOR, "R", samples=3)
-    with pytest.raises(InputError, match="start is 5 MPa"):
-        fit_cubic(EFFECTOR, "R", start=5.0)

@@ -9,17 +9,15 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from bozzini.effector.design import PlacedMuscle
+from bozzini.effector.design import PlacedMuscle, effector_preset
 from bozzini.effector.effector import Effector
-from bozzini.effector.forward import find_peak
 from bozzini.effector.inverse import solve_inverse
+from bozzini.effector.linkage import find_peak
 from bozzini.effector.pose import pose
-from bozzini.effector.presets import preset
 from bozzini.effector.workspace import place_tips, workspace
-from bozzini.errors import InputError
 from tests.effector.models import SpringMuscle
 
-PROTOTYPE = preset("prototype")
+PROTOTYPE = effector_preset("prototype")
 STRONG = partial(SpringMuscle, spring=50.0, gain=40.0)
 
 
@@ -141,10 +139,3 @@ def test_no_workspace_below_the_dead_band() -> None:
     found = workspace(Effector(PROTOTYPE.replace(pressure_limit=0.01)))
     assert found.area == 0.0 and found.outer_radius == 0.0 and found.tip_area == 0.0
     assert not found.interior.any() and len(found.interior) == 1
-
-
-def test_wrong_input() -> None:
-    with pytest.raises(InputError, match="directions is 3"):
-        workspace(Effector(PROTOTYPE), directions=3)
-    with pytest.raises(InputError, match="lateral deflection is 30"):
-        place_tips(PROTOTYPE, [30.0, 0.0])

@@ -13,7 +13,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from bozzini.muscle import Muscle
-from bozzini.muscle.braid import BRAID_ANGLES
+from bozzini.muscle.design import BRAID_ANGLES
 
 SHARES = st.floats(0.0, 1.0)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bozzini.errors import InputError
 from bozzini.muscle import LOCKING_ANGLE, Braid
-from bozzini.muscle.braid import BRAID_ANGLES
+from bozzini.muscle.design import BRAID_ANGLES
 
 braids = st.builds(
     Braid,
@@ -74,40 +74,6 @@ def test_ideal_force_in_the_form_of_the_contraction(braid, pressure):
     assert braid.ideal_force(pressure, braid.locking_length) == pytest.approx(
         0.0, abs=1e-12 * area / sine**2 + 1e-300
     )
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"length": 0.0}, r"braid length is 0 mm: it must lie in \[1e-06, 1e\+06\] mm"),
-        ({"length": 1e308}, r"braid length is 1e\+308 mm: it must lie in"),
-        ({"radius": 1e-308}, r"braid radius is 1e-308 mm: it must lie in"),
-        ({"length": "45"}, r"braid length is '45': it must be a number"),
-        ({"radius": -1.0}, r"braid radius is -1 mm"),
-        ({"angle": 1.0}, r"braid angle is 1 rad: it must lie in \[0\.0872665, 0\.942478\] rad"),
-        ({"angle": math.nan}, r"braid angle is nan rad"),
-    ],
-)
-def test_wrong_braids_are_refused(changes, words):
-    with pytest.raises(InputError, match=words):
-        Braid(**{"length": 45.0, "radius": 0.59, "angle": 0.6, **changes})
-
-
-def test_wrong_lengths_and_angles_are_refused():
-    braid = Braid(length=45.0, radius=0.59, angle=math.radians(36.0))
-    with pytest.raises(InputError, match=r"braid length\[1\] is 60 mm: it must lie in \[0, 55\.6"):
-        braid.radius_at([50.0, 60.0])
-    with pytest.raises(InputError, match="braid length is nan mm"):
-        braid.ideal_force(0.1, math.nan)
-    with pytest.raises(InputError, match=r"braid angle\[1\] is 2 rad"):
-        braid.length_at([1.0, 2.0])
-    for pressure, said in (
-        (math.nan, r"pressure is nan MPa: it must lie in \[0, 10000\]"),
-        ("high", "pressure is 'high'"),
-        ([0.1, 0.2, 0.3], "shapes do not go together"),
-    ):
-        with pytest.raises(InputError, match=said):
-            braid.ideal_force(pressure, [40.0, 41.0])
 
 
 @given(st.floats(), st.floats(), st.floats(*BRAID_ANGLES), st.floats(), st.floats(0.0, 1.0))

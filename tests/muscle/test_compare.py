@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle
-from bozzini.muscle.compare import compare_models
-from bozzini.muscle.dataset import Measurements
+from bozzini.muscle.data import Measurements
+from bozzini.muscle.ranking import compare_models
 
 MUSCLE = Muscle(length=45.0, outer_radius=0.75)
 ENERGY, THESIS = EnergyMuscle(MUSCLE), ThesisMuscle(MUSCLE)
@@ -82,15 +81,3 @@ def test_directions_count():
     comparison = compare_models({"smooth": ENERGY, "rubbing": rubbing}, data)
     assert comparison.scores[0].name == "rubbing"
     assert comparison.scores[0].rmse < 1e-9 < comparison.scores[1].rmse
-
-
-def test_bad_questions():
-    with pytest.raises(InputError, match="0 models"):
-        compare_models({}, measure())
-    for least in (0.0, 1e-300, 9e-4):
-        with pytest.raises(InputError, match="must be 0.001 mm or more"):
-            compare_models({"energy": ENERGY}, Measurements(pressure=[0.1], contraction=[least]))
-    with pytest.raises(InputError, match="fitted in 'thesis': the models are energy"):
-        compare_models({"energy": ENERGY}, measure(), fitted={"thesis": 1})
-    with pytest.raises(InputError, match="number of parameters"):
-        compare_models({"energy": ENERGY}, measure(), fitted={"energy": 13})

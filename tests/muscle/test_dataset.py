@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.errors import BozziniError, FileFormatError, InputError, MissingExtraError, UnitError
-from bozzini.muscle.dataset import Measurements, read_measurements, write_measurements
+from bozzini.muscle.data import Measurements, read_measurements, write_measurements
 from bozzini.muscle.design import Muscle
 
 MUSCLE = Muscle(length=45.0, outer_radius=0.55)
@@ -208,27 +208,6 @@ def test_parquet_reads_as_csv_does(tmp_path):
     write(tmp_path, "no", "bad.parquet")
     with pytest.raises(FileFormatError, match="not a Parquet file"):
         read_measurements(tmp_path / "bad.parquet")
-
-
-@pytest.mark.parametrize(
-    ("columns", "said"),
-    [
-        ({"pressure": [], "contraction": []}, "0 rows"),
-        ({"pressure": [0.1], "contraction": [1.0, 2.0]}, r"contraction has shape \(2,\)"),
-        ({"pressure": [0.1, -0.1], "contraction": [1.0, 2.0]}, "row 2: pressure is -0.1"),
-        ({"pressure": [0.1], "contraction": [math.nan]}, "row 1: contraction is nan"),
-        ({"pressure": [0.1], "contraction": [1.0], "direction": "up"}, "row 1: direction is 'up'"),
-        ({"pressure": [0.1], "contraction": [1.0], "load": -0.1}, "row 1: load is -0.1 N"),
-        ({"pressure": [0.1], "contraction": [1.0], "specimen": "a\nb"}, "row 1: specimen is 'a"),
-        ({"pressure": [0.1], "contraction": [1.0], "specimen": "\ud800"}, "row 1: specimen is"),
-        ({"pressure": [0.1], "contraction": [1.0], "numbers": [1, 2]}, r"numbers has shape \(2,\)"),
-        ({"pressure": 0.1, "contraction": [1.0]}, "shape"),
-        ({"pressure": ["x"], "contraction": [1.0]}, "array of numbers"),
-    ],
-)
-def test_arrays_are_checked(columns, said):
-    with pytest.raises(InputError, match=said):
-        Measurements(**columns)
 
 
 def test_rows_are_selected_by_mask_or_index():

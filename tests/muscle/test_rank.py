@@ -10,19 +10,21 @@ import pytest
 
 from bozzini.errors import BozziniError, InputError, MissingLawError
 from bozzini.muscle import (
-    CATALOGUE,
     MODELS,
+    FitOptions,
     Measurements,
     Muscle,
+    RankOptions,
     calibrate,
     compare_models,
     preset,
-    rank_models,
+    rank,
 )
-from bozzini.muscle._folds import count_states, cross_validate, split_rows
+from bozzini.muscle.ranking import count_states, cross_validate, split_rows
+from tests.muscle.models.catalogue import SURVEY
 
 MUSCLE = Muscle(length=45.0, outer_radius=0.75, inner_radius=0.4, gap=0.05)
-ALL = {**MODELS, **CATALOGUE}
+ALL = dict(MODELS)
 RIVALS = ("gaylord-1", "chou", "ferraresi")
 LOADS = ((0.0, 0.15), (0.05, 0.15), (0.0,))
 
@@ -48,7 +50,7 @@ def make(name, seed=0):
     need others beside them.
     """
     kind = ALL[name]
-    if name in MODELS:
+    if name not in SURVEY:
         return kind(MUSCLE)
     random = np.random.default_rng(seed)
     guess = kind.guess_parameters(MUSCLE)
@@ -79,13 +81,17 @@ def test_data_of_a_model_rank_it_first_or_what_fits_as_well(name):
     try:
         data = measure(make(name))
     except MissingLawError as error:
-        ranking = rank_models(MUSCLE, measure(make("chou")), models={name: ALL[name]}, folds=0)
+        ranking = rank(
+            measure(make("chou")), MUSCLE, models={name: ALL[name]}, options=RankOptions(folds=0)
+        )
         assert not ranking.models
         assert "it is in" in ranking.refusals[name] or "they are in" in ranking.refusals[name]
         assert str(error).startswith(f"the model {name} must be given")
         return
     names = dict.fromkeys((*RIVALS, name))
-    ranking = rank_models(MUSCLE, data, models={each: ALL[each] for each in names}, folds=0)
+    ranking = rank(
+        data, MUSCLE, models={each: ALL[each] for each in names}, options=RankOptions(folds=0)
+    )
     order = [entry.name for entry in ranking.models]
     assert name in order, ranking.refusals
     least = 1e-9 * data.largest_contraction
@@ -99,7 +105,9 @@ def test_models_that_follow_any_curve_do_not_hide_the_truth(name):
     """Eight constants come to within 1e-5 mm of a curve, which is not none."""
     data = measure(make(name))
     names = ("pressure-stiffening", "quartic-strain")
-    ranking = rank_models(MUSCLE, data, models={each: ALL[each] for each in names}, folds=0)
+    ranking = rank(
+        data, MUSCLE, models={each: ALL[each] for each in names}, options=RankOptions(folds=0)
+    )
     first, second = ranking.models[:2]
     assert first.name == name
     assert first.score.rmse < 1e-9 * data.largest_contraction < second.score.rmse
@@ -112,7 +120,7 @@ def test_a_constant_that_tells_only_in_some_places_is_not_held(offset):
     guess = kind.guess_parameters(MUSCLE)
     data = measure(kind(MUSCLE, **{**guess, "pressure_offset": offset}), options=((0.0,),))
     assert (data.contraction == 0.0).any() and (data.contraction > 0.0).any()
-    found = calibrate(kind, MUSCLE, data, force=True)
+    found = calibrate(kind, MUSCLE, data, options=FitOptions(force=True))
     assert "pressure_offset" in found.free
     assert np.abs(found.residuals).max() < 1e-6
 
@@ -120,7 +128,7 @@ def test_a_constant_that_tells_only_in_some_places_is_not_held(offset):
 @pytest.mark.filterwarnings("error")
 def test_a_constant_that_starts_next_to_zero_is_told_all_the_same():
     data = measure(make("meller"))
-    found = calibrate(ALL["de-volder"], MUSCLE, data, force=True)
+    found = calibrate(ALL["de-volder"], MUSCLE, data, options=FitOptions(force=True))
     assert all(np.isfinite(list(found.standard_errors.values())))
 
 
@@ -130,7 +138,7 @@ def test_noise_does_not_hide_many_constants(seed):
     muscle, kind = preset("effector-45"), ALL["quartic-strain"]
     truth = {name: 1.1 * value for name, value in kind.guess_parameters(muscle).items()}
     data = measure(kind(muscle, **truth), noise=0.05, seed=seed)
-    found = calibrate(kind, muscle, data, force=True)
+    found = calibrate(kind, muscle, data, options=FitOptions(force=True))
     assert found.converged
     assert np.sqrt(np.mean(found.residuals**2)) < 0.06
 
@@ -143,7 +151,7 @@ def test_no_other_start_is_better(truth, name, spreads):
     """On data of another model there are several minima; the guess is one of the starts."""
     data = measure(make(truth), noise=0.02)
     kind = ALL[name]
-    found = calibrate(kind, MUSCLE, data, force=True)
+    found = calibrate(kind, MUSCLE, data, options=FitOptions(force=True))
     guess = {key: kind.guess_parameters(MUSCLE)[key] for key in found.free if key != "modulus"}
     random = np.random.default_rng(3)
     for spread in spreads:
@@ -152,7 +160,9 @@ def test_no_other_start_is_better(truth, name, spreads):
             for key, value in guess.items()
         }
         try:
-            other = calibrate(kind, MUSCLE, data, free=found.free, start=start, force=True)
+            other = calibrate(
+                kind, MUSCLE, data, free=found.free, options=FitOptions(start=start, force=True)
+            )
         except InputError:
             continue
         assert other.sigma > 0.99 * found.sigma
@@ -171,24 +181,24 @@ def test_a_fold_that_comes_nearer_to_all_rows_is_begun_from(monkeypatch):
     data = measure(make("energy"), noise=0.02)
     spoilt = []
 
-    def spoil(kind, muscle, rows, **options):
+    def spoil(kind, muscle, rows, *, options, **rest):
         if not spoilt:
-            options["start"] = {"kappa1": 0.0, "kappa2": 0.02}
-            spoilt.append(calibrate(kind, muscle, rows, **options))
+            options = dataclasses.replace(options, start={"kappa1": 0.0, "kappa2": 0.02})
+            spoilt.append(calibrate(kind, muscle, rows, options=options, **rest))
             return spoilt[0]
-        return calibrate(kind, muscle, rows, **options)
+        return calibrate(kind, muscle, rows, options=options, **rest)
 
-    monkeypatch.setattr("bozzini.muscle.rank.calibrate", spoil)
+    monkeypatch.setattr("bozzini.muscle.ranking.calibrate", spoil)
     models = {"itto-b": ALL["itto-b"]}
-    best = rank_models(MUSCLE, data, models=models).models[0].calibration
+    best = rank(data, MUSCLE, models=models).models[0].calibration
     assert best.sigma < spoilt[0].sigma
 
 
 def test_noise_does_not_hide_the_truth():
     names = ("gaylord-1", "chou", "kothera-balance", "andrikopoulos", "doric", "quadratic-strain")
-    models = {name: CATALOGUE[name] for name in names}
+    models = {name: MODELS[name] for name in names}
     data = measure(make("kothera-balance"), noise=0.05)
-    ranking = rank_models(MUSCLE, data, models=models)
+    ranking = rank(data, MUSCLE, models=models)
     best = ranking.models[0]
     assert best.name == "kothera-balance"
     assert best.score.rmse == pytest.approx(0.05, rel=0.4)
@@ -204,9 +214,9 @@ def test_noise_does_not_hide_the_truth():
     ("criterion", "value"), [("aicc", "aicc"), ("bic", "bic"), ("cv", "validation_error")]
 )
 def test_every_criterion_sorts(criterion, value):
-    models = {name: CATALOGUE[name] for name in ("gaylord-1", "chou", "doric", "ferraresi")}
+    models = {name: MODELS[name] for name in ("gaylord-1", "chou", "doric", "ferraresi")}
     data = measure(make("chou"), noise=0.05)
-    ranking = rank_models(MUSCLE, data, models=models, criterion=criterion)
+    ranking = rank(data, MUSCLE, models=models, options=RankOptions(criterion=criterion))
     values = [getattr(entry, value) for entry in ranking.models]
     assert values == sorted(values)
 
@@ -215,7 +225,7 @@ def test_every_criterion_sorts(criterion, value):
 def ranking():
     names = ("energy", "gaylord-1", "gaylord-2", "chou", "andrikopoulos", "tondu-lopez", "wang")
     data = measure(make("chou"), noise=0.05)
-    return rank_models(MUSCLE, data, models={name: ALL[name] for name in names})
+    return rank(data, MUSCLE, models={name: ALL[name] for name in names})
 
 
 def test_scores_are_those_of_a_fit_alone(ranking):
@@ -238,7 +248,12 @@ def test_a_curve_counts_once_in_the_weights(ranking):
     once = [entry for entry in ranking.models if entry.name != "gaylord-2"]
     assert entries["gaylord-2"].weight == entries["gaylord-1"].weight
     assert sum(entry.weight for entry in once) == pytest.approx(1.0)
-    alone = rank_models(MUSCLE, ranking.data, models={e.name: ALL[e.name] for e in once}, folds=0)
+    alone = rank(
+        ranking.data,
+        MUSCLE,
+        models={e.name: ALL[e.name] for e in once},
+        options=RankOptions(folds=0),
+    )
     for entry in alone.models:
         assert entry.weight == pytest.approx(entries[entry.name].weight, rel=1e-6)
     assert "(" in next(x for x in ranking.format_table().splitlines() if x.startswith("gaylord-2"))
@@ -254,22 +269,22 @@ def test_models_that_say_the_same_are_told(ranking):
 def test_what_the_data_do_not_tell_is_held(ranking):
     held = {entry.name: entry.held for entry in ranking.models}
     assert "no effect" in held["tondu-lopez"]["friction"]  # no row has a direction
-    assert "cannot tell it" in held["andrikopoulos"]["test_pressure"]  # only a ratio matters
+    assert "do not distinguish it" in held["andrikopoulos"]["test_pressure"]  # only a ratio matters
     unloaded = ranking.data.select(ranking.data.load == 0.0)
-    alone = calibrate(CATALOGUE["andrikopoulos"], MUSCLE, unloaded)
+    alone = calibrate(MODELS["andrikopoulos"], MUSCLE, unloaded)
     assert alone.free == ("largest_contraction",)  # a force of any size is none at all
 
 
 def test_friction_is_fitted_with_both_directions():
-    truth = CATALOGUE["tondu-lopez"](MUSCLE, kappa1=0.0, kappa2=1.1, friction=2e-3)
+    truth = MODELS["tondu-lopez"](MUSCLE, kappa1=0.0, kappa2=1.1, friction=2e-3)
     pressure = np.tile(np.linspace(0.15, 0.8, 10), 2)
     direction = np.repeat(["inflating", "deflating"], 10)
     contraction = truth.contraction(pressure, 0.1, direction=direction)
     data = Measurements(pressure=pressure, contraction=contraction, load=0.1, direction=direction)
-    found = calibrate(CATALOGUE["tondu-lopez"], MUSCLE, data)
+    found = calibrate(MODELS["tondu-lopez"], MUSCLE, data)
     assert found.estimates["friction"] == pytest.approx(2e-3, rel=1e-5)
     assert found.estimates["kappa2"] == pytest.approx(1.1, rel=1e-5)
-    scale = CATALOGUE["davis-caldwell"]
+    scale = MODELS["davis-caldwell"]
     lame = calibrate(scale, MUSCLE, data)
     assert "strand_poisson_ratio" in lame.held["friction"]
     whole = calibrate(partial(scale, strand_poisson_ratio=0.4), MUSCLE, data)
@@ -278,7 +293,7 @@ def test_friction_is_fitted_with_both_directions():
 
 
 def test_linear_constants_are_found_to_the_last_digits():
-    kind = CATALOGUE["quadratic-strain"]
+    kind = MODELS["quadratic-strain"]
     truth = make("quadratic-strain")
     found = calibrate(kind, MUSCLE, measure(truth))
     for name, value in truth.parameters.items():
@@ -287,24 +302,25 @@ def test_linear_constants_are_found_to_the_last_digits():
 
 def test_constants_that_are_known_are_not_fitted():
     data = measure(make("tondu-lopez"))
-    kind = partial(CATALOGUE["tondu-lopez"], kappa2=1.1)
+    kind = partial(MODELS["tondu-lopez"], kappa2=1.1)
     found = calibrate(kind, MUSCLE, data)
     assert found.free == ("kappa1",)
     assert found.fitted.parameters["kappa2"] == 1.1
     with pytest.raises(InputError, match="'kappa2' is given, so it cannot be free: use .* kappa1"):
         calibrate(kind, MUSCLE, data, free=("kappa2",))
     with pytest.raises(InputError, match="start is given for kappa2: .* are kappa1"):
-        calibrate(kind, MUSCLE, data, start={"kappa2": 1.0})
-    begun = calibrate(kind, MUSCLE, data, start={"kappa1": 0.1})
+        calibrate(kind, MUSCLE, data, options=FitOptions(start={"kappa2": 1.0}))
+    begun = calibrate(kind, MUSCLE, data, options=FitOptions(start={"kappa1": 0.1}))
     assert begun.estimates["kappa1"] == pytest.approx(found.estimates["kappa1"], abs=1e-6)
-    narrow = calibrate(CATALOGUE["tondu-lopez"], MUSCLE, data, free=("kappa1", "kappa2"),
-                       bounds={"kappa2": (0.5, 0.7)})  # fmt: skip
+    options = FitOptions(bounds={"kappa2": (0.5, 0.7)})
+    free = ("kappa1", "kappa2")
+    narrow = calibrate(MODELS["tondu-lopez"], MUSCLE, data, free=free, options=options)
     assert narrow.estimates["kappa2"] == pytest.approx(0.7)
     assert any("kappa2 is at its bound" in line for line in narrow.warnings)
 
 
 def test_no_constant_has_the_name_of_a_field():
-    for kind in CATALOGUE.values():
+    for kind in SURVEY.values():
         assert not set(kind.card.keywords) & set(vars(MUSCLE)), kind.card.name
 
 
@@ -348,43 +364,53 @@ def test_cross_validation_is_the_error_of_rows_that_the_fit_did_not_see():
 
 def test_ranking_tells_its_progress_and_is_the_same_again():
     data = measure(make("chou"), noise=0.05)
-    models = {name: CATALOGUE[name] for name in ("chou", "itto-b")}
+    models = {name: MODELS[name] for name in ("chou", "itto-b")}
     told = []
-    one = rank_models(MUSCLE, data, models=models, seed=5, progress=lambda *now: told.append(now))
-    other = rank_models(MUSCLE, data, models=models, seed=5)
+    one = rank(
+        data,
+        MUSCLE,
+        models=models,
+        progress=lambda *now: told.append(now),
+        options=RankOptions(seed=5),
+    )
+    other = rank(data, MUSCLE, models=models, options=RankOptions(seed=5))
     assert [fraction for _, fraction in told] == [0.0, 0.5, 1.0]
     assert one.format_table() == other.format_table()
 
 
 def test_fields_can_be_chosen():
     data = measure(make("kothera-balance"))
-    models = {"kothera-balance": CATALOGUE["kothera-balance"], "chou": CATALOGUE["chou"]}
-    both = rank_models(MUSCLE, data, models=models, fields=("modulus", "dead_length"), folds=0)
+    models = {"kothera-balance": MODELS["kothera-balance"], "chou": MODELS["chou"]}
+    both = rank(
+        data, MUSCLE, models=models, options=RankOptions(fields=("modulus", "dead_length"), folds=0)
+    )
     free = {entry.name: entry.calibration.free for entry in both.models}
     assert free == {"kothera-balance": ("modulus", "dead_length"), "chou": ("dead_length",)}
-    none = rank_models(MUSCLE, data, models=models, fields=(), folds=0)
+    none = rank(data, MUSCLE, models=models, options=RankOptions(fields=(), folds=0))
     assert all(entry.calibration is None for entry in none.models)
 
 
 def test_few_rows_and_a_single_state():
     data = measure(make("chou"))
     few = data.select([0, 7, 14, 21])
-    ranking = rank_models(MUSCLE, few, models={n: CATALOGUE[n] for n in ("chou", "itto-b")})
+    ranking = rank(few, MUSCLE, models={n: MODELS[n] for n in ("chou", "itto-b")})
     assert ranking.folds == 4
     assert ranking.models[0].name == "chou"
     assert ranking.models[1].aicc == np.inf  # 4 rows, 2 constants and the variance
     assert ranking.models[1].weight == 0.0
     assert "none" in ranking.format_table()
-    one = rank_models(MUSCLE, data.select([5]), models={"chou": CATALOGUE["chou"]})
+    one = rank(data.select([5]), MUSCLE, models={"chou": MODELS["chou"]})
     assert one.folds == 0
     with pytest.raises(InputError, match="the rows are of 1 state: .* 2 or more"):
-        rank_models(MUSCLE, data.select([5]), criterion="cv")
+        rank(data.select([5]), MUSCLE, options=RankOptions(criterion="cv"))
 
 
 @pytest.mark.parametrize("names", [("gaylord-1", "chou"), ("chou", "gaylord-1")])
 def test_without_any_aicc_it_goes_by_bic_and_says_so(names):
     two = measure(make("chou"), noise=0.05).select([8, 15])
-    ranking = rank_models(MUSCLE, two, models={name: ALL[name] for name in names}, folds=0)
+    ranking = rank(
+        two, MUSCLE, models={name: ALL[name] for name in names}, options=RankOptions(folds=0)
+    )
     assert [entry.name for entry in ranking.models] == ["chou", "gaylord-1"]
     assert ranking.models[0].score.rmse < 0.1 < ranking.models[1].score.rmse
     (note,) = ranking.notes
@@ -396,7 +422,7 @@ def test_without_any_aicc_it_goes_by_bic_and_says_so(names):
 def test_doubts_are_marked():
     data = measure(make("chou"), noise=0.05)
     models = {"chou": ALL["chou"], "itto-b": ALL["itto-b"]}
-    fine = rank_models(MUSCLE, data, models=models, criterion="cv")
+    fine = rank(data, MUSCLE, models=models, options=RankOptions(criterion="cv"))
     assert not fine.notes
     assert not any(entry.doubt for entry in fine.models)
     first, second = fine.models
@@ -415,21 +441,3 @@ def test_doubts_are_marked():
     assert " none " in lines[1]
     assert lines[2].endswith("not converged")
     assert lines[3] == doubtful.notes[0]
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"models": {}}, "0 models"),
-        ({"criterion": "best"}, "criterion is 'best': it must be one of aicc, bic, cv"),
-        ({"folds": 1}, "folds is 1: it must be 2 or more"),
-        ({"folds": -1}, "folds is -1"),
-        ({"folds": 99}, "folds is 99: there are 24 different"),
-        ({"folds": 0, "criterion": "cv"}, "to rank by the rows left out"),
-        ({"seed": -1}, "seed is -1"),
-    ],
-)
-def test_bad_questions(change, said):
-    with pytest.raises(InputError, match=said):
-        options = {"models": {"chou": CATALOGUE["chou"]}, **change}
-        rank_models(MUSCLE, measure(make("chou")), **options)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import fsolve
 
 from bozzini.errors import InputError
-from bozzini.muscle import Muscle, ThesisMuscle, preset
+from bozzini.muscle import ThesisMuscle, preset
 from tests.muscle.printed import solve_printed
 from tests.muscle.strategies import SHARES, muscles
 
@@ -142,29 +142,3 @@ def test_finite_or_refused(muscle, pressure, share):
         assert state.contraction >= model.contraction_limits[0] - 1e-9 * muscle.length
         bore = math.pi * muscle.outer_radius**2
         assert abs(state.residual) <= 1e-8 * bore * (pressure + muscle.modulus)
-
-
-def test_refusals():
-    muscle = preset("effector-45")
-    model = ThesisMuscle(muscle)
-    with pytest.raises(InputError, match=r"load\[1\] is 0.5 N: it must be 0 N"):
-        model.contraction(0.5, [0.0, 0.5])
-    for answer in (model.force, model.stiffness):
-        with pytest.raises(InputError, match="load path is 'none'.*it must be 'bulk'"):
-            answer(0.5, 1.0)
-    with pytest.raises(InputError, match="load path is 'share': it must be one of"):
-        ThesisMuscle(muscle, load_path="share")
-    with pytest.raises(InputError, match=r"pressure is 11 MPa: it must lie in \[0, 10\] MPa"):
-        model.free_contraction(11.0)
-    with pytest.raises(InputError, match="muscle strand radius is 0.09 mm: it must lie in"):
-        ThesisMuscle(muscle.replace(strand_radius=0.09))
-    with pytest.raises(InputError, match="Poisson's ratio is 0: with the load path 'bulk'"):
-        ThesisMuscle(muscle.replace(poisson_ratio=0.0), load_path="bulk")
-    bulk = ThesisMuscle(muscle, load_path="bulk")
-    with pytest.raises(InputError, match="load is 90 N: .* the strands are straight"):
-        bulk.contraction(0.5, 90.0)
-    with pytest.raises(InputError, match=r"contraction is 30 mm: it must lie in \[-10.6"):
-        bulk.force(0.5, 30.0)
-    stretchy = Muscle(length=45.0, outer_radius=0.55, modulus=1e-3, poisson_ratio=0.0)
-    with pytest.raises(InputError, match="no answer"):
-        ThesisMuscle(stretchy).free_contraction(10.0)

@@ -6,9 +6,9 @@ import importlib.util
 import re
 from pathlib import Path
 
-from bozzini.muscle import CATALOGUE
 from bozzini.muscle.models import count_statuses
 from bozzini.view.catalogue_page import format_catalogue, format_counts
+from tests.muscle.models.catalogue import SURVEY
 
 ROOT = Path(__file__).resolve().parents[2]
 REMEDY = "run python docs/make_catalogue.py"
@@ -33,7 +33,7 @@ def test_the_readme_is_up_to_date():
 
 def test_every_model_has_a_section_with_its_equation_and_its_source():
     page = format_catalogue()
-    for name, kind in CATALOGUE.items():
+    for name, kind in SURVEY.items():
         _, section = page.split(f"\n## {name}\n")
         section = section.split("\n## ")[0]
         card = kind.card
@@ -47,8 +47,8 @@ def test_every_model_has_a_section_with_its_equation_and_its_source():
 
 
 def test_counts_add_up():
-    counts = count_statuses([kind.card for kind in CATALOGUE.values()])
-    assert sum(counts.values()) == len(CATALOGUE)
+    counts = count_statuses([kind.card for kind in SURVEY.values()])
+    assert sum(counts.values()) == len(SURVEY)
     table = format_counts()
     for status, count in counts.items():
         (line,) = re.findall(rf"^\| {status} \|.*$", table, re.M)
@@ -66,6 +66,6 @@ def test_the_upper_sign_is_that_of_inflating():
     """Friction takes from the pull on the way up: a minus above, or a plus in what is taken off."""
     said = format_catalogue().split("## All models")[0]
     assert "the upper one is of the way up, inflating" in said
-    for name, kind in CATALOGUE.items():
+    for name, kind in SURVEY.items():
         signs = re.findall(r"\\(?:mp|pm)\b", kind.card.latex)
         assert signs == ([] if not signs else [r"\pm"] if name == "chen" else [r"\mp"]), name

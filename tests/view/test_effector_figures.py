@@ -12,9 +12,9 @@ from bozzini.effector import (
     Effector,
     balance,
     bend,
+    effector_preset,
     fit_cubic,
     pose,
-    preset,
     solve_inverse,
     sweep,
     tip_force,
@@ -40,7 +40,7 @@ from bozzini.view.effector_figures import (
 # A layout that matplotlib gives up, or an empty mean, would only be a warning.
 pytestmark = pytest.mark.filterwarnings("error")
 
-EFFECTOR = Effector(preset("prototype"))
+EFFECTOR = Effector(effector_preset("prototype"))
 PLACES = workspace(EFFECTOR)
 
 
@@ -238,7 +238,7 @@ def test_a_pressure_that_none_is_is_no_point(tmp_path):
 
 
 def test_no_force_is_no_disc(tmp_path):
-    weak = Effector(preset("prototype", pressure_limit=0.01))
+    weak = Effector(effector_preset("prototype", pressure_limit=0.01))
     figure = draw_force(weak)
     force = figure.axes[0]
     assert not force.patches and "no force" in force.texts[0].get_text()

@@ -9,8 +9,8 @@ import pytest
 
 from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle, preset
-from bozzini.muscle.compare import compare_models
-from bozzini.muscle.dataset import Measurements
+from bozzini.muscle.data import Measurements
+from bozzini.muscle.ranking import compare_models
 from bozzini.view import write_figure
 from bozzini.view.muscle_figures import (
     draw_braid_angle,

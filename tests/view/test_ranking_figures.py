@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bozzini.errors import InputError
-from bozzini.muscle import CATALOGUE, Measurements, preset, rank_models
+from bozzini.muscle import MODELS, Measurements, preset, rank
 from bozzini.view import write_figure
-from bozzini.view.ranking_figures import draw_ranking
+from bozzini.view.muscle_figures import draw_ranking
 
 MUSCLE = preset("effector-45")
 NAMES = ("gaylord-1", "gaylord-2", "chou", "ferraresi", "itto-b")
@@ -20,10 +20,10 @@ NAMES = ("gaylord-1", "gaylord-2", "chou", "ferraresi", "itto-b")
 def ranking():
     pressure, load = np.repeat(np.linspace(0.2, 0.8, 8), 2), np.tile([0.0, 0.2], 8)
     error = 0.05 * np.random.default_rng(0).normal(size=16)
-    contraction = CATALOGUE["chou"](MUSCLE).contraction(pressure, load) + error
+    contraction = MODELS["chou"](MUSCLE).contraction(pressure, load) + error
     data = Measurements(pressure=pressure, load=load, contraction=contraction)
-    models = {name: CATALOGUE[name] for name in NAMES}
-    return rank_models(MUSCLE, data, models={**models, "wang": CATALOGUE["wang"]})
+    models = {name: MODELS[name] for name in NAMES}
+    return rank(data, MUSCLE, models={**models, "wang": MODELS["wang"]})
 
 
 def test_it_shows_all_that_are_ranked(ranking, tmp_path):
@@ -61,7 +61,7 @@ def test_doubts_show(ranking):
 
 
 def test_bad_questions(ranking):
-    empty = rank_models(MUSCLE, ranking.data, models={"wang": CATALOGUE["wang"]})
+    empty = rank(ranking.data, MUSCLE, models={"wang": MODELS["wang"]})
     with pytest.raises(InputError, match="0 models"):
         draw_ranking(empty)
     with pytest.raises(InputError, match="curves is 0"):

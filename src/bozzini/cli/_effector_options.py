@@ -1,4 +1,4 @@
-"""What the commands of ``bozzini effector`` share: options of a design, named values, tables."""
+"""What the commands of ``bozzini effector`` share: options of a design, named values."""
 
 from __future__ import annotations
 
@@ -10,20 +10,36 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError
-from ._muscle_options import describe_muscle, make_class, model_option, model_options
-from .common import QuantityType, emit
+from ._muscle_options import (
+    FIELDS,
+    Answer,
+    describe_muscle,
+    make_class,
+    model_option,
+    model_options,
+)
+from .common import QuantityType
 
 if TYPE_CHECKING:
     from ..effector import Effector, EffectorDesign
 
 __all__ = [
+    "KINDS",
+    "MOST",
+    "add_unit",
     "describe_design",
     "effector_options",
     "make_design",
     "make_effector",
     "parse_pairs",
-    "tell",
+    "parse_range",
+    "parse_segments",
+    "parse_values",
+    "report",
 ]
+
+# What the commands of ``bozzini effector`` share: options of a design, named values, tables.
+
 
 LENGTHS = {
     "offset": "Distance of the muscles from the axis (prototype: 4 mm).",
@@ -32,6 +48,8 @@ LENGTHS = {
 }
 
 _Function = Callable[..., Any]
+Given = Mapping[str, Any]
+"""The options of a design, by their names."""
 
 
 _OPTIONS = {
@@ -105,13 +123,13 @@ def effector_options(function: _Function) -> _Function:
     return run
 
 
-def make_design(given: Mapping[str, Any]) -> EffectorDesign:
+def make_design(given: Given) -> EffectorDesign:
     """Return the design that the options ask for."""
-    from ..effector import PlacedMuscle, preset, rigidity_from_test
-    from ..muscle.presets import preset as muscle_preset
+    from ..effector import PlacedMuscle, effector_preset, rigidity_from_test
+    from ..muscle.design import preset as muscle_preset
     from ..units import parse_quantity
 
-    design = preset(given["preset"])
+    design = effector_preset(given["preset"])
     placed = list(design.muscles)
     if given["angles"] is not None:
         angles = parse_pairs("--angles", given["angles"], "angle", example="A=0deg,B=120deg")
@@ -134,7 +152,7 @@ def make_design(given: Mapping[str, Any]) -> EffectorDesign:
     if given["rigidity_test"] is not None:
         parts = given["rigidity_test"].split(",")
         if given["rigidity"] is not None:
-            raise InputError("--rigidity and --rigidity-test both say how stiff it is: give one")
+            raise InputError("--rigidity and --rigidity-test both give the stiffness: give one")
         if len(parts) != 2:
             raise InputError(
                 f"--rigidity-test is '{given['rigidity_test']}': it must be FORCE,DEFLECTION, "
@@ -146,7 +164,7 @@ def make_design(given: Mapping[str, Any]) -> EffectorDesign:
     return design.replace(muscles=tuple(placed), **changes)
 
 
-def make_effector(given: Mapping[str, Any]) -> Effector:
+def make_effector(given: Given) -> Effector:
     """Return the effector that the options ask for, with its muscle model."""
     from ..effector import Effector
 
@@ -206,12 +224,109 @@ def describe_design(design: EffectorDesign) -> dict[str, Any]:
     }
 
 
-def tell(result: Mapping[str, Any], *, as_json: bool, text: str, notes: Sequence[str] = ()) -> None:
+def report(
+    result: Mapping[str, Any], *, answer: Answer, text: str, notes: Sequence[str] = ()
+) -> None:
     """Write a result on stdout, and what is to be known of it and of its design on stderr.
 
     With ``--json`` it is all in the object: ``notes``, and the design's ``conflicts``.
     """
-    emit({**result, "notes": list(notes)}, as_json=as_json, text=text)
-    if not as_json:
+    answer.give({**result, "notes": list(notes)}, text)
+    if not answer.as_json:
         for line in (*notes, *result["design"]["conflicts"]):
             click.echo(f"note: {line}", err=True)
+
+
+# Ranges and lists of values that ``bozzini effector study`` reads.
+
+
+KINDS = {
+    "offset": "length",
+    "length": "length",
+    "flexural_rigidity": "rigidity",
+    "catheter_rigidity": "rigidity",
+    "pressure_limit": "pressure",
+    **{f"muscle.{name}": item.kind for name, item in FIELDS.items() if name != "length"},
+}
+"""What has a range of numbers, and the kind of quantity."""
+UNITS = {"length": "mm", "rigidity": "Nmm2", "pressure": "MPa", "angle": "rad"}
+MOST = 10_000
+MOST_SEGMENTS = 1000
+_WHOLE = "muscle.strands"
+
+
+def _split(option: str, item: str, form: str) -> tuple[str, str]:
+    name, mark, values = (part.strip() for part in item.partition("="))
+    name = name.replace("-", "_")
+    if not (name and mark and values):
+        raise InputError(f"{option} is '{item}': it must be {form}")
+    return name, values
+
+
+def _parse_number(option: str, name: str, text: str) -> float:
+    from ..units import parse_quantity
+
+    if name not in KINDS:
+        raise InputError(f"{option} names '{name}': choose one of {', '.join(KINDS)}")
+    return parse_quantity(text, KINDS[name])
+
+
+def parse_values(item: str) -> tuple[str, list[Any]]:
+    """Return the name and the values of one ``--vary``."""
+    import numpy as np
+
+    from ..units import parse_quantity
+
+    name, values = _split("--vary", item, "NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE")
+    if name == "segments":
+        return name, parse_segments(values)
+    if name == "angles":
+        return name, [
+            tuple(parse_quantity(angle, "angle") for angle in part.split("/"))
+            for part in values.split(",")
+        ]
+    if name not in KINDS:
+        known = ", ".join([*KINDS, "segments", "angles"])
+        raise InputError(f"--vary names '{name}': choose one of {known}")
+    if ":" not in values:
+        return name, [_parse_number("--vary", name, part) for part in values.split(",")]
+    parts = values.split(":")
+    if len(parts) != 3 or not parts[2].strip().isdigit() or not 2 <= int(parts[2]) <= MOST:
+        raise InputError(
+            f"--vary is '{item}': it must be NAME=LOW:HIGH:COUNT with a whole COUNT in [2, {MOST}]"
+        )
+    low, high = (_parse_number("--vary", name, part) for part in parts[:2])
+    steps = np.linspace(low, high, int(parts[2])).tolist()
+    if name == _WHOLE and not all(step == round(step) for step in steps):
+        raise InputError(
+            f"--vary is '{item}': this gives {steps[1]:g} {name.removeprefix('muscle.')}, where "
+            "only whole numbers are legal"
+        )
+    return name, steps
+
+
+def parse_range(item: str) -> tuple[str, float, float]:
+    """Return the name and the two ends of one ``--between``."""
+    name, values = _split("--between", item, "NAME=LOW:HIGH")
+    parts = values.split(":")
+    if len(parts) != 2:
+        raise InputError(f"--between is '{item}': it must be NAME=LOW:HIGH")
+    low, high = (_parse_number("--between", name, part) for part in parts)
+    return name, low, high
+
+
+def parse_segments(text: str) -> list[int]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(
+        part.isascii() and part.isdigit() and len(part) < 9 and 1 <= int(part) <= MOST_SEGMENTS
+        for part in parts
+    ):
+        raise InputError(
+            f"segments is '{text}': it must be whole numbers in [1, {MOST_SEGMENTS}], as 12,15"
+        )
+    return [int(part) for part in parts]
+
+
+def add_unit(name: str) -> str:
+    unit = UNITS.get(KINDS.get(name, ""), "")
+    return f"{name}_{unit}" if unit else name

@@ -1,77 +1,122 @@
-"""What the commands of ``bozzini muscle`` share: the options of a design, models, targets."""
+"""What the commands of ``bozzini muscle`` share: options, constants, measurements."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial, wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
 
-from .common import QuantityType
+from ..muscle.design import Muscle
+from ._tables import check_target
+from .common import QuantityType, emit, force_option, json_option
+
+if TYPE_CHECKING:
+    from ..muscle.data import Measurements
+    from ..muscle.model import MuscleModel
+    from ..muscle.models import Card, Parameter
+
+# What the commands of ``bozzini muscle`` share: the options of a design, models, targets.
+
 
 if TYPE_CHECKING:
     from ..muscle.design import Muscle
-    from ..muscle.model import MuscleModel, StaticModel
+    from ..muscle.model import MuscleModel
 
     _NameType = click.ParamType[str]  # generic in newer versions of click only
 else:
     _NameType = click.ParamType
 
-__all__ = [
-    "FIELDS",
-    "OWN_MODELS",
-    "ModelType",
-    "check_direction",
-    "check_fields",
-    "describe_choices",
-    "describe_muscle",
-    "design_options",
-    "direction_option",
-    "make_class",
-    "list_kinds",
-    "make_muscle",
-    "model_option",
-    "model_options",
-    "select_choices",
-    "unit_of",
-]
-
-OWN_MODELS = ("energy", "thesis")
-"""The names in `bozzini.muscle.MODELS`, which is not loaded to write a help text."""
 CHOICES = {"ends": ("energy", ("none", "trellis")), "load_path": ("thesis", ("none", "bulk"))}
-"""What a model can be told: the model, and the words; the first is the default."""
+"""Choices that have an option of their own: the model, and the words; the first is the default.
 
-FIELDS = {
-    "length": ("length", "Free length between the fittings."),
-    "outer_radius": ("length", "Outer radius of the tube."),
-    "inner_radius": ("length", "Inner radius of the tube."),
-    "braid_angle": ("angle", "Angle between strands and axis at rest."),
-    "gap": ("length", "Gap between tube and braid."),
-    "strands": ("dimensionless", "Number of strands."),
-    "strand_radius": ("length", "Radius of a strand."),
-    "end_length": ("length", "Length of each conical end (thesis)."),
-    "dead_length": ("length", "Length that does not contract (energy)."),
-    "modulus": ("pressure", "Young's modulus of the tube."),
-    "poisson_ratio": ("dimensionless", "Poisson's ratio of the tube (thesis)."),
-    "strand_modulus": ("pressure", "Young's modulus of a strand (thesis)."),
-    "mooney_ratio": ("dimensionless", "C01 / (C10 + C01) of the wall (energy)."),
-    "friction_length": ("length", "Friction at the crossings (energy)."),
-}
-"""The fields of a muscle: the kind of quantity, and the help of the option."""
-UNITS = {"length": "_mm", "angle": "_rad", "pressure": "_MPa", "dimensionless": ""}
+They are those of `MuscleModel.choices`, which is not loaded to write a help text.
+"""
+
+FIELDS = Muscle.quantities()
+"""The fields of a muscle: kind of quantity, unit, and the help of the option."""
 
 _Function = Callable[..., Any]
 
 
+def gather(
+    argument: str, make: Callable[..., Any], *options: Callable[[_Function], _Function]
+) -> Callable[[_Function], _Function]:
+    """Return what adds options whose values arrive together, as one argument.
+
+    Parameters
+    ----------
+    argument : str
+        Name of the argument.
+    make : callable
+        Makes it from the values, which are keywords.
+    *options : callable
+        Decorators of click, in the order of the help text.
+    """
+
+    def decorate(function: _Function) -> _Function:
+        def probe() -> None: ...
+
+        for option in options:
+            option(probe)
+        names = [str(item.name) for item in probe.__click_params__]  # type: ignore[attr-defined]
+
+        @wraps(function)
+        def run(**values: Any) -> Any:
+            taken = {name: values.pop(name) for name in names}
+            return function(**{argument: make(**taken)}, **values)
+
+        for option in reversed(options):
+            option(run)
+        return run
+
+    return decorate
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Where the answer of a command goes: stdout as text or JSON, and perhaps a file."""
+
+    as_json: bool
+    out: Path | None = None
+
+    @property
+    def is_table(self) -> bool:
+        """Whether the file is a table."""
+        return self.out is not None and self.out.suffix.lower() == ".csv"
+
+    def give(self, result: Mapping[str, Any], text: str) -> None:
+        """Write the answer on stdout."""
+        emit(result, as_json=self.as_json, text=text)
+
+
+def answer_options(*suffixes: str, text: str = "A picture.") -> Callable[[_Function], _Function]:
+    """Return what adds ``--out``, ``--force`` and ``--json`` as the argument ``answer``.
+
+    The file is refused before any work, if it could not be written later. Without suffixes there
+    is ``--json`` alone.
+    """
+
+    def make(as_json: bool, out: Path | None = None, force: bool = False) -> Answer:
+        check_target(out, suffixes, force=force)
+        return Answer(as_json, out)
+
+    out = click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help=text)
+    return gather("answer", make, *((out, force_option) if suffixes else ()), json_option)
+
+
 def design_options(function: _Function) -> _Function:
     """Add the options that make a muscle: ``preset``, and the fields by their names."""
-    for name in reversed(FIELDS):
-        kind, text = FIELDS[name]
+    for name in reversed(list(FIELDS)):
         option = "--" + name.replace("_", "-")
-        function = click.option(option, name, type=QuantityType(kind), help=text)(function)
+        function = click.option(
+            option, name, type=QuantityType(FIELDS[name].kind), help=FIELDS[name].help
+        )(function)
     return click.option(
         "--preset",
         default="effector-45",
@@ -129,21 +174,11 @@ direction_option = click.option(
 )
 
 
-def make_muscle(preset_name: str, fields: Mapping[str, float | None]) -> Muscle:
-    from ..muscle.presets import preset
+def list_kinds() -> Mapping[str, type[MuscleModel]]:
+    """Return the classes of all models by name."""
+    from ..muscle import MODELS
 
-    changes: dict[str, Any] = {name: value for name, value in fields.items() if value is not None}
-    strands = changes.get("strands")
-    if strands is not None and strands == int(strands):
-        changes["strands"] = int(strands)
-    return preset(preset_name, **changes)
-
-
-def list_kinds() -> dict[str, Any]:
-    """Return the classes of all models by name, those of this package first."""
-    from ..muscle import CATALOGUE, MODELS
-
-    return {**MODELS, **CATALOGUE}
+    return MODELS
 
 
 def make_class(
@@ -152,7 +187,7 @@ def make_class(
     ends: str | None,
     load_path: str | None,
     constants: Mapping[str, Any] | None = None,
-) -> Callable[[Muscle], StaticModel]:
+) -> Callable[[Muscle], MuscleModel]:
     """Return what makes the model from a muscle; a choice that it does not have is refused."""
     chosen: Mapping[str, Any] = select_choices([name], ends=ends, load_path=load_path)[name]
     return partial(list_kinds()[name], **chosen, **(constants or {}))
@@ -186,7 +221,7 @@ def check_fields(names: Sequence[str], fields: Mapping[str, float | None]) -> No
 
 
 def check_direction(
-    model: StaticModel,
+    model: MuscleModel,
     direction: str | None,
     fields: Mapping[str, float | None],
     *,
@@ -194,7 +229,6 @@ def check_direction(
 ) -> None:
     """Refuse a direction without friction, and friction without a direction."""
     from ..errors import InputError
-    from ..muscle import CATALOGUE
 
     if direction is None:
         if fields.get("friction_length") is not None:
@@ -202,7 +236,7 @@ def check_direction(
                 "--friction-length has no effect without --direction: give inflating or deflating"
             )
         return
-    if model.name in CATALOGUE:
+    if model.card is not None:
         if not _has_friction(model, pressure):
             raise InputError(
                 f"--direction has no effect in the model {model.name} without friction: leave it "
@@ -215,7 +249,57 @@ def check_direction(
         raise InputError("--direction has no effect on a muscle without --friction-length")
 
 
-def _has_friction(model: StaticModel, pressure: float) -> bool:
+@dataclass(frozen=True)
+class Request:
+    """A muscle and its model, as the options ask for them."""
+
+    preset: str
+    ends: str | None
+    load_path: str | None
+    settings: tuple[str, ...]
+    fields: Mapping[str, float | None]
+    model_name: str = ""
+    direction: str | None = None
+
+    @classmethod
+    def take(cls, **values: Any) -> Request:
+        """Return the request of some options."""
+        return cls(fields={name: values.pop(name) for name in FIELDS}, **values)
+
+    @cached_property
+    def muscle(self) -> Muscle:
+        """The muscle."""
+        from ..muscle.design import preset
+
+        changes: dict[str, Any] = {
+            name: value for name, value in self.fields.items() if value is not None
+        }
+        strands = changes.get("strands")
+        if strands is not None and strands == int(strands):
+            changes["strands"] = int(strands)
+        return preset(self.preset, **changes)
+
+    @cached_property
+    def constants(self) -> dict[str, Any]:
+        """What is set of the one model."""
+        return parse_settings([self.model_name], self.settings)[self.model_name]
+
+    def make(self) -> Callable[[Muscle], MuscleModel]:
+        """Return what makes the one model, options without effect being refused."""
+        check_fields([self.model_name], self.fields)
+        return make_class(
+            self.model_name, ends=self.ends, load_path=self.load_path, constants=self.constants
+        )
+
+    def build(self, *, pressure: float) -> MuscleModel:
+        """Return the one model of the muscle, for the direction asked for."""
+        muscle = self.muscle
+        model = self.make()(muscle)
+        check_direction(model, self.direction, self.fields, pressure=pressure)
+        return model
+
+
+def _has_friction(model: MuscleModel, pressure: float) -> bool:
     """Whether the way makes a difference, at a pressure or at a typical one: many have none at 0.
 
     Where the model has no answer at the typical one, it is taken to.
@@ -241,7 +325,7 @@ def _say_unused(option: str, names: Sequence[str]) -> str:
 
 
 def describe_choices(model: MuscleModel) -> dict[str, str | None]:
-    """Return what the model was told, None where it has no such choice."""
+    """Return the choices of a model, None where it has no such choice."""
     return {option: getattr(model, option, None) for option in CHOICES}
 
 
@@ -250,8 +334,214 @@ def describe_muscle(muscle: Muscle) -> dict[str, float]:
 
 
 def _unit_suffix(name: str) -> str:
-    return UNITS[FIELDS[name][0]]
+    return f"_{FIELDS[name].unit}" if FIELDS[name].unit else ""
 
 
 def unit_of(name: str) -> str:
     return _unit_suffix(name).removeprefix("_")
+
+
+# ``--set [MODEL.]NAME=VALUE``: constants and choices of a model of the catalogue, from text.
+
+
+_KINDS = {"mm": "length", "MPa": "pressure", "N": "force", "rad": "angle"}
+
+
+def set_option(function: _Function) -> _Function:
+    """Add ``--set``, which can be repeated."""
+    return click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="[MODEL.]NAME=VALUE",
+        help="A constant of a model of the catalogue, see 'bozzini muscle models NAME'; can be "
+        "repeated. MODEL says whose it is, where several have one of that name.",
+    )(function)
+
+
+def find_card(name: str) -> Card | None:
+    """Return the card of a model; None for those of this package, which have none."""
+    return list_kinds()[name].card
+
+
+def parse_settings(names: Sequence[str], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return what is set in each model.
+
+    Raises
+    ------
+    InputError
+        If a text is no [MODEL.]NAME=VALUE, or names a law, nothing that the models take, or what
+        several of them have without saying which; or if a value is not legal in its model.
+    """
+    from ..errors import InputError
+
+    found: dict[str, dict[str, Any]] = {name: {} for name in names}
+    for text in texts:
+        place, mark, value = (part.strip() for part in text.partition("="))
+        model, dot, key = (part.strip() for part in place.rpartition("."))
+        key = key.replace("-", "_")
+        if not (key and mark and value) or bool(dot) != bool(model):
+            raise InputError(
+                f"--set is '{text}': it must be NAME=VALUE or MODEL.NAME=VALUE, such as kappa1=0.5"
+            )
+        card = _find_owner([model] if model in names else names, model, key)
+        if key in found[card.name]:
+            raise InputError(f"--set names {place} more than once: give it once")
+        found[card.name][key] = _parse_value(card, key, value)
+    return found
+
+
+def _find_owner(names: Sequence[str], model: str, key: str) -> Card:
+    """Return the card of the one model of some that takes a constant."""
+    from ..errors import InputError
+
+    if model and model not in names:
+        known = "not among those taken" if model in list_kinds() else "not known"
+        raise InputError(
+            f"--set names the model '{model}', which is {known}: it must be "
+            f"{_list_some(list(names))}"
+        )
+    cards = [card for card in map(find_card, names) if card is not None and key in card.keywords]
+    if not cards:
+        raise InputError(f"--set names '{key}': {_say_legal(names)}")
+    if len(cards) > 1:
+        raise InputError(
+            f"--set names '{key}', which several models have: name the model, as in "
+            f"{cards[0].name}.{key}=VALUE; they are {_list_some([card.name for card in cards])}"
+        )
+    return cards[0]
+
+
+def _list_some(names: list[str]) -> str:
+    shown = ", ".join(names[:8])
+    return shown if len(names) <= 8 else f"{shown} or one of {len(names) - 8} more"
+
+
+def parse_constant(item: Parameter, text: str) -> float:
+    """Return the value of a constant: a number in its unit, or a quantity where that is simple.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    from ..errors import InputError
+    from ..units import parse_quantity
+
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    if item.unit in _KINDS:
+        return parse_quantity(text, _KINDS[item.unit])
+    raise InputError(f"{item.name} is '{text}': it must be a number, in {item.unit or 'no unit'}")
+
+
+def describe_constants(model: MuscleModel) -> dict[str, Any]:
+    """Return the constants and choices of a model of the catalogue; none of the others."""
+    given: Mapping[str, Any] = getattr(model, "keywords", {})
+    return {name: value for name, value in given.items() if not callable(value)}
+
+
+def _parse_value(card: Card, key: str, text: str) -> float | str:
+    from ..errors import InputError
+
+    for item in card.parameters:
+        if item.name == key:
+            return card.check_parameter(key, parse_constant(item, text))
+    for law in card.laws:
+        if law.name == key:
+            raise InputError(
+                f"{key} of the model {card.name} is a law, a function of "
+                f"{', '.join(law.arguments)}: it cannot be set here, give it in Python"
+            )
+    return card.check_choice(key, text)
+
+
+def _say_legal(names: Sequence[str]) -> str:
+    parts = []
+    for name in names:
+        card = find_card(name)
+        legal: list[str] = []
+        if card is not None:
+            laws = {law.name for law in card.laws}
+            legal = [word for word in card.keywords if word not in laws]
+        parts.append(f"{name} takes {', '.join(legal) or 'no constants'}")
+    if len(parts) > 3:
+        return "none of these models takes it"
+    return f"the model {' and '.join(parts)}"
+
+
+# What ``bozzini muscle compare`` and ``bozzini muscle fit`` share: the table of measurements.
+
+
+@dataclass(frozen=True)
+class DataRequest:
+    """A table of measurements, as the options ask for it."""
+
+    source: Path
+    units: tuple[str, ...]
+    take_mean: bool
+
+    def read(self, muscle: Muscle) -> Measurements:
+        """Return the measurements of a muscle."""
+        from ..errors import InputError
+        from ..muscle.data import read_measurements
+
+        table = {}
+        for item in self.units:
+            name, mark, unit = item.partition("=")
+            if not (name and mark and unit):
+                raise InputError(
+                    f"--unit is '{item}': it must be COLUMN=UNIT, such as pressure=kPa"
+                )
+            table[name.strip()] = unit.strip()
+        data = read_measurements(self.source, muscle=muscle, units=table)
+        return data.mean_of_directions() if self.take_mean else data
+
+
+data_options = gather(
+    "table",
+    DataRequest,
+    click.argument("source", metavar="DATA", type=click.Path(path_type=Path)),
+    click.option(
+        "--unit",
+        "units",
+        multiple=True,
+        metavar="COLUMN=UNIT",
+        help="Unit of a column that states none, e.g. pressure=kPa; can be repeated.",
+    ),
+    click.option(
+        "--mean", "take_mean", is_flag=True, help="Take the mean of inflation and deflation."
+    ),
+)
+request_options = gather("asked", Request.take, set_option, design_options, model_options)
+one_model_options = gather(
+    "asked", Request.take, model_option, set_option, design_options, model_options
+)
+directed_options = gather(
+    "asked",
+    Request.take,
+    model_option,
+    direction_option,
+    set_option,
+    design_options,
+    model_options,
+)
+
+
+def check_friction(
+    fields: Mapping[str, float | None], data: Measurements, *, free: tuple[str, ...]
+) -> None:
+    from ..errors import InputError
+
+    given = fields.get("friction_length") is not None and "friction_length" not in free
+    if given and not (data.direction != "").any():
+        raise InputError("--friction-length has no effect: no row of the data has a direction")
+
+
+def note_data(data: Measurements) -> str:
+    lines = [f"note: {text}\n" for text in data.notes]
+    if data.ignored:
+        lines.insert(0, f"ignored columns: {', '.join(data.ignored)}\n")
+    return "".join(lines)

@@ -2,34 +2,70 @@
 
 from __future__ import annotations
 
-from .amplitudes import Reach, find_reach
-from .combine import find_resultant
-from .conflicts import find_conflicts
-from .cubic import CubicFit, fit_cubic, look_up_pressures
-from .design import BEAM_FACTORS, EffectorDesign, PlacedMuscle, rigidity_from_test
+from .design import (
+    BEAM_FACTORS,
+    PRESETS,
+    EffectorDesign,
+    PlacedMuscle,
+    effector_preset,
+    rigidity_from_test,
+)
 from .effector import Effector
 from .equilibrium import BALANCE_METHODS, Balance, balance
-from .forward import (
-    Bend,
+from .inverse import (
+    INVERSE_OUTCOMES,
+    EffectorInverse,
+    ProjectedInverse,
+    Reach,
+    Sectors,
+    find_reach,
+    find_sectors,
+    project_inverse,
+    solve_inverse,
+)
+from .linkage import (
+    LinkageBend,
     Peak,
     bend,
     contraction_for_lateral,
+    find_conflicts,
     find_peak,
     lateral_deflection,
     lateral_slope,
     place_curve,
 )
-from .inverse import InverseResult, solve_inverse
-from .optimise import Optimum, optimise_design
-from .pose import POSE_METHODS, EffectorPose, pose
-from .presets import PRESETS, preset
-from .projected import INVERSE_OUTCOMES, ProjectedInverse, project_inverse
-from .sectors import Sectors, find_sectors
-from .stick import Stick, find_stick_scale, steer
-from .study import Sweep, SweepRow, change_design, find_needed_pressure, sweep
-from .tip_force import TipForce, passive_stiffness, tip_force, tip_stiffness
-from .trace import Trace, trace_circle, trace_line, trace_path
-from .workspace import Workspace, place_tips, workspace
+from .pose import POSE_METHODS, EffectorPose, find_resultant, pose
+from .section import Section
+from .steering import (
+    CubicFit,
+    Stick,
+    Trace,
+    find_stick_scale,
+    fit_cubic,
+    look_up_pressures,
+    steer,
+    trace_circle,
+    trace_line,
+    trace_path,
+)
+from .study import (
+    Optimum,
+    Sweep,
+    SweepRow,
+    change_design,
+    find_needed_pressure,
+    optimise_design,
+    sweep,
+)
+from .workspace import (
+    TipForce,
+    Workspace,
+    passive_stiffness,
+    place_tips,
+    tip_force,
+    tip_stiffness,
+    workspace,
+)
 
 __all__ = [
     "BALANCE_METHODS",
@@ -38,17 +74,18 @@ __all__ = [
     "POSE_METHODS",
     "PRESETS",
     "Balance",
-    "Bend",
+    "LinkageBend",
     "CubicFit",
     "Effector",
     "EffectorDesign",
     "EffectorPose",
-    "InverseResult",
+    "EffectorInverse",
     "Optimum",
     "Peak",
     "PlacedMuscle",
     "ProjectedInverse",
     "Reach",
+    "Section",
     "Sectors",
     "Stick",
     "Sweep",
@@ -76,7 +113,7 @@ __all__ = [
     "place_curve",
     "place_tips",
     "pose",
-    "preset",
+    "effector_preset",
     "project_inverse",
     "rigidity_from_test",
     "solve_inverse",

@@ -14,8 +14,19 @@ from numpy.typing import NDArray
 from ..checks import check_integer, check_number
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
+from ..muscle import preset as muscle_preset
 
-__all__ = ["BEAM_FACTORS", "EffectorDesign", "PlacedMuscle", "rigidity_from_test"]
+__all__ = [
+    "BEAM_FACTORS",
+    "EffectorDesign",
+    "PRESETS",
+    "PlacedMuscle",
+    "effector_preset",
+    "rigidity_from_test",
+]
+
+# The design of a flexible end-effector: muscles round a backbone, and how stiff it is.
+
 
 BEAM_FACTORS = (2.0, 3.0)
 """``k`` of the tip's deflection ``M L**2 / (k EI)`` under an end moment: derived, as printed."""
@@ -263,3 +274,35 @@ def rigidity_from_test(force: float, deflection: float, length: float) -> float:
     rigidity = load * arm * arm * arm / (3.0 * moved)
     low, high, unit = LIMITS["flexural_rigidity"]
     return check_number("flexural rigidity of the test", rigidity, low=low, high=high, unit=unit)
+
+
+# End-effectors that others have described, by name.
+
+
+PRESETS: dict[str, EffectorDesign] = {
+    "prototype": EffectorDesign(
+        muscles=tuple(
+            PlacedMuscle(name=name, muscle=muscle_preset("fitted-45"), angle=math.radians(degrees))
+            for name, degrees in (("R", 307.5), ("G", 219.0), ("B", 75.0))
+        )
+    ),
+}
+"""End-effectors by name.
+
+- ``prototype``: the thesis's, with muscles R, G and B at 307.5, 219 and 75 degrees (Fig. 4.9). Its
+  offset of 4 mm and its ``EI`` of 200 N mm^2 are those that Tables 4.1-4.4 were computed with. The
+  drawn holder leaves no space for a muscle so far out (`find_conflicts`).
+"""
+
+
+def effector_preset(name: str, **overrides: Any) -> EffectorDesign:
+    """Return an end-effector of `PRESETS`, with some fields changed.
+
+    Raises
+    ------
+    InputError
+        If there is no such preset, or a field or its value is not legal.
+    """
+    if name not in PRESETS:
+        raise InputError(f"there is no effector preset '{name}': choose one of {sorted(PRESETS)}")
+    return PRESETS[name].replace(**overrides)

@@ -1,110 +1,59 @@
-"""An end-effector that can be computed with: a design, and a model of its muscles."""
+"""An end-effector as a robot: pressures to a pose, and a place of the tip to pressures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..checks import check_array
-from ..errors import InputError
-from ..muscle import EnergyMuscle, Muscle, MuscleModel
-from ._pack import PackedEffector, pack_effector
-from .design import EffectorDesign
+from .inverse import EffectorInverse, solve_inverse
+from .pose import EffectorPose, PoseMethod, pose
+from .section import Section
+from .workspace import Workspace, workspace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["Effector"]
 
 
 @dataclass(frozen=True)
-class Effector:
-    """A design with a model of its muscles.
+class Effector(Section):
+    """An end-effector: a design and a model of its muscles, with forward and inverse kinematics.
 
     Parameters
     ----------
     design : EffectorDesign
         The section.
     model : callable
-        Gives a `MuscleModel` for a `Muscle`: `EnergyMuscle`, `ThesisMuscle`, or any function such
-        as ``lambda muscle: ThesisMuscle(muscle, load_path="bulk")``. Any model will do; those two,
-        without trellis ends, run compiled. Friction and hysteresis of the muscles are left out.
-
-    Attributes
-    ----------
-    models : tuple of MuscleModel
-        One for each muscle, in the order of the design.
-    packed : PackedEffector
-        The same as numbers, for the kernels.
+        Gives a `MuscleModel` for a `Muscle`; `EnergyMuscle` by default.
 
     Raises
     ------
     InputError
-        If the model does not answer what `MuscleModel` asks.
+        As `Section` does.
     """
 
-    design: EffectorDesign
-    model: Callable[[Muscle], MuscleModel] = EnergyMuscle
-    models: tuple[MuscleModel, ...] = field(init=False, repr=False, compare=False)
-    packed: PackedEffector = field(init=False, repr=False, compare=False)
+    def forward(
+        self,
+        pressures: ArrayLike | Mapping[str, ArrayLike],
+        *,
+        method: PoseMethod = "superposition",
+        order: Sequence[str] | None = None,
+    ) -> EffectorPose:
+        """Return the pose under a pressure for each muscle [MPa]; see `bozzini.effector.pose`."""
+        return pose(self, pressures, method=method, order=order)
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.design, EffectorDesign):
-            raise InputError(
-                f"design is a {type(self.design).__name__}: it must be an EffectorDesign"
-            )
-        if not callable(self.model):
-            raise InputError(f"model is {self.model!r}: it must be a class or a function")
-        models = tuple(self.model(placed.muscle) for placed in self.design.muscles)
-        for built in models:
-            if not isinstance(built, MuscleModel):
-                raise InputError(f"model gives a {type(built).__name__}: it must be a MuscleModel")
-        object.__setattr__(self, "models", models)
-        object.__setattr__(self, "packed", pack_effector(self.design, models))
+    def inverse(self, tip: ArrayLike) -> EffectorInverse:
+        """Return the pressures for lateral places of the tip (..., 2) [mm]; see `solve_inverse`."""
+        return solve_inverse(self, tip)
 
-    def take_pressures(self, pressures: ArrayLike | Mapping[str, ArrayLike]) -> NDArray[np.float64]:
-        """Return pressures (..., m) [MPa] in the order of the design, checked.
+    def workspace(self, *, directions: int = 360, samples: int = 2000) -> Workspace:
+        """Return where the tip can go; see `bozzini.effector.workspace`."""
+        return workspace(self, directions=directions, samples=samples)
 
-        Parameters
-        ----------
-        pressures : array_like, shape (..., m), or mapping
-            Of all muscles in order, or by name; by name, a muscle left out has none.
-
-        Raises
-        ------
-        InputError
-            If a name, a shape or a pressure is not legal.
-        """
-        names = self.design.names
-        try:
-            if isinstance(pressures, Mapping):
-                for name in pressures:
-                    self.design.index(name)
-                columns = [
-                    check_array(f"pressure of muscle {name}", pressures.get(name, 0.0))
-                    for name in names
-                ]
-                table = np.stack(np.broadcast_arrays(*columns), axis=-1)
-            else:
-                table = np.array(check_array("pressures", pressures), order="C")
-        except InputError:
-            raise
-        except ValueError:
-            raise InputError(
-                f"pressures is {pressures!r:.60}: it must be an array (..., {len(names)}), or a "
-                "mapping from names to numbers or arrays of one shape"
-            ) from None
-        if table.ndim == 0 or table.shape[-1] != len(names):
-            raise InputError(
-                f"pressures has shape {table.shape}: it must be (..., {len(names)}), one for each "
-                f"of {list(names)}"
-            )
-        limit = self.design.pressure_limit
-        most = limit * (1.0 + 1e-12)  # round-off of a unit
-        if table.size and not (table.min() >= 0.0 and table.max() <= most):
-            index = int(np.argmin((table >= 0.0) & (table <= most)))
-            raise InputError(
-                f"pressure of muscle {names[index % len(names)]} is {table.flat[index]:g} MPa: it "
-                f"must lie in [0, {limit:g}] MPa"
-            )
-        return table
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the workspace, seen along the axis, and return the axes."""
+        return self.workspace().plot(ax)

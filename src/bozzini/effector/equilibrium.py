@@ -1,31 +1,167 @@
-"""One muscle on the section: contraction, pull and deflection at a pressure (thesis 4.4)."""
+"""One muscle on the section, at rest under a pressure."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number
 from ..errors import InputError
-from ..muscle import MuscleModel, ThesisMuscle
-from . import _equilibrium_kernels as kernels
-from ._settle import describe, settle_muscles
-from .effector import Effector
-from .forward import lateral_deflection
+from ..muscle import MuscleModel
+from ..results import Result, take_axes
+from .kernels import balance as kernels
+from .linkage import describe_end, lateral_deflection, measure_laterals
+from .section import Section
 
-__all__ = ["BALANCE_METHODS", "Balance", "balance"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["BALANCE_METHODS", "Balance", "Settled", "balance", "describe", "settle_muscles"]
+
+# Equilibria of any muscle model on the section, in batches: contraction, deflection, codes.
+
 
 Floats = NDArray[np.float64]
 
-BALANCE_METHODS = ("root", "fixed-point")
+MAX_ITERATIONS = 200
 
-MAX_ITERATIONS = 300
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Equilibria of k cases of m muscles; arrays (k, m), of the units of `Balance`."""
+
+    contraction: Floats
+    lateral: Floats
+    residual: Floats
+    iterations: NDArray[np.int64]
+    code: NDArray[np.int64]
+
+
+def settle_muscles(effector: Section, pressures: Floats) -> Settled:
+    """Return the equilibria of each muscle alone, at pressures (k, m) [MPa].
+
+    Raises
+    ------
+    InputError
+        If a model has no answer at a pressure.
+    """
+    packed = effector.packed
+    out = np.empty((3, *pressures.shape))
+    iterations = np.empty(pressures.shape, dtype=np.int64)
+    codes = np.empty(pressures.shape, dtype=np.int64)
+    kernels.settle(
+        packed.functions,
+        packed.rows,
+        packed.linkage,
+        packed.compliance,
+        packed.peak.contraction,
+        pressures,
+        out,
+        iterations,
+        codes,
+    )
+    for j in packed.uncompiled:
+        model = effector.models[j]
+        out[:, :, j], iterations[:, j], codes[:, j] = _settle_model(
+            effector, model, pressures[:, j]
+        )
+    if np.any(codes == kernels.NO_ANSWER):
+        i, j = np.argwhere(codes == kernels.NO_ANSWER)[0]
+        raise InputError(
+            f"pressure of muscle {effector.design.names[j]} is {pressures[i, j]:g} MPa: the "
+            f"equations of the {effector.models[j].name} model have no answer there for this "
+            "muscle; give a lower pressure (legal "
+            f"are at most [0, {effector.design.pressure_limit:g}] MPa)"
+        )
+    return Settled(out[0], out[1], out[2], iterations, codes)
+
+
+def describe(effector: Section, code: int, contraction: float, residual: float) -> str:
+    """Return why an equilibrium is none, or "" if it is one."""
+    peak = effector.packed.peak
+    if code == kernels.SATURATED:
+        demanded = peak.lateral + effector.packed.compliance * residual
+        more = f"the muscle could hold {demanded:.4g} mm" if residual > 0.0 else "it contracts more"
+        return f"saturated: {more}, at {peak.lateral:.4g} mm, {describe_end(effector.design)}"
+    if code == kernels.STOPPED:
+        return f"not converged: {residual:.3g} N is left over at {contraction:g} mm of contraction"
+    return ""
+
+
+def _settle_model(
+    effector: Section, model: MuscleModel, pressures: Floats
+) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+    """The same for any model, by Newton's method in a bracket on `force` and `stiffness`."""
+    packed = effector.packed
+    out = np.zeros((3, pressures.size))
+    iterations = np.zeros(pressures.size, dtype=np.int64)
+    codes = np.full(pressures.size, kernels.BALANCED, dtype=np.int64)
+    free = np.zeros(pressures.size)
+    pressed = np.flatnonzero(pressures > 0.0)
+    if pressed.size:
+        free[pressed] = model.free_contraction(pressures[pressed])
+    codes[free < 0.0] = kernels.SLACK
+    active = np.flatnonzero(free > 0.0)
+    low, high = np.zeros(pressures.size), np.minimum(free, packed.peak.contraction)
+    x = 0.5 * high
+    ends = active[free[active] > packed.peak.contraction]
+    if ends.size:
+        # At the end of the branch first: a muscle that pulls more there has no root.
+        left = model.force(pressures[ends], high[ends]) - packed.peak.lateral / packed.compliance
+        beyond = ends[left > 0.0]
+        codes[beyond] = kernels.SATURATED
+        x[beyond] = packed.peak.contraction
+        iterations[beyond] = 1
+        active = np.setdiff1d(active, beyond)
+    codes[active] = kernels.STOPPED
+    tolerance = kernels.STEP_TOLERANCE * packed.linkage[1]
+    for iteration in range(1, MAX_ITERATIONS):
+        if not active.size:
+            break
+        here, pressure = x[active], pressures[active]
+        lateral, slope = measure_laterals(effector.design, here)
+        pull, stiffness = model.force(pressure, here), model.stiffness(pressure, here)
+        miss = pull - lateral / packed.compliance
+        steep = stiffness + slope / packed.compliance
+        small = kernels.PULL_TOLERANCE * np.abs(pull) + kernels.ROUND_OFF * (
+            packed.linkage[1] * np.abs(stiffness) + here * np.abs(steep)
+        )
+        low[active] = np.where(miss >= 0.0, here, low[active])
+        high[active] = np.where(miss <= 0.0, here, high[active])
+        bottom, top = low[active], high[active]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            following = here + miss / steep
+        inside = (steep > 0.0) & (bottom <= following) & (following <= top)
+        middle = 0.5 * (bottom + top)
+        x[active] = np.where(inside, following, middle)
+        iterations[active] = iteration
+        ended = inside & (np.abs(following - here) <= tolerance) & (np.abs(miss) <= small)
+        ended |= (miss == 0.0) | ~((bottom < middle) & (middle < top))
+        codes[active[ended]] = kernels.BALANCED
+        active = active[~ended]
+    moved = free > 0.0
+    out[0] = np.where(moved, x, 0.0)
+    out[1] = lateral_deflection(effector.design, out[0])
+    if moved.any():
+        pull = model.force(pressures[moved], out[0, moved])
+        out[2, moved] = pull - out[1, moved] / packed.compliance
+    return out, iterations, codes
+
+
+# One muscle on the section: contraction, pull and deflection at a pressure (thesis 4.4).
+
+
+BalanceMethod = Literal["root", "fixed-point"]
+BALANCE_METHODS: tuple[BalanceMethod, ...] = get_args(BalanceMethod)
+
+MAX_STEPS = 300
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Balance:
+class Balance(Result):
     """One muscle and the section at rest under a pressure. Arrays of the pressures' shape.
 
     Attributes
@@ -74,13 +210,28 @@ class Balance:
     reason: NDArray[np.str_]
     table: Floats
 
+    def list_columns(self) -> dict[str, Floats]:
+        """Return the columns of `to_frame`, a row for each pressure."""
+        return {
+            "pressure_MPa": np.atleast_1d(self.pressure).ravel(),
+            "contraction_mm": np.atleast_1d(self.contraction).ravel(),
+            "lateral_mm": np.atleast_1d(self.lateral).ravel(),
+            "force_N": np.atleast_1d(self.force).ravel(),
+        }
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the deflection over the pressure, and return the axes."""
+        axes = take_axes(ax, x="pressure [kPa]", y="lateral deflection [mm]")
+        axes.plot(1e3 * np.ravel(self.pressure), np.ravel(self.lateral), ".-", label=self.name)
+        return axes
+
 
 def balance(
-    effector: Effector,
+    effector: Section,
     name: str,
     pressure: ArrayLike,
     *,
-    method: str = "root",
+    method: BalanceMethod = "root",
     tolerance: float = 1e-6,
 ) -> Balance:
     """Return one muscle and the section at rest under a pressure.
@@ -156,7 +307,7 @@ def balance(
     )
 
 
-def _iterate(effector: Effector, place: int, pressures: Floats, tolerance: float) -> Balance:
+def _iterate(effector: Section, place: int, pressures: Floats, tolerance: float) -> Balance:
     """Solve by the thesis's fixed point."""
     name, model = effector.design.names[place], effector.models[place]
     packed = effector.packed
@@ -167,7 +318,7 @@ def _iterate(effector: Effector, place: int, pressures: Floats, tolerance: float
     converged = np.zeros(flat.size, dtype=np.bool_)
     change = np.zeros(flat.size)
     slack = np.zeros(flat.size, dtype=np.bool_)
-    for step in range(1, MAX_ITERATIONS + 1):
+    for step in range(1, MAX_STEPS + 1):
         row = np.array(rows[-1]) if rows else np.zeros((flat.size, 4))
         going = np.flatnonzero(~converged)
         if not going.size:
@@ -195,7 +346,7 @@ def _iterate(effector: Effector, place: int, pressures: Floats, tolerance: float
     # Past the largest deflection the iteration may well end, but the section is folded over.
     saturated = last[:, 1] > packed.peak.contraction
     reasons = [
-        f"not converged: the deflection still changes after {MAX_ITERATIONS} steps; the section is "
+        f"not converged: the deflection still changes after {MAX_STEPS} steps; the section is "
         "stiffer than the muscle, use method='root'"
         if not done
         else f"saturated: a contraction of {x:.4g} mm is past {packed.peak.contraction:.4g} mm, "
@@ -222,6 +373,4 @@ def _iterate(effector: Effector, place: int, pressures: Floats, tolerance: float
 
 
 def _contract(model: MuscleModel, pressures: Floats, loads: Floats) -> Floats:
-    if isinstance(model, ThesisMuscle) and model.load_path == "none":
-        return model.contraction(pressures)  # it has no response to a load
-    return model.contraction(pressures, loads)
+    return model.contraction(pressures, loads) if model.takes_load else model.contraction(pressures)

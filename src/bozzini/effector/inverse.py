@@ -1,31 +1,405 @@
-"""The exact inverse: from a lateral target of the tip to the pressures of the muscles."""
+"""Inverse kinematics: from a lateral target of the tip to the pressures (thesis 4.5)."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _inverse_kernels
-from ._equilibrium_kernels import OTHER
-from ._pressure import find_model_pressures
-from .amplitudes import Reach, find_reach
-from .effector import Effector
-from .forward import lateral_slope
-from .projected import ProjectedInverse, project_inverse, split, take_targets
+from ..checks import check_array, check_number, check_points, check_range
+from ..errors import InputError
+from ..muscle import MuscleModel
+from ..results import Result, take_axes
+from .design import EffectorDesign
+from .equilibrium import settle_muscles
+from .kernels import inverse as kernels
+from .kernels.balance import SATURATED
+from .linkage import describe_end, lateral_slope
+from .section import PackedEffector, Section
 
-__all__ = ["InverseResult", "ProjectedInverse", "project_inverse", "solve_inverse"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = [
+    "EffectorInverse",
+    "HALF_TURN",
+    "INVERSE_OUTCOMES",
+    "ProjectedInverse",
+    "Reach",
+    "Sectors",
+    "find_model_pressures",
+    "find_reach",
+    "find_sectors",
+    "project_inverse",
+    "solve_inverse",
+]
+
+# Sectors of the lateral plane: between one muscle and the next, by angle (thesis 4.5).
+
+
+HALF_TURN = math.pi - 1e-9
+"""Gap from which two muscles no longer cover the directions between them [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sectors:
+    """The sectors between neighbouring muscles, in the order of their angles.
+
+    Attributes
+    ----------
+    order : (m,) int
+        Indices of the muscles in the design, by angle in [0, 2 pi).
+    angles : (m,) float
+        Angles in that order [rad].
+    gaps : (m,) float
+        Angle from muscle ``order[k]`` to the next, the last to the first [rad]; they add up to
+        2 pi.
+    covered : (m,) bool
+        Whether the two muscles reach the directions between them: the gap is less than half a turn.
+    """
+
+    order: NDArray[np.int64]
+    angles: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    covered: NDArray[np.bool_]
+    cosines: NDArray[np.float64]
+    sines: NDArray[np.float64]
+
+    @property
+    def covers_all(self) -> bool:
+        """Whether every direction lies between two muscles less than half a turn apart."""
+        return bool(self.covered.all())
+
+    def describe_gaps(self, names: tuple[str, ...]) -> str:
+        """Return the gaps that are not covered as text, such as ``from G to B (200 deg)``."""
+        count = self.order.size
+        return ", ".join(
+            f"from {names[self.order[k]]} to {names[self.order[(k + 1) % count]]} "
+            f"({math.degrees(self.gaps[k]):g} deg)"
+            for k in np.flatnonzero(~self.covered)
+        )
+
+
+def find_sectors(design: EffectorDesign) -> Sectors:
+    """Return the sectors between the muscles of a design."""
+    angles = np.mod(np.asarray(design.angles, dtype=np.float64), 2.0 * math.pi)
+    order = np.argsort(angles, kind="stable")
+    angles = angles[order]
+    gaps = np.diff(angles, append=angles[0] + 2.0 * math.pi)
+    return Sectors(
+        order=order,
+        angles=angles,
+        gaps=gaps,
+        covered=gaps < HALF_TURN,
+        cosines=np.cos(angles),
+        sines=np.sin(angles),
+    )
+
+
+# The inverse in the projected workspace: a lateral target to displacements of two muscles.
+
+
+INVERSE_OUTCOMES = ("reached", "muscle limit", "largest deflection", "gap")
+"""What the codes 0 to 3 of an inverse mean."""
+
+TARGET_LIMIT_MM = 1e9
+"""Largest legal coordinate of a target [mm]: a limit of the arithmetic."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProjectedInverse:
+    """Displacements of the two muscles on either side of a target (thesis 4.10-4.16).
+
+    Attributes
+    ----------
+    target : (..., 2) float
+        Lateral position wanted [mm].
+    displacements : (..., m) float
+        Displacement by each muscle in its own direction, in the order of the design [mm]; at most
+        two are not zero.
+    pair : (..., 2) int
+        The two muscles as indices in the design; -1 where there is none. The second is the next
+        one by angle. A target along a muscle has that muscle and a neighbour, with 0 mm.
+    share : (...) float
+        Share of the target that is delivered, ``R / |v|``.
+    delivered : (..., 2) float
+        ``share * target``: where the displacements lead [mm].
+    code : (...) int
+        Index into `INVERSE_OUTCOMES`. 0: reached; 1: a muscle at its amplitude; 2: the largest
+        deflection of the backbone; 3: a direction in a gap between muscles of half a turn or more.
+    """
+
+    target: NDArray[np.float64]
+    displacements: NDArray[np.float64]
+    pair: NDArray[np.int64]
+    share: NDArray[np.float64]
+    delivered: NDArray[np.float64]
+    code: NDArray[np.int64]
+
+    @property
+    def reachable(self) -> NDArray[np.bool_]:
+        """Whether the whole target is delivered."""
+        return np.asarray(self.code == kernels.REACHED)
+
+
+def project_inverse(
+    design: EffectorDesign,
+    target: ArrayLike,
+    *,
+    amplitudes: ArrayLike,
+    peak: float = math.inf,
+) -> ProjectedInverse:
+    """Split lateral targets between the two muscles of the sector they lie in.
+
+    The sector is the one where neither displacement is negative, which is the thesis's angle test
+    with the gap taken modulo 2 pi and without its exact equality. Beyond the amplitudes the
+    direction is kept: ``t = min(1, A_i / a_i, A_j / a_j)`` is (4.15) and (4.16) in one. Only the
+    two neighbours are used, as in the thesis; with four muscles or more, three at once could reach
+    further.
+
+    Parameters
+    ----------
+    design : EffectorDesign
+    target : (..., 2) array_like
+        Lateral positions [mm].
+    amplitudes : () or (m,) array_like
+        Largest displacement by each muscle, in the order of the design [mm].
+    peak : float
+        Largest deflection of the backbone, whatever the muscles [mm].
+
+    Raises
+    ------
+    InputError
+        If an argument has a wrong shape, or a value is not finite or negative.
+    """
+    targets = take_targets(target)
+    sectors = find_sectors(design)
+    limit = check_number("peak", 1e12 if peak == math.inf else peak, low=0.0, high=1e12, unit="mm")
+    return split(sectors, targets, take_amplitudes(design, amplitudes)[sectors.order], limit)
+
+
+def take_targets(target: ArrayLike) -> NDArray[np.float64]:
+    """Return lateral targets as (..., 2) floats, or raise `InputError`."""
+    return _take_places("target", target)
+
+
+def take_place(name: str, place: ArrayLike) -> NDArray[np.float64]:
+    """Return one lateral place as (2,) floats, or raise `InputError`."""
+    point = _take_places(name, place)
+    if point.shape != (2,):
+        raise InputError(f"{name} has shape {point.shape}: it must be (2,)")
+    return point
+
+
+def _take_places(name: str, places: ArrayLike) -> NDArray[np.float64]:
+    targets = check_points(name, check_array(name, places), dim=2)
+    if targets.size and not np.abs(targets).max() <= TARGET_LIMIT_MM:
+        index = int(np.argmax(np.abs(targets)))
+        raise InputError(
+            f"{name} {'xy'[index % 2]} is {targets.flat[index]:g} mm: it must lie in "
+            f"[{-TARGET_LIMIT_MM:g}, {TARGET_LIMIT_MM:g}] mm"
+        )
+    return targets
+
+
+def take_amplitudes(design: EffectorDesign, amplitudes: ArrayLike) -> NDArray[np.float64]:
+    """Return amplitudes as (m,) floats, or raise `InputError`."""
+    count = len(design.muscles)
+    values = check_array("amplitudes", amplitudes)
+    if values.shape not in ((), (count,)):
+        raise InputError(f"amplitudes has shape {values.shape}: it must be () or ({count},)")
+    check_range("amplitude", values, 0.0, 1e12, "mm")
+    return np.array(np.broadcast_to(values, (count,)))
+
+
+def split(
+    sectors: Sectors,
+    targets: NDArray[np.float64],
+    amplitudes: NDArray[np.float64],
+    peak: float,
+) -> ProjectedInverse:
+    """Return the inverse of checked targets; `amplitudes` in the order of the sectors."""
+    shape, count = targets.shape[:-1], sectors.order.size
+    flat = np.ascontiguousarray(targets).reshape(-1, 2)
+    rows = len(flat)
+    displacements = np.empty((rows, count))
+    pair = np.empty((rows, 2), dtype=np.int64)
+    share = np.empty(rows)
+    code = np.empty(rows, dtype=np.int64)
+    kernels.split_targets(
+        sectors.order,
+        sectors.cosines,
+        sectors.sines,
+        sectors.covered,
+        amplitudes,
+        peak,
+        flat,
+        displacements,
+        pair,
+        share,
+        code,
+    )
+    return ProjectedInverse(
+        target=targets,
+        displacements=displacements.reshape(*shape, count),
+        pair=pair.reshape(*shape, 2),
+        share=share.reshape(shape),
+        delivered=share.reshape(*shape, 1) * targets,
+        code=code.reshape(shape),
+    )
+
+
+# How far each muscle alone takes the tip at the pressure limit.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reach:
+    """What the muscles of an end-effector can do, each alone.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The muscles, in the order of the design.
+    amplitudes : (m,) float
+        Lateral deflection by each at the pressure limit, ``A_i`` [mm].
+    saturated : (m,) bool
+        Whether the muscle could go on, but the backbone's largest deflection is reached.
+    peak : float
+        The backbone's largest deflection [mm].
+    peak_reason : str
+        What ends it there, in words.
+    pressure_limit : float
+        The pressure limit [MPa].
+    sectors : Sectors
+        The sectors between the muscles.
+    """
+
+    names: tuple[str, ...]
+    amplitudes: NDArray[np.float64]
+    saturated: NDArray[np.bool_]
+    peak: float
+    peak_reason: str
+    pressure_limit: float
+    sectors: Sectors
+
+
+# By identity: packing is what an effector does once, and its hash would cost more than an inverse.
+_KNOWN: WeakKeyDictionary[PackedEffector, Reach] = WeakKeyDictionary()
+
+
+def find_reach(effector: Section) -> Reach:
+    """Return how far each muscle alone takes the tip; computed once for an effector.
+
+    It is what it does at the pressure limit, which is the most as long as more pressure contracts
+    the muscle more. (`ThesisMuscle` contracts less again above some 3 MPa.)
+
+    Raises
+    ------
+    InputError
+        If a muscle's model has no answer at the pressure limit.
+    """
+    known = _KNOWN.get(effector.packed)
+    if known is not None:
+        return known
+    design = effector.design
+    settled = settle_muscles(effector, np.full((1, len(design.muscles)), design.pressure_limit))
+    amplitudes = np.minimum(settled.lateral[0], effector.packed.peak.lateral)
+    saturated = settled.code[0] == SATURATED
+    amplitudes.setflags(write=False)
+    saturated.setflags(write=False)
+    found = Reach(
+        names=design.names,
+        amplitudes=amplitudes,
+        saturated=saturated,
+        peak=effector.packed.peak.lateral,
+        peak_reason=describe_end(design),
+        pressure_limit=design.pressure_limit,
+        sectors=find_sectors(design),
+    )
+    _KNOWN[effector.packed] = found
+    return found
+
+
+# The pressure at which any muscle model pulls so much at a contraction.
+
 
 Floats = NDArray[np.float64]
+
+MAX_ITERATIONS = 200
+
+
+def find_model_pressures(
+    model: MuscleModel, contraction: Floats, force: Floats, *, limit: float
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Return pressures in [0, limit], what pull is left over, and iterations, all (n,).
+
+    By Anderson and Bjoerck's regula falsi with bisections between, for all at once. Where the
+    muscle would not contract so far without load, its free contraction is what is looked at: some
+    models have no pull beyond it. No contraction is 0 MPa.
+    """
+    count = contraction.size
+    pressure, iterations = np.zeros(count), np.zeros(count, dtype=np.int64)
+    left_over = np.zeros(count)
+    active = np.flatnonzero(contraction > 0.0)
+    if not active.size:
+        return pressure, left_over, iterations
+    left, right = np.zeros(count), np.full(count, limit)
+    miss_left = -force
+    miss_right = np.zeros(count)
+    miss_right[active] = _measure(model, right[active], contraction[active], force[active])
+    pressure[active] = limit
+    left_over[active] = miss_right[active]
+    active = active[miss_right[active] > 0.0]
+    for iteration in range(1, MAX_ITERATIONS):
+        if not active.size:
+            break
+        low, high = left[active], right[active]
+        below, above = miss_left[active], miss_right[active]
+        middle = (low * above - high * below) / (above - below)
+        halved = 0.5 * (low + high)
+        stuck = (iteration % 4 == 0) | ~((low < middle) & (middle < high))
+        middle = np.where(stuck, halved, middle)
+        miss = _measure(model, middle, contraction[active], force[active])
+        last = pressure[active]
+        pressure[active], left_over[active] = middle, miss
+        iterations[active] = iteration
+        with np.errstate(divide="ignore", invalid="ignore"):
+            to_right = 1.0 - miss / above
+            to_left = 1.0 - miss / below
+        up = miss > 0.0
+        miss_left[active] = np.where(up, below * np.where(to_right > 0.0, to_right, 0.5), miss)
+        miss_right[active] = np.where(up, miss, above * np.where(to_left > 0.0, to_left, 0.5))
+        left[active] = np.where(up, low, middle)
+        right[active] = np.where(up, middle, high)
+        width = np.minimum(right[active] - left[active], np.abs(middle - last))
+        ended = (np.abs(miss) <= 1e-14 * force[active]) | (width <= 4e-16 * limit)
+        active = active[~ended]
+    return pressure, left_over, iterations
+
+
+def _measure(model: MuscleModel, pressure: Floats, contraction: Floats, force: Floats) -> Floats:
+    """Pull less force; where the free contraction is too short, how much so in its place."""
+    short = model.free_contraction(pressure) - contraction
+    miss = -force + force / contraction * np.minimum(short, 0.0)
+    enough = short > 0.0
+    if np.any(enough):
+        miss[enough] = model.force(pressure[enough], contraction[enough]) - force[enough]
+    return miss
+
+
+# The exact inverse: from a lateral target of the tip to the pressures of the muscles.
+
 
 TOLERANCE = 1e-6
 """Miss up to which a pressure counts as converged [mm]; a linkage that ends is that steep."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class InverseResult:
+class EffectorInverse(Result):
     """Pressures for lateral targets, and what they deliver.
 
     Attributes
@@ -73,7 +447,7 @@ class InverseResult:
     iterations: NDArray[np.int64]
     code: NDArray[np.int64]
     reach: Reach
-    pressure_map: str = "exact"
+    pressure_map: Literal["exact", "cubic"] = "exact"
 
     @property
     def reason(self) -> NDArray[np.str_]:
@@ -87,14 +461,14 @@ class InverseResult:
         residual = float(self.residual.flat[index])
         if not self.converged.flat[index]:
             return f"not converged: a displacement is missed by {residual:.3g} mm"
-        if code == _inverse_kernels.REACHED:
+        if code == kernels.REACHED:
             return ""
         known = self.reach
         size = math.hypot(x, y)
         goes = f"the target is {size:.4g} mm away, {self.share.flat[index] * size:.4g} mm are given"
-        if code == _inverse_kernels.PEAK:
+        if code == kernels.PEAK:
             return f"the backbone deflects by {known.peak:.4g} mm, {known.peak_reason}: {goes}"
-        if code == _inverse_kernels.OUTSIDE:
+        if code == kernels.OUTSIDE:
             return (
                 f"direction {math.degrees(math.atan2(y, x)):.4g} deg lies in a gap of half a turn "
                 f"or more, {known.sectors.describe_gaps(known.names)}: {goes}"
@@ -111,8 +485,25 @@ class InverseResult:
             most = f"the backbone's largest deflection, {known.peak_reason}"
         return f"muscle {who} is at {most}: {goes}"
 
+    def list_columns(self) -> dict[str, Floats]:
+        """Return the columns of `to_frame`, a row for each target."""
+        target, delivered = self.target.reshape(-1, 2), self.delivered.reshape(-1, 2)
+        columns = {f"target_{axis}_mm": target[:, k] for k, axis in enumerate("xy")}
+        for k, name in enumerate(self.reach.names):
+            columns[f"pressure_{name}_MPa"] = self.pressures[..., k].ravel()
+        columns |= {f"delivered_{axis}_mm": delivered[:, k] for k, axis in enumerate("xy")}
+        return {**columns, "residual_mm": np.ravel(self.residual)}
 
-def solve_inverse(effector: Effector, target: ArrayLike) -> InverseResult:
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw targets and what is delivered, seen along the axis, and return the axes."""
+        axes = take_axes(ax, x="x [mm]", y="y [mm]", equal=True)
+        axes.plot(*self.target.reshape(-1, 2).T, "+", label="target")
+        axes.plot(*self.delivered.reshape(-1, 2).T, "o", fillstyle="none", label="delivered")
+        axes.legend()
+        return axes
+
+
+def solve_inverse(effector: Section, target: ArrayLike) -> EffectorInverse:
     """Return the pressures that bring the backbone's end to lateral targets.
 
     The inverse of `pose` by superposition, exact and by roots in one unknown each: (4.13) gives the
@@ -145,7 +536,7 @@ def solve_inverse(effector: Effector, target: ArrayLike) -> InverseResult:
         effector, moves, limit=known.pressure_limit
     )
     residual = residual.reshape(shape)
-    return InverseResult(
+    return EffectorInverse(
         target=targets,
         pressures=pressures.reshape(*shape, count),
         displacements=found.displacements,
@@ -164,22 +555,22 @@ def solve_inverse(effector: Effector, target: ArrayLike) -> InverseResult:
 
 
 def solve_displacements(
-    effector: Effector, displacements: Floats, *, limit: float
+    effector: Section, displacements: Floats, *, limit: float
 ) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
     """Return contractions, pressures (n, m), residuals and iterations (n,) of displacements (n, m).
 
     Displacements must lie between 0 and the backbone's largest deflection; a pressure that would be
-    above `limit` is given as that, and the residual says so.
+    above `limit` is given as that, and the residual shows it.
     """
     packed = effector.packed
     contractions, pressures = np.empty_like(displacements), np.empty_like(displacements)
     residual = np.empty(len(displacements))
     iterations = np.empty(len(displacements), dtype=np.int64)
-    _inverse_kernels.place_displacements(
+    kernels.place_displacements(
         packed.linkage, packed.peak.contraction, displacements, contractions, residual, iterations
     )
-    _inverse_kernels.solve_pressures(
-        packed.kinds,
+    kernels.solve_pressures(
+        packed.functions,
         packed.rows,
         packed.linkage,
         packed.compliance,
@@ -190,7 +581,7 @@ def solve_displacements(
         residual,
         iterations,
     )
-    for k in np.flatnonzero(packed.kinds == OTHER):
+    for k in packed.uncompiled:
         pulls = displacements[:, k] / packed.compliance
         pressures[:, k], left, steps = find_model_pressures(
             effector.models[k], contractions[:, k], pulls, limit=limit
@@ -203,9 +594,9 @@ def solve_displacements(
 
 
 def _find_miss(
-    effector: Effector, index: int, contractions: Floats, pressures: Floats, left_over: Floats
+    effector: Section, index: int, contractions: Floats, pressures: Floats, left_over: Floats
 ) -> Floats:
-    """What `_inverse_kernels.measure_left_over` is, of any model that leaves over a pull [N]."""
+    """What `kernels.measure_left_over` is, of any model that leaves over a pull [N]."""
     packed = effector.packed
     miss = np.zeros(contractions.size)
     used = np.flatnonzero(contractions > 0.0)
@@ -216,7 +607,7 @@ def _find_miss(
     whole = packed.compliance * np.abs(left_over[used])
     slopes = np.maximum(slopes, 0.0)
     give = slopes + packed.compliance * np.maximum(stiffness, 0.0)
-    small = whole <= _inverse_kernels.SMALL * give * contractions[used]
+    small = whole <= kernels.FIRST_ORDER_SHARE * give * contractions[used]
     share = np.where(small, slopes / np.where(give > 0.0, give, 1.0), 1.0)
     miss[used] = whole * share
     return miss

@@ -1,34 +1,174 @@
-"""The pose of the end-effector under a pressure for each muscle."""
+"""The pose of the section under a pressure for each muscle (thesis 4.4)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..checks import check_array, check_points
 from ..errors import GeometryError, InputError
-from . import _equilibrium_kernels as kernels
-from . import _pose_kernels
-from ._settle import Settled, describe, settle_muscles
-from .combine import combine_bends, take_order
-from .effector import Effector
-from .forward import describe_end, raise_open
+from ..results import Result, take_axes
+from .equilibrium import Settled, describe, settle_muscles
+from .kernels import balance as kernels
+from .kernels import pose as pose_kernels
+from .linkage import describe_end, raise_open
+from .section import Section
 
-__all__ = ["POSE_METHODS", "EffectorPose", "pose"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = [
+    "EffectorPose",
+    "POSE_METHODS",
+    "PoseMethod",
+    "combine_bends",
+    "find_resultant",
+    "pose",
+    "take_order",
+]
+
+# Two muscles pressed one after the other: the thesis's direction cosines and eight steps.
+
 
 Floats = NDArray[np.float64]
 
-POSE_METHODS = ("superposition", "thesis")
+
+def find_resultant(angles: ArrayLike, forces: ArrayLike) -> Floats:
+    """Return ``(l_r, m_r)`` of the thesis's (4.7): where the resultant acts, over the offset.
+
+    It is the centre of the forces and not a direction: its norm is below 1 (0.72 for the thesis's
+    example), and the moment is ``a * norm * sum(forces)``.
+
+    Parameters
+    ----------
+    angles : array_like, shape (m,)
+        Angles of the muscles [rad].
+    forces : array_like, shape (..., m)
+        Pulls [N], 0 or more.
+
+    Returns
+    -------
+    (..., 2) ndarray
+        Centre of the forces over the offset; 0 where there is no force.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, a force is negative, or the shapes do not go together.
+    """
+    places = check_array("angles", angles)
+    if places.ndim != 1:
+        raise InputError(f"angles has shape {places.shape}: it must be (m,)")
+    check_points("angles", places, dim=places.size)
+    pulls = check_points("forces", check_array("forces", forces), dim=places.size)
+    if pulls.size and pulls.min() < 0.0:
+        raise InputError(f"force is {pulls.min():g} N: it must lie in [0, inf) N")
+    units = np.stack([np.cos(places), np.sin(places)], axis=-1)
+    total = pulls.sum(axis=-1, keepdims=True)
+    return np.asarray(pulls @ units / np.where(total > 0.0, total, 1.0))
+
+
+def take_order(effector: Section, order: Sequence[str] | None) -> NDArray[np.int64]:
+    """Return the places of the muscles in the order of pressing; the ones not named come after.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown or there twice.
+    """
+    if order is not None and not isinstance(order, Sequence):
+        raise InputError(f"order is {order!r:.60}: it must be a sequence of names")
+    named = [effector.design.index(name) for name in order or ()]
+    if len(set(named)) != len(named):
+        raise InputError(f"order is {list(order or ())}: each muscle may be there once")
+    rest = [place for place in range(len(effector.models)) if place not in named]
+    return np.array(named + rest, dtype=np.int64)
+
+
+def combine_bends(
+    effector: Section, contractions: Floats, forces: Floats, order: NDArray[np.int64]
+) -> Floats:
+    """Return backbones (k, n + 1, 3) [mm] by the thesis's steps 1 to 8, node by node.
+
+    At each node: turn the second muscle's displacement ``D2`` by the angle of the first muscle's
+    last piece, about the axis normal to it and the section's axis; then go from the first muscle's
+    place along the turned ``D2`` until the plane of the resultant is met. What is printed and not
+    taken: step 7 says "step 4" for step 6, and the axis (4.9) is no unit vector and not defined
+    where the section is straight. Where both displacements lie in the plane they are added.
+
+    Parameters
+    ----------
+    effector : Effector
+        Section and muscles.
+    contractions, forces : (k, m) ndarray
+        Of each muscle alone [mm, N].
+    order : (m,) ndarray of int
+        Places of the muscles in the order of pressing.
+
+    Raises
+    ------
+    InputError
+        If more than two muscles of a case are contracted: the steps are for two.
+    GeometryError
+        If a turned displacement is parallel to the plane and does not lie in it.
+    """
+    packed = effector.packed
+    pressed = contractions[:, order] > 0.0
+    most = int(pressed.sum(axis=-1).max(initial=0))
+    if most > 2:
+        raise InputError(
+            f"{most} muscles are contracted: the thesis's steps are for at most 2; "
+            "method='superposition' takes any number"
+        )
+    ranks = np.argsort(~pressed, axis=-1, kind="stable")
+    pair = np.full((2, contractions.shape[0]), -1, dtype=np.int64)
+    for i in range(min(2, order.size)):
+        there = pressed.sum(axis=-1) > i
+        pair[i, there] = order[ranks[there, i]]
+    joints = effector.design.segments + 1
+    backbones = np.empty((contractions.shape[0], joints, 3))
+    case, node, failed = pose_kernels.combine_steps(
+        packed.linkage,
+        packed.cosines,
+        packed.sines,
+        contractions,
+        forces,
+        pair[0],
+        pair[1],
+        np.empty((4, joints)),
+        backbones,
+    )
+    if failed > 0:
+        raise_open(effector.design, float(contractions[case].max()), failed)
+    if case >= 0:
+        first, second = (effector.design.names[place] for place in pair[:, case])
+        raise GeometryError(
+            f"muscles {first} and {second}: at joint {node} the thesis's step 7 has no answer, the "
+            "turned displacement is parallel to the plane of the resultant; "
+            "method='superposition' has one"
+        )
+    return backbones
+
+
+# The pose of the end-effector under a pressure for each muscle.
+
+
+PoseMethod = Literal["superposition", "thesis"]
+POSE_METHODS: tuple[PoseMethod, ...] = get_args(PoseMethod)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EffectorPose:
+class EffectorPose(Result):
     """Poses of an end-effector, base at the origin and straight along +z.
 
     Attributes
     ----------
+    names : tuple of str
+        The muscles, in the order of the design.
     pressures : (..., m) ndarray
         Pressures [MPa], muscles in the order of the design.
     contraction, force : (..., m) ndarray
@@ -61,6 +201,7 @@ class EffectorPose:
         the thesis's steps lose or add.
     """
 
+    names: tuple[str, ...]
     pressures: Floats
     contraction: Floats
     force: Floats
@@ -78,12 +219,35 @@ class EffectorPose:
     reason: NDArray[np.str_]
     length_error: Floats
 
+    @property
+    def residual(self) -> Floats:
+        """By how much the deflection falls short of what the pulls ask for [mm]."""
+        return np.asarray(self.demanded_lateral - self.lateral)
+
+    def list_columns(self) -> dict[str, Floats]:
+        """Return the columns of `to_frame`, a row for each pose."""
+        columns = {
+            f"pressure_{name}_MPa": np.atleast_2d(self.pressures)[..., k].ravel()
+            for k, name in enumerate(self.names)
+        }
+        for name, points in (("tip", self.tip), ("holder_tip", self.holder_tip)):
+            flat = points.reshape(-1, 3)
+            columns |= {f"{name}_{axis}_mm": flat[:, k] for k, axis in enumerate("xyz")}
+        return {**columns, "lateral_mm": np.ravel(self.lateral)}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the backbones, each in the plane of its bend, and return the axes."""
+        axes = take_axes(ax, x="lateral [mm]", y="along the axis [mm]", equal=True)
+        for line in self.backbone.reshape(-1, *self.backbone.shape[-2:]):
+            axes.plot(np.hypot(line[:, 0], line[:, 1]), line[:, 2], ".-")
+        return axes
+
 
 def pose(
-    effector: Effector,
+    effector: Section,
     pressures: ArrayLike | Mapping[str, ArrayLike],
     *,
-    method: str = "superposition",
+    method: PoseMethod = "superposition",
     order: Sequence[str] | None = None,
 ) -> EffectorPose:
     """Return the pose of an end-effector under a pressure for each muscle.
@@ -148,7 +312,7 @@ def pose(
         size = settled.lateral.shape[0]
         vectors = np.empty((size, 4))
         backbone, ends = np.empty((size, joints, 3)), np.empty((size, 3))
-        case, failed = _pose_kernels.superpose(
+        case, failed = pose_kernels.superpose(
             packed.linkage,
             packed.peak.contraction,
             packed.peak.lateral,
@@ -170,6 +334,7 @@ def pose(
     tip = backbone[:, -1]
     holder_tip = tip + effector.design.holder_length * ends
     return EffectorPose(
+        names=effector.design.names,
         pressures=table,
         contraction=settled.contraction.reshape(table.shape),
         force=forces.reshape(table.shape),
@@ -190,11 +355,11 @@ def pose(
 
 
 def _explain(
-    effector: Effector, settled: Settled, demanded: Floats, *, superposed: bool
+    effector: Section, settled: Settled, demanded: Floats, *, superposed: bool
 ) -> tuple[NDArray[np.bool_], NDArray[np.str_]]:
     """Return which poses are saturated, and the reasons."""
     peak = effector.packed.peak.lateral
-    beyond = demanded > peak * (1.0 + _pose_kernels.ROUND_OFF) if superposed else demanded < 0.0
+    beyond = demanded > peak * (1.0 + pose_kernels.ROUND_OFF) if superposed else demanded < 0.0
     saturated = beyond | (settled.code == kernels.SATURATED).any(axis=-1)
     wrong = saturated | (settled.code > kernels.SLACK).any(axis=-1)
     if not wrong.any():
@@ -204,9 +369,9 @@ def _explain(
         parts = []
         for j, name in enumerate(effector.design.names):
             code = int(settled.code[i, j])
-            said = describe(effector, code, settled.contraction[i, j], settled.residual[i, j])
-            if said:
-                parts.append(f"muscle {name} {said}")
+            cause = describe(effector, code, settled.contraction[i, j], settled.residual[i, j])
+            if cause:
+                parts.append(f"muscle {name} {cause}")
         if beyond[i]:
             parts.append(
                 f"saturated: the muscles ask for {demanded[i]:.4g} mm, at {peak:.4g} mm, "

@@ -1,32 +1,142 @@
-"""Design studies: what a change of the design does to the workspace, and the least pressure."""
+"""Design studies: sweeps of a design, and the one of the least pressure."""
 
 from __future__ import annotations
 
+import difflib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..checks import check_number
+from ..checks import check_integer, check_number
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
-from ._study_values import check_parameter, check_value, is_of_muscle, list_values
-from .amplitudes import find_reach
-from .design import EffectorDesign, PlacedMuscle
+from ..results import Result, take_axes
+from .design import LIMITS, MOST_SEGMENTS, EffectorDesign, PlacedMuscle
 from .effector import Effector
-from .inverse import TOLERANCE, solve_displacements
+from .inverse import TOLERANCE, find_reach, solve_displacements
 from .workspace import workspace
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 __all__ = [
+    "Optimum",
     "Sweep",
     "SweepRow",
     "change_design",
+    "check_parameter",
+    "check_value",
     "find_needed_pressure",
+    "is_of_muscle",
+    "list_values",
+    "optimise_design",
     "sweep",
 ]
+
+Changes = dict[str, Any]
+"""Parameters of a design and their values, as in `change_design`."""
+
+# Values of the parameters of a design study: names and ranges, checked before anything is tried.
+
+
+MOST_STRANDS = 10_000
+
+# The other fields' ranges depend on fields that may be varied too.
+_OWN_RANGE = (
+    "length", "outer_radius", "braid_angle", "modulus", "poisson_ratio", "strand_modulus",
+    "mooney_ratio",
+)  # fmt: skip
+
+
+def is_of_muscle(name: str) -> bool:
+    """Return whether a parameter is a field of the muscles."""
+    return name.startswith("muscle.")
+
+
+def check_parameter(design: EffectorDesign, name: str) -> None:
+    """Raise `InputError` if a parameter is not one."""
+    own = design.muscles[0].muscle.__dataclass_fields__
+    known = [*EffectorDesign.__dataclass_fields__, "length", "angles"]
+    known += [f"muscle.{field}" for field in own]
+    if name not in known:
+        near = difflib.get_close_matches(str(name), known, n=1)
+        hint = f"did you mean '{near[0]}'" if near else "give one such as 'offset'"
+        raise InputError(
+            f"there is no parameter '{name!s:.40}': {hint}; legal are a field of EffectorDesign, "
+            "'length', 'angles', or 'muscle.' and a field of Muscle"
+        )
+
+
+def check_value(design: EffectorDesign, name: str, value: Any) -> Any:
+    """Return a parameter's value as it is to be used, or raise `InputError` if it never is legal.
+
+    Whether a design with it can be built may depend on the others, and is not looked at.
+    """
+    if is_of_muscle(name):
+        return _check_of_muscle(design, name, value)
+    words = name.replace("_", " ")
+    if name == "muscles":
+        if not isinstance(value, (tuple, list)) or not all(
+            isinstance(one, PlacedMuscle) for one in value
+        ):
+            raise InputError(f"muscles is {value!r:.60}: it must be 1 to 12 PlacedMuscle")
+        return tuple(value)
+    if name == "angles":
+        return check_angles(design, value)
+    if name == "segments":
+        return check_integer(words, value, low=1, high=MOST_SEGMENTS)
+    if name == "beam_factor":
+        return design.replace(beam_factor=value).beam_factor
+    low, high, unit = LIMITS["backbone_length" if name == "length" else name]
+    return check_number(words, value, low=low, high=high, unit=unit)
+
+
+def check_angles(design: EffectorDesign, value: object) -> tuple[float, ...]:
+    """Return the angles of all muscles [rad], or raise `InputError`."""
+    names = design.names
+    if isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)):
+        raise InputError(f"angles is {value!r:.60}: give {len(names)} numbers in rad")
+    angles = tuple(np.ravel(value)) if isinstance(value, np.ndarray) else tuple(value)
+    if len(angles) != len(names):
+        raise InputError(
+            f"angles has {len(angles)} value(s): give {len(names)}, one for each of the muscles "
+            f"{', '.join(names)}"
+        )
+    placed = tuple(
+        PlacedMuscle(name=one.name, muscle=one.muscle, angle=angle)
+        for one, angle in zip(design.muscles, angles, strict=True)
+    )
+    return tuple(float(angle) for angle in design.replace(muscles=placed).angles)
+
+
+def list_values(design: EffectorDesign, name: str, values: object) -> tuple[Any, ...]:
+    """Return the values of a parameter to try, each one checked."""
+    check_parameter(design, name)
+    if isinstance(values, str) or not isinstance(values, (Sequence, np.ndarray)):
+        raise InputError(f"values of {name} is {values!r:.60}: give a sequence of values")
+    listed = tuple(values) if isinstance(values, Sequence) else tuple(np.atleast_1d(values))
+    if not listed:
+        raise InputError(f"values of {name} is empty, there is nothing to vary: give 1 or more")
+    return tuple(check_value(design, name, value) for value in listed)
+
+
+def _check_of_muscle(design: EffectorDesign, name: str, value: Any) -> Any:
+    field, words = name.removeprefix("muscle."), name.replace("_", " ")
+    if field == "strands":
+        return check_integer(words, value, low=2, high=MOST_STRANDS)
+    low, high = 0.0, 1e6
+    if field in _OWN_RANGE:
+        low, high = design.muscles[0].muscle.legal_range(field)
+    return check_number(words, value, low=low, high=high)
+
+
+# Design studies: what a change of the design does to the workspace, and the least pressure.
+
 
 MOST_DESIGNS = 1_000_000
 
@@ -56,7 +166,7 @@ class SweepRow:
         Whether the design can be built.
     """
 
-    changes: dict[str, Any]
+    changes: Changes
     feasible: bool
     reason: str = ""
     least_amplitude: float = 0.0
@@ -68,7 +178,7 @@ class SweepRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep:
+class Sweep(Result):
     """Designs side by side.
 
     Attributes
@@ -89,6 +199,41 @@ class Sweep:
     def feasible(self) -> tuple[SweepRow, ...]:
         """The rows that are feasible."""
         return tuple(row for row in self.rows if row.feasible)
+
+    @property
+    def converged(self) -> bool:
+        """Whether a design is feasible."""
+        return bool(self.feasible)
+
+    @property
+    def reason(self) -> str:
+        """Why no design is feasible, the first reason; empty if one is."""
+        return "" if self.feasible or not self.rows else self.rows[0].reason
+
+    @property
+    def residual(self) -> float:
+        """None is left over."""
+        return 0.0
+
+    def list_columns(self) -> dict[str, list[Any]]:
+        """Return the columns of `to_frame`, a row for each design."""
+        columns = {name: [row.changes[name] for row in self.rows] for name in self.parameters}
+        return {
+            **columns,
+            "feasible": [row.feasible for row in self.rows],
+            "least_amplitude_mm": [row.least_amplitude for row in self.rows],
+            "largest_amplitude_mm": [row.largest_amplitude for row in self.rows],
+            "inner_radius_mm": [row.inner_radius for row in self.rows],
+            "area_mm2": [row.area for row in self.rows],
+            "needed_pressure_MPa": [row.needed_pressure for row in self.rows],
+            "reason": [row.reason for row in self.rows],
+        }
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the radius reached in every direction, design by design, and return the axes."""
+        axes = take_axes(ax, x="design", y="radius in every direction [mm]")
+        axes.plot([row.inner_radius for row in self.rows], "o")
+        return axes
 
 
 def change_design(design: EffectorDesign, changes: Mapping[str, Any]) -> EffectorDesign:
@@ -113,9 +258,9 @@ def change_design(design: EffectorDesign, changes: Mapping[str, Any]) -> Effecto
         raise InputError(f"changes is {changes!r:.60}: it must be a mapping from names to values")
     for name in changes:
         check_parameter(design, name)
-    rest: dict[str, Any] = dict(changes)
+    rest: Changes = dict(changes)
     if "muscles" in rest:
-        # Angles are given for these muscles; what else does not fit them is told at the end.
+        # Angles are given for these muscles; what else does not fit them is refused at the end.
         muscles = check_value(design, "muscles", rest.pop("muscles"))
         length = muscles[0].muscle.length if muscles else design.backbone_length
         target = rest.get("backbone_length", design.backbone_length)
@@ -227,7 +372,7 @@ def sweep(
     return Sweep(parameters=names, deflection=wanted, rows=tuple(rows))
 
 
-def _try_design(effector: Effector, changes: dict[str, Any], deflection: float) -> SweepRow:
+def _try_design(effector: Effector, changes: Changes, deflection: float) -> SweepRow:
     try:
         tried = Effector(change_design(effector.design, changes), effector.model)
         known = find_reach(tried)
@@ -253,3 +398,241 @@ def _try_design(effector: Effector, changes: dict[str, Any], deflection: float) 
         area=found.area,
         needed_pressure=needed,
     )
+
+
+# The design that reaches a deflection with the least pressure.
+
+
+MOST_GRID_DESIGNS = 10_000
+"""Designs that a grid may have."""
+
+_WORST = 1e3
+"""What a design that does not reach the deflection counts as [MPa]: above all others."""
+_BEYOND = 100.0
+"""What is added to a pressure above the design's limit [MPa]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Optimum(Result):
+    """The best design that was found.
+
+    Attributes
+    ----------
+    success : bool
+        Whether there is a design within the bounds that reaches the deflection at or below its
+        pressure limit.
+    reason : str
+        Why not; or, with success, which bounds it lies on; empty if none.
+    effector : Effector
+        With the best design, or the one given if none reaches the deflection.
+    changes : dict
+        Its parameters.
+    pressure : float
+        Pressure that every muscle alone needs [MPa]; without success the least that was found,
+        above the limit, or 0 if no design reaches the deflection at any.
+    pressure_before : float
+        The same of the design given [MPa]; 0 if that does not reach the deflection.
+    deflection : float
+        What was asked for [mm].
+    evaluations : int
+        Designs that were tried.
+    infeasible : int
+        How many of these cannot be built, do not reach the deflection, or need more than their
+        pressure limit.
+    """
+
+    success: bool
+    reason: str
+    effector: Effector
+    changes: Changes
+    pressure: float
+    pressure_before: float
+    deflection: float
+    evaluations: int
+    infeasible: int
+
+    @property
+    def converged(self) -> bool:
+        """Whether a design was found, `success`."""
+        return self.success
+
+    @property
+    def residual(self) -> float:
+        """Pressure above the limit [MPa]; 0 with success."""
+        return max(0.0, self.pressure - self.effector.design.pressure_limit)
+
+
+class _Search:
+    """Needed pressure as a function of parameters, and the best so far."""
+
+    def __init__(self, effector: Effector, deflection: float, names: tuple[str, ...]) -> None:
+        self.effector = effector
+        self.deflection = deflection
+        self.names = names
+        self.best = _WORST
+        self.best_changes: Changes = {}
+        self.best_effector = effector
+        self.evaluations = 0
+        self.infeasible = 0
+        self.last_reason = ""
+
+    def measure(self, values: NDArray[np.float64], fixed: Mapping[str, Any]) -> float:
+        changes = {**dict(zip(self.names, map(float, values), strict=True)), **fixed}
+        self.evaluations += 1
+        try:
+            tried = Effector(change_design(self.effector.design, changes), self.effector.model)
+            needed = find_needed_pressure(tried, self.deflection)
+        except BozziniError as error:
+            self.infeasible += 1
+            self.last_reason = str(error)
+            return _WORST
+        limit = tried.design.pressure_limit
+        if needed > limit:
+            # Worse than any that is legal, and the less so the nearer it is.
+            self.infeasible += 1
+            needed += _BEYOND
+        if needed < self.best:
+            self.best, self.best_changes, self.best_effector = needed, changes, tried
+        return needed
+
+
+def optimise_design(
+    effector: Effector,
+    deflection: float,
+    *,
+    bounds: Mapping[str, tuple[float, float]],
+    segments: Sequence[int] | None = None,
+    grid: int = 7,
+    progress: Progress = no_progress,
+) -> Optimum:
+    """Find the design whose muscles reach a deflection with the least pressure.
+
+    Minimised is `find_needed_pressure`, on the exact model: a grid over the bounds first, for there
+    may be several minima, then Nelder and Mead's method (SciPy) from the best of it. That gives a
+    local minimum that no grid point betters; nothing proves it the global one.
+
+    Parameters
+    ----------
+    effector : Effector
+        The design to start from; what is not in `bounds` stays.
+    deflection : float
+        Lateral deflection of the backbone's end that every muscle alone must reach [mm].
+    bounds : mapping of str to (low, high)
+        Parameters with a number as value, as in `change_design`, and their ranges; 1 to 4.
+    segments : sequence of int, optional
+        Numbers of segments to choose from.
+    grid : int
+        Values of each parameter in the grid; 10,000 designs at most.
+    progress : callable
+        Told as the search goes on.
+
+    Raises
+    ------
+    InputError
+        If a parameter or bound is not legal.
+    """
+    from scipy.optimize import minimize
+
+    wanted = check_number("deflection", deflection, low=0.0, low_open=True, high=1e6, unit="mm")
+    grid = check_integer("grid", grid, low=2, high=50)
+    if not isinstance(bounds, Mapping):
+        raise InputError(f"bounds is {bounds!r:.60}: it must map names to (low, high)")
+    names = tuple(bounds)
+    if not 1 <= len(names) <= 4:
+        raise InputError(f"there are {len(names)} parameters to optimise: give 1 to 4")
+    if grid ** len(names) > MOST_GRID_DESIGNS:
+        most = int(MOST_GRID_DESIGNS ** (1.0 / len(names)) + 1e-9)
+        raise InputError(f"grid is {grid}: with {len(names)} parameters it must lie in [2, {most}]")
+    box = np.array([_take_bounds(effector, name, bounds[name]) for name in names])
+    cases: list[Changes] = [{}]
+    if segments is not None:
+        counts = list_values(effector.design, "segments", segments)
+        cases = [{"segments": count} for count in counts]
+    search = _Search(effector, wanted, names)
+    try:
+        before = find_needed_pressure(effector, wanted)
+    except InputError:
+        before = 0.0
+    axes = [np.linspace(low, high, grid) for low, high in box]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(names))
+    for number, fixed in enumerate(cases):
+        values = []
+        for index, point in enumerate(points):
+            values.append(search.measure(point, fixed))
+            progress("designs", (number + 0.8 * (index + 1) / len(points)) / len(cases))
+        start = int(np.argmin(values))
+        if values[start] < _WORST:
+            minimize(
+                search.measure,
+                points[start],
+                args=(fixed,),
+                method="Nelder-Mead",
+                bounds=box,
+                options={
+                    "xatol": 1e-7 * float((box[:, 1] - box[:, 0]).max()),
+                    "fatol": 1e-10,
+                    "initial_simplex": _start_simplex(points[start], box, grid),
+                    "maxfev": 400 * len(names),
+                },
+            )
+        progress("designs", (number + 1) / len(cases))
+    success, reason = _judge(search, box)
+    found = search.best < _WORST
+    return Optimum(
+        success=success,
+        reason=reason,
+        effector=search.best_effector,
+        changes=search.best_changes,
+        pressure=(search.best - (0.0 if success else _BEYOND)) if found else 0.0,
+        pressure_before=before,
+        deflection=wanted,
+        evaluations=search.evaluations,
+        infeasible=search.infeasible,
+    )
+
+
+def _take_bounds(effector: Effector, name: str, pair: tuple[float, float]) -> tuple[float, float]:
+    check_parameter(effector.design, name)
+    if name in ("angles", "muscles", "segments", "beam_factor", "muscle.strands"):
+        raise InputError(f"parameter '{name}' has no range of numbers: it cannot be in bounds")
+    if name == "pressure_limit":
+        raise InputError(
+            "parameter 'pressure_limit' does not change the pressure that is needed: it cannot be "
+            "in bounds"
+        )
+    try:
+        low, high = pair
+    except (TypeError, ValueError):
+        raise InputError(f"bounds of {name} is {pair!r}: give two numbers (low, high)") from None
+    low = check_number(f"lower bound of {name}", low)
+    high = check_number(f"upper bound of {name}", high, low=low, low_open=True)
+    return check_value(effector.design, name, low), check_value(effector.design, name, high)
+
+
+def _start_simplex(
+    start: NDArray[np.float64], box: NDArray[np.float64], grid: int
+) -> NDArray[np.float64]:
+    """A simplex inside the bounds, of half a step of the grid."""
+    simplex = np.tile(start, (start.size + 1, 1))
+    for index in range(start.size):
+        low, high = box[index]
+        step = 0.5 * (high - low) / (grid - 1)
+        simplex[index + 1, index] += step if start[index] + step <= high else -step
+    return simplex
+
+
+def _judge(search: _Search, box: NDArray[np.float64]) -> tuple[bool, str]:
+    if search.best >= _WORST:
+        return False, f"no design within the bounds is feasible; the last: {search.last_reason}"
+    if search.best >= _BEYOND:
+        limit = search.best_effector.design.pressure_limit
+        least = search.best - _BEYOND
+        return False, f"the least pressure is {least:.4g} MPa, above the limit of {limit:g} MPa"
+    on_bound = []
+    for name, (low, high) in zip(search.names, box, strict=True):
+        value, slack = search.best_changes[name], 1e-6 * (high - low)
+        if value <= low + slack:
+            on_bound.append(f"{name} is at its lower bound {low:g}")
+        elif value >= high - slack:
+            on_bound.append(f"{name} is at its upper bound {high:g}")
+    return True, "; ".join(on_bound)

@@ -1,32 +1,50 @@
-"""Muscles: from a pneumatic muscle's dimensions to its force and contraction (thesis ch. 2-3)."""
+"""Muscles: from a pneumatic muscle's dimensions to its force and contraction (thesis ch. 2-3).
+
+What is in here is loaded when it is first used.
+"""
 
 from __future__ import annotations
 
-from .braid import LOCKING_ANGLE, Braid
-from .calibration import Calibration, calibrate
-from .compare import Comparison, ModelScore, compare_models
-from .dataset import Measurements, RepeatStatistics, read_measurements, write_measurements
-from .design import Muscle
-from .energy import EnergyMuscle
-from .hysteresis import Hysteresis
-from .model import ConvergenceError, HistoryModel, MuscleModel, MuscleState, StaticModel
-from .models import CATALOGUE, MODELS
-from .presets import PRESETS, preset
-from .rank import RankedModel, Ranking, rank_models
-from .thesis import ThesisMuscle
-from .tube import Tube
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .data import (
+        Measurements,
+        RepeatStatistics,
+        read_measurements,
+        take_measurements,
+        write_measurements,
+    )
+    from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
+    from .fit import Calibration, FitOptions, calibrate
+    from .hysteresis import Hysteresis
+    from .model import CompiledMuscle, ConvergenceError, MuscleModel, MuscleState
+    from .models import MODELS, CatalogueModel
+    from .models.energy import EnergyMuscle
+    from .models.thesis import ThesisMuscle
+    from .ranking import (
+        Comparison,
+        ModelScore,
+        RankedModel,
+        Ranking,
+        RankOptions,
+        compare_models,
+        rank,
+    )
 
 __all__ = [
-    "CATALOGUE",
     "LOCKING_ANGLE",
     "MODELS",
     "PRESETS",
     "Braid",
     "Calibration",
+    "CatalogueModel",
     "Comparison",
+    "CompiledMuscle",
     "ConvergenceError",
     "EnergyMuscle",
-    "HistoryModel",
+    "FitOptions",
     "Hysteresis",
     "Measurements",
     "ModelScore",
@@ -34,15 +52,67 @@ __all__ = [
     "MuscleModel",
     "MuscleState",
     "RankedModel",
+    "RankOptions",
     "Ranking",
     "RepeatStatistics",
-    "StaticModel",
     "ThesisMuscle",
     "Tube",
     "calibrate",
     "compare_models",
     "preset",
-    "rank_models",
+    "rank",
     "read_measurements",
+    "take_measurements",
     "write_measurements",
 ]
+
+_MODULES = {
+    "LOCKING_ANGLE": ".design",
+    "MODELS": ".models",
+    "PRESETS": ".design",
+    "Braid": ".design",
+    "Calibration": ".fit",
+    "CatalogueModel": ".models",
+    "Comparison": ".ranking",
+    "CompiledMuscle": ".model",
+    "ConvergenceError": ".model",
+    "EnergyMuscle": ".models.energy",
+    "FitOptions": ".fit",
+    "Hysteresis": ".hysteresis",
+    "Measurements": ".data",
+    "ModelScore": ".ranking",
+    "Muscle": ".design",
+    "MuscleModel": ".model",
+    "MuscleState": ".model",
+    "RankedModel": ".ranking",
+    "RankOptions": ".ranking",
+    "Ranking": ".ranking",
+    "RepeatStatistics": ".data",
+    "ThesisMuscle": ".models.thesis",
+    "Tube": ".design",
+    "calibrate": ".fit",
+    "compare_models": ".ranking",
+    "preset": ".design",
+    "rank": ".ranking",
+    "read_measurements": ".data",
+    "take_measurements": ".data",
+    "write_measurements": ".data",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        value = getattr(importlib.import_module(_MODULES[name], __name__), name)
+        globals()[name] = value
+        return value
+    if name[:1].isupper():  # a model of the survey, by the name of its class
+        from .models import MODELS
+
+        for kind in MODELS.own.values():
+            if kind.__name__ == name:
+                return kind
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,35 +1,387 @@
-"""The design of a miniature pneumatic muscle: a tube, a braid round it, and their materials."""
+"""A miniature pneumatic muscle: its braid, its tube, the design of both, and named designs."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field
+from functools import cache
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
-from ..checks import check_integer, check_number
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import broadcast, check_array, check_integer, check_number, check_range
 from ..errors import InputError
-from .braid import BRAID_ANGLES, Braid
-from .tube import Tube
+from ..units import INTERNAL_UNITS
 
-__all__ = ["Muscle"]
+__all__ = [
+    "BRAID_ANGLES",
+    "Braid",
+    "LOCKING_ANGLE",
+    "Muscle",
+    "PRESETS",
+    "Tube",
+    "TubeState",
+    "preset",
+]
 
-# In an order in which each range needs only fields before it.
-_UNITS = {
-    "length": "mm",
-    "outer_radius": "mm",
-    "inner_radius": "mm",
-    "braid_angle": "rad",
-    "gap": "mm",
-    "friction_length": "mm",
-    "strand_radius": "mm",
-    "end_length": "mm",
-    "dead_length": "mm",
-    "modulus": "MPa",
-    "poisson_ratio": "",
-    "strand_modulus": "MPa",
-    "mooney_ratio": "",
-}
+# The braid: strands that cannot stretch, wound both ways round a cylinder.
+
+
+LOCKING_ANGLE = math.atan(math.sqrt(2.0))
+"""The angle at which a braid of given strands holds the largest volume [rad]: 54.7356 degrees."""
+
+BRAID_ANGLES = (math.radians(5.0), math.radians(54.0))
+"""Legal angles of a braid at rest, measured from its axis [rad]: below locking, so it contracts."""
+
+PRESSURE_LIMIT = 1e4
+"""Largest legal pressure in a braid [MPa]: a limit of the arithmetic."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Braid:
+    """An inextensible braid at rest; `length` and `radius` fix its strands (thesis eqs 2.1, 2.2).
+
+    A strand of length ``b`` makes ``N`` turns: ``l = b cos(angle)``,
+    ``2 pi r N = b sin(angle)``. Whatever the braid does, ``l**2 + (2 pi r N)**2 = b**2``.
+
+    Parameters
+    ----------
+    length, radius : float
+        Length and radius at rest, in [1e-6, 1e6] mm.
+    angle : float
+        Angle between strands and axis at rest [rad], within `BRAID_ANGLES`.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its legal range.
+    """
+
+    length: float
+    radius: float
+    angle: float
+
+    def __post_init__(self) -> None:
+        low, high = BRAID_ANGLES
+        taken = {
+            "length": check_number("braid length", self.length, low=1e-6, high=1e6, unit="mm"),
+            "radius": check_number("braid radius", self.radius, low=1e-6, high=1e6, unit="mm"),
+            "angle": check_number("braid angle", self.angle, low=low, high=high, unit="rad"),
+        }
+        for name, number in taken.items():
+            object.__setattr__(self, name, number)
+
+    @property
+    def strand_length(self) -> float:
+        """Length of one strand [mm]; the braid is never longer."""
+        return self.length / math.cos(self.angle)
+
+    @property
+    def turns(self) -> float:
+        """Turns of one strand round the axis."""
+        return self.strand_length * math.sin(self.angle) / (2.0 * math.pi * self.radius)
+
+    @property
+    def locking_length(self) -> float:
+        """Length at the locking angle [mm]: pressure alone shortens the braid no further."""
+        return self.strand_length / math.sqrt(3.0)
+
+    @property
+    def locking_contraction(self) -> float:
+        """How much shorter than at rest the locked braid is [mm]."""
+        return self.length - self.locking_length
+
+    def angle_at(self, length: ArrayLike) -> NDArray[np.float64]:
+        """Return the angle [rad] of the braid at `length` [mm].
+
+        Raises
+        ------
+        InputError
+            If the length is not in [0, strand length].
+        """
+        return np.asarray(np.arccos(self._check(length) / self.strand_length), dtype=np.float64)
+
+    def radius_at(self, length: ArrayLike) -> NDArray[np.float64]:
+        """Return the radius [mm] of the braid at `length` [mm].
+
+        Raises
+        ------
+        InputError
+            If the length is not in [0, strand length].
+        """
+        across = np.sqrt(self.strand_length**2 - self._check(length) ** 2)
+        return np.asarray(across / (2.0 * math.pi * self.turns), dtype=np.float64)
+
+    def length_at(self, angle: ArrayLike) -> NDArray[np.float64]:
+        """Return the length [mm] of the braid at `angle` [rad], which must be in [0, pi/2].
+
+        Raises
+        ------
+        InputError
+            If an angle is outside that range.
+        """
+        angles = check_array("braid angle", angle)
+        check_range("braid angle", angles, 0.0, 0.5 * math.pi, "rad")
+        return np.asarray(self.strand_length * np.cos(angles), dtype=np.float64)
+
+    def volume_at(self, length: ArrayLike) -> NDArray[np.float64]:
+        """Return the volume inside the braid [mm^3] at `length` [mm]; largest at locking.
+
+        Raises
+        ------
+        InputError
+            If the length is not in [0, strand length].
+        """
+        lengths = self._check(length)
+        return np.asarray(math.pi * self.radius_at(lengths) ** 2 * lengths, dtype=np.float64)
+
+    def ideal_force(self, pressure: ArrayLike, length: ArrayLike) -> NDArray[np.float64]:
+        """Return Gaylord's force [N]: the pull of a braid round a tube that resists nothing.
+
+        ``F = P b**2 / (4 pi N**2) (3 cos(angle)**2 - 1)``, which is ``-P dV/dl`` (thesis eq. 2.3).
+
+        Parameters
+        ----------
+        pressure : array_like
+            Pressure, in [0, 10000] MPa.
+        length : array_like
+            Length of the braid [mm]; broadcast with `pressure`.
+
+        Raises
+        ------
+        InputError
+            If a pressure is outside its range, or a length is not in [0, strand length].
+        """
+        pressures = check_array("pressure", pressure)
+        check_range("pressure", pressures, 0.0, PRESSURE_LIMIT, "MPa")
+        pressures, lengths = broadcast(
+            ("pressure", pressures), ("braid length", self._check(length))
+        )
+        share = 3.0 * (lengths / self.strand_length) ** 2 - 1.0
+        scale = self.strand_length**2 / (4.0 * math.pi * self.turns**2)
+        return np.asarray(pressures * scale * share, dtype=np.float64)
+
+    def _check(self, length: ArrayLike) -> NDArray[np.float64]:
+        lengths = check_array("braid length", length)
+        hint = ", the length of a strand"
+        check_range("braid length", lengths, 0.0, self.strand_length, "mm", hint=hint)
+        return lengths
+
+
+# The tube: a thick-walled cylinder of a linear elastic material (Lamé).
+
+
+STRESS_LIMIT = 1e6
+"""Largest legal pressure or stress on a tube [MPa], either way: a limit of the arithmetic."""
+
+LEAST_RADIUS_RATIO = 1.0001
+"""Smallest legal outer radius over the inner one: the wall's area is the difference of squares."""
+
+
+@dataclass(frozen=True)
+class TubeState:
+    """A tube under load: ``u_r = c1 r + c2 / r`` and ``u_z = c3 z`` (thesis eq. 3.2).
+
+    Attributes
+    ----------
+    tube : Tube
+        The tube.
+    c1, c2, c3 : (...) ndarray
+        Constants of the displacements; `c2` in mm^2, the others without unit.
+    """
+
+    tube: Tube
+    c1: NDArray[np.float64]
+    c2: NDArray[np.float64]
+    c3: NDArray[np.float64]
+
+    def radial_displacement(self, radius: ArrayLike) -> NDArray[np.float64]:
+        """Return the outward displacement [mm] of the wall at `radius` [mm].
+
+        Raises
+        ------
+        InputError
+            If a radius is outside the wall, or the shapes do not go together.
+        """
+        r, c1, c2, _ = self._place(radius)
+        return np.asarray(c1 * r + c2 / r, dtype=np.float64)
+
+    @property
+    def elongation(self) -> NDArray[np.float64]:
+        """By how much the tube is longer [mm]."""
+        return np.asarray(self.c3 * self.tube.length, dtype=np.float64)
+
+    def stresses(
+        self, radius: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the radial, hoop and axial stress [MPa] at `radius` [mm], tension positive.
+
+        Raises
+        ------
+        InputError
+            If a radius is outside the wall, or the shapes do not go together.
+        """
+        r, c1, c2, c3 = self._place(radius)
+        first, second = self.tube.lame_constants
+        swell = first * (2.0 * c1 + c3)
+        bend = c2 / r**2
+        radial = swell + 2.0 * second * (c1 - bend)
+        hoop = swell + 2.0 * second * (c1 + bend)
+        axial = swell + 2.0 * second * c3
+        return np.asarray(radial), np.asarray(hoop), np.asarray(axial)
+
+    def _place(self, radius: ArrayLike) -> tuple[NDArray[np.float64], ...]:
+        """Radii in the wall and the constants, of one shape."""
+        radii = check_array("radius", radius)
+        low, high = self.tube.inner_radius, self.tube.outer_radius
+        check_range("radius", radii, low, high, "mm", slack=1e-9 * high)
+        return broadcast(("radius", radii), ("c1", self.c1), ("c2", self.c2), ("c3", self.c3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tube:
+    """A thick-walled elastic tube at rest (thesis 3.3.2).
+
+    Parameters
+    ----------
+    length : float
+        Length, in [1e-6, 1e6] mm.
+    inner_radius, outer_radius : float
+        Radii of the wall, in [1e-6, 1e6] mm; the outer one is 1.0001 times the inner one or more.
+    modulus : float
+        Young's modulus, in [1e-12, 1e6] MPa.
+    poisson_ratio : float
+        Poisson's ratio, in [0, 0.499999]: the linear tube needs a finite bulk modulus.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its legal range.
+    """
+
+    length: float
+    inner_radius: float
+    outer_radius: float
+    modulus: float
+    poisson_ratio: float = 0.499
+
+    def __post_init__(self) -> None:
+        inner = check_number("tube inner radius", self.inner_radius, low=1e-6, high=1e6, unit="mm")
+        taken = {
+            "length": check_number("tube length", self.length, low=1e-6, high=1e6, unit="mm"),
+            "inner_radius": inner,
+            "outer_radius": check_number(
+                "tube outer radius",
+                self.outer_radius,
+                low=LEAST_RADIUS_RATIO * inner,
+                high=1e6,
+                unit="mm",
+            ),
+            "modulus": check_number("tube modulus", self.modulus, low=1e-12, high=1e6, unit="MPa"),
+            "poisson_ratio": check_number(
+                "Poisson's ratio", self.poisson_ratio, low=0.0, high=0.499999
+            ),
+        }
+        for name, number in taken.items():
+            object.__setattr__(self, name, number)
+
+    @property
+    def lame_constants(self) -> tuple[float, float]:
+        """Lamé's first constant and the shear modulus [MPa]."""
+        ratio = self.poisson_ratio
+        first = self.modulus * ratio / ((1.0 + ratio) * (1.0 - 2.0 * ratio))
+        return first, self.modulus / (2.0 * (1.0 + ratio))
+
+    @property
+    def wall_area(self) -> float:
+        """Area of the wall's cross-section [mm^2]."""
+        return math.pi * (self.outer_radius**2 - self.inner_radius**2)
+
+    @property
+    def bore_share(self) -> float:
+        """Area of the bore over the area of the wall."""
+        return self.inner_radius**2 / (self.outer_radius**2 - self.inner_radius**2)
+
+    def deform(
+        self,
+        inner_pressure: ArrayLike,
+        *,
+        outer_pressure: ArrayLike = 0.0,
+        end_stress: ArrayLike | None = None,
+    ) -> TubeState:
+        """Return the tube under pressure.
+
+        The constants are derived here from ``s_rr(inner) = -P_i``, ``s_rr(outer) = -P_o``,
+        ``s_zz = end_stress``. The thesis's (3.3) prints ``+P_o`` in ``c1``, which fails these
+        conditions; its ``c2`` and ``c3`` agree with ours.
+
+        Parameters
+        ----------
+        inner_pressure : array_like
+            Pressure in the bore [MPa].
+        outer_pressure : array_like
+            Pressure on the outside [MPa].
+        end_stress : array_like, optional
+            Axial stress in the wall [MPa], tension positive; None means closed ends under the
+            inner pressure.
+
+        Raises
+        ------
+        InputError
+            If a pressure or stress is not in [-1e6, 1e6] MPa, or the shapes do not go together.
+        """
+        first, second = self.lame_constants
+        bore = self.bore_share
+        inner, outer = (
+            _take_stress(name, values)
+            for name, values in (
+                ("inner pressure", inner_pressure),
+                ("outer pressure", outer_pressure),
+            )
+        )
+        axial = inner * bore if end_stress is None else _take_stress("end stress", end_stress)
+        inner, outer, axial = broadcast(
+            ("inner pressure", inner), ("outer pressure", outer), ("end stress", axial)
+        )
+        across = inner * bore - outer * (bore + 1.0)
+        bulk = second * (3.0 * first + 2.0 * second)
+        c1 = ((first + 2.0 * second) * across - first * axial) / (2.0 * bulk)
+        c2 = (inner - outer) * bore * self.outer_radius**2 / (2.0 * second)
+        c3 = ((first + second) * axial - first * across) / bulk
+        return TubeState(self, np.asarray(c1), np.asarray(c2), np.asarray(c3))
+
+
+def _take_stress(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    stresses = check_array(name, values)
+    check_range(name, stresses, -STRESS_LIMIT, STRESS_LIMIT, "MPa")
+    return stresses
+
+
+# The design of a miniature pneumatic muscle: a tube, a braid round it, and their materials.
+
+
+class Quantity(NamedTuple):
+    """What is known of a field of a design, once: checks, options, fits and tables read it here."""
+
+    kind: str
+    """Kind of quantity, a key of `bozzini.units.INTERNAL_UNITS`."""
+    help: str
+    """What it is, in a few words."""
+    scale: float | None = None
+    """How much of it matters to a fit; None for a tenth of where the fit starts."""
+
+    @property
+    def unit(self) -> str:
+        """The unit, empty for none."""
+        return "" if self.kind == "dimensionless" else INTERNAL_UNITS[self.kind]
+
+
+def _quantity(kind: str, text: str, *, default: Any = MISSING, scale: float | None = None) -> Any:
+    return field(default=default, metadata={"quantity": Quantity(kind, text, scale)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,28 +427,54 @@ class Muscle:
         If a value is outside its `legal_range`.
     """
 
-    length: float
-    outer_radius: float
-    inner_radius: float = 0.25
-    braid_angle: float = math.radians(36.0)
-    gap: float = 0.04
-    strands: int = 30
-    strand_radius: float = 0.04
-    end_length: float = 5.0
-    dead_length: float = 0.0
-    modulus: float = 0.35
-    poisson_ratio: float = 0.499
-    strand_modulus: float = 3000.0
-    mooney_ratio: float = 0.0
-    friction_length: float = 0.0
+    length: float = _quantity("length", "Free length between the fittings.")
+    outer_radius: float = _quantity("length", "Outer radius of the tube.")
+    inner_radius: float = _quantity("length", "Inner radius of the tube.", default=0.25)
+    braid_angle: float = _quantity(
+        "angle",
+        "Angle between strands and axis at rest.",
+        default=math.radians(36.0),
+        scale=0.03,
+    )
+    gap: float = _quantity("length", "Gap between tube and braid.", default=0.04, scale=0.02)
+    strands: int = _quantity("dimensionless", "Number of strands.", default=30)
+    strand_radius: float = _quantity("length", "Radius of a strand.", default=0.04)
+    end_length: float = _quantity("length", "Length of each conical end (thesis).", default=5.0)
+    dead_length: float = _quantity(
+        "length", "Length that does not contract (energy).", default=0.0, scale=2.0
+    )
+    modulus: float = _quantity("pressure", "Young's modulus of the tube.", default=0.35, scale=0.1)
+    poisson_ratio: float = _quantity(
+        "dimensionless", "Poisson's ratio of the tube (thesis).", default=0.499, scale=0.01
+    )
+    strand_modulus: float = _quantity(
+        "pressure", "Young's modulus of a strand (thesis).", default=3000.0
+    )
+    mooney_ratio: float = _quantity(
+        "dimensionless", "C01 / (C10 + C01) of the wall (energy).", default=0.0, scale=0.3
+    )
+    friction_length: float = _quantity(
+        "length", "Friction at the crossings (energy).", default=0.0, scale=0.02
+    )
+
+    @classmethod
+    @cache
+    def quantities(cls) -> Mapping[str, Quantity]:
+        """Return what is known of each field."""
+        known = {item.name: item.metadata["quantity"] for item in dataclasses.fields(cls)}
+        return MappingProxyType(known)
 
     def __post_init__(self) -> None:
         strands = check_integer("muscle strands", self.strands, low=2, high=10000)
         object.__setattr__(self, "strands", strands)
-        for name, unit in _UNITS.items():
+        for name, quantity in self.quantities().items():
+            if name == "strands":
+                continue
             words = f"muscle {name.replace('_', ' ')}"
             low, high = self.legal_range(name)
-            number = check_number(words, getattr(self, name), low=low, high=high, unit=unit)
+            number = check_number(
+                words, getattr(self, name), low=low, high=high, unit=quantity.unit
+            )
             object.__setattr__(self, name, number)
 
     def legal_range(self, name: str) -> tuple[float, float]:
@@ -107,8 +485,9 @@ class Muscle:
         InputError
             If `name` is not a field that takes any number.
         """
-        if name not in _UNITS:
-            raise InputError(f"'{name}' has no legal range: choose one of {list(_UNITS)}")
+        names = [known for known in self.quantities() if known != "strands"]
+        if name not in names:
+            raise InputError(f"'{name}' has no legal range: choose one of {names}")
         match name:
             case "length":
                 return 1e-3, 1e4
@@ -123,8 +502,8 @@ class Muscle:
             case "friction_length":  # with more, a thick tube has several contractions at one load
                 return 0.0, min(0.25 * self.braid_radius, 0.5 * self.inner_radius)
             case "strand_radius":  # strands of one family lie 4 pi r cos(angle) / strands apart
-                room = 2.0 * math.pi * self.braid_radius * math.cos(self.braid_angle)
-                return 1e-6, room / self.strands
+                spacing = 2.0 * math.pi * self.braid_radius * math.cos(self.braid_angle)
+                return 1e-6, spacing / self.strands
             case "end_length":
                 return 0.0, 0.499 * self.length
             case "dead_length":
@@ -176,3 +555,37 @@ class Muscle:
             if name not in names:
                 raise InputError(f"a muscle has no field '{name}': its fields are {names}")
         return dataclasses.replace(self, **changes)
+
+
+# Muscles that others have described, by name.
+
+
+PRESETS: dict[str, Muscle] = {
+    "thesis-40": Muscle(length=40.0, outer_radius=0.55),
+    "thesis-45": Muscle(length=45.0, outer_radius=0.55),
+    "thesis-60": Muscle(length=60.0, outer_radius=0.55),
+    "effector-45": Muscle(length=45.0, outer_radius=0.75),
+    "fitted-45": Muscle(length=45.0, outer_radius=0.75, modulus=0.56, dead_length=11.7),
+}
+"""Muscles by name.
+
+- ``thesis-40``, ``thesis-45``, ``thesis-60``: the captions of the thesis's Figs 3.11, 3.16 and
+  3.12, a tube of 1.1 mm outer diameter.
+- ``effector-45``: the muscle of the thesis's chapter 4. Chapter 4 does not give its tube; one of
+  1.5 mm outer diameter is what reproduces its contractions (see `ThesisMuscle`).
+- ``fitted-45``: the same, with the modulus and dead length for which `EnergyMuscle` meets the
+  three contractions without load of chapter 4. Two parameters fitted to three numbers.
+"""
+
+
+def preset(name: str, **overrides: Any) -> Muscle:
+    """Return a muscle of `PRESETS`, with some fields changed.
+
+    Raises
+    ------
+    InputError
+        If there is no such preset, or a field or its value is not legal.
+    """
+    if name not in PRESETS:
+        raise InputError(f"there is no muscle preset '{name}': choose one of {sorted(PRESETS)}")
+    return PRESETS[name].replace(**overrides)

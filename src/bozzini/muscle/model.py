@@ -1,35 +1,42 @@
-"""What every muscle model answers, and what the models share."""
+"""The base of all muscle models, and what they share."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from types import MappingProxyType
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_range, name_at
 from ..errors import BozziniError, InputError
+from ..results import Result, take_axes
 from .design import Muscle
 from .hysteresis import Hysteresis
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from .models.card import Card
+
 __all__ = [
+    "CompiledMuscle",
+    "ConvergenceError",
     "DIRECTIONS",
     "LOAD_LIMIT",
-    "ConvergenceError",
-    "HistoryModel",
     "MuscleModel",
     "MuscleState",
-    "StaticModel",
     "broadcast",
     "check_array",
     "check_hysteresis",
     "check_range",
     "demand_convergence",
     "describe_stop",
+    "is_as_defined",
     "name_at",
     "parse_direction",
 ]
@@ -40,6 +47,12 @@ DIRECTIONS = {"inflating": -1.0, "": 0.0, "deflating": 1.0}
 """Sign of friction in the pull of the muscle: it pulls less on the way up, more on the way down."""
 
 
+NUMBERS_LIMIT = 32
+"""Largest count of numbers of a compiled model."""
+
+CURVE_POINTS = 201
+"""Points of a curve that is drawn."""
+
 LOAD_LIMIT = 1e15
 """Largest legal load [N]: a limit of the arithmetic, above what any legal muscle pulls."""
 
@@ -49,7 +62,7 @@ class ConvergenceError(BozziniError, ArithmeticError):
 
 
 @dataclass(frozen=True)
-class MuscleState:
+class MuscleState(Result):
     """A muscle at rest under pressure and load. All attributes are arrays of one shape.
 
     Attributes
@@ -87,150 +100,240 @@ class MuscleState:
         """Whether the braid presses on the tube."""
         return np.asarray(self.contact_pressure > 0.0)
 
+    def list_columns(self) -> dict[str, NDArray[np.generic]]:
+        """Return the columns of `to_frame`, a row for each state."""
+        columns = {
+            "contraction_mm": self.contraction,
+            "length_mm": self.length,
+            "braid_angle_rad": self.braid_angle,
+            "contact_pressure_MPa": self.contact_pressure,
+            "force_N": self.force,
+            "residual_N": self.residual,
+        }
+        return {name: np.ravel(values) for name, values in columns.items()}
 
-@runtime_checkable
-class MuscleModel(Protocol):
-    """Anything that tells force from contraction and contraction from load.
 
-    Everything is batch-wise: arguments are broadcast and the answer is an array of their common
-    shape. An argument outside the legal range raises `InputError`; no answer is ever NaN.
+@dataclass(frozen=True)
+class CompiledMuscle:
+    """A model's equations as C functions, for loops over batches that run compiled.
+
+    `bozzini.muscle.kernels.interface` has their signatures, and makes them of Python functions.
+    The addresses hold in the running process only.
+
+    Parameters
+    ----------
+    numbers : tuple of float
+        What the functions take of the model, at most `NUMBERS_LIMIT`.
+    start, pull, pressure : int
+        Addresses.
+
+    Raises
+    ------
+    InputError
+        If there are more numbers.
     """
 
-    @property
-    def muscle(self) -> Muscle:
-        """The muscle's design."""
-        ...
+    numbers: tuple[float, ...]
+    start: int
+    pull: int
+    pressure: int
 
-    @property
-    def name(self) -> str:
-        """The model's name in `MODELS`."""
-        ...
-
-    def force(
-        self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
-    ) -> Floats:
-        """Return the pull [N] at `pressure` [MPa] and `contraction` [mm]."""
-        ...
-
-    def contraction(
-        self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
-    ) -> Floats:
-        """Return the contraction [mm] at `pressure` [MPa] under `load` [N]."""
-        ...
-
-    def stiffness(self, pressure: ArrayLike, contraction: ArrayLike) -> Floats:
-        """Return ``-d force / d contraction`` [N/mm] at a pressure, without friction."""
-        ...
-
-    def blocked_force(self, pressure: ArrayLike) -> Floats:
-        """Return the pull [N] at the free length."""
-        ...
-
-    def free_contraction(self, pressure: ArrayLike) -> Floats:
-        """Return the contraction [mm] without load."""
-        ...
-
-    def dead_band(self) -> float:
-        """Return the pressure at which the unloaded tube meets the braid [MPa]."""
-        ...
-
-    def braid_angle(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
-        """Return the angle between strands and axis [rad]."""
-        ...
-
-    def solve(
-        self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
-    ) -> MuscleState:
-        """Return everything the model says about the muscle under `pressure` and `load`."""
-        ...
+    def __post_init__(self) -> None:
+        if len(self.numbers) > NUMBERS_LIMIT:
+            raise InputError(
+                f"a compiled model has {len(self.numbers)} numbers: it must have at most "
+                f"{NUMBERS_LIMIT}"
+            )
 
 
-@runtime_checkable
-class HistoryModel(MuscleModel, Protocol):
-    """A `MuscleModel` that can carry hysteresis, as all models of this package do."""
+class MuscleModel(ABC):
+    """A model of a muscle: force from contraction, and contraction from load.
 
-    @property
-    def hysteresis(self) -> Hysteresis | None:
-        """The operator of `trace_contraction`; None without hysteresis."""
-        ...
-
-    def trace_contraction(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
-        """Return the contraction [mm] along a history of pressures."""
-        ...
-
-
-class StaticModel(ABC):
-    """What the models of this package share; a subclass brings `solve`, `force` and the rest.
+    A subclass has `muscle` and `name`, and brings `force` and `contraction`. Everything else has a
+    default that follows from these, and may be replaced by what the model knows better. All methods
+    act on batches: arguments are broadcast, and the answer is an array of their common shape. An
+    argument outside the legal range raises `InputError`; no answer is ever NaN.
 
     Attributes
     ----------
+    muscle : Muscle
+        The design.
+    name : str
+        The name in `MODELS`.
+    hysteresis : Hysteresis or None
+        Operator of `trace_contraction`.
+    card : Card or None
+        Source, equation and constants of a model of the literature.
     unused : tuple of str
         Fields of `Muscle` that make no difference to the model.
+    fit_fields : tuple of str
+        Fields of `Muscle` that a fit frees by default.
+    choices : mapping
+        Keywords of the constructor that take a word, and their words; the first is the default.
+    takes_load : bool
+        Whether the contraction depends on the load.
     """
-
-    unused: ClassVar[tuple[str, ...]] = ()
 
     muscle: Muscle
     name: str
-    hysteresis: Hysteresis | None
+    hysteresis: Hysteresis | None = None
+    card: ClassVar[Card | None] = None
+    unused: ClassVar[tuple[str, ...]] = ()
+    fit_fields: ClassVar[tuple[str, ...]] = ("modulus",)
+    choices: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
 
     @abstractmethod
     def force(
         self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
     ) -> Floats:
-        """Return the pull [N] at `pressure` [MPa] and `contraction` [mm]."""
+        """Return the pull of the muscle [N]; negative beyond the free contraction.
+
+        Parameters
+        ----------
+        pressure : array_like
+            Pressure [MPa].
+        contraction : array_like
+            How much shorter than at rest the muscle is held [mm].
+        direction : str or array of str, optional
+            ``"inflating"`` or ``"deflating"`` for the branch of friction; None or ``""`` for the
+            curve without friction.
+
+        Raises
+        ------
+        InputError
+            If an argument is outside its legal range; the message has the first such value.
+        """
 
     @abstractmethod
     def contraction(
         self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
     ) -> Floats:
-        """Return the contraction [mm] at `pressure` [MPa] under `load` [N]."""
+        """Return the contraction under a load [mm]; negative where the muscle is longer.
 
-    @abstractmethod
+        Parameters
+        ----------
+        pressure : array_like
+            Pressure [MPa].
+        load : array_like
+            Load that the muscle holds [N].
+        direction : str or array of str, optional
+            As in `force`.
+
+        Raises
+        ------
+        InputError
+            If an argument is outside its legal range, or the muscle cannot hold the load.
+        ConvergenceError
+            If the solver stops short of its tolerance; `solve` reports where.
+        """
+
+    @property
+    def takes_load(self) -> bool:
+        """Whether the contraction depends on the load."""
+        return True
+
+    @property
+    def compiled(self) -> CompiledMuscle | None:
+        """The model's equations without friction as compiled functions; None without."""
+        return None
+
     def stiffness(
         self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
     ) -> Floats:
-        """Return ``-d force / d contraction`` [N/mm] at a pressure, along a branch of friction."""
+        """Return ``-d force / d contraction`` [N/mm] at a pressure, along a branch of friction.
 
-    @abstractmethod
-    def dead_band(self) -> float:
-        """Return the pressure at which the unloaded tube meets the braid [MPa]."""
-
-    @abstractmethod
-    def solve(
-        self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
-    ) -> MuscleState:
-        """Return everything the model says about the muscle under `pressure` and `load`."""
-
-    def blocked_force(self, pressure: ArrayLike) -> Floats:
-        """Return the pull [N] at the free length.
+        Central differences of `force`, 2e-5 mm apart, unless the model has better.
 
         Raises
         ------
         InputError
             As `force` does.
         """
-        return self.force(pressure, 0.0)
+        step = 1e-5
+        held = np.asarray(contraction, dtype=np.float64)
+        behind, ahead = (
+            self.force(pressure, held + away, direction=direction) for away in (-step, step)
+        )
+        return np.asarray((behind - ahead) / (2.0 * step))
 
-    def free_contraction(self, pressure: ArrayLike) -> Floats:
-        """Return the contraction [mm] without load.
+    def dead_band(self) -> float:
+        """Return the pressure below which the muscle does not contract [MPa]; 0 by default."""
+        return 0.0
+
+    def solve(
+        self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
+    ) -> MuscleState:
+        """Return everything the model gives of the muscle under `pressure` and `load`.
+
+        Where the solver stops short of its tolerance, `MuscleState.converged` is false. By default
+        the angle is that of a braid along the whole length, and all of the pressure is on it.
 
         Raises
         ------
         InputError
             As `contraction` does.
         """
+        contraction = self.contraction(pressure, load, direction=direction)
+        shape = contraction.shape
+        loads = np.broadcast_to(np.asarray(load, dtype=np.float64), shape)
+        force = self.force(pressure, contraction, direction=direction) if self.takes_load else loads
+        length = np.asarray(self.muscle.length - contraction)
+        return MuscleState(
+            contraction=contraction,
+            length=length,
+            braid_angle=self.muscle.braid.angle_at(length),
+            contact_pressure=np.array(np.broadcast_to(np.asarray(pressure, np.float64), shape)),
+            force=np.array(force),
+            converged=np.ones(shape, dtype=np.bool_),
+            residual=np.asarray(force - loads),
+            iterations=np.zeros(shape, dtype=np.int64),
+            reason=np.full(shape, ""),
+        )
+
+    def blocked_force(self, pressure: ArrayLike) -> Floats:
+        """Return the pull [N] at the free length."""
+        return self.force(pressure, 0.0)
+
+    def free_contraction(self, pressure: ArrayLike) -> Floats:
+        """Return the contraction [mm] without load."""
         return self.contraction(pressure)
 
     def braid_angle(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
-        """Return the angle between strands and axis [rad].
+        """Return the angle between strands and axis [rad]."""
+        return self.solve(pressure, load).braid_angle
+
+    def plot_contraction(
+        self,
+        pressure: float = 0.8,
+        *,
+        load: float = 0.0,
+        lowest: float = 0.0,
+        ax: Axes | None = None,
+    ) -> Axes:
+        """Draw the contraction over the pressure, up to one [MPa], and return the axes.
 
         Raises
         ------
         InputError
-            As `solve` does.
+            As `contraction` does; `lowest` is the first pressure drawn [MPa].
         """
-        return self.solve(pressure, load).braid_angle
+        axes = take_axes(ax, x="pressure [kPa]", y="contraction [mm]")
+        over = np.linspace(lowest, pressure, CURVE_POINTS)
+        axes.plot(1e3 * over, self.contraction(over, load), label=self.name)
+        return axes
+
+    def plot_force(self, pressure: float = 0.8, *, ax: Axes | None = None) -> Axes:
+        """Draw the force over the contraction at a pressure [MPa], and return the axes.
+
+        Raises
+        ------
+        InputError
+            As `force` does.
+        """
+        axes = take_axes(ax, x="contraction [mm]", y="force [N]")
+        over = np.linspace(0.0, float(self.free_contraction(pressure)), CURVE_POINTS)
+        axes.plot(over, self.force(pressure, over), label=f"{1e3 * pressure:g} kPa")
+        return axes
 
     def trace_contraction(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
         """Return the contraction [mm] along a history of pressures, with the muscle's hysteresis.
@@ -266,6 +369,12 @@ class StaticModel(ABC):
             )
         check_range("pressure from the hysteresis", acting, 0.0, math.inf, "MPa")
         return self.contraction(acting, load)
+
+
+def is_as_defined(model: MuscleModel, kind: type[MuscleModel]) -> bool:
+    """Whether a model answers as its class does: a subclass may have other equations."""
+    names = ("force", "contraction", "stiffness", "free_contraction", "solve")
+    return all(getattr(type(model), name) is getattr(kind, name) for name in names)
 
 
 def check_hysteresis(operator: object) -> None:

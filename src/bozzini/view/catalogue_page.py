@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..muscle.models import CATALOGUE, Card, count_statuses
+from ..muscle.models import MODELS, Card, count_statuses
 
 __all__ = ["format_catalogue", "format_counts"]
 
@@ -44,7 +44,7 @@ def format_counts(cards: Sequence[Card] | None = None) -> str:
     Parameters
     ----------
     cards : sequence of Card, optional
-        Those of `CATALOGUE` by default.
+        Those of `MODELS` by default.
     """
     taken = _take(cards)
     lines = ["| status | what it means | models | |", "|---|---|---|---|"]
@@ -61,7 +61,7 @@ def format_catalogue(cards: Sequence[Card] | None = None) -> str:
     Parameters
     ----------
     cards : sequence of Card, optional
-        Those of `CATALOGUE` by default.
+        Those of `MODELS` by default.
     """
     taken = _take(cards)
     lines = [_HEAD, format_counts(taken), "", "## All models", ""]
@@ -119,4 +119,4 @@ def _format_latex(text: str) -> list[str]:
 
 
 def _take(cards: Sequence[Card] | None) -> tuple[Card, ...]:
-    return tuple(kind.card for kind in CATALOGUE.values()) if cards is None else tuple(cards)
+    return tuple(MODELS.cards.values()) if cards is None else tuple(cards)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from bozzini.errors import InputError
 from bozzini.muscle import preset
 from bozzini.muscle.hysteresis import FrictionBand
-from bozzini.muscle.models import CATALOGUE
+from bozzini.muscle.models import MODELS
 from tests.muscle.hysteresis.reference import OPERATORS, list_histories
 
 BAND = OPERATORS["band"]
@@ -34,7 +34,7 @@ def test_in_proportion_to_pressure_both_ways_agree(history):
 
 def test_on_an_ideal_muscle_it_is_the_equation_as_printed():
     """Gaylord's force is in proportion to the pressure: F_stat + (kappa1 + kappa2 P) F_stat."""
-    ideal = CATALOGUE["gaylord-1"](preset("effector-45"))
+    ideal = MODELS["gaylord-1"](preset("effector-45"))
     history = np.array([0.1, 0.3, 0.6])
     acting = ideal.force(BAND.apply(history), 1.0)
     static = ideal.force(history, 1.0)

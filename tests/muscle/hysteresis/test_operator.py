@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -121,37 +119,6 @@ def test_a_muscle_carries_maxwell_slip_as_the_pressure_that_is_left():
         EnergyMuscle(model.muscle, hysteresis=PrandtlIshlinskii((0.0,), (-2.0,))).trace_contraction(
             [0.0, 0.1]
         )
-
-
-def test_wrong_histories_and_states_are_refused():
-    operator = OPERATORS["slips"]
-    for history, message in (
-        (0.3, r"^history is a single number: it must be an array of shape \(\.\.\., n\)$"),
-        ([0.0, math.nan], r"^history\[1\] is nan: it must lie in \[-1e\+12, 1e\+12\]$"),
-        ([[0.0], [math.inf]], r"^history\[1, 0\] is inf"),
-        (["a"], "^history is"),
-    ):
-        with pytest.raises(InputError, match=message):
-            operator.apply(history)
-    with pytest.raises(InputError, match="^initial is a float: it must be a HysteresisState$"):
-        operator.run([0.0], initial=0.0)
-    with pytest.raises(InputError, match=r"^initial has last \(\) and memory \(1,\): "):
-        operator.run([0.0], initial=OPERATORS["bouc-wen"].rest())
-    with pytest.raises(InputError, match=r"^initial has last \(3,\)"):
-        operator.run(np.zeros((2, 4)), initial=operator.rest((3,)))
-    with pytest.raises(InputError, match="^memory of the state has shape"):
-        HysteresisState(np.zeros(2), np.zeros(2))
-    with pytest.raises(InputError, match="^last of the state must be finite$"):
-        HysteresisState(math.nan, np.zeros(2))
-    for name, memory, message in (
-        ("slips", (0.0, 0.0, 0.3), r"^memory\[2\] of the initial state is 0.3: .* \[-0.2, 0.2\]"),
-        ("bouc-wen", (9.0,), r"^memory\[0\] of the initial state is 9: it must lie in \[-0."),
-        ("band", (0.5,), r"^memory\[0\] of the initial state is 0.5: it must be -1, 0 or 1"),
-        ("relays", (0.5,) * 36, "^memory of the initial state has a relay 0 "),
-        ("relays", (1.0,) * 36, "^memory of the initial state has a relay 0 "),
-    ):
-        with pytest.raises(InputError, match=message):
-            OPERATORS[name].run([0.1], initial=HysteresisState(0.0, memory))
 
 
 def test_operators_are_values():

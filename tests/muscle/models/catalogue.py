@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 from bozzini.errors import InputError
 from bozzini.muscle import Muscle
-from bozzini.muscle.models import CATALOGUE, CatalogueModel
+from bozzini.muscle.models import MODELS, CatalogueModel
+
+SURVEY = {name: MODELS[name] for name in MODELS.cards}
+"""The models of the survey by name."""
+OWN = ("energy", "thesis")
+"""The models that are of no paper."""
 
 MUSCLE = Muscle(length=45.0, outer_radius=0.75, inner_radius=0.4, gap=0.05, dead_length=3.0)
 
@@ -28,14 +33,14 @@ def find_lengths(model: CatalogueModel, count: int = 9, *, edge: float = 0.02) -
 
 def build(name: str, muscle: Muscle = MUSCLE, **changes: Any) -> CatalogueModel:
     """A model of the catalogue with the constants that a fit would start from."""
-    kind = CATALOGUE[name]
+    kind = MODELS[name]
     return kind(muscle, **{**kind.guess_parameters(muscle), **changes})
 
 
 @st.composite
 def built(draw: Any, name: str, muscle: Muscle) -> CatalogueModel | None:
     """A model with any legal constants, or None where muscle and constants do not go together."""
-    kind = CATALOGUE[name]
+    kind = MODELS[name]
     guess = kind.guess_parameters(muscle)
     given: dict[str, Any] = {}
     for item in kind.card.parameters:

@@ -15,24 +15,27 @@ from bozzini.errors import InputError, MissingLawError
 from bozzini.muscle import (
     MODELS,
     ConvergenceError,
-    HistoryModel,
     Measurements,
     MuscleModel,
-    rank_models,
+    RankOptions,
+    rank,
 )
 from bozzini.muscle.models import (
-    CATALOGUE,
     Card,
     CatalogueModel,
     Choice,
     Law,
     Parameter,
-    _root,
     count_statuses,
-    explicit,
+)
+from bozzini.muscle.models import (
+    base as _root,
+)
+from bozzini.muscle.models import (
+    base as explicit,
 )
 from bozzini.muscle.models.card import BRAID_FIELDS, STATUSES
-from tests.muscle.models.catalogue import MUSCLE, build
+from tests.muscle.models.catalogue import MUSCLE, SURVEY, build
 from tests.muscle.models.relations import ask_anything
 from tests.muscle.strategies import muscles
 
@@ -55,17 +58,13 @@ class Toy(CatalogueModel):
     card = make_card(
         "toy",
         parameters=(
-            Parameter(name="rub", unit="N", what="friction", source="fitted", default=0.0,
-                      neutral=0.0, bounds=(0.0, 5.0), linear=True),
-            Parameter(name="heat", unit="K", what="heat", source="measured", bounds=(0.0, 9.0),
-                      only_with="rub"),
+            Parameter("rub [N]", "friction", (0.0, 5.0), default=0.0, neutral=0.0, linear=True),
+            Parameter("heat [K]", "heat", (0.0, 9.0), source="measured", only_with="rub"),
         ),
         choices=(Choice(name="way", what="way", words=("new", "old"), printed="old"),),
         laws=(
-            Law(name="shape", arguments=("strain",), unit="N/MPa", what="the pull per pressure",
-                paper="Nobody (1900)"),
-            Law(name="extra", arguments=("strain",), unit="N", what="more", paper="Nobody (1901)",
-                only_with="rub"),
+            Law("shape [N/MPa]", ("strain",), "the pull per pressure", "Nobody (1900)"),
+            Law("extra [N]", ("strain",), "more", "Nobody (1901)", only_with="rub"),
         ),
     )  # fmt: skip
 
@@ -86,9 +85,9 @@ def model(request):
 
 
 def test_the_catalogue_is_by_name_and_apart_from_our_own_models():
-    assert set(OWN) <= set(CATALOGUE)
-    assert not set(CATALOGUE) & set(MODELS)
-    for name, kind in CATALOGUE.items():
+    assert set(OWN) <= set(SURVEY)
+    assert set(MODELS) == {*SURVEY, "energy", "thesis"}
+    for name, kind in SURVEY.items():
         assert kind.card.name == kind.name == name
         assert set(kind.unused) == set(vars(MUSCLE)) - set(kind.card.uses)
         for words in (kind.card.reference, kind.card.latex, kind.card.equation, kind.card.status,
@@ -101,7 +100,6 @@ def test_the_catalogue_is_by_name_and_apart_from_our_own_models():
 
 def test_a_model_is_a_model(model):
     assert isinstance(model, MuscleModel)
-    assert isinstance(model, HistoryModel)
     again = pickle.loads(pickle.dumps(model))
     assert again == model and hash(again) == hash(model)
     assert np.array_equal(again.contraction(0.5), model.contraction(0.5))
@@ -352,8 +350,8 @@ def test_an_error_of_ours_passes_through_a_law():
 def test_a_law_that_raises_does_not_take_the_ranking_along():
     pressure = np.linspace(0.1, 0.8, 8)
     data = Measurements(pressure=pressure, contraction=build("chou").contraction(pressure))
-    models = {"toy": partial(Toy, shape=lambda e: 1 / 0), "chou": CATALOGUE["chou"]}
-    ranking = rank_models(MUSCLE, data, models=models, folds=0)
+    models = {"toy": partial(Toy, shape=lambda e: 1 / 0), "chou": MODELS["chou"]}
+    ranking = rank(data, MUSCLE, models=models, options=RankOptions(folds=0))
     assert [entry.name for entry in ranking.models] == ["chou"]
     assert "the law shape of the model toy raised ZeroDivisionError" in ranking.refusals["toy"]
 
@@ -433,7 +431,7 @@ def test_any_question_is_answered_or_refused(name, data, muscle):
 
 
 def test_cards_are_checked():
-    good = dict(name="k", unit="", what="k", source="fitted", bounds=(0.0, 1.0))
+    good = dict(name="k", what="k", source="fitted", bounds=(0.0, 1.0))
     for change, words in (
         ({"source": "heard"}, "source of k is 'heard'"),
         ({"bounds": (1.0, 0.0)}, "bounds of k are"),
@@ -453,7 +451,7 @@ def test_cards_are_checked():
 
 
 def test_a_card_checks_what_is_given():
-    whole = Parameter(name="n", unit="", what="n", source="geometry", bounds=(1.0, 9.0), whole=True)
+    whole = Parameter("n", "n", (1.0, 9.0), source="geometry", whole=True)
     card = make_card("k", parameters=(whole,), choices=Toy.card.choices)
     assert card.check_parameter("n", 3) == 3.0
     assert card.check_choice("way", "old") == "old"
@@ -469,7 +467,7 @@ def test_a_card_checks_what_is_given():
 
 
 def test_every_model_has_one_status():
-    cards = [kind.card for kind in CATALOGUE.values()]
+    cards = [kind.card for kind in SURVEY.values()]
     counts = count_statuses(cards)
     assert tuple(counts) == STATUSES
     assert sum(counts.values()) == len(cards)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError
-from bozzini.muscle.models import CATALOGUE
+from bozzini.muscle.models import MODELS
 from tests.muscle.models.catalogue import MUSCLE, build, find_lengths
 
 NAMES = [
@@ -147,7 +147,7 @@ def test_davis_contact_is_the_cylinder_where_the_strands_lie_side_by_side():
     braid, least = model.braid, model.smallest_angle
     length = np.asarray(braid.length_at(least))
     lateral = 2.0 * math.pi * braid.radius_at(length) * length
-    assert model._find_contact_area(0.5, length) == pytest.approx(float(lateral), rel=1e-12)
+    assert model.find_contact_area(0.5, length) == pytest.approx(float(lateral), rel=1e-12)
     # Strands of one family lie 4 pi r cos(angle) / m apart: two radii there.
     apart = 4.0 * math.pi * float(braid.radius_at(length)) * math.cos(least) / MUSCLE.strands
     assert apart == pytest.approx(2.0 * MUSCLE.strand_radius, rel=1e-12)
@@ -231,7 +231,7 @@ def test_andrikopoulos_factor_of_strain_is_the_printed_one():
     q1, q2 = 3.0 / math.tan(MUSCLE.braid_angle) ** 2, 1.0 / math.sin(MUSCLE.braid_angle) ** 2
     model = build("andrikopoulos", largest_contraction=8.0)
     factor = 42.0 / 8.0 * (1.0 - math.sqrt(q2 / q1))
-    assert model._find_factor(np.array(0.5)) == pytest.approx(factor, rel=1e-12)
+    assert model.find_factor(np.array(0.5)) == pytest.approx(factor, rel=1e-12)
 
 
 def test_heat_takes_contraction_away_and_none_is_the_plain_model():
@@ -265,4 +265,4 @@ def test_constants_have_to_be_given():
         ("andrikopoulos", "largest_force, largest_contraction, test_pressure"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=f"must be given {missing}: the survey has no values"):
-            CATALOGUE[name](MUSCLE)
+            MODELS[name](MUSCLE)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models.force_balance import find_radius
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.ideal import find_radius
 from tests.muscle.models.catalogue import MUSCLE, build, differentiate, find_lengths
 from tests.muscle.models.relations import WAYS, ask_anything, check_model, find_unused, pull
 from tests.muscle.strategies import muscles
@@ -28,15 +28,15 @@ def turn(pressure, angle):
 
 
 def chen(muscle=MUSCLE, **changes):
-    return CATALOGUE["chen"](muscle, **{name: press for name in LAWS} | changes)
+    return MODELS["chen"](muscle, **{name: press for name in LAWS} | changes)
 
 
 def test_models_are_models():
     check_model(chen(bending_moment=turn), [0.1, 0.5], [0.0, 0.05])
     check_model(build("braid-tension"), [0.1, 0.5], [0.1, 0.5])
-    assert find_unused(chen) == set(CATALOGUE["chen"].unused)
+    assert find_unused(chen) == set(MODELS["chen"].unused)
     assert find_unused(lambda muscle: build("braid-tension", muscle)) == set(
-        CATALOGUE["braid-tension"].unused
+        MODELS["braid-tension"].unused
     )
 
 
@@ -44,7 +44,7 @@ def test_no_moments_make_gaylord():
     lengths = find_lengths(build("gaylord-1"))
     ideal = pull(build("gaylord-1"), 0.4, lengths)
     for name in LAWS:
-        model = CATALOGUE["chen"](MUSCLE, **{name: lambda pressure, angle: 0.0 * angle})
+        model = MODELS["chen"](MUSCLE, **{name: lambda pressure, angle: 0.0 * angle})
         for way in WAYS:
             assert np.array_equal(pull(model, 0.4, lengths, direction=way), ideal)
 
@@ -54,7 +54,7 @@ def test_friction_has_a_direction_and_elasticity_has_none():
     lengths = find_lengths(build("gaylord-1"))
     ideal = pull(build("gaylord-1"), 0.4, lengths)
     for name in LAWS:
-        model = CATALOGUE["chen"](MUSCLE, **{name: press})
+        model = MODELS["chen"](MUSCLE, **{name: press})
         up, free, down = (pull(model, 0.4, lengths, direction=way) for way in WAYS)
         assert 0.5 * (up + down) == pytest.approx(free, rel=1e-12)
         if "friction" in name:
@@ -66,7 +66,7 @@ def test_friction_has_a_direction_and_elasticity_has_none():
 def test_moments_of_one_kind_add_up():
     lengths = find_lengths(build("gaylord-1"))
     ideal = pull(build("gaylord-1"), 0.4, lengths)
-    one = CATALOGUE["chen"](MUSCLE, bending_moment=press)
+    one = MODELS["chen"](MUSCLE, bending_moment=press)
     all_four = chen()
     taken = ideal - pull(one, 0.4, lengths)
     up, free, down = (pull(all_four, 0.4, lengths, direction=way) for way in WAYS)
@@ -82,7 +82,7 @@ def test_a_moment_works_on_the_angle_at_every_crossing():
     def spring(pressure, angle):
         return stiff * (angle - MUSCLE.braid_angle) * 2.0
 
-    model = CATALOGUE["chen"](MUSCLE, bending_moment=spring)
+    model = MODELS["chen"](MUSCLE, bending_moment=spring)
     each_way = MUSCLE.strands // 2
     crossings = each_way**2 * 2.0 * model.braid.turns  # N turns one way and N the other
 
@@ -108,10 +108,10 @@ def test_chen_as_printed_has_four_times_the_moments():
 def test_chen_wants_a_law_and_says_where_it_is():
     with pytest.raises(MissingLawError, match="one at least of the laws strand_friction_moment.*"
                        r"they are in Chen et al., reference \[121\]") as error:  # fmt: skip
-        CATALOGUE["chen"](MUSCLE)
+        MODELS["chen"](MUSCLE)
     assert "\n" not in str(error.value)
     with pytest.raises(InputError, match="^answer of bending_moment.* is nan"):
-        CATALOGUE["chen"](MUSCLE, bending_moment=lambda p, angle: np.nan * angle).force(0.1, 1.0)
+        MODELS["chen"](MUSCLE, bending_moment=lambda p, angle: np.nan * angle).force(0.1, 1.0)
 
 
 # The first estimate -------------------------------------------------------------------------------
@@ -120,7 +120,7 @@ def test_chen_wants_a_law_and_says_where_it_is():
 @settings(max_examples=50)
 @given(muscles(), st.floats(0.0, 1.0), st.floats(1e-3, 10.0))
 def test_strands_alone_lack_the_pressure_on_the_ends(muscle, share, pressure):
-    model, ideal = CATALOGUE["braid-tension"](muscle), CATALOGUE["gaylord-1"](muscle)
+    model, ideal = MODELS["braid-tension"](muscle), MODELS["gaylord-1"](muscle)
     low, high = (model.braid.length - x for x in model.contraction_limits[::-1])
     length = low + share * (high - low)
     ends = pressure * math.pi * find_radius(model.braid, np.asarray(length)) ** 2

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models.force_balance import (
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.ideal import (
     Wall,
     balance_forces,
     find_contact_pressure,
@@ -42,7 +42,7 @@ def thin(share=0.99, **changes):
 @given(muscles(), st.floats(0.0, 1.0), st.floats(0.0, 10.0), STRESSES, STRESSES)
 def test_both_forms_of_the_balance_are_one(muscle, share, pressure, axial, hoop):
     """Through the braid's pressure, and collected by terms."""
-    model = CATALOGUE["kothera-balance"](muscle)
+    model = MODELS["kothera-balance"](muscle)
     braid, wall = model.braid, model.wall
     low, high = (braid.length - x for x in model.contraction_limits[::-1])
     length = np.asarray(low + share * (high - low))
@@ -57,9 +57,12 @@ def test_both_forms_of_the_balance_are_one(muscle, share, pressure, axial, hoop)
     )
     other = strands + axial * wall.area_at(length) - bore
     force = balance_forces(
-        pressure, length, braid=braid, thickness=thickness, area=wall.area_at(length),
-        axial_stress=axial, hoop_stress=hoop,
-    )  # fmt: skip
+        pressure,
+        length,
+        braid=braid,
+        section=(thickness, wall.area_at(length)),
+        stresses=(axial, hoop),
+    )
     scale = abs(strands) + abs(axial) * wall.area_at(length) + bore
     assert force == pytest.approx(other, abs=1e-9 * float(scale))
 
@@ -68,9 +71,12 @@ def test_a_wall_that_only_passes_pressure_on_makes_gaylord():
     """Incompressible and without shear, the stress in the wall is the pressure on it."""
     wall = KOTHERA.wall
     force = balance_forces(
-        0.4, LENGTHS, braid=KOTHERA.braid, thickness=wall.thickness_at(LENGTHS),
-        area=wall.area_at(LENGTHS), axial_stress=-0.4, hoop_stress=-0.4,
-    )  # fmt: skip
+        0.4,
+        LENGTHS,
+        braid=KOTHERA.braid,
+        section=(wall.thickness_at(LENGTHS), wall.area_at(LENGTHS)),
+        stresses=(-0.4, -0.4),
+    )
     assert force == pytest.approx(pull_ideal(KOTHERA.braid, 0.4, LENGTHS), rel=1e-11)
 
 
@@ -141,8 +147,8 @@ def test_kothera_without_modulus_and_thickness_is_gaylord():
 @given(muscle=muscles(), share=st.floats(0.01, 0.99), more=st.floats(1.01, 3.0))
 def test_a_stiffer_bladder_contracts_less(name, muscle, share, more):
     """The elastic term takes from the pull at any contraction, and adds at any lengthening."""
-    model = CATALOGUE[name](muscle)
-    stiffer = CATALOGUE[name](muscle.replace(modulus=min(more * muscle.modulus, 1e3)))
+    model = MODELS[name](muscle)
+    stiffer = MODELS[name](muscle.replace(modulus=min(more * muscle.modulus, 1e3)))
     low, high = model.contraction_limits
     for contraction, sign in ((share * high, -1.0), (share * low, 1.0)):
         change = sign * (stiffer.force(0.0, contraction) - model.force(0.0, contraction))

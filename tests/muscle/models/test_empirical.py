@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
-from bozzini.muscle.models import CATALOGUE
+from bozzini.muscle.models import MODELS
 from tests.muscle.models.catalogue import MUSCLE, build, find_lengths
 from tests.muscle.models.relations import (
     WAYS,
@@ -35,7 +35,7 @@ Q2 = 1.0 / math.sin(MUSCLE.braid_angle) ** 2
 @pytest.mark.parametrize("name", NAMES)
 def test_models_are_models(name):
     check_model(build(name), [0.1, 0.5], [0.0, 0.05])
-    kind, constants = CATALOGUE[name], build(name).keywords
+    kind, constants = MODELS[name], build(name).keywords
     assert find_unused(lambda muscle: kind(muscle, **constants)) == set(kind.unused)
 
 
@@ -97,9 +97,9 @@ def test_takosoglu_as_printed_is_four_times_that():
 
 
 def test_takosoglu_needs_what_fades_only_if_it_fades():
-    CATALOGUE["takosoglu"](MUSCLE, kappa1=0.0, kappa3=2.0, kappa4=0.0, kappa6=Q1)
+    MODELS["takosoglu"](MUSCLE, kappa1=0.0, kappa3=2.0, kappa4=0.0, kappa6=Q1)
     with pytest.raises(InputError, match="must be given kappa2, kappa5: the survey"):
-        CATALOGUE["takosoglu"](MUSCLE, kappa1=1.0, kappa3=2.0, kappa4=1.0, kappa6=Q1)
+        MODELS["takosoglu"](MUSCLE, kappa1=1.0, kappa3=2.0, kappa4=1.0, kappa6=Q1)
 
 
 TAKOSOGLU = st.tuples(
@@ -114,7 +114,7 @@ def test_takosoglus_constants_are_found_again(values):
     """By bounded least squares from the first guess, in which nothing fades."""
     from scipy.optimize import least_squares
 
-    kind = CATALOGUE["takosoglu"]
+    kind = MODELS["takosoglu"]
     names = [f"kappa{i + 1}" for i in range(6)]
     truth = dict(zip(names, values, strict=True))
     pressure, contraction = np.linspace(0.05, 0.8, 12)[:, None], np.linspace(-2.0, 18.0, 15)
@@ -222,7 +222,7 @@ LINEAR = {
 def test_linear_constants_are_found_again(name, data):
     scales, fixed = LINEAR[name]
     truth = {key: scale * data.draw(st.floats(-5.0, 5.0)) for key, scale in scales.items()}
-    linear = {item.name for item in CATALOGUE[name].card.parameters if item.linear}
+    linear = {item.name for item in MODELS[name].card.parameters if item.linear}
     assert linear == set(truth)
     found = recover_linear(name, truth, **fixed)
     for key, value in truth.items():
@@ -237,4 +237,4 @@ def test_constants_have_to_be_given():
         ("linear-strain", "kappa1, largest_force, largest_strain"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=f"must be given {missing}: the survey has no values"):
-            CATALOGUE[name](MUSCLE)
+            MODELS[name](MUSCLE)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models.force_balance import (
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.ideal import (
     balance_forces,
     find_contact_pressure,
     find_radius,
@@ -49,7 +49,7 @@ def contact_area(length, pressure):
 
 
 def make(muscle=MUSCLE, **given):
-    return CATALOGUE["doumit"](muscle, **{"hoop_stress": hoop_stress, **given})
+    return MODELS["doumit"](muscle, **{"hoop_stress": hoop_stress, **given})
 
 
 PLAIN, CONES = make(), make(cone_length=cone_length)
@@ -79,9 +79,12 @@ def test_a_cylinder_of_fine_strands_is_the_balance_of_forces(muscle, share, pres
     length = np.asarray(low + share * (high - low))
     radius = find_radius(braid, length)
     expected = balance_forces(
-        pressure, length, braid=braid, thickness=thickness,
-        area=math.pi * thickness * (2.0 * radius - thickness), axial_stress=0.0, hoop_stress=stress,
-    )  # fmt: skip
+        pressure,
+        length,
+        braid=braid,
+        section=(thickness, math.pi * thickness * (2.0 * radius - thickness)),
+        stresses=(0.0, stress),
+    )
     strands = length**2 / (2.0 * math.pi * braid.turns**2)
     scale = (pressure + abs(stress)) * float(strands + math.pi * radius**2)
     slack = 1e-9 + 1e-5 / muscle.inner_radius  # the strands' own thickness
@@ -196,7 +199,7 @@ def test_shapes_that_do_not_fit_are_refused():
 
 def test_doumit_wants_its_laws_and_says_where_they_are():
     with pytest.raises(MissingLawError, match=r"hoop_stress\(length .*Doumit, Fahim and Munro"):
-        CATALOGUE["doumit"](MUSCLE)
+        MODELS["doumit"](MUSCLE)
     with pytest.raises(MissingLawError, match=r"contact_area\(length .*Doumit, Fahim and Munro"):
         make(friction=0.1)
 
@@ -217,7 +220,7 @@ def cylinder_thickness(length):
 
 def shape(muscle=MUSCLE, **given):
     laws = {"middle_radius": cylinder_radius, "middle_thickness": cylinder_thickness, **given}
-    return CATALOGUE["elliptic-ends"](muscle, **laws)
+    return MODELS["elliptic-ends"](muscle, **laws)
 
 
 @pytest.mark.parametrize("pressure", [0.0, 0.4])
@@ -226,9 +229,12 @@ def test_a_cylinder_all_along_is_the_balance_of_forces(pressure):
     radius, thickness = cylinder_radius(lengths), wall.thickness_at(lengths)
     hoop = MUSCLE.modulus * (radius / MUSCLE.braid_radius - 1.0)
     expected = balance_forces(
-        pressure, lengths, braid=model.braid, thickness=thickness, area=wall.area_at(lengths),
-        axial_stress=MUSCLE.modulus * (lengths / 42.0 - 1.0), hoop_stress=hoop,
-    )  # fmt: skip
+        pressure,
+        lengths,
+        braid=model.braid,
+        section=(thickness, wall.area_at(lengths)),
+        stresses=(MUSCLE.modulus * (lengths / 42.0 - 1.0), hoop),
+    )
     assert pull(model, pressure, lengths) == pytest.approx(expected, rel=1e-10, abs=1e-11)
     contact = find_contact_pressure(
         0.4, 34.0, braid=model.braid, thickness=wall.thickness_at(34.0),
@@ -285,10 +291,10 @@ def test_sections_that_are_no_tube_are_refused(law):
 
 def test_the_ends_are_in_another_paper():
     with pytest.raises(MissingLawError, match=r"middle_radius\(length.*reference \[90\]") as error:
-        CATALOGUE["elliptic-ends"](MUSCLE)
+        MODELS["elliptic-ends"](MUSCLE)
     assert "\n" not in str(error.value)
     with pytest.raises(MissingLawError, match=r"middle_thickness\(length.*reference \[90\]"):
-        CATALOGUE["elliptic-ends"](MUSCLE, middle_radius=cylinder_radius)
+        MODELS["elliptic-ends"](MUSCLE, middle_radius=cylinder_radius)
 
 
 @pytest.mark.parametrize("name", ["doumit", "elliptic-ends"])
@@ -321,7 +327,7 @@ def test_any_shape_is_answered_or_refused(muscle, pressure, share, laws):
                     "clamp_ratio": max(wide, 0.05)}),
     ):  # fmt: skip
         try:
-            model = CATALOGUE[name](muscle, **given_laws)
+            model = MODELS[name](muscle, **given_laws)
             low, high = model.contraction_limits
             force = model.force(pressure, low + share * (high - low))
         except InputError as error:

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models.force_balance import Wall, find_radius, pull_ideal
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.ideal import Wall, find_radius, pull_ideal
 from tests.muscle.models.catalogue import MUSCLE, build, differentiate, find_lengths
 from tests.muscle.models.relations import (
     WAYS,
@@ -26,7 +26,7 @@ from tests.muscle.strategies import muscles
 MOONEY = {"c10": 0.05, "c01": 0.02}
 ENERGIES = ["delson", "kothera-energy"]
 STIFF = MUSCLE.replace(strand_modulus=1e6)
-DELSON = CATALOGUE["delson"](MUSCLE, **MOONEY)
+DELSON = MODELS["delson"](MUSCLE, **MOONEY)
 LENGTHS = find_lengths(DELSON)
 
 
@@ -56,14 +56,14 @@ def test_energies_are_models(name):
         if "friction" in changes and name == "delson":
             continue
         check_model(build(name, **changes), [0.0, 0.1, 0.5], [0.0, 0.05])
-    kind = CATALOGUE[name]
+    kind = MODELS[name]
     assert find_unused(lambda muscle: kind(muscle, **MOONEY)) == set(kind.unused)
 
 
 @pytest.mark.parametrize("at", ["middle", "outer"])
 @pytest.mark.parametrize("name", ENERGIES)
 def test_the_pull_is_the_slope_of_the_potential(name, at):
-    model = CATALOGUE[name](STIFF, **MOONEY, stretches=at)
+    model = MODELS[name](STIFF, **MOONEY, stretches=at)
     braid, volume = model.braid, Wall.of(STIFF, model.braid).volume
 
     def potential(length):
@@ -83,7 +83,7 @@ def test_the_pull_is_the_slope_of_the_potential(name, at):
 @pytest.mark.parametrize("at", ["middle", "outer"])
 def test_pull_and_contact_pressure_balance(at):
     """Across the muscle: strands, wall at one radius, and the pressure on all of the section."""
-    model = CATALOGUE["delson"](MUSCLE, **MOONEY, stretches=at)
+    model = MODELS["delson"](MUSCLE, **MOONEY, stretches=at)
     braid, wall = model.braid, model.wall
     state = model.solve(0.5, [0.1, 0.5, 1.0])
     length = braid.length - state.contraction
@@ -109,7 +109,7 @@ def test_pull_and_contact_pressure_balance(at):
 def test_without_constants_it_is_gaylord(name, at):
     muscle = STIFF if name == "kothera-energy" else MUSCLE
     ideal = pull(build("gaylord-1", muscle), 0.4, LENGTHS)
-    soft = CATALOGUE[name](muscle, c10=0.0, c01=0.0, stretches=at)
+    soft = MODELS[name](muscle, c10=0.0, c01=0.0, stretches=at)
     slack = 1e-4 if name == "kothera-energy" else 1e-14  # the strands still stretch a little
     assert pull(soft, 0.4, LENGTHS) == pytest.approx(ideal, rel=slack, abs=slack)
     assert np.all(soft.solve(0.4, [0.0, 0.5]).contact_pressure == 0.4)
@@ -118,9 +118,9 @@ def test_without_constants_it_is_gaylord(name, at):
 def test_strands_that_stretch_less_come_to_delson():
     lengths = LENGTHS
     for at in ("middle", "outer"):
-        delson = pull(CATALOGUE["delson"](MUSCLE, **MOONEY, stretches=at), 0.4, lengths)
+        delson = pull(MODELS["delson"](MUSCLE, **MOONEY, stretches=at), 0.4, lengths)
         misses = [
-            np.abs(pull(CATALOGUE["kothera-energy"](MUSCLE.replace(strand_modulus=stiff), **MOONEY,
+            np.abs(pull(MODELS["kothera-energy"](MUSCLE.replace(strand_modulus=stiff), **MOONEY,
                                                     stretches=at), 0.4, lengths) - delson).max()
             for stiff in (1e5, 1e6)
         ]  # fmt: skip
@@ -129,7 +129,7 @@ def test_strands_that_stretch_less_come_to_delson():
 
 def test_the_term_of_the_strands_is_what_their_stretch_takes():
     """Elastic strands under the gas alone: equilibrium of their length, then the braid's pull."""
-    model = CATALOGUE["kothera-energy"](MUSCLE, c10=0.0, c01=0.0)
+    model = MODELS["kothera-energy"](MUSCLE, c10=0.0, c01=0.0)
     braid, pressure = model.braid, 0.05
     section = MUSCLE.strands * math.pi * MUSCLE.strand_radius**2 * MUSCLE.strand_modulus
     misses = []
@@ -161,7 +161,7 @@ def test_the_term_of_the_strands_grows_with_the_square_of_the_pressure():
 @given(muscle=muscles(), share=st.floats(0.02, 0.98), mix=st.floats(0.0, 0.5))
 def test_the_wall_resists(name, at, muscle, share, mix):
     """At any contraction up to locking and any lengthening, with c01 <= c10; nothing at rest."""
-    model = CATALOGUE[name](muscle, c10=1.0 - mix, c01=mix, stretches=at)
+    model = MODELS[name](muscle, c10=1.0 - mix, c01=mix, stretches=at)
     low, high = model.contraction_limits[0], model.braid.locking_contraction
     scale = float(model.wall.area_at_rest)
     assert model.force(0.0, 0.0) == pytest.approx(0.0, abs=1e-12 * scale)
@@ -172,7 +172,7 @@ def test_the_second_constant_alone_need_not_resist():
     """It does near rest; with strands that lie flat it may push on from there."""
     flat = MUSCLE.replace(braid_angle=math.radians(8.0))
     for at in ("middle", "outer"):
-        model = CATALOGUE["delson"](flat, c10=0.0, c01=0.05, stretches=at)
+        model = MODELS["delson"](flat, c10=0.0, c01=0.05, stretches=at)
         force = model.force(0.0, np.linspace(0.01, 1.0, 100) * model.braid.locking_contraction)
         assert force[0] < 0.0 < force.max()
 
@@ -185,7 +185,7 @@ def test_a_small_strain_is_linear_elastic():
         for constants in (MOONEY, {"c10": 0.07, "c01": 0.0}, {"c10": 0.0, "c01": 0.07}):
             misses = []
             for share in (0.9, 0.99):
-                model = CATALOGUE[name](thin(share), **constants)
+                model = MODELS[name](thin(share), **constants)
                 rest = 4.0 / 3.0 * 6.0 * 0.07 * model.wall.area_at_rest / model.braid.length
                 misses.append(model.stiffness(0.0, 0.0) / (rest * shape) - 1.0)
             assert abs(misses[1]) < 0.02 and misses[1] == pytest.approx(0.1 * misses[0], rel=0.3)
@@ -194,7 +194,7 @@ def test_a_small_strain_is_linear_elastic():
 def test_middle_and_outer_stretch_differ_by_the_thickness():
     misses = []
     for share in (0.9, 0.99):
-        one, other = (CATALOGUE["delson"](thin(share), **MOONEY, stretches=at)
+        one, other = (MODELS["delson"](thin(share), **MOONEY, stretches=at)
                       for at in ("middle", "outer"))  # fmt: skip
         forces = [pull(model, 0.0, np.linspace(25.0, 45.0, 9)) for model in (one, other)]
         misses.append(np.abs(forces[0] - forces[1]).max() / np.abs(forces[0]).max())
@@ -202,7 +202,7 @@ def test_middle_and_outer_stretch_differ_by_the_thickness():
 
 
 def test_delson_as_printed_is_pushed_by_the_pressure():
-    printed = CATALOGUE["delson"](MUSCLE, **MOONEY, as_printed=True)
+    printed = MODELS["delson"](MUSCLE, **MOONEY, as_printed=True)
     ideal = pull_ideal(DELSON.braid, 0.4, LENGTHS)
     assert pull(DELSON, 0.4, LENGTHS) - pull(printed, 0.4, LENGTHS) == pytest.approx(
         2.0 * ideal, rel=1e-12, abs=1e-12
@@ -246,11 +246,11 @@ def test_constants_are_found_by_linear_least_squares(at):
 def test_a_guess_has_the_modulus_of_the_tube():
     muscle = MUSCLE.replace(mooney_ratio=0.3)
     for name in ENERGIES:
-        guess = CATALOGUE[name].guess_parameters(muscle)
+        guess = MODELS[name].guess_parameters(muscle)
         assert 6.0 * (guess["c10"] + guess["c01"]) == pytest.approx(muscle.modulus)
         assert guess["c01"] == pytest.approx(0.3 * (guess["c10"] + guess["c01"]))
         with pytest.raises(InputError, match=f"the model {name} must be given c10, c01"):
-            CATALOGUE[name](muscle)
+            MODELS[name](muscle)
 
 
 @pytest.mark.parametrize("name", ENERGIES)

@@ -12,9 +12,9 @@ from scipy.integrate import quad
 
 from bozzini.errors import InputError, MissingLawError
 from bozzini.muscle import EnergyMuscle, Muscle
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models._root import find_between
-from bozzini.muscle.models.force_balance import Wall, find_radius, pull_ideal
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.base import find_between
+from bozzini.muscle.models.ideal import Wall, find_radius, pull_ideal
 from tests.muscle.models.catalogue import MUSCLE, build, differentiate, find_lengths
 from tests.muscle.models.relations import (
     ask_anything,
@@ -56,7 +56,7 @@ READINGS = [{"volume": v, "force": f} for v in ("bore", "outer") for f in ("spri
 
 @pytest.mark.parametrize("reading", READINGS)
 def test_trivedi_is_a_model(reading):
-    kind = CATALOGUE["trivedi"]
+    kind = MODELS["trivedi"]
     check_model(kind(MUSCLE, **reading), [0.0, 0.1, 0.5], [0.0, 0.005])
     assert find_unused(lambda muscle: kind(muscle, **reading), 0.01) == set(kind.unused)
 
@@ -64,13 +64,13 @@ def test_trivedi_is_a_model(reading):
 def test_the_zero_load_pressure_is_the_print_but_for_the_sign():
     for angle in (10.0, 36.0, 50.0):
         muscle = MUSCLE.replace(braid_angle=math.radians(angle))
-        model = CATALOGUE["trivedi"](muscle)
+        model = MODELS["trivedi"](muscle)
         contraction = np.linspace(0.1, 0.95, 9) * model.braid.locking_contraction
         pressure = model.find_free_pressure(contraction)
         expected = print_pressure(muscle, 1.0 - contraction / 42.0)
         assert np.all(pressure > 0.0) and np.all(np.diff(pressure) > 0.0)
         assert pressure == pytest.approx(-expected, rel=1e-7)
-        printed = CATALOGUE["trivedi"](muscle, as_printed=True).find_free_pressure(contraction)
+        printed = MODELS["trivedi"](muscle, as_printed=True).find_free_pressure(contraction)
         assert printed == pytest.approx(expected, rel=1e-7)
 
 
@@ -78,8 +78,7 @@ def test_two_numbers_of_the_zero_load_pressure():
     """Worked by hand: theta0 = 36 deg, stretch 0.9, E = 0.35 MPa, radii 0.25 and 0.55 mm."""
     muscle = Muscle(length=40.0, outer_radius=0.55, inner_radius=0.25, gap=0.0)
     bore, outer = (
-        CATALOGUE["trivedi"](muscle, volume=word).find_free_pressure(4.0)
-        for word in ("bore", "outer")
+        MODELS["trivedi"](muscle, volume=word).find_free_pressure(4.0) for word in ("bore", "outer")
     )
     assert bore == pytest.approx(0.1770796, rel=1e-6)
     assert outer == pytest.approx(0.03658669, rel=1e-6)
@@ -88,7 +87,7 @@ def test_two_numbers_of_the_zero_load_pressure():
 
 def test_the_zero_load_pressure_is_work_over_volume():
     """P dV = V_b dW for both volumes."""
-    model = CATALOGUE["trivedi"](MUSCLE)
+    model = MODELS["trivedi"](MUSCLE)
     braid, wall = model.braid, model.wall
     lengths = 42.0 - np.linspace(0.1, 0.95, 9) * braid.locking_contraction
 
@@ -103,7 +102,7 @@ def test_the_zero_load_pressure_is_work_over_volume():
             return math.pi * area * length * hoop**2
 
         expected = differentiate(energy, lengths) / differentiate(gas, lengths)
-        pressure = CATALOGUE["trivedi"](MUSCLE, volume=word).find_free_pressure(42.0 - lengths)
+        pressure = MODELS["trivedi"](MUSCLE, volume=word).find_free_pressure(42.0 - lengths)
         assert pressure == pytest.approx(expected, rel=1e-6)
 
 
@@ -111,7 +110,7 @@ def test_the_zero_load_pressure_is_work_over_volume():
 @settings(max_examples=20)
 @given(muscle=muscles(), share=st.floats(1e-3, 0.999))
 def test_without_load_it_contracts_as_the_pressure_says(reading, muscle, share):
-    model = CATALOGUE["trivedi"](muscle, **reading)
+    model = MODELS["trivedi"](muscle, **reading)
     contraction = share * model.braid.locking_contraction
     pressure = model.find_free_pressure(contraction)
     if pressure > 1e4:
@@ -120,7 +119,7 @@ def test_without_load_it_contracts_as_the_pressure_says(reading, muscle, share):
 
 
 def test_the_pressure_grows_without_bounds_towards_locking():
-    model = CATALOGUE["trivedi"](MUSCLE)
+    model = MODELS["trivedi"](MUSCLE)
     lock = model.braid.locking_contraction
     near = model.find_free_pressure(lock * (1.0 - np.array([1e-3, 1e-4, 1e-5])))
     assert near[1:] == pytest.approx(10.0 * near[:-1], rel=1e-2)
@@ -134,7 +133,7 @@ def test_the_pressure_grows_without_bounds_towards_locking():
 @pytest.mark.parametrize("volume", ["bore", "outer"])
 def test_the_spring_is_that_of_the_print_with_the_sign_of_a_pull(volume):
     """(2.25) at the stretch without load, and zero at that length; one slope everywhere."""
-    model = CATALOGUE["trivedi"](MUSCLE, volume=volume)
+    model = MODELS["trivedi"](MUSCLE, volume=volume)
     area = MUSCLE.braid_radius**2 - model.wall.bore_at_rest**2
     for pressure in (0.1, 0.5):
         stretch = 1.0 - model.contraction(pressure) / 42.0
@@ -143,17 +142,17 @@ def test_the_spring_is_that_of_the_print_with_the_sign_of_a_pull(volume):
         assert model.blocked_force(pressure) == pytest.approx(-printed, rel=1e-10)
     slope = math.pi * MUSCLE.modulus * area / 42.0
     assert model.stiffness(0.3, [-1.0, 0.0, 4.0]) == pytest.approx(np.full(3, slope), rel=1e-8)
-    at_rest = CATALOGUE["trivedi"](MUSCLE).force(0.0, [-1.0, 0.0, 1.0])
+    at_rest = MODELS["trivedi"](MUSCLE).force(0.0, [-1.0, 0.0, 1.0])
     assert at_rest == pytest.approx([slope, 0.0, -slope], abs=1e-12)
 
 
 def test_the_energy_of_all_the_volume_is_delson_with_outer_stretches():
-    model = CATALOGUE["trivedi"](MUSCLE, volume="outer", force="energy")
-    other = CATALOGUE["delson"](MUSCLE, c10=MUSCLE.modulus / 6.0, c01=0.0, stretches="outer")
+    model = MODELS["trivedi"](MUSCLE, volume="outer", force="energy")
+    other = MODELS["delson"](MUSCLE, c10=MUSCLE.modulus / 6.0, c01=0.0, stretches="outer")
     assert pull(model, 0.4, LENGTHS) == pytest.approx(pull(other, 0.4, LENGTHS), rel=1e-12)
     states = [each.solve([0.1, 0.4]) for each in (model, other)]
     assert states[0].contact_pressure == pytest.approx(states[1].contact_pressure, rel=1e-12)
-    soft = CATALOGUE["trivedi"](MUSCLE.replace(modulus=1e-9), volume="outer", force="energy")
+    soft = MODELS["trivedi"](MUSCLE.replace(modulus=1e-9), volume="outer", force="energy")
     ideal = pull(build("gaylord-1"), 0.4, LENGTHS)
     assert pull(soft, 0.4, LENGTHS) == pytest.approx(ideal, rel=1e-6, abs=1e-7)
 
@@ -171,7 +170,7 @@ def test_a_bracket_without_a_change_of_sign_has_no_root():
 
 def test_trivedi_as_printed_lengthens():
     for force in ("spring", "energy"):
-        printed = CATALOGUE["trivedi"](MUSCLE, as_printed=True, force=force)
+        printed = MODELS["trivedi"](MUSCLE, as_printed=True, force=force)
         contraction = printed.contraction([0.0, 0.02, 0.05])
         assert contraction[0] == pytest.approx(0.0, abs=1e-12)
         assert np.all(np.diff(contraction) < 0.0)
@@ -186,7 +185,7 @@ def test_trivedi_as_printed_lengthens():
 
 def find_resultants(muscle, *, first, second):
     """Forces in a thick Mooney-Rivlin tube in a braid, by integration of its exact stresses."""
-    braid = CATALOGUE["gaylord-1"](muscle).braid
+    braid = MODELS["gaylord-1"](muscle).braid
     wall = Wall.of(muscle, braid)
 
     def place(stretch):
@@ -226,7 +225,7 @@ def test_the_exact_forces_in_a_tube_make_our_own_model():
     """Wang's balance with a thick tube's stresses is the slope of that tube's energy."""
     muscle = MUSCLE.replace(gap=0.0, mooney_ratio=0.3, dead_length=0.0)
     first, second = 0.7 * muscle.modulus / 6.0, 0.3 * muscle.modulus / 6.0
-    model = CATALOGUE["wang"](muscle, **find_resultants(muscle, first=first, second=second))
+    model = MODELS["wang"](muscle, **find_resultants(muscle, first=first, second=second))
     own, contraction = EnergyMuscle(muscle), np.linspace(-0.5, 12.0, 6)
     assert model.force(0.6, contraction) == pytest.approx(
         own.force(0.6, contraction), rel=1e-8, abs=1e-9
@@ -248,13 +247,13 @@ def test_linear_stresses_make_kothera_and_none_leave_the_pressure_on_the_wall():
         hoop = wall.thickness / (wall.thickness_at(stretch * 42.0) * stretch) - 1.0
         return MUSCLE.modulus * hoop * wall.thickness_at(stretch * 42.0)
 
-    model = CATALOGUE["wang"](MUSCLE, axial_force=along, hoop_force=around)
+    model = MODELS["wang"](MUSCLE, axial_force=along, hoop_force=around)
     assert pull(model, 0.3, lengths) == pytest.approx(
         pull(kothera, 0.3, lengths), rel=1e-10, abs=1e-12
     )
-    soft = CATALOGUE["wang"](thin(), axial_force=none, hoop_force=none)
+    soft = MODELS["wang"](thin(), axial_force=none, hoop_force=none)
     misses = [
-        np.abs(pull(CATALOGUE["wang"](thin(share), axial_force=none, hoop_force=none), 0.3, lengths)
+        np.abs(pull(MODELS["wang"](thin(share), axial_force=none, hoop_force=none), 0.3, lengths)
                - pull_ideal(soft.braid, 0.3, lengths)).max() for share in (0.9, 0.99)
     ]  # fmt: skip
     assert misses[1] == pytest.approx(0.1 * misses[0], rel=0.2)
@@ -262,7 +261,7 @@ def test_linear_stresses_make_kothera_and_none_leave_the_pressure_on_the_wall():
 
 def test_wang_without_shear_is_gaylord():
     """A wall that only passes the pressure on: its stress is the pressure, all round."""
-    model = CATALOGUE["wang"](
+    model = MODELS["wang"](
         MUSCLE,
         axial_force=lambda stretch, pressure: -pressure * WALL.area_at(stretch * 42.0),
         hoop_force=lambda stretch, pressure: -pressure * WALL.thickness_at(stretch * 42.0),
@@ -274,7 +273,7 @@ def test_wang_without_shear_is_gaylord():
 
 def test_signs_of_the_forces_in_the_tube():
     """Tension along it pulls; tension round it takes pressure from the braid."""
-    plain = CATALOGUE["wang"](MUSCLE, axial_force=none, hoop_force=none)
+    plain = MODELS["wang"](MUSCLE, axial_force=none, hoop_force=none)
     along = plain.replace(axial_force=lambda stretch, pressure: 0.1 + none(stretch, pressure))
     around = plain.replace(hoop_force=lambda stretch, pressure: 0.1 + none(stretch, pressure))
     assert pull(along, 0.4, LENGTHS) - pull(plain, 0.4, LENGTHS) == pytest.approx(np.full(9, 0.1))
@@ -283,7 +282,7 @@ def test_signs_of_the_forces_in_the_tube():
 
 def test_wang_as_printed_is_the_equation_letter_by_letter():
     laws = find_resultants(MUSCLE, first=0.05, second=0.01)
-    printed = CATALOGUE["wang"](MUSCLE, as_printed=True, **laws)
+    printed = MODELS["wang"](MUSCLE, as_printed=True, **laws)
     braid, wall = printed.braid, printed.wall
     outer, length = find_radius(braid, LENGTHS), LENGTHS
     inner = outer - wall.thickness_at(length)
@@ -301,11 +300,11 @@ def test_wang_wants_its_laws_and_says_where_they_are():
         with pytest.raises(
             MissingLawError, match=rf"the law {law}\(axial stretch, .*Wang, Wereley and Pillsbury"
         ) as error:
-            CATALOGUE["wang"](MUSCLE, **laws)
+            MODELS["wang"](MUSCLE, **laws)
         assert "\n" not in str(error.value)
     assert find_unused(
-        lambda muscle: CATALOGUE["wang"](muscle, axial_force=none, hoop_force=none)
-    ) == set(CATALOGUE["wang"].unused)
+        lambda muscle: MODELS["wang"](muscle, axial_force=none, hoop_force=none)
+    ) == set(MODELS["wang"].unused)
 
 
 def along_and_pressure(stretch, pressure):
@@ -314,7 +313,7 @@ def along_and_pressure(stretch, pressure):
 
 def test_wang_is_a_model():
     check_model(
-        CATALOGUE["wang"](MUSCLE, axial_force=along_and_pressure, hoop_force=none),
+        MODELS["wang"](MUSCLE, axial_force=along_and_pressure, hoop_force=none),
         [0.1, 0.5], [0.0, 0.05],
     )  # fmt: skip
 

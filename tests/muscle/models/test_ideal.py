@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.muscle import LOCKING_ANGLE, EnergyMuscle
-from bozzini.muscle.models import CATALOGUE
+from bozzini.muscle.models import MODELS
 from tests.muscle.models.catalogue import MUSCLE, build, differentiate, find_lengths
 from tests.muscle.strategies import muscles
 
@@ -29,7 +29,7 @@ def test_gaylord_is_pressure_times_the_volume_gained():
 @settings(max_examples=50)
 @given(muscles(), st.floats(0.0, 1.0), st.floats(0.0, 1e3))
 def test_both_forms_of_gaylord_are_one(muscle, share, pressure):
-    angle, strain = (CATALOGUE[name](muscle) for name in ("gaylord-1", "gaylord-2"))
+    angle, strain = (MODELS[name](muscle) for name in ("gaylord-1", "gaylord-2"))
     low, high = angle.contraction_limits
     contraction = low + share * (high - low)
     force = angle.force(pressure, contraction)
@@ -131,4 +131,4 @@ def test_the_prints_are_right():
         assert np.array_equal(
             build(name, as_printed=True).contraction(0.5), build(name).contraction(0.5)
         )
-        assert CATALOGUE[name].card.latex_printed is None
+        assert MODELS[name].card.latex_printed is None

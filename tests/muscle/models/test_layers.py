@@ -13,8 +13,8 @@ from scipy.integrate import quad
 
 from bozzini.errors import InputError, MissingLawError
 from bozzini.muscle import EnergyMuscle
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models.force_balance import (
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.ideal import (
     balance_forces,
     find_contact_pressure,
     find_radius,
@@ -78,7 +78,7 @@ def hooke_round(axial, hoop):
 
 
 def test_ball_is_a_model():
-    kind = CATALOGUE["ball"]
+    kind = MODELS["ball"]
     for model in (
         kind(MUSCLE, n_layers=1), BALL, kind(MUSCLE, axial_stress=hooke, hoop_stress=hooke_round)
     ):  # fmt: skip
@@ -104,7 +104,7 @@ def test_many_layers_are_our_own_model():
     muscle = MUSCLE.replace(gap=0.0)
     contraction = np.linspace(-1.0, 11.5, 7)
     own = EnergyMuscle(muscle)
-    half, full = (CATALOGUE["ball"](muscle, n_layers=n) for n in (100, 200))
+    half, full = (MODELS["ball"](muscle, n_layers=n) for n in (100, 200))
     limit = (4.0 * full.force(0.5, contraction) - half.force(0.5, contraction)) / 3.0
     assert limit == pytest.approx(own.force(0.5, contraction), rel=1e-6, abs=1e-8)
     contact = [model.solve(0.5, 0.3).contact_pressure for model in (full, own)]
@@ -115,7 +115,7 @@ def test_many_layers_are_our_own_model():
 @given(muscles(modulus=1e-9), st.integers(1, 40), st.floats(0.0, 1.0), st.floats(1e-3, 10.0))
 def test_a_wall_that_resists_nothing_is_gaylord_with_any_layers(muscle, layers, share, pressure):
     """As printed the pressure on the wall is missing along the muscle: P V_b / l more."""
-    model = CATALOGUE["ball"](muscle, n_layers=layers)
+    model = MODELS["ball"](muscle, n_layers=layers)
     low, high = (model.braid.length - x for x in model.contraction_limits[::-1])
     length = np.asarray(low + share * (high - low))
     ideal, area = pull_ideal(model.braid, pressure, length), model.wall.area_at(length)
@@ -141,7 +141,11 @@ def test_one_layer_is_the_balance_of_forces_with_its_whole_stresses():
     mean = pressure - 0.5 * around * thickness / middle
     stresses = {"axial_stress": along - mean, "hoop_stress": around - mean}
     expected = balance_forces(
-        pressure, LENGTHS, braid=braid, thickness=thickness, area=wall.area_at(LENGTHS), **stresses
+        pressure,
+        LENGTHS,
+        braid=braid,
+        section=(thickness, wall.area_at(LENGTHS)),
+        stresses=(stresses["axial_stress"], stresses["hoop_stress"]),
     )
     assert pull(model, pressure, LENGTHS) == pytest.approx(expected, rel=1e-9, abs=1e-10)
     contact = find_contact_pressure(
@@ -153,7 +157,7 @@ def test_one_layer_is_the_balance_of_forces_with_its_whole_stresses():
 @settings(max_examples=40)
 @given(muscle=muscles(), layers=st.integers(1, 20), share=st.floats(0.02, 0.98))
 def test_the_wall_resists(muscle, layers, share):
-    model = CATALOGUE["ball"](muscle, n_layers=layers)
+    model = MODELS["ball"](muscle, n_layers=layers)
     scale = float(model.wall.area_at_rest) * muscle.modulus / math.tan(muscle.braid_angle) ** 4
     assert model.force(0.0, 0.0) == pytest.approx(0.0, abs=1e-11 * scale)
     low, high = model.contraction_limits[0], model.braid.locking_contraction
@@ -161,7 +165,7 @@ def test_the_wall_resists(muscle, layers, share):
 
 
 def test_stresses_can_be_given():
-    kind = CATALOGUE["ball"]
+    kind = MODELS["ball"]
     own = kind(
         MUSCLE,
         axial_stress=lambda axial, hoop: SHEAR * (axial**2 - 1.0 / (axial * hoop) ** 2),
@@ -179,7 +183,7 @@ def test_stresses_can_be_given():
 
 
 def test_ball_as_printed_is_the_equation_letter_by_letter():
-    printed = CATALOGUE["ball"](MUSCLE, n_layers=1, as_printed=True)
+    printed = MODELS["ball"](MUSCLE, n_layers=1, as_printed=True)
     braid, wall, length = printed.braid, printed.wall, LENGTHS
     r, t = find_radius(braid, length), wall.thickness_at(length)
     axial = length / 42.0
@@ -243,7 +247,7 @@ def strands(length, pressure, modulus=0.2):
 
 def make_liu(muscle=MUSCLE, *, modulus=0.2, **given):
     laws = {"radial_stretch": widen, "axial_stress": strands, **given}
-    return CATALOGUE["liu"](muscle, membrane_modulus=modulus, **laws)
+    return MODELS["liu"](muscle, membrane_modulus=modulus, **laws)
 
 
 def test_strands_alone_make_gaylord():
@@ -268,7 +272,7 @@ def test_the_pressure_of_liu_is_the_thrust_on_the_middle():
 
 def test_liu_is_a_model():
     check_model(make_liu(), [0.1, 0.5], [0.0, 0.05], edge=0.1)
-    assert find_unused(make_liu) == set(CATALOGUE["liu"].unused)
+    assert find_unused(make_liu) == set(MODELS["liu"].unused)
 
 
 def test_the_modulus_of_a_membrane_is_found_by_linear_least_squares():
@@ -278,7 +282,7 @@ def test_the_modulus_of_a_membrane_is_found_by_linear_least_squares():
 
 
 def test_liu_wants_its_laws_and_says_where_they_are():
-    kind = CATALOGUE["liu"]
+    kind = MODELS["liu"]
     for laws, law in (({}, "radial_stretch"), ({"radial_stretch": widen}, "axial_stress")):
         with pytest.raises(
             MissingLawError, match=rf"the law {law}\(length .*Liu and Rahn \(2003\)"

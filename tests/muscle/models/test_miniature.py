@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models.force_balance import find_radius, pull_ideal
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.ideal import find_radius, pull_ideal
 from tests.muscle.models.catalogue import MUSCLE, build, find_lengths
 from tests.muscle.models.relations import (
     ask_anything,
@@ -31,7 +31,7 @@ SPRING = {"spring_stiffness": 0.01, "slack_length": 30.0}
 @pytest.mark.parametrize("name", NEUTRAL)
 def test_models_are_models(name):
     check_model(build(name, **NEUTRAL[name]), [0.1, 0.5], [0.0, 0.05])
-    kind = CATALOGUE[name]
+    kind = MODELS[name]
     constants = build(name, **(SPRING if name == "de-volder" else {})).keywords
     assert find_unused(lambda muscle: kind(muscle, **constants)) == set(kind.unused)
 
@@ -187,7 +187,7 @@ def test_gaylords_constants_make_gaylord():
 @settings(max_examples=50)
 @given(st.floats(0.5, 2.0), st.floats(-0.2, 0.2), st.floats(0.5, 1.5), st.floats(0.2, 1.0))
 def test_both_directions_of_the_form_agree(factor, offset, other, pressure):
-    guess = CATALOGUE["strain-fit"].guess_parameters(MUSCLE)
+    guess = MODELS["strain-fit"].guess_parameters(MUSCLE)
     model = build("strain-fit", kappa1=factor * guess["kappa1"], kappa2=offset,
                  kappa3=other * guess["kappa3"])  # fmt: skip
     load = np.maximum(model.force(pressure, [-2.0, 2.0, 10.0]), 0.0)

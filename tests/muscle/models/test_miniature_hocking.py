@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError, MissingLawError
-from bozzini.muscle.models import CATALOGUE
-from bozzini.muscle.models.force_balance import Wall, balance_forces, find_radius, pull_ideal
-from bozzini.muscle.models.miniature_hocking import correct_length
+from bozzini.muscle.models import MODELS
+from bozzini.muscle.models.ideal import Wall, balance_forces, find_radius, pull_ideal
+from bozzini.muscle.models.miniature import correct_length
 from tests.muscle.models.catalogue import MUSCLE, build, differentiate, find_lengths
 from tests.muscle.models.relations import (
     WAYS,
@@ -51,7 +51,7 @@ def make(name, muscle=MUSCLE, **changes):
 @pytest.mark.parametrize("name", NAMES)
 def test_models_are_models(name):
     check_model(make(name), [0.1, 0.5], [0.0, 0.05])
-    kind, constants = CATALOGUE[name], make(name).keywords
+    kind, constants = MODELS[name], make(name).keywords
     assert find_unused(lambda muscle: kind(muscle, **constants)) == set(kind.unused)
 
 
@@ -199,9 +199,9 @@ def test_a_friction_beyond_the_pull_is_refused():
 
 def test_hocking_base_needs_its_stresses():
     with pytest.raises(MissingLawError, match=r"axial_stress\(axial strain\).*hocking-1"):
-        CATALOGUE["hocking-base"](MUSCLE)
+        MODELS["hocking-base"](MUSCLE)
     with pytest.raises(MissingLawError, match=r"hoop_stress\(hoop strain\)"):
-        CATALOGUE["hocking-base"](MUSCLE, axial_stress=linear)
+        MODELS["hocking-base"](MUSCLE, axial_stress=linear)
 
 
 # Stress that grows with pressure ------------------------------------------------------------------
@@ -216,10 +216,12 @@ def test_stiffening_is_the_full_balance():
         return (0.3 + 0.4 * 0.5) * strain - 0.2 * strain**2 + 0.6 * 0.5 * strain**3
 
     force = balance_forces(
-        0.5, lengths, braid=braid, thickness=wall.thickness_at(lengths), area=wall.area_at(lengths),
-        axial_stress=stress(lengths / 42.0 - 1.0),
-        hoop_stress=stress(find_radius(braid, lengths) / RADIUS - 1.0),
-    )  # fmt: skip
+        0.5,
+        lengths,
+        braid=braid,
+        section=(wall.thickness_at(lengths), wall.area_at(lengths)),
+        stresses=(stress(lengths / 42.0 - 1.0), stress(find_radius(braid, lengths) / RADIUS - 1.0)),
+    )
     assert pull(model, 0.5, lengths) == pytest.approx(force, rel=1e-11, abs=1e-12)
 
 
@@ -230,9 +232,8 @@ def test_the_pressure_on_a_wall_of_constant_thickness_is_chou():
     lengths = find_lengths(chou)
     area = math.pi * thickness * (2.0 * find_radius(chou.braid, lengths) - thickness)
     force = balance_forces(
-        0.4, lengths, braid=chou.braid, thickness=thickness, area=area, axial_stress=0.0,
-        hoop_stress=0.0,
-    )  # fmt: skip
+        0.4, lengths, braid=chou.braid, section=(thickness, area), stresses=(0.0, 0.0)
+    )
     assert pull(chou, 0.4, lengths) == pytest.approx(force, rel=1e-10, abs=1e-12)
 
 
@@ -254,7 +255,7 @@ def test_stiffening_differs_from_hocking_by_the_pressure_on_the_wall():
 @settings(max_examples=10)
 @given(data=st.data())
 def test_moduli_are_found_again(name, data):
-    names = [item.name for item in CATALOGUE[name].card.parameters if item.linear]
+    names = [item.name for item in MODELS[name].card.parameters if item.linear]
     truth = {key: data.draw(st.floats(-1.0, 1.0)) for key in names}
     if name == "hocking-2":  # friction in proportion to the size of the pull is not linear
         truth |= {"dead_band_pressure": 0.05}

@@ -5,17 +5,15 @@
 
 from __future__ import annotations
 
-from .asymmetric import AsymmetricPrandtlIshlinskii
 from .bouc_wen import BoucWen
-from .fit import HysteresisFit
-from .friction_band import FrictionBand
-from .maxwell_slip import MaxwellSlip
-from .operator import HysteresisState, Operator
-from .prandtl_ishlinskii import PrandtlIshlinskii
-from .preisach import Preisach
-from .preisach_force import PreisachForce
-from .protocol import Hysteresis
-from .unparallel import UnparallelPrandtlIshlinskii
+from .friction import FrictionBand, MaxwellSlip
+from .operator import Hysteresis, HysteresisFit, HysteresisState, Operator
+from .prandtl_ishlinskii import (
+    AsymmetricPrandtlIshlinskii,
+    PrandtlIshlinskii,
+    UnparallelPrandtlIshlinskii,
+)
+from .preisach import Preisach, PreisachForce
 
 __all__ = [
     "AsymmetricPrandtlIshlinskii",

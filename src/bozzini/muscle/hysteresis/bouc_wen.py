@@ -9,10 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_number, name_at
 from ...errors import InputError
-from . import _bouc_wen_kernels as _kernels
-from ._loops import Loops, search
-from .fit import HysteresisFit
-from .operator import LIMIT, Operator
+from ..kernels import hysteresis as kernels
+from .operator import LIMIT, HysteresisFit, Loops, Operator, search
 
 __all__ = ["BoucWen"]
 
@@ -117,20 +115,12 @@ class BoucWen(Operator):
         begun at several widths; a height of more than 1000 times the span of the response is not
         tried.
 
+        History, response and skip are those of all operators, see `Operator`.
+
         Parameters
         ----------
-        history, response : array_like, shape (..., n)
-            Inputs in the order of time, each history from rest at 0, and the outputs measured.
         exponent : float, optional
             n where it is known; fitted, between 1 and 10, without.
-        skip : int
-            Samples at the beginning of each history that only move the memory.
-
-        Raises
-        ------
-        InputError
-            If history and response are not finite arrays of one shape, the history is constant, or
-            the exponent is out of its range.
         """
         loops = Loops.take(history, response, skip)
         inputs = loops.inputs
@@ -154,8 +144,10 @@ class BoucWen(Operator):
             starts,
             (low + [1.0] * (not known), high + [10.0] * (not known)),
             names=("slope", "alpha"),
-            low=np.array([-_LARGEST * tall / span, 0.0]),
-            high=np.array([_LARGEST * tall / span, _LARGEST * tall]),
+            limits=(
+                np.array([-_LARGEST * tall / span, 0.0]),
+                np.array([_LARGEST * tall / span, _LARGEST * tall]),
+            ),
         )
         slope, height = found.values
         power = exponent if exponent is not None else float(point[2])
@@ -178,7 +170,7 @@ class BoucWen(Operator):
     def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
         share = self.beta / (self.beta + self.gamma)
         normal = np.clip(memory / self.bound, -1.0, 1.0)
-        state = self.bound * _kernels.run_bouc_wen(
+        state = self.bound * kernels.run_bouc_wen(
             inputs, self.exponent, share, self.alpha / self.bound, last, normal
         )
         memory[...] = normal * self.bound
@@ -197,5 +189,5 @@ class BoucWen(Operator):
 def _run_normalised(inputs: Floats, exponent: float, share: float, reach: float) -> Floats:
     """Return h over its bound (m, n), from rest; `reach` is the input that would yield it."""
     last, memory = np.zeros(len(inputs)), np.zeros((len(inputs), 1))
-    state = _kernels.run_bouc_wen(inputs, exponent, share, 1.0 / reach, last, memory)
+    state = kernels.run_bouc_wen(inputs, exponent, share, 1.0 / reach, last, memory)
     return np.asarray(state)

@@ -1,18 +1,56 @@
-"""What all hysteresis operators share: histories in batches, memory in and out."""
+"""What all hysteresis operators share: histories in batches, memory, and fits to loops."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array, check_number, check_range
+from ...checks import check_array, check_integer, check_number, check_range
 from ...errors import InputError
+from ...results import Result
 
-__all__ = ["LIMIT", "HysteresisState", "Operator", "take_ladder", "take_numbers", "take_same_count"]
+__all__ = [
+    "EVALUATIONS",
+    "Hysteresis",
+    "HysteresisFit",
+    "HysteresisState",
+    "LIMIT",
+    "LinearFit",
+    "Loops",
+    "Operator",
+    "fit_linear",
+    "search",
+    "take_ladder",
+    "take_numbers",
+    "take_same_count",
+]
+
+# What a model asks of a hysteresis operator.
+
+
+@runtime_checkable
+class Hysteresis(Protocol):
+    """An operator with memory, from a history of pressures to the pressures that act.
+
+    A model that carries one uses it in `MuscleModel.trace_contraction` only; `force`, `contraction`
+    and `solve` have no history and leave it alone.
+    """
+
+    def apply(self, pressure: NDArray[np.float64], /) -> NDArray[np.float64]:
+        """Return the pressures (n,) [MPa] that act, given the pressures (n,) in order of time.
+
+        The operator starts anew at each call: its memory lives inside one history.
+        """
+        ...
+
+
+# What all hysteresis operators share: histories in batches, memory in and out.
+
 
 Floats = NDArray[np.float64]
 
@@ -59,6 +97,12 @@ class Operator(ABC):
 
     Only the order of the inputs counts, not their timing: a sample more on the way between two
     others changes nothing at those. All act along the last axis, over any leading ones.
+
+    ``identify(history, response, skip=0)`` of a subclass fits it to measured loops. `history` has
+    the inputs in the order of time, (..., n), each history from rest, and `response` the outputs
+    measured, of the same shape. The first `skip` samples of each history only move the memory. It
+    raises `InputError` if these are not finite arrays of one shape, the history is constant, or an
+    option is out of its range.
     """
 
     @property
@@ -213,3 +257,255 @@ def take_same_count(
     """Raise `InputError` unless two sequences are of one length."""
     if len(one) != len(two):
         raise InputError(f"{second} has {len(two)} number(s): it must have {len(one)}, as {first}")
+
+
+# What a fit of hysteresis to loops reports, and the bounded linear least squares under all.
+
+Fitted = TypeVar("Fitted")
+
+_SIGNIFICANT = 1e-7  # singular values below this share of the largest determine nothing
+_SHARE = 1e-4  # of a parameter in what nothing determines, for it to be named
+
+
+@dataclass(frozen=True, eq=False)
+class HysteresisFit(Result, Generic[Fitted]):
+    """What came of a fit.
+
+    Attributes
+    ----------
+    operator : Operator
+        The operator fitted.
+    residual : (..., n) ndarray
+        Response less the operator's output, at all samples, in the unit of the response.
+    deviation : float
+        Root mean square of the residual over the samples fitted.
+    converged : bool
+        Whether the search met its tolerance.
+    reason : str
+        Why it stopped where it did not converge; empty where it did.
+    evaluations : int
+        How often the search computed a residual; 1 where the problem is linear.
+    undetermined : tuple of str
+        Parameters that these histories do not determine, alone or among each other: other values
+        fit as well.
+    """
+
+    operator: Fitted
+    residual: Floats
+    deviation: float
+    converged: bool
+    reason: str
+    evaluations: int
+    undetermined: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Solution of bounded linear least squares: see `fit_linear`."""
+
+    values: tuple[float, ...]
+    offset: float
+    residual: Floats
+    converged: bool
+    reason: str
+    undetermined: tuple[str, ...]
+    evaluations: int = 1
+
+
+def fit_linear(
+    columns: Floats,
+    target: Floats,
+    *,
+    names: Sequence[str],
+    limits: tuple[float | Floats, float | Floats] = (0.0, np.inf),
+    offset: bool = True,
+    judge: bool = True,
+) -> LinearFit:
+    """Fit ``columns @ values + offset`` to a target, with bounds on the values.
+
+    Parameters
+    ----------
+    columns : (n, k) ndarray
+    target : (n,) ndarray
+    names : sequence of str
+        Of the values.
+    limits : tuple of float or (k,) ndarray
+        Lowest and highest values; a column that is constant determines nothing and gets the value
+        nearest to 0.
+    offset : bool
+        Whether there is an offset; it has no bounds.
+    judge : bool
+        Whether to look for what is undetermined.
+    """
+    from scipy.optimize import lsq_linear
+
+    count = columns.shape[1]
+    lows = np.broadcast_to(np.asarray(limits[0], dtype=np.float64), (count,))
+    highs = np.broadcast_to(np.asarray(limits[1], dtype=np.float64), (count,))
+    values = np.clip(np.zeros(count), lows, highs)
+    # An offset without bounds takes all that is constant: it is fitted to the means.
+    middle = columns.mean(axis=0) if offset else np.zeros(count)
+    mean = float(target.mean()) if offset else 0.0
+    level = columns - middle
+    scales = np.sqrt(np.square(level).sum(axis=0))
+    varying = scales > 1e-9 * np.sqrt(np.square(columns).sum(axis=0))
+    converged, reason = True, ""
+    doubtful = ~varying
+    if varying.any():
+        matrix = level[:, varying] / scales[varying]
+        rest = target - mean - level @ np.where(varying, 0.0, values)
+        size = float(np.abs(rest).max()) or 1.0
+        solution = lsq_linear(
+            matrix,
+            rest / size,
+            bounds=(
+                lows[varying] * scales[varying] / size,
+                highs[varying] * scales[varying] / size,
+            ),
+            method="bvls",
+            tol=1e-14,
+            max_iter=10 * count + 100,
+        )
+        free = np.clip(solution.x * size / scales[varying], lows[varying], highs[varying])
+        at = solution.active_mask.astype(np.int64)  # -1 at the lower bound, 1 at the upper
+        values[varying] = np.choose(at + 1, (lows[varying], free, highs[varying]))
+        converged = bool(solution.status > 0)
+        reason = "" if converged else "bounded least squares ran out of iterations"
+        if judge:
+            _, sizes, directions = np.linalg.svd(matrix, full_matrices=len(matrix) < count)
+            rank = int(np.count_nonzero(sizes > _SIGNIFICANT * sizes[0]))
+            doubtful[np.flatnonzero(varying)] = (np.abs(directions[rank:]) > _SHARE).any(axis=0)
+    constant = mean - float(middle @ values)
+    return LinearFit(
+        values=tuple(values.tolist()),
+        offset=constant,
+        residual=target - columns @ values - constant,
+        converged=converged,
+        reason=reason,
+        undetermined=tuple(str(name) for name, lost in zip(names, doubtful, strict=True) if lost),
+    )
+
+
+# Measured loops as the fits take them: histories (m, n) and what is fitted of them.
+
+FittedOperator = TypeVar("FittedOperator", bound=Operator)
+
+EVALUATIONS = 100
+"""Largest number of evaluations of one search."""
+
+_FLAT = 1e-8  # what plays add at most, in spans of the response, below which it is of rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """Histories and responses, one shape, of which the first `skip` samples are not fitted."""
+
+    history: Floats
+    response: Floats
+    skip: int
+
+    @classmethod
+    def take(cls, history: ArrayLike, response: ArrayLike, skip: int) -> Loops:
+        """Return loops, checked.
+
+        Raises
+        ------
+        InputError
+            If they are not finite arrays of one shape, the history does not move, or nothing is
+            left to fit.
+        """
+        inputs = take_history("history", history)
+        outputs = take_history("response", response)
+        if inputs.shape != outputs.shape:
+            raise InputError(f"response has shape {outputs.shape}: it must be {inputs.shape}")
+        if inputs.size == 0:
+            raise InputError(f"history has shape {inputs.shape}: it must have at least 2 samples")
+        skip = check_integer("skip", skip, low=0, high=max(0, inputs.shape[-1] - 2))
+        if inputs.max() == inputs.min():
+            raise InputError(f"history is {inputs.flat[0]:g} all along: it must change")
+        return cls(inputs, outputs, skip)
+
+    @property
+    def inputs(self) -> Floats:
+        """The histories as rows (m, n)."""
+        return np.ascontiguousarray(self.history.reshape(-1, self.history.shape[-1]))
+
+    @property
+    def target(self) -> Floats:
+        """The responses to be fitted, one after the other."""
+        return self.response[..., self.skip :].ravel()
+
+    def pick(self, columns: Floats) -> Floats:
+        """Return columns (m, n, k) at the samples to be fitted (m (n - skip), k)."""
+        return columns[:, self.skip :].reshape(-1, columns.shape[-1])
+
+    def distinguish(self, weight: float) -> bool:
+        """Whether plays of this weight, 0 or more, can make a difference to the responses."""
+        return weight * float(np.ptp(self.history)) > _FLAT * float(np.ptp(self.target))
+
+    def report(
+        self, operator: FittedOperator, found: LinearFit, *, lost: tuple[str, ...] = ()
+    ) -> HysteresisFit[FittedOperator]:
+        """Return the fit, with the residual that the operator itself leaves."""
+        residual = self.response - operator.apply(self.history)
+        fitted = residual[..., self.skip :]
+        return HysteresisFit(
+            operator=operator,
+            residual=residual,
+            deviation=float(np.sqrt(np.mean(np.square(fitted)))),
+            converged=found.converged,
+            reason=found.reason,
+            evaluations=found.evaluations,
+            undetermined=(*found.undetermined, *lost),
+        )
+
+
+def search(
+    columns_at: Callable[[Floats], Floats],
+    target: Floats,
+    starts: list[list[float]],
+    bounds: tuple[ArrayLike, ArrayLike],
+    **options: Any,
+) -> tuple[Floats, LinearFit]:
+    """Find parameters of which columns depend; what is linear in the columns is solved within.
+
+    Parameters
+    ----------
+    columns_at : callable
+        From parameters to columns (n, k).
+    target : (n,) ndarray
+    starts : list of list of float
+        Where to begin; the best end counts.
+    bounds : tuple of array_like
+        Of the parameters.
+    **options
+        For `fit_linear`.
+    """
+    from scipy.optimize import least_squares
+
+    scale = float(np.abs(target - target.mean()).max()) or 1.0
+
+    def miss(point: Floats) -> Floats:
+        return fit_linear(columns_at(point), target, judge=False, **options).residual / scale
+
+    low, high = (np.asarray(side, dtype=np.float64) for side in bounds)
+    best, evaluations = None, 0
+    for start in starts:
+        begin = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+        found = least_squares(
+            miss, begin, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-14,
+            x_scale="jac", max_nfev=EVALUATIONS,
+        )  # fmt: skip
+        evaluations += int(found.nfev)
+        if best is None or found.cost < best.cost:
+            best = found
+    if best is None:
+        raise InputError("a search needs at least one start")
+    inner = fit_linear(columns_at(best.x), target, **options)
+    stopped = "" if best.status > 0 else f"the search ran out of its {EVALUATIONS} evaluations"
+    return np.asarray(best.x), replace(
+        inner,
+        converged=inner.converged and not stopped,
+        reason="; ".join(word for word in (inner.reason, stopped) if word),
+        evaluations=evaluations,
+    )

@@ -1,24 +1,160 @@
-"""Prandtl-Ishlinskii: a weighted sum of plays, (2.54), with its inverse in closed form."""
+"""Sums of plays: Prandtl-Ishlinskii operators, symmetric and not (thesis 2.2.10)."""
 
 from __future__ import annotations
 
+import math
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_integer, check_number
+from ...checks import check_integer, check_number, name_at
 from ...errors import InputError
-from . import _kernels
-from ._loops import Loops
-from ._plays import Plays, PlaySum, default_thresholds, trace_plays
-from .fit import HysteresisFit, fit_linear
-from .operator import LIMIT, HysteresisState, take_ladder, take_numbers, take_same_count
+from ..kernels import hysteresis as kernels
+from .operator import (
+    LIMIT,
+    HysteresisFit,
+    HysteresisState,
+    LinearFit,
+    Loops,
+    Operator,
+    fit_linear,
+    search,
+    take_history,
+    take_ladder,
+    take_numbers,
+    take_same_count,
+)
 
-__all__ = ["PrandtlIshlinskii"]
+__all__ = [
+    "AsymmetricPrandtlIshlinskii",
+    "PlaySum",
+    "Plays",
+    "PrandtlIshlinskii",
+    "SteppedPlaySum",
+    "UnparallelPrandtlIshlinskii",
+    "default_thresholds",
+    "trace_plays",
+]
+
+# Sums of plays: what the three Prandtl-Ishlinskii operators share.
+
 
 Floats = NDArray[np.float64]
+
+
+class Plays(NamedTuple):
+    """Plays ``H = max(lower(P), min(upper(P), H))`` and how they are added up.
+
+    The edges (k, 3) are polynomials of the input, constant first; to the sum of `weights` (k,)
+    times H come `slope` times the input and `offset`.
+    """
+
+    lower: Floats
+    upper: Floats
+    weights: Floats
+    slope: float
+    offset: float
+
+
+class PlaySum(Operator):
+    """An operator that is a weighted sum of plays."""
+
+    @abstractmethod
+    def _plays(self) -> Plays:
+        """Return the plays."""
+
+    @property
+    def memory_size(self) -> int:
+        """How many plays there are."""
+        return len(self._plays().weights)
+
+    def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
+        return np.asarray(kernels.run_plays(inputs, *self._plays(), memory))
+
+
+class SteppedPlaySum(PlaySum):
+    """A sum of plays that is inverted step by step, for want of a closed form."""
+
+    @property
+    @abstractmethod
+    def _steepness(self) -> float:
+        """A slope that the output has at least, whatever the plays do."""
+
+    def invert_history(
+        self,
+        response: ArrayLike,
+        *,
+        between: tuple[float, float],
+        initial: HysteresisState | None = None,
+    ) -> Floats:
+        """Return the inputs that give these outputs, sample by sample.
+
+        The operator is continuous and increases with the input as long as the input goes one way,
+        so each output has one input, which bisection finds to the last bits.
+
+        Parameters
+        ----------
+        response : array_like, shape (..., n)
+            Outputs in the order of time.
+        between : tuple of float
+            Smallest and largest input to look at.
+        initial : HysteresisState, optional
+            As in `run`.
+
+        Raises
+        ------
+        InputError
+            If the operator need not increase with its input, is not defined all over `between`, or
+            gives none of the outputs there.
+        """
+        outputs = take_history("response", response)
+        low = check_number("between[0]", between[0], low=-LIMIT, high=LIMIT)
+        high = check_number("between[1]", between[1], low=low, high=LIMIT, low_open=True)
+        if self._steepness <= 0.0:
+            raise InputError(
+                f"this operator has no inverse for certain: its slope is at least "
+                f"{self._steepness:g}, from the plays that never stick: it must be above 0"
+            )
+        batch = outputs.shape[:-1]
+        state = self.rest() if initial is None else self._take_state(initial, batch)
+        self._check_history(np.array([low, high]), None if initial is None else state.last)
+        rows = int(np.prod(batch, dtype=np.int64))
+        flat = np.ascontiguousarray(outputs.reshape(rows, outputs.shape[-1]))
+        memory = np.array(np.broadcast_to(state.memory, (*batch, self.memory_size)))
+        memory = memory.reshape(rows, self.memory_size)
+        inputs, row, sample, bottom, top = kernels.invert_plays(
+            flat, *self._plays(), memory, low, high
+        )
+        if row >= 0:
+            index = row * flat.shape[1] + sample
+            raise InputError(
+                f"{name_at('response', outputs, index)} is {outputs.flat[index]:g}: between inputs "
+                f"of {low:g} and {high:g} it must lie in [{bottom:g}, {top:g}]"
+            )
+        return np.asarray(inputs.reshape(outputs.shape))
+
+
+def trace_plays(inputs: Floats, lower: Floats, upper: Floats) -> Floats:
+    """Return the positions of plays (m, n, k) along inputs (m, n), from rest at 0."""
+    return np.asarray(
+        kernels.trace_plays(inputs, lower, upper, np.zeros((len(inputs), len(lower))))
+    )
+
+
+def default_thresholds(inputs: Floats, count: int) -> tuple[float, ...]:
+    """Return thresholds from 0, evenly spaced, up to half the span of the inputs: not included.
+
+    A play that is wider never moves again once it has been at both ends.
+    """
+    span = float(inputs.max() - inputs.min())
+    return tuple((0.5 * span * np.arange(count) / count).tolist())
+
+
+# Prandtl-Ishlinskii: a weighted sum of plays, (2.54), with its inverse in closed form.
 
 
 @dataclass(frozen=True)
@@ -149,10 +285,10 @@ class PrandtlIshlinskii(PlaySum):
     ) -> HysteresisFit[PrandtlIshlinskii]:
         """Fit weights and offset to measured loops: linear least squares with bounds.
 
+        History, response and skip are those of all operators, see `Operator`.
+
         Parameters
         ----------
-        history, response : array_like, shape (..., n)
-            Inputs in the order of time, each history from rest, and the outputs measured.
         thresholds : sequence of float, optional
             Thresholds; else `count` of them, evenly from 0 to below half the span of the inputs.
         count : int
@@ -161,44 +297,415 @@ class PrandtlIshlinskii(PlaySum):
             Input at rest.
         signed : bool
             Whether weights may be negative; without, they are 0 or more.
-        skip : int
-            Samples at the beginning of each history that only move the memory: the first branch,
-            where the muscle was not at rest before it.
-
-        Raises
-        ------
-        InputError
-            If history and response are not finite arrays of one shape, the history is constant, or
-            an option is out of its range.
         """
         origin = check_number("origin", origin, low=-LIMIT, high=LIMIT)
         loops = Loops.take(history, response, skip)
         count = check_integer("count", count, low=1, high=200)
         ladder = default_thresholds(loops.inputs, count) if thresholds is None else thresholds
         rungs = take_ladder("thresholds", ladder)
-        lower, upper = _edges(rungs)
+        lower, upper = _symmetric_edges(rungs)
         columns = loops.pick(trace_plays(loops.inputs - origin, lower, upper))
         found = fit_linear(
             columns,
             loops.target,
             names=[f"weights[{i}]" for i in range(len(rungs))],
-            low=-LIMIT if signed else 0.0,
+            limits=(-LIMIT if signed else 0.0, np.inf),
         )
         operator = cls(rungs, found.values, origin=origin, offset=found.offset)
         return loops.report(operator, found)
 
     def _plays(self) -> Plays:
-        return Plays(*_edges(self.thresholds), np.array(self.weights), 0.0, self.offset)
+        return Plays(*_symmetric_edges(self.thresholds), np.array(self.weights), 0.0, self.offset)
 
     def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
-        return np.asarray(_kernels.run_plays(inputs - self.origin, *self._plays(), memory))
+        return np.asarray(kernels.run_plays(inputs - self.origin, *self._plays(), memory))
 
 
-def _edges(thresholds: Sequence[float]) -> tuple[Floats, Floats]:
+def _symmetric_edges(thresholds: Sequence[float]) -> tuple[Floats, Floats]:
     """Return both edges of symmetric plays (k, 3)."""
     lower = np.zeros((len(thresholds), 3))
     lower[:, 1] = 1.0
     upper = lower.copy()
     lower[:, 0] = -np.asarray(thresholds)
     upper[:, 0] = thresholds
+    return lower, upper
+
+
+# Asymmetric Prandtl-Ishlinskii, (2.55): plays whose descending edge is a curve of its own.
+
+
+@dataclass(frozen=True)
+class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
+    """Ascending and descending plays, thesis (2.55), for loops that are not symmetric.
+
+    The sum is::
+
+        output = k1 P + sum of wa_i (Ha_i - P) + sum of wd_i (Hd_i - P) + offset
+        Ha_i = max(P - r_i, min(P + r_i, Ha_i before))
+        Hd_i = max(P - r_i, min(g(P) + r_i, Hd_i before))      g(P) = a0 + a1 P + a2 P**2
+
+    The thesis prints neither of the two plays, only that the descending one has a quadratic
+    function: that it is its descending edge is our reading. With ``g(P) = P`` both are the same
+    and the sum is a `PrandtlIshlinskii` of weights ``k1 - sum of w`` at r = 0 and ``wa_i + wd_i``.
+    The printed constraints (one of them twice) want plays that are 1 at an input of 1, as no play
+    of r > 0 is on its way up; they are not imposed. `offset` is not in (2.55).
+
+    Parameters
+    ----------
+    slope : float
+        k1, output per input.
+    thresholds : sequence of float
+        Half widths r, increasing, 0 or more.
+    ascending_weights, descending_weights : sequence of float
+        wa and wd, as many each.
+    envelope : sequence of float
+        Coefficients a0, a1, a2. On the histories g must not fall, nor lie below P - 2 r.
+    offset : float
+        Output at rest.
+
+    Raises
+    ------
+    InputError
+        If they are no such numbers.
+    """
+
+    slope: float
+    thresholds: tuple[float, ...]
+    ascending_weights: tuple[float, ...]
+    descending_weights: tuple[float, ...]
+    envelope: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    offset: float = field(default=0.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        for name in ("slope", "offset"):
+            value = check_number(name, getattr(self, name), low=-LIMIT, high=LIMIT)
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "thresholds", take_ladder("thresholds", self.thresholds))
+        for name in ("ascending_weights", "descending_weights", "envelope"):
+            object.__setattr__(self, name, take_numbers(name, getattr(self, name)))
+        for name in ("ascending_weights", "descending_weights"):
+            take_same_count("thresholds", self.thresholds, name, getattr(self, name))
+        if len(self.envelope) != 3:
+            raise InputError(f"envelope has {len(self.envelope)} number(s): it must have 3")
+
+    @property
+    def _steepness(self) -> float:
+        free = self.slope - sum(self.ascending_weights) - sum(self.descending_weights)
+        if min(self.descending_weights) < 0.0:
+            return -math.inf
+        return free + sum(min(weight, 0.0) for weight in self.ascending_weights)
+
+    @classmethod
+    def identify(
+        cls,
+        history: ArrayLike,
+        response: ArrayLike,
+        *,
+        thresholds: Sequence[float] | None = None,
+        count: int = 6,
+        envelope: Sequence[float] | None = None,
+        skip: int = 0,
+    ) -> HysteresisFit[AsymmetricPrandtlIshlinskii]:
+        """Fit everything but the thresholds to measured loops.
+
+        Weights of 0 or more, k1 and offset are linear and solved within a search for the envelope,
+        which keeps to what is legal on the history. k1 is kept at or above the sum of all weights,
+        so that the operator found does not fall as its input rises.
+
+        Parameters
+        ----------
+        history, response : array_like, shape (..., n)
+            Inputs in the order of time, each history from rest at 0, and the outputs measured.
+        thresholds : sequence of float, optional
+            Thresholds; else `count` of them, evenly from above 0 to half the span of the inputs.
+        count : int
+            How many, 1 to 100.
+        envelope : sequence of float, optional
+            a0, a1, a2 where they are known; fitted without.
+
+
+        History, response and skip are those of all operators, see `Operator`.
+        """
+        loops = Loops.take(history, response, skip)
+        count = check_integer("count", count, low=1, high=100)
+        inputs = loops.inputs
+        ladder = default_thresholds(inputs, count + 1)[1:] if thresholds is None else thresholds
+        rungs = take_ladder("thresholds", ladder)
+        names = ["slope"]
+        names += [f"{way}_weights[{i}]" for way in _WAYS for i in range(len(rungs))]
+        low, high = min(float(inputs.min()), 0.0), max(float(inputs.max()), 0.0)
+
+        def trace(curve: Sequence[float]) -> Floats:
+            traced = trace_plays(inputs, *_enveloped_edges(rungs, curve))
+            return loops.pick(np.concatenate([inputs[..., None], traced], axis=-1))
+
+        found: LinearFit
+        if envelope is None:
+            place = _Legal(low, high, 2.0 * rungs[0])
+            point, found = search(
+                lambda point: trace(place.bend(point)),
+                loops.target,
+                [[0.0, 0.7, 1.3], [0.0, 1.3, 0.7], [0.05 * (high - low), 1.0, 1.0]],
+                ([-2.0 * rungs[0], 0.0, 0.0], [high - low, 10.0, 10.0]),
+                names=names,
+            )
+            curve = place.bend(point)
+        else:
+            curve = _take_envelope(envelope)
+            cls(0.0, rungs, (0.0,) * len(rungs), (0.0,) * len(rungs), curve).apply(loops.history)
+            found = fit_linear(trace(curve), loops.target, names=names)
+        free, *weights = found.values
+        ascending, descending = weights[: len(rungs)], weights[len(rungs) :]
+        operator = cls(
+            free + sum(weights), rungs, tuple(ascending), tuple(descending), curve,
+            offset=found.offset,
+        )  # fmt: skip
+        undetermined = envelope is None and not loops.distinguish(max(descending))
+        return loops.report(operator, found, lost=("envelope",) if undetermined else ())
+
+    def _plays(self) -> Plays:
+        weights = np.array(self.ascending_weights + self.descending_weights)
+        lower, upper = _enveloped_edges(self.thresholds, self.envelope)
+        return Plays(lower, upper, weights, self.slope - float(weights.sum()), self.offset)
+
+    def _check_history(self, inputs: Floats, last: Floats | None) -> None:
+        if not inputs.size:
+            return
+        a0, a1, a2 = self.envelope
+        seen = inputs if last is None else np.append(inputs, last)
+        low, high = float(seen.min()), float(seen.max())
+        for index in (int(np.argmin(inputs)), int(np.argmax(inputs))):
+            value = float(inputs.flat[index])
+            if a1 + 2.0 * a2 * value < -1e-9 * (1.0 + abs(a1)):
+                raise InputError(
+                    f"{name_at('history', inputs, index)} is {value:g}: there the envelope falls, "
+                    f"with a slope of {a1 + 2.0 * a2 * value:g}, which must be 0 or more"
+                )
+        places = [low, high]
+        if a2 > 0.0:
+            places.append(min(max((1.0 - a1) / (2.0 * a2), low), high))
+        place = min(places, key=lambda p: a0 + (a1 - 1.0 + a2 * p) * p)
+        short = a0 + (a1 - 1.0 + a2 * place) * place + 2.0 * self.thresholds[0]
+        if short < -1e-9 * (abs(low) + abs(high) + self.thresholds[0]):
+            raise InputError(
+                f"history comes by {place:g}: there the envelope is "
+                f"{short - 2.0 * self.thresholds[0] + place:g}, which must be at least "
+                f"{place - 2.0 * self.thresholds[0]:g}, the input less twice the first threshold"
+            )
+
+
+_WAYS = ("ascending", "descending")
+
+
+@dataclass(frozen=True)
+class _Legal:
+    """Envelopes that are legal between two inputs, in three numbers with plain bounds."""
+
+    low: float
+    high: float
+    depth: float
+
+    def bend(self, point: Floats) -> tuple[float, float, float]:
+        """From the least of g(P) - P and the slopes of g at both ends to a0, a1, a2."""
+        least, first, second = (float(number) for number in point)
+        a2 = 0.5 * (second - first) / (self.high - self.low)
+        a1 = first - 2.0 * a2 * self.low
+        places = [self.low, self.high]
+        if a2 > 0.0:
+            places.append(min(max((1.0 - a1) / (2.0 * a2), self.low), self.high))
+        bottom = min((a1 - 1.0 + a2 * p) * p for p in places)
+        return max(least, -self.depth) - bottom, a1, a2
+
+
+def _take_envelope(envelope: Sequence[float]) -> tuple[float, float, float]:
+    numbers = take_numbers("envelope", envelope)
+    if len(numbers) != 3:
+        raise InputError(f"envelope has {len(numbers)} number(s): it must have 3")
+    return numbers[0], numbers[1], numbers[2]
+
+
+def _enveloped_edges(
+    thresholds: Sequence[float], envelope: Sequence[float]
+) -> tuple[Floats, Floats]:
+    """Return both edges of ascending and descending plays (2 k, 3)."""
+    count = len(thresholds)
+    lower = np.zeros((2 * count, 3))
+    lower[:, 0] = -np.tile(thresholds, 2)
+    lower[:, 1] = 1.0
+    upper = np.zeros((2 * count, 3))
+    upper[:count, 1] = 1.0
+    upper[count:] = envelope
+    upper[:, 0] += np.tile(thresholds, 2)
+    return lower, upper
+
+
+# Extended unparallel Prandtl-Ishlinskii, (2.56): plays whose edges have different slopes.
+
+
+_STEEPEST = 20.0  # ratio of slopes that a fit tries
+
+
+@dataclass(frozen=True)
+class UnparallelPrandtlIshlinskii(SteppedPlaySum):
+    """A weighted sum of plays with edges of their own slopes, thesis (2.56).
+
+    The plays are::
+
+        H_i = max(al_i (P - r_i), min(be_i (P + r_i), H_i before))   output = sum of w_i H_i
+
+    With al = be = 1 it is a `PrandtlIshlinskii`. It is defined only where the edges do not cross,
+    ``al (P - r) <= be (P + r)``; a history that goes beyond is refused. Only ``w al`` and
+    ``be / al`` matter to the output. `offset` is not in (2.56).
+
+    Parameters
+    ----------
+    thresholds : sequence of float
+        Half widths r, increasing, 0 or more.
+    weights : sequence of float
+        Weights w, as many.
+    ascending_slopes, descending_slopes : sequence of float
+        al and be, as many, above 0.
+    offset : float
+        Output at rest.
+
+    Raises
+    ------
+    InputError
+        If they are no such numbers.
+    """
+
+    thresholds: tuple[float, ...]
+    weights: tuple[float, ...]
+    ascending_slopes: tuple[float, ...]
+    descending_slopes: tuple[float, ...]
+    offset: float = field(default=0.0, kw_only=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "thresholds", take_ladder("thresholds", self.thresholds))
+        object.__setattr__(self, "weights", take_numbers("weights", self.weights))
+        for name in ("ascending_slopes", "descending_slopes"):
+            numbers = take_numbers(name, getattr(self, name), low=0.0, low_open=True)
+            object.__setattr__(self, name, numbers)
+        for name in ("weights", "ascending_slopes", "descending_slopes"):
+            take_same_count("thresholds", self.thresholds, name, getattr(self, name))
+        offset = check_number("offset", self.offset, low=-LIMIT, high=LIMIT)
+        object.__setattr__(self, "offset", offset)
+
+    @property
+    def _steepness(self) -> float:
+        least = 0.0
+        for threshold, weight, up, down in zip(
+            self.thresholds, self.weights, self.ascending_slopes, self.descending_slopes,
+            strict=True,
+        ):  # fmt: skip
+            if threshold == 0.0 and up == down:
+                least += weight * up
+            else:
+                least += min(weight, 0.0) * max(up, down)
+        return least
+
+    @classmethod
+    def identify(
+        cls,
+        history: ArrayLike,
+        response: ArrayLike,
+        *,
+        thresholds: Sequence[float] | None = None,
+        count: int = 8,
+        skip: int = 0,
+    ) -> HysteresisFit[UnparallelPrandtlIshlinskii]:
+        """Fit weights, offset and one ratio of slopes to measured loops.
+
+        Weights of 0 or more and the offset are linear and solved within a search for the ratio
+        ``be / al``, which all plays of r > 0 share; al is 1. It keeps to what is legal on the
+        history. A play of r = 0 is the input itself.
+
+        Parameters
+        ----------
+        history, response : array_like, shape (..., n)
+            Inputs in the order of time, each history from rest at 0, and the outputs measured.
+        thresholds : sequence of float, optional
+            Thresholds; else `count` of them, evenly from 0 to below half the span of the inputs.
+        count : int
+            How many, 2 to 200.
+
+
+        History, response and skip are those of all operators, see `Operator`.
+        """
+        loops = Loops.take(history, response, skip)
+        count = check_integer("count", count, low=2, high=200)
+        inputs = loops.inputs
+        ladder = default_thresholds(inputs, count) if thresholds is None else thresholds
+        rungs = take_ladder("thresholds", ladder)
+        wide = np.array(rungs) > 0.0
+        if not wide.any():
+            raise InputError(f"thresholds is {list(rungs)}: it must have one above 0")
+        first = rungs[int(np.argmax(wide))]
+        names = [f"weights[{i}]" for i in range(len(rungs))]
+        up = np.ones(len(rungs))
+
+        def trace(ratio: float) -> Floats:
+            down = np.where(wide, ratio, 1.0)
+            return loops.pick(trace_plays(inputs, *_sloped_edges(rungs, up, down)))
+
+        low, high = _legal_ratios(first, float(inputs.min()), float(inputs.max()))
+        if high - low < 1e-6:
+            ratio, found = 1.0, fit_linear(trace(1.0), loops.target, names=names)
+        else:
+            point, found = search(
+                lambda point: trace(float(np.exp(point[0]))),
+                loops.target,
+                [[np.log(0.8)], [np.log(1.25)], [0.0]],
+                ([np.log(low)], [np.log(high)]),
+                names=names,
+            )
+            ratio = float(np.exp(point[0]))
+        down = np.where(wide, ratio, 1.0)
+        operator = cls(
+            rungs, found.values, tuple(up.tolist()), tuple(down.tolist()), offset=found.offset
+        )
+        known = loops.distinguish(max(np.array(found.values)[wide]))
+        return loops.report(operator, found, lost=() if known else ("descending_slopes",))
+
+    def _plays(self) -> Plays:
+        edges = _sloped_edges(self.thresholds, self.ascending_slopes, self.descending_slopes)
+        return Plays(*edges, np.array(self.weights), 0.0, self.offset)
+
+    def _check_history(self, inputs: Floats, last: Floats | None) -> None:
+        if not inputs.size:
+            return
+        for index in (int(np.argmin(inputs)), int(np.argmax(inputs))):
+            value = float(inputs.flat[index])
+            up = np.array(self.ascending_slopes) * (value - np.array(self.thresholds))
+            down = np.array(self.descending_slopes) * (value + np.array(self.thresholds))
+            crossed = up - down > 1e-9 * (np.abs(up) + np.abs(down))
+            if crossed.any():
+                play = int(np.argmax(crossed))
+                raise InputError(
+                    f"{name_at('history', inputs, index)} is {value:g}: there the ascending edge "
+                    f"of play {play} is {up[play]:g}, which must be at most {down[play]:g}, its "
+                    "descending edge"
+                )
+
+
+def _legal_ratios(threshold: float, low: float, high: float) -> tuple[float, float]:
+    """Return the ratios be / al at which the edges of a play do not cross between two inputs."""
+    least, most = 1.0 / _STEEPEST, _STEEPEST
+    if high > threshold:
+        least = max(least, (high - threshold) / (high + threshold))
+    if low < -threshold:
+        most = min(most, (threshold - low) / (-low - threshold))
+    return least, most
+
+
+def _sloped_edges(
+    thresholds: Sequence[float], up: Sequence[float] | Floats, down: Sequence[float] | Floats
+) -> tuple[Floats, Floats]:
+    """Return both edges of plays (k, 3)."""
+    reach, rise, fall = (
+        np.asarray(numbers, dtype=np.float64) for numbers in (thresholds, up, down)
+    )
+    nothing = np.zeros(len(reach))
+    lower = np.column_stack([-rise * reach, rise, nothing])
+    upper = np.column_stack([fall * reach, fall, nothing])
     return lower, upper

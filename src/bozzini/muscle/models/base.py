@@ -1,9 +1,11 @@
-"""What the models of the catalogue share: a card, and the keywords it names."""
+"""A model from an explicit force law: the pull gives all that a muscle model answers."""
 
 from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -11,23 +13,485 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array, check_range
+from ...checks import broadcast, check_array, check_range, name_at
 from ...errors import BozziniError, InputError
-from ..braid import Braid
-from ..design import Muscle
+from ..design import Braid, Muscle
 from ..hysteresis import Hysteresis
-from ..model import check_hysteresis
-from ._describe import describe_card
-from ._take import take_keywords
-from .card import Card
-from .explicit import ANGLES, PRESSURE_LIMIT, ExplicitModel
+from ..model import (
+    LOAD_LIMIT,
+    ConvergenceError,
+    MuscleModel,
+    MuscleState,
+    check_hysteresis,
+    describe_stop,
+    parse_direction,
+)
+from .card import Card, describe_card, take_keywords
 
-__all__ = ["ANGLES", "PRESSURE_LIMIT", "TYPICAL_PRESSURE", "CatalogueModel"]
+__all__ = [
+    "ANGLES",
+    "CatalogueModel",
+    "ExplicitModel",
+    "MAX_ITERATIONS",
+    "PRESSURE_LIMIT",
+    "Roots",
+    "STEPS",
+    "TYPICAL_PRESSURE",
+    "find_between",
+    "find_roots",
+    "find_slope",
+]
+
+# Where a force falls to a load: the equilibrium that a muscle at its free length moves to.
+
+
+Floats = NDArray[np.float64]
+Excess = Callable[[NDArray[np.intp], Floats], Floats]
+
+STEPS = 64
+"""Lengths tried between the free length and the end of the legal ones."""
+MAX_ITERATIONS = 100
+
+_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
+_JUMP_SHARE = 1e-6
+"""Share of the forces at a bracket's ends: more is left over only where a force jumps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Roots:
+    """What `find_roots` found, arrays of shape (n,).
+
+    Attributes
+    ----------
+    lengths : ndarray
+        The roots [mm]; where there is none, the last length tried.
+    residuals : ndarray
+        Pull less load there [N].
+    iterations : ndarray of int
+    found : ndarray of bool
+        Whether pull less load changes sign on the way.
+    jumps : ndarray of bool
+        Whether it does so without passing zero.
+    """
+
+    lengths: Floats
+    residuals: Floats
+    iterations: NDArray[np.int64]
+    found: NDArray[np.bool_]
+    jumps: NDArray[np.bool_]
+
+
+def find_roots(excess: Excess, start: Floats, low: Floats, high: Floats) -> Roots:
+    """Return the first root on the way down from `start` where `excess` is positive, up otherwise.
+
+    `STEPS` lengths on the way bracket it; two roots between neighbours are missed. Then by
+    Chandrupatla's method (Advances in Engineering Software 28, 1997, 145-149).
+
+    Parameters
+    ----------
+    excess : callable
+        Pull less load [N] of elements ``index`` (k,) at lengths (k,) [mm].
+    start, low, high : ndarray, shape (n,)
+        Where to begin, and the ends of the way [mm].
+    """
+    every = np.arange(start.size)
+    first = excess(every, start)
+    ends = np.where(first > 0.0, low, high)
+    lengths, residuals = start.copy(), first.copy()
+    found = first == 0.0
+    near, near_excess = start.copy(), first.copy()
+    far, far_excess = start.copy(), first.copy()
+    open_ones = every[~found]
+    for step in range(1, STEPS + 1):
+        if not open_ones.size:
+            break
+        at = start[open_ones] + (ends - start)[open_ones] * (step / STEPS)
+        if step == STEPS:
+            at = ends[open_ones]
+        value = excess(open_ones, at)
+        far[open_ones], far_excess[open_ones] = at, value
+        crossed = value * np.sign(first[open_ones]) <= 0.0
+        found[open_ones[crossed]] = True
+        near[open_ones[~crossed]], near_excess[open_ones[~crossed]] = at[~crossed], value[~crossed]
+        open_ones = open_ones[~crossed]
+    lengths[open_ones], residuals[open_ones] = far[open_ones], far_excess[open_ones]
+    flat = every[found & (first != 0.0) & (far_excess == 0.0)]
+    far[flat], far_excess[flat] = _find_edge(excess, flat, near[flat], near_excess[flat], far[flat])
+    bracketed = every[found & (first != 0.0)]
+    iterations = np.zeros(start.size, dtype=np.int64)
+    scale = np.maximum(np.abs(near_excess), np.abs(far_excess))
+    best, left, taken = _polish(
+        excess,
+        bracketed,
+        (far[bracketed], far_excess[bracketed]),
+        (near[bracketed], near_excess[bracketed]),
+    )
+    lengths[bracketed], residuals[bracketed], iterations[bracketed] = best, left, taken
+    jumps = found & (np.abs(residuals) > _JUMP_SHARE * scale)
+    return Roots(lengths, residuals, iterations, found, jumps)
+
+
+def find_between(excess: Excess, one: Floats, other: Floats) -> Floats:
+    """Return the lengths (n,) between `one` and `other` at which `excess` changes its sign [mm].
+
+    NaN where it has the same sign at both. What `excess` takes and gives is as for `find_roots`.
+    """
+    every = np.arange(one.size)
+    first, last = excess(every, one), excess(every, other)
+    lengths = np.full(one.shape, np.nan)
+    index = every[np.sign(first) * np.sign(last) <= 0.0]
+    ends = ((one[index], first[index]), (other[index], last[index]))
+    lengths[index], _, taken = _polish(excess, index, *ends)
+    lengths[index[taken >= MAX_ITERATIONS]] = np.nan
+    return lengths
+
+
+def _find_edge(
+    excess: Excess, index: NDArray[np.intp], near: Floats, near_excess: Floats, far: Floats
+) -> tuple[Floats, Floats]:
+    """Return the first length at which the excess is gone, where it stays at zero, and the excess.
+
+    A pull that cannot fall below a threshold is flat there: the muscle stops where that begins.
+    """
+    near, far, left = near.copy(), far.copy(), np.zeros(far.shape)
+    rest = np.arange(index.size)
+    while rest.size:
+        middle = 0.5 * (near + far)[rest]
+        inside = (middle != near[rest]) & (middle != far[rest])
+        rest, middle = rest[inside], middle[inside]
+        value = excess(index[rest], middle)
+        gone = value * np.sign(near_excess[rest]) <= 0.0
+        far[rest[gone]], left[rest[gone]] = middle[gone], value[gone]
+        near[rest[~gone]] = middle[~gone]
+    return far, left
+
+
+def _polish(
+    excess: Excess,
+    index: NDArray[np.intp],
+    one: tuple[Floats, Floats],
+    other: tuple[Floats, Floats],
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Return roots between two ends of other signs, what is left there, and the iterations."""
+    (a, fa), (b, fb) = ((x.copy(), f.copy()) for x, f in (one, other))
+    c, fc = b.copy(), fb.copy()
+    share = np.full(a.shape, 0.5)
+    taken = np.full(a.shape, MAX_ITERATIONS, dtype=np.int64)
+    rest = np.arange(index.size)
+    for iteration in range(MAX_ITERATIONS):
+        best_is_a = np.abs(fa) < np.abs(fb)
+        best = np.where(best_is_a, a, b)
+        width = np.abs(b - a)
+        done = (width <= 2.0 * _TOLERANCE * np.abs(best)) | (fa == 0.0) | (fb == 0.0)
+        taken[rest[done[rest]]] = iteration
+        rest = rest[~done[rest]]
+        if not rest.size:
+            break
+        # Keep clear of the ends, so that the bracket shrinks from both sides.
+        edge = _TOLERANCE * np.abs(best[rest]) / width[rest]
+        t = np.clip(share[rest], np.minimum(edge, 0.5), np.maximum(1.0 - edge, 0.5))
+        at = a[rest] + t * (b - a)[rest]
+        value = excess(index[rest], at)
+        same = np.sign(value) == np.sign(fa[rest])
+        c[rest] = np.where(same, a[rest], b[rest])
+        fc[rest] = np.where(same, fa[rest], fb[rest])
+        b[rest] = np.where(same, b[rest], a[rest])
+        fb[rest] = np.where(same, fb[rest], fa[rest])
+        a[rest], fa[rest] = at, value
+        share[rest] = _choose_share(*(x[rest] for x in (a, fa, b, fb, c, fc)))
+    best_is_a = np.abs(fa) < np.abs(fb)
+    return np.where(best_is_a, a, b), np.where(best_is_a, fa, fb), taken
+
+
+def _choose_share(a: Floats, fa: Floats, b: Floats, fb: Floats, c: Floats, fc: Floats) -> Floats:
+    """Return where between `a` and `b` to go next: inverse quadratic if it is safe, else half."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
+        safe = (1.0 - np.sqrt(1.0 - xi) < phi) & (phi < np.sqrt(xi))
+        alpha = (c - a) / (b - a)
+        quadratic = fa / (fb - fa) * fc / (fb - fc) + alpha * fa / (fc - fa) * fb / (fc - fb)
+        return np.where(safe & np.isfinite(quadratic), quadratic, 0.5)
+
+
+# The slope of a force in the length, by differences.
+
+
+def find_slope(
+    force: Callable[[Floats], Floats], lengths: Floats, low: Floats, high: Floats
+) -> Floats:
+    """Return the slope at `lengths` of the quartic through five lengths near by [N/mm].
+
+    They are 1/2000 of ``[low, high]`` apart and inside it, so that near an end the middle one is
+    not the one asked for.
+    """
+    step = (high - low) / 2000.0
+    middle = np.clip(lengths, low + 2.0 * step, high - 2.0 * step)
+    away = (lengths - middle) / step
+    two, one, here, more, most = (
+        force(np.clip(middle + k * step, low, high)) for k in (-2.0, -1.0, 0.0, 1.0, 2.0)
+    )
+    first = (two - 8.0 * one + 8.0 * more - most) / 12.0
+    second = (-two + 16.0 * one - 30.0 * here + 16.0 * more - most) / 24.0
+    third = (-two + 2.0 * one - 2.0 * more + most) / 12.0
+    fourth = (two - 4.0 * one + 6.0 * here - 4.0 * more + most) / 24.0
+    slope = first + away * (2.0 * second + away * (3.0 * third + away * 4.0 * fourth))
+    return np.asarray(slope / step)
+
+
+# A model from an explicit force law: all that a muscle model answers follows from the pull.
+
+
+ANGLES = (math.radians(0.5), math.radians(89.0))
+"""Braid angles at the ends of the legal lengths [rad]: strands nearly straight, nearly hoops."""
+
+PRESSURE_LIMIT = 1e4
+"""Largest legal pressure [MPa]: a limit of the arithmetic."""
+
+
+class ExplicitModel(MuscleModel):
+    """A muscle whose pull is a function of pressure and length, with or without friction.
+
+    A subclass brings `_pull`; with friction also `_friction`, and whatever of `_length_limits`,
+    `_base_lengths`, `_contact_pressure`, `pressure_limits` and `dead_band` is its own. All take and
+    return float arrays of one shape, in MPa, mm and N.
+
+    The contraction under a load is where the muscle stops that is let go at its free length: the
+    first length on the way at which it pulls with the load. Some laws have others beyond it, past
+    a hump for example. The way to the end of the legal lengths is searched in 64 steps; two such
+    lengths within one step can both be missed.
+
+    Attributes
+    ----------
+    braid : Braid
+        The braid over the length that contracts.
+    """
+
+    braid: Braid
+
+    @property
+    def pressure_limits(self) -> tuple[float, float]:
+        """Legal pressures [MPa]."""
+        return 0.0, PRESSURE_LIMIT
+
+    @property
+    def contraction_limits(self) -> tuple[float, float]:
+        """Legal contractions [mm], the widest of all pressures: strands straight, strands hoops.
+
+        At some pressures some models have narrower ones; the message of the error has them.
+        """
+        low, high = self._base_lengths()
+        return self.braid.length - high, self.braid.length - low
+
+    def force(
+        self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
+    ) -> Floats:
+        """Return the pull of the muscle [N]."""
+        pressures, lengths, signs, _, _ = self._take_lengths(pressure, contraction, direction)
+        return self._total(pressures, lengths, signs)
+
+    def stiffness(
+        self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
+    ) -> Floats:
+        """Return ``-d force / d contraction`` [N/mm] at a pressure, along a branch of friction.
+
+        The slope of a quartic through five lengths, 1/2000 of the legal ones apart: good to about
+        1e-8 of the largest slope where the law is smooth, and a mean over a kink.
+        """
+        pressures, lengths, signs, low, high = self._take_lengths(pressure, contraction, direction)
+        return find_slope(lambda at: self._total(pressures, at, signs), lengths, low, high)
+
+    def contraction(
+        self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
+    ) -> Floats:
+        """Return the contraction under a load [mm]; negative where the muscle is longer."""
+        state = self.solve(pressure, load, direction=direction)
+        if not state.converged.all():
+            index = int(np.argmin(state.converged))
+            given = np.broadcast_to(np.asarray(pressure, dtype=np.float64), state.converged.shape)
+            raise ConvergenceError(
+                f"no solution of the {self.name} model at {name_at('pressure', given, index)} = "
+                f"{given.flat[index]:g} MPa: {state.reason.flat[index]}"
+            )
+        return state.contraction
+
+    def solve(
+        self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
+    ) -> MuscleState:
+        """Return everything the model gives of the muscle under `pressure` and `load`.
+
+        `MuscleState.residual` is pull less load.
+        """
+        pressures, loads, signs, roots = self._find_roots(pressure, load, direction)
+        if not roots.found.all():
+            raise self._refuse_load(int(np.argmin(roots.found)), pressures, loads, signs)
+        lengths = roots.lengths.reshape(pressures.shape)
+        iterations = roots.iterations.reshape(pressures.shape)
+        jumps = roots.jumps.reshape(pressures.shape)
+        stopped = iterations >= MAX_ITERATIONS
+        reason = np.where(stopped, describe_stop(MAX_ITERATIONS), "")
+        residual = roots.residuals.reshape(pressures.shape)
+        contraction = np.asarray(self.braid.length - lengths)
+        return MuscleState(
+            contraction=contraction,
+            length=np.asarray(self.muscle.length - contraction),
+            braid_angle=np.arccos(np.minimum(lengths / self.braid.strand_length, 1.0)),
+            contact_pressure=self._find_contact(pressures, lengths),
+            force=np.asarray(loads + residual),
+            converged=np.asarray(~(stopped | jumps)),
+            residual=residual,
+            iterations=iterations,
+            reason=np.where(jumps & ~stopped, "the force jumps past the load", reason),
+        )
+
+    def try_contraction(
+        self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the contraction [mm], and where there is one: loads too large are no error.
+
+        Where there is none, the contraction is that of the last length tried.
+
+        Raises
+        ------
+        InputError
+            If an argument is outside its legal range.
+        """
+        pressures, _, _, roots = self._find_roots(pressure, load, direction)
+        good = roots.found & ~roots.jumps & (roots.iterations < MAX_ITERATIONS)
+        shape = pressures.shape
+        return (self.braid.length - roots.lengths).reshape(shape), good.reshape(shape)
+
+    def _find_roots(
+        self, pressure: ArrayLike, load: ArrayLike, direction: ArrayLike | None
+    ) -> tuple[Floats, Floats, Floats, Roots]:
+        """Pressures, loads and signs of friction, of one shape, and the lengths, flat."""
+        pressures, loads = check_array("pressure", pressure), check_array("load", load)
+        check_range("pressure", pressures, *self.pressure_limits, "MPa")
+        check_range("load", loads, 0.0, LOAD_LIMIT, "N")
+        pressures, loads, signs = broadcast(
+            ("pressure", pressures), ("load", loads), ("direction", parse_direction(direction))
+        )
+        low, high = self._limit(pressures)
+        flat = [x.ravel() for x in (pressures, loads, signs, low, high)]
+
+        def excess(index: NDArray[np.intp], lengths: Floats) -> Floats:
+            return self._total(flat[0][index], lengths, flat[2][index]) - flat[1][index]
+
+        start = np.clip(np.full(flat[0].shape, self.braid.length), flat[3], flat[4])
+        roots = find_roots(excess, start, flat[3], flat[4])
+        return pressures, loads, signs, roots
+
+    def dead_band(self) -> float:
+        """Return the pressure below which the muscle does not contract [MPa]; 0 if it has none."""
+        return 0.0
+
+    @abstractmethod
+    def _pull(self, pressure: Floats, length: Floats) -> Floats:
+        """Pull without friction [N]."""
+
+    def _friction(self, pressure: Floats, length: Floats) -> Floats:
+        """By how much less it pulls on the way up, and more on the way down [N]."""
+        return np.zeros(np.shape(pressure))
+
+    def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
+        """Pressure between tube and braid [MPa]: all of it, where the wall bears nothing."""
+        return pressure
+
+    def _length_limits(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
+        """Smallest and largest legal length at each pressure [mm]."""
+        return self._base_lengths()
+
+    def _base_lengths(self) -> tuple[float, float]:
+        """Smallest and largest legal length of all pressures [mm]."""
+        strand = self.braid.strand_length
+        return strand * math.cos(ANGLES[1]), strand * math.cos(ANGLES[0])
+
+    def _total(self, pressure: Floats, length: Floats, sign: Floats) -> Floats:
+        """Pull along a branch of friction, finite [N]."""
+        with np.errstate(all="ignore"):
+            pull = np.asarray(self._pull(pressure, length), dtype=np.float64)
+            if sign.any():
+                pull = pull + sign * self._friction(pressure, length)
+        self._demand_finite(pull, pressure, length)
+        return pull
+
+    def _limit(self, pressures: Floats) -> tuple[Floats, Floats]:
+        """Smallest and largest legal length, of the pressures' shape."""
+        with np.errstate(all="ignore"):
+            low, high = self._length_limits(pressures)
+        shape = pressures.shape
+        return np.broadcast_to(low, shape), np.broadcast_to(high, shape)
+
+    def _take_lengths(
+        self, pressure: ArrayLike, contraction: ArrayLike, direction: ArrayLike | None
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Pressures, lengths, signs of friction, and legal lengths, of one shape."""
+        pressures, given = (
+            check_array("pressure", pressure),
+            check_array("contraction", contraction),
+        )
+        check_range("pressure", pressures, *self.pressure_limits, "MPa")
+        pressures, contractions, signs = broadcast(
+            ("pressure", pressures),
+            ("contraction", given),
+            ("direction", parse_direction(direction)),
+        )
+        low, high = self._limit(pressures)
+        rest = self.braid.length
+        lengths = rest - contractions
+        slack = 1e-9 * rest
+        legal = (lengths >= low - slack) & (lengths <= high + slack)
+        if not legal.all():
+            index = int(np.argmin(legal))
+            raise InputError(
+                f"{name_at('contraction', contractions, index)} is {contractions.flat[index]:g} "
+                f"mm: at a pressure of {pressures.flat[index]:g} MPa it must lie in "
+                f"[{rest - high.flat[index]:g}, {rest - low.flat[index]:g}] mm"
+            )
+        return pressures, np.clip(lengths, low, high), signs, low, high
+
+    def _find_contact(self, pressures: Floats, lengths: Floats) -> Floats:
+        """Pressure between tube and braid, 0 where they part [MPa]."""
+        with np.errstate(all="ignore"):
+            contact = np.asarray(self._contact_pressure(pressures, lengths), dtype=np.float64)
+        self._demand_finite(contact, pressures, lengths)
+        return np.maximum(contact, 0.0)
+
+    def _demand_finite(self, values: Floats, pressure: Floats, length: Floats) -> None:
+        good = np.isfinite(values)
+        if not good.all():
+            index = int(np.argmin(good))
+            raise InputError(
+                f"pressure is {pressure.flat[index]:g} MPa and length {length.flat[index]:g} mm: "
+                f"the model {self.name} has no answer there, they must be where its law is finite"
+            )
+
+    def _refuse_load(
+        self, index: int, pressures: Floats, loads: Floats, signs: Floats
+    ) -> InputError:
+        """Return the error for a load that the muscle cannot hold, with those that it can."""
+        pressure = np.full(STEPS + 1, pressures.flat[index])
+        low, high = self._limit(pressure)
+        start = np.clip(self.braid.length, low[0], high[0])
+        sign = np.full(STEPS + 1, signs.flat[index])
+        down, up = (
+            self._total(pressure, np.linspace(start, end, STEPS + 1), sign)
+            for end in (low[0], high[0])
+        )
+        least, most = max(0.0, float(down.min())), float(up.max())
+        legal = f"[{least:.6g}, {most:.6g}] N"
+        if most < least:
+            legal = f"what it pulls, and at most that is {most:.6g} N"
+        return InputError(
+            f"{name_at('load', loads, index)} is {loads.flat[index]:g} N: at a pressure of "
+            f"{pressure[0]:g} MPa it must lie in {legal}"
+        )
+
+
+# What the models of the catalogue share: a card, and the keywords it names.
+
 
 TYPICAL_PRESSURE = 0.5
 """Pressure at which a first guess of fitted constants is Gaylord's [MPa]."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, init=False)
@@ -164,7 +628,7 @@ class CatalogueModel(ExplicitModel):
         except BozziniError:
             raise
         except Exception as error:  # a law is the user's: it may raise anything
-            raise InputError(self._say_failed(name, error)) from error
+            raise InputError(self._describe_failure(name, error)) from error
         answer = check_array(words, given)
         check_range(words, answer, -1e300, 1e300)
         try:
@@ -174,10 +638,10 @@ class CatalogueModel(ExplicitModel):
                 f"{words} has shape {answer.shape}: it must be {arguments[0].shape}"
             ) from None
 
-    def _say_failed(self, name: str, error: Exception) -> str:
+    def _describe_failure(self, name: str, error: Exception) -> str:
         law = next(law for law in self.card.laws if law.name == name)
-        said = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
+        cause = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
         return (
-            f"the law {name} of the model {self.name} raised {said}: it must take arrays "
+            f"the law {name} of the model {self.name} raised {cause}: it must take arrays "
             f"({', '.join(law.arguments)}) and return one of their shape"
         )

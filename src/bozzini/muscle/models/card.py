@@ -1,28 +1,33 @@
-"""What is known of a model of the catalogue: source, equation, constants, errata."""
+"""What is known of a model of the survey: source, equation, constants, errata."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import TypeVar
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 from ...checks import check_number
-from ...errors import InputError
+from ...errors import InputError, MissingLawError
 
 __all__ = [
     "BRAID_FIELDS",
-    "SHAPE_FIELDS",
-    "SOURCES",
-    "STATUSES",
-    "WALL_FIELDS",
     "Card",
     "Choice",
     "Law",
     "Parameter",
+    "SHAPE_FIELDS",
+    "SOURCES",
+    "STATUSES",
+    "WALL_FIELDS",
     "count_statuses",
+    "describe_card",
     "make_friction",
+    "take_keywords",
 ]
+
+# What is known of a model of the catalogue: source, equation, constants, errata.
+
 
 STATUSES = ("self-contained", "corrected", "fitted", "partial")
 """How much of a model the survey holds, worst last.
@@ -45,26 +50,25 @@ WALL_FIELDS = (*BRAID_FIELDS, "inner_radius")
 """The same, and the thickness of the wall."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Parameter:
     """A number that a model takes beside the `Muscle`.
 
     Parameters
     ----------
     name : str
-        Keyword of the model's constructor.
-    unit : str
-        Unit, empty for none.
+        Keyword of the model's constructor, with the unit if it has one: ``"kappa1 [N/MPa]"``. The
+        attributes are `name` and `unit`.
     what : str
         What it is, in a few words.
+    bounds : tuple of float
+        Smallest and largest legal value.
     source : str
         One of `SOURCES`.
     default : float, optional
         Value if it is not given; None if it has to be given.
     neutral : float, optional
         Value at which it makes no difference, where a fit may start; None if there is none.
-    bounds : tuple of float
-        Smallest and largest legal value.
     linear : bool
         Whether the model's force is linear in it, the other parameters being as they are.
     only_with : str
@@ -79,17 +83,18 @@ class Parameter:
     """
 
     name: str
-    unit: str
+    unit: str = field(init=False)
     what: str
-    source: str
-    default: float | None = None
-    neutral: float | None = None
+    source: str = field(default="fitted", kw_only=True)
+    default: float | None = field(default=None, kw_only=True)
+    neutral: float | None = field(default=None, kw_only=True)
     bounds: tuple[float, float]
-    linear: bool = False
-    only_with: str = ""
-    whole: bool = False
+    linear: bool = field(default=False, kw_only=True)
+    only_with: str = field(default="", kw_only=True)
+    whole: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
+        _split_unit(self)
         if self.source not in SOURCES:
             raise InputError(f"source of {self.name} is '{self.source}': choose one of {SOURCES}")
         low, high = self.bounds
@@ -105,14 +110,7 @@ class Parameter:
 def make_friction(what: str, *, unit: str = "", largest: float = 10.0) -> Parameter:
     """Return the parameter ``friction``, 0 or more, of which there is none by default."""
     return Parameter(
-        name="friction",
-        unit=unit,
-        what=what,
-        source="fitted",
-        default=0.0,
-        neutral=0.0,
-        bounds=(0.0, largest),
-        linear=True,
+        f"friction [{unit}]", what, (0.0, largest), default=0.0, neutral=0.0, linear=True
     )
 
 
@@ -142,18 +140,17 @@ class Choice:
             raise InputError(f"choice {self.name} is {self.words}: it must hold '{self.printed}'")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Law:
     """A function that a model takes, since the survey does not hold it.
 
     Parameters
     ----------
     name : str
-        Keyword of the model's constructor.
+        Keyword of the model's constructor, with the unit of its answer: ``"hoop_stress [MPa]"``.
+        The attributes are `name` and `unit`.
     arguments : tuple of str
         Its arguments with their units, ``"radius [mm]"`` for example: arrays of one shape.
-    unit : str
-        Unit of its answer, an array of the same shape.
     what : str
         What it is.
     paper : str
@@ -166,11 +163,21 @@ class Law:
 
     name: str
     arguments: tuple[str, ...]
-    unit: str
+    unit: str = field(init=False)
     what: str
     paper: str
-    required: bool = True
-    only_with: str = ""
+    required: bool = field(default=True, kw_only=True)
+    only_with: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        _split_unit(self)
+
+
+def _split_unit(item: Parameter | Law) -> None:
+    """Take the unit out of a name such as ``"kappa1 [N/MPa]"``."""
+    name, _, unit = item.name.partition(" [")
+    object.__setattr__(item, "name", name)
+    object.__setattr__(item, "unit", unit.removesuffix("]"))
 
 
 _Item = TypeVar("_Item", Parameter, Choice)
@@ -183,7 +190,7 @@ class Card:
     Parameters
     ----------
     name : str
-        Name in `CATALOGUE`.
+        Name in `MODELS`.
     title : str
         One line for a table.
     authors : str
@@ -305,3 +312,98 @@ def count_statuses(cards: Iterable[Card]) -> dict[str, int]:
     """Return how many of some models have each of `STATUSES`."""
     found = [card.status for card in cards]
     return {status: found.count(status) for status in STATUSES}
+
+
+# A model's card in words, for its docstring and the command line.
+
+
+def describe_card(card: Card) -> str:
+    """Return source, equation, constants, laws and errata of a model as lines of text."""
+    lines = [
+        f"{card.name}: {card.title}",
+        f"  {card.authors}; thesis {card.equation}; {card.status}",
+        f"  {card.reference}",
+        f"  {card.latex}",
+    ]
+    if card.latex_printed is not None:
+        lines.append(f"  as printed: {card.latex_printed}")
+    for item in card.parameters:
+        value = "must be given or fitted" if item.default is None else f"default {item.default:g}"
+        if item.only_with:
+            value = f"with {item.only_with} only" if item.default is None else value
+        unit = f" [{item.unit}]" if item.unit else ""
+        lines.append(f"  {item.name}{unit}: {item.what}; {item.source}; {value}")
+    lines += [f"  {item.name}: {item.what}: {', '.join(item.words)}" for item in card.choices]
+    for law in card.laws:
+        need = "needed" if law.required else "may be left out"
+        if law.only_with:
+            need += f" with {law.only_with} only"
+        lines.append(
+            f"  law {law.name}({', '.join(law.arguments)}) [{law.unit}]: {law.what}; "
+            f"{need}; it is in {law.paper}"
+        )
+    lines.append(f"  of the muscle: {', '.join(card.uses)}")
+    lines += [f"  note: {text}" for text in card.errata]
+    if card.unprintable:
+        lines.append(f"  cannot be evaluated as printed: {card.unprintable}")
+    if card.missing:
+        lines.append(f"  missing: {card.missing}")
+    return "\n".join(lines)
+
+
+# The keywords of a model of the catalogue, checked against its card.
+
+
+def take_keywords(card: Card, given: Mapping[str, Any], *, as_printed: bool) -> dict[str, Any]:
+    """Return parameters, choices and laws in the order of the card, defaults put in.
+
+    Raises
+    ------
+    MissingLawError
+        If a law is needed and not given.
+    InputError
+        If a keyword is unknown, needed and not given, or not legal.
+    """
+    for name in given:
+        if name not in card.keywords:
+            legal = ", ".join(card.keywords) or "none beside the muscle"
+            raise InputError(f"the model {card.name} takes no '{name}': it takes {legal}")
+    taken: dict[str, Any] = {}
+    for item in card.parameters:
+        value = given.get(item.name)
+        if value is None:
+            value = item.default
+        if value is not None:
+            taken[item.name] = card.check_parameter(item.name, value)
+    absent = [
+        item.name
+        for item in card.parameters
+        if item.name not in taken and _is_needed(item.only_with, taken)
+    ]
+    if absent:
+        raise InputError(
+            f"the model {card.name} must be given {', '.join(absent)}: the survey has no values"
+        )
+    for choice in card.choices:
+        default = choice.printed if as_printed and choice.printed else choice.words[0]
+        word = given.get(choice.name)
+        taken[choice.name] = card.check_choice(choice.name, default if word is None else word)
+    for law in card.laws:
+        function = given.get(law.name)
+        if function is not None:
+            if not callable(function):
+                raise InputError(
+                    f"{law.name} of the model {card.name} is {function!r:.60}: it must be a "
+                    f"function of {', '.join(law.arguments)}"
+                )
+            taken[law.name] = function
+        elif law.required and _is_needed(law.only_with, taken):
+            raise MissingLawError(
+                f"the model {card.name} must be given the law {law.name}({', '.join(law.arguments)}"
+                f"), {law.what}: it is in {law.paper}"
+            )
+    return taken
+
+
+def _is_needed(only_with: str, taken: Mapping[str, Any]) -> bool:
+    return not only_with or taken.get(only_with, 0.0) != 0.0

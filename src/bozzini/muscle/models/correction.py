@@ -1,4 +1,4 @@
-"""Gaylord's pull with corrections: of the strain, of the force, for friction (thesis 2.2.2)."""
+"""Gaylord's pull corrected: of the strain, of the force, for friction (thesis 2.2.2)."""
 
 from __future__ import annotations
 
@@ -10,20 +10,27 @@ from numpy.typing import NDArray
 
 from ...checks import check_range
 from ...errors import InputError
-from .base import ANGLES, CatalogueModel
-from .card import Card, Parameter, make_friction
-from .ideal import pull_by_strain
+from ..design import Muscle
+from .base import ANGLES, TYPICAL_PRESSURE, CatalogueModel
+from .card import BRAID_FIELDS, SHAPE_FIELDS, Card, Choice, Parameter, make_friction
+from .ideal import bracket, pull_by_strain
 
 __all__ = [
-    "FAMILY",
+    "Andrikopoulos",
+    "AndrikopoulosThermal",
+    "DavisCaldwell",
     "FRICTION_PARAMETERS",
     "IttoDoubled",
     "IttoExponential",
+    "Meller",
     "StrainCorrected",
     "TONDU_PARAMETERS",
     "TonduLopez",
     "find_tondu_factor",
 ]
+
+# Gaylord's pull with corrections: of the strain, of the force, for friction (thesis 2.2.2).
+
 
 Floats = NDArray[np.float64]
 
@@ -36,50 +43,37 @@ _ITTO = (
 )
 
 PRESSURE_UNIT = Parameter(
-    name="pressure_unit",
-    unit="MPa",
-    what="unit of the pressure in the exponent, 0.1 for bar",
+    "pressure_unit [MPa]",
+    "unit of the pressure in the exponent, 0.1 for bar",
+    (1e-6, 1e3),
     source="unit",
     default=0.1,
-    bounds=(1e-6, 1e3),
 )
 TONDU_PARAMETERS = (
     Parameter(
-        name="kappa1",
-        unit="",
-        what="part of the strain's factor that fades with pressure",
-        source="fitted",
+        "kappa1",
+        "part of the strain's factor that fades with pressure",
+        (-100.0, 100.0),
         neutral=0.0,
-        bounds=(-100.0, 100.0),
     ),
-    Parameter(
-        name="kappa2",
-        unit="",
-        what="strain's factor at high pressure",
-        source="fitted",
-        neutral=1.0,
-        bounds=(-100.0, 100.0),
-    ),
+    Parameter("kappa2", "strain's factor at high pressure", (-100.0, 100.0), neutral=1.0),
     PRESSURE_UNIT,
 )
 _RATE = Parameter(
-    name="kappa2",
-    unit="1/MPa",
-    what="rate at which the strain's factor grows with pressure",
-    source="fitted",
+    "kappa2 [1/MPa]",
+    "rate at which the strain's factor grows with pressure",
+    (-1000.0, 1000.0),
     neutral=0.0,
-    bounds=(-1000.0, 1000.0),
 )
 FRICTION = make_friction("coefficient of friction between strands")
 FRICTION_PARAMETERS = (
     FRICTION,
     Parameter(
-        name="contact_scale",
-        unit="",
-        what="scale of the contact area; only friction / contact_scale matters",
+        "contact_scale",
+        "scale of the contact area; only friction / contact_scale matters",
+        (1e-6, 1e9),
         source="measured",
         default=1.0,
-        bounds=(1e-6, 1e9),
     ),
 )
 """Friction over Tondu and Lopez's contact area."""
@@ -93,7 +87,7 @@ class StrainCorrected(CatalogueModel):
     """
 
     @abstractmethod
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
         """The factor of the strain, ``k``."""
 
     def _strain_offset(self) -> float:
@@ -102,13 +96,13 @@ class StrainCorrected(CatalogueModel):
 
     def _find_stretch(self, pressure: Floats, length: Floats) -> Floats:
         strain = (self.braid.length - length) / self.braid.length + self._strain_offset()
-        return np.asarray(1.0 - self._find_factor(pressure) * strain)
+        return np.asarray(1.0 - self.find_factor(pressure) * strain)
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         return pull_by_strain(self.braid, pressure, self._find_stretch(pressure, length))
 
     def _length_limits(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
-        factor = self._find_factor(pressure)
+        factor = self.find_factor(pressure)
         words = f"strain factor k of the model {self.name} at pressure"
         check_range(words, factor, *_FACTORS)
         rest, cosine = self.braid.length, math.cos(self.braid.angle)
@@ -126,7 +120,7 @@ class StrainCorrected(CatalogueModel):
             )
         return low, high
 
-    def _find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
+    def find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
         """Tondu and Lopez's contact area of strands, ``S1`` [mm^2]: the lateral area at rest."""
         braid = self.braid
         stretch = self._find_stretch(pressure, length)
@@ -138,7 +132,7 @@ class StrainCorrected(CatalogueModel):
         """Friction ``mu P S1 / S_scale`` [N]."""
         given = self.parameters
         share = given["friction"] / given["contact_scale"]
-        return np.asarray(share * pressure * self._find_contact_area(pressure, length))
+        return np.asarray(share * pressure * self.find_contact_area(pressure, length))
 
 
 class TonduLopez(StrainCorrected):
@@ -163,7 +157,8 @@ class TonduLopez(StrainCorrected):
         r"S_1 = \frac{2 \pi r_0 l_0 \sin\theta_0}{x \sqrt{1 - x^2 \cos^2\theta_0}}",
     )
 
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
         return find_tondu_factor(self.parameters, pressure)
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
@@ -184,19 +179,18 @@ class IttoExponential(StrainCorrected):
             TONDU_PARAMETERS[0],
             _RATE,
             Parameter(
-                name="kappa3",
-                unit="",
-                what="part of the strain's factor that is constant",
-                source="fitted",
+                "kappa3",
+                "part of the strain's factor that is constant",
+                (-100.0, 100.0),
                 neutral=1.0,
-                bounds=(-100.0, 100.0),
             ),
         ),
         latex=r"F = \pi r_0^2 P \left[q_1 (1 - k \epsilon)^2 - q_2\right], \quad "
         r"k = \kappa_1 e^{\kappa_2 P} + \kappa_3",
     )
 
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
         given = self.parameters
         return np.asarray(given["kappa1"] * np.exp(given["kappa2"] * pressure) + given["kappa3"])
 
@@ -213,12 +207,7 @@ class IttoDoubled(StrainCorrected):
         status="fitted",
         parameters=(
             Parameter(
-                name="kappa1",
-                unit="",
-                what="half the strain's factor at no pressure",
-                source="fitted",
-                neutral=0.5,
-                bounds=(0.0, 100.0),
+                "kappa1", "half the strain's factor at no pressure", (0.0, 100.0), neutral=0.5
             ),
             _RATE,
         ),
@@ -226,7 +215,8 @@ class IttoDoubled(StrainCorrected):
         r"\epsilon\right\}^2 - q_2\right]",
     )
 
-    def _find_factor(self, pressure: Floats) -> Floats:
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
         given = self.parameters
         return np.asarray(given["kappa1"] * (1.0 + np.exp(given["kappa2"] * pressure)))
 
@@ -237,5 +227,332 @@ def find_tondu_factor(given: dict[str, float], pressure: Floats) -> Floats:
     return np.asarray(given["kappa1"] * fading + given["kappa2"])
 
 
-FAMILY: tuple[type[CatalogueModel], ...] = (TonduLopez, IttoExponential, IttoDoubled)
-"""The models of this module, for the registry."""
+# Tondu and Lopez's muscle with the contact area of round strands (thesis 2.2.2).
+
+
+class DavisCaldwell(StrainCorrected):
+    """Tondu and Lopez's pull, its friction over the area at which the strands lie side by side.
+
+    The contact area of flat strands is that of the whole cylinder at the smallest braid angle
+    ``theta_m``, and falls from there; round strands touch on less of it, by Hertz's contact of two
+    spheres of a strand's radius under the load ``P (2 r_n)**2``.
+
+    What is mended can be had back by two choices. ``minimum_angle``: ``"geometric"`` has strands
+    of one family, ``4 pi r cos(theta) / m`` apart, at ``2 r_n``; ``"thesis"`` is (2.10) as
+    printed, right only if its ``r0`` is the radius at 90 degrees. ``scale``: ``"areas"`` is the
+    ratio of areas ``(r_n / a)**2`` that the text announces, with the contact's radius ``a``;
+    ``"radii"`` is the printed (2.11), ``r_n / a``. ``as_printed=True`` has the printed ones, and
+    ``S2`` with sine and cosine instead of their squares, so that it is no area of the cylinder.
+
+    The strands' radius, number and modulus are the muscle's.
+    """
+
+    card = Card(
+        name="davis-caldwell",
+        title="Strain factor, friction of round strands",
+        authors="Davis, Caldwell",
+        reference="S. Davis, D. G. Caldwell, Braid effects on contractile range and friction "
+        "modeling in pneumatic muscle actuators, International Journal of Robotics Research "
+        "25(4), 2006",
+        equation="(2.9)-(2.12)",
+        status="fitted",
+        parameters=(
+            *TONDU_PARAMETERS,
+            FRICTION,
+            Parameter(
+                "strand_poisson_ratio",
+                "Poisson's ratio of a strand",
+                (0.0, 0.5),
+                source="material",
+                only_with="friction",
+            ),
+        ),
+        choices=(
+            Choice(
+                name="minimum_angle",
+                what="angle at which the strands lie side by side",
+                words=("geometric", "thesis"),
+                printed="thesis",
+            ),
+            Choice(
+                name="scale",
+                what="ratio of flat to round contact",
+                words=("areas", "radii"),
+                printed="radii",
+            ),
+        ),
+        uses=(*BRAID_FIELDS, "strands", "strand_radius", "strand_modulus"),
+        errata=(
+            "(2.9) prints sin(theta_m) cos(theta_m): only its square is the cylinder's lateral "
+            "area at theta = theta_m.",
+            "(2.10) lacks sin(theta0): strands of one family are 4 pi r cos(theta) / m apart.",
+            "(2.11) is a ratio of radii, the text says of areas; its 1.442 is 3**(1/3).",
+            "The exponent of the strain factor is printed without the unit of P.",
+        ),
+        latex=r"F = \pi r_0^2 P \left[q_1 x^2 - q_2\right] \mp \mu_s P \frac{S_2}{S_s}, \quad "
+        r"S_2 = \frac{b^2 \sin^2\theta_m \cos^2\theta_m}{N \sin\theta \cos\theta}, \quad "
+        r"\sin 2\theta_m = \frac{m r_n \sin\theta_0}{\pi r_0}, \quad "
+        r"S_s = \left(3 P \frac{1 - \nu_n^2}{E_n}\right)^{-2/3}",
+        latex_printed=r"F = \pi r_0^2 P \left[q_1 x^2 - q_2\right] \pm \mu_s P \frac{S_2}{S_s}, "
+        r"\quad S_2 = \frac{b^2 \sin\theta_m \cos\theta_m}{N \sin\theta \cos\theta}, \quad "
+        r"\theta_m = \frac{1}{2} \sin^{-1} \frac{r_n m}{\pi r_0}, \quad S_s = "
+        r"\frac{r_n}{1.442 \left[P r_n^3 (1 - \nu_n^2) / E_n\right]^{1/3}}",
+    )
+
+    @property
+    def smallest_angle(self) -> float:
+        """Braid angle at which the strands lie side by side [rad], by `minimum_angle`."""
+        share = self.muscle.strand_radius * self.muscle.strands / (math.pi * self.braid.radius)
+        if self.keywords["minimum_angle"] == "geometric":
+            share *= math.sin(self.braid.angle)
+        return 0.5 * math.asin(min(share, 1.0))
+
+    def find_scale(self, pressure: Floats) -> Floats:
+        """Return how much more flat strands touch than round ones, by `scale`; not at 0 MPa.
+
+        Parameters
+        ----------
+        pressure : ndarray
+            Pressure [MPa].
+        """
+        return np.asarray(1.0 / self._find_share(pressure))
+
+    def _check(self) -> None:
+        share = self.muscle.strand_radius * self.muscle.strands / (math.pi * self.braid.radius)
+        if self.keywords["minimum_angle"] == "thesis" and share > 1.0:
+            most = math.pi * self.braid.radius / self.muscle.strands
+            raise InputError(
+                f"muscle strand radius is {self.muscle.strand_radius:g} mm: for (2.10) as printed "
+                f"it must be at most {most:g} mm"
+            )
+
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
+        return find_tondu_factor(self.parameters, pressure)
+
+    def _find_share(self, pressure: Floats) -> Floats:
+        """Round contact over flat contact."""
+        ratio = self.parameters["strand_poisson_ratio"]
+        strain = pressure * (1.0 - ratio**2) / self.muscle.strand_modulus
+        factor = 1.442 if self.as_printed else math.cbrt(3.0)
+        radii = factor * np.cbrt(strain)
+        return np.asarray(radii if self.keywords["scale"] == "radii" else radii**2)
+
+    def find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
+        """Return the contact area of the strands [mm^2]."""
+        braid = self.braid
+        least = self.smallest_angle
+        top = math.sin(least) * math.cos(least)
+        cosine = length / braid.strand_length
+        bottom = cosine * np.sqrt((1.0 - cosine) * (1.0 + cosine))
+        scale = braid.strand_length**2 / braid.turns
+        return np.asarray(scale * (top if self.as_printed else top**2) / bottom)
+
+    def _friction(self, pressure: Floats, length: Floats) -> Floats:
+        friction = self.parameters["friction"]
+        if friction == 0.0:
+            return np.zeros(pressure.shape)
+        area = self.find_contact_area(pressure, length)
+        return np.asarray(friction * pressure * area * self._find_share(pressure))
+
+
+# Gaylord's pull scaled to a measured blocked force and free contraction (thesis 2.2.2, 2.2.7).
+
+
+_ANDRIKOPOULOS = (
+    "G. Andrikopoulos, G. Nikolakopoulos, S. Manesis, Novel considerations on static force "
+    "modeling of pneumatic muscle actuators, IEEE/ASME Transactions on Mechatronics 21(6), 2016"
+)
+_MEASURED = (
+    Parameter(
+        "largest_force [N]",
+        "pull at the free length under the test pressure",
+        (0.0, 1e6),
+        linear=True,
+    ),
+    Parameter(
+        "largest_contraction [mm]", "contraction without load under the test pressure", (1e-6, 1e4)
+    ),
+    Parameter(
+        "test_pressure [MPa]",
+        "pressure of the test; only largest_force / test_pressure matters",
+        (1e-6, 1e4),
+        source="measured",
+    ),
+)
+
+
+def locking_strain(model: CatalogueModel) -> float:
+    """Strain at which the braid locks, ``1 - 1 / (sqrt(3) cos(theta0))``."""
+    return model.braid.locking_contraction / model.braid.length
+
+
+class Meller(StrainCorrected):
+    """Gaylord's pull stretched to two measured curves, blocked force and free strain.
+
+    The blocked force is ``kappa1 P + kappa2``, the free strain ``kappa3 ln(P)`` with ``P`` in
+    `pressure_unit`, which it has to exceed. The unit that the paper fitted in is not in the
+    survey; kilopascal is taken here, so that the law holds above 1 kPa. A blocked force below 0 is
+    refused.
+    """
+
+    card = Card(
+        name="meller",
+        title="Scaled to curves of blocked force and free strain",
+        authors="Meller, Bryant, Garcia",
+        reference="M. A. Meller, M. Bryant, E. Garcia, Reconsidering the McKibben muscle: "
+        "energetics, operating fluid, and bladder material, Journal of Intelligent Material "
+        "Systems and Structures 25(18), 2014",
+        equation="(2.13)",
+        status="fitted",
+        parameters=(
+            Parameter("kappa1 [N/MPa]", "blocked force per pressure", (-1e6, 1e6), linear=True),
+            Parameter(
+                "kappa2 [N]",
+                "blocked force extrapolated to no pressure",
+                (-1e6, 1e6),
+                neutral=0.0,
+                linear=True,
+            ),
+            Parameter("kappa3", "free strain per logarithm of the pressure", (1e-6, 10.0)),
+            Parameter(
+                "pressure_unit [MPa]",
+                "unit of the pressure in the logarithm, 0.001 for kPa",
+                (1e-6, 1e3),
+                source="unit",
+                default=0.001,
+            ),
+        ),
+        uses=SHAPE_FIELDS,
+        errata=("The logarithm is printed without the unit of P: it is an argument here.",),
+        latex=r"F = \pi r_0^2 P k_f \left[q_1 (1 - k_\epsilon \epsilon)^2 - q_2\right], \quad "
+        r"k_f = \frac{\kappa_1 P + \kappa_2}{\pi r_0^2 P (q_1 - q_2)}, \quad k_\epsilon = "
+        r"\frac{1}{\kappa_3 \ln (P / P_u)} \left(1 - \frac{1}{\sqrt{3} \cos\theta_0}\right)",
+    )
+
+    @classmethod
+    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
+        """Return Gaylord's blocked force, and its free strain at 0.5 MPa."""
+        guess = super().guess_parameters(muscle)
+        braid = muscle.braid
+        guess["kappa1"] = float(braid.ideal_force(1.0, braid.length))
+        strain = braid.locking_contraction / braid.length
+        guess["kappa3"] = max(1e-6, strain / math.log(TYPICAL_PRESSURE / guess["pressure_unit"]))
+        return guess
+
+    @property
+    def pressure_limits(self) -> tuple[float, float]:
+        """Legal pressures [MPa]: above the unit, so that the free strain is positive."""
+        low, high = super().pressure_limits
+        return max(low, 1.001 * self.parameters["pressure_unit"]), high
+
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
+        given = self.parameters
+        free = given["kappa3"] * np.log(pressure / given["pressure_unit"])
+        return np.asarray(locking_strain(self) / free)
+
+    def _find_blocked(self, pressure: Floats) -> Floats:
+        given = self.parameters
+        return np.asarray(given["kappa1"] * pressure + given["kappa2"])
+
+    def _length_limits(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
+        words = "blocked force kappa1 P + kappa2 at pressure"
+        check_range(words, self._find_blocked(pressure), 0.0, math.inf, "N")
+        return super()._length_limits(pressure)
+
+    def _pull(self, pressure: Floats, length: Floats) -> Floats:
+        shape = bracket(self.braid, self._find_stretch(pressure, length))
+        return np.asarray(self._find_blocked(pressure) * shape / bracket(self.braid, 1.0))
+
+
+class Andrikopoulos(StrainCorrected):
+    """Gaylord's pull stretched to one test: a blocked force and a free contraction.
+
+    The factor of the force is the same at all pressures, and so is the free contraction.
+    """
+
+    card = Card(
+        name="andrikopoulos",
+        title="Scaled to one blocked force and one free contraction",
+        authors="Andrikopoulos, Nikolakopoulos, Manesis",
+        reference=_ANDRIKOPOULOS,
+        equation="(2.14)",
+        status="fitted",
+        parameters=_MEASURED,
+        uses=SHAPE_FIELDS,
+        latex=r"F = \pi r_0^2 P k_f \left[q_1 (1 - k_\epsilon \epsilon)^2 - q_2\right], \quad "
+        r"k_f = \frac{F_{max}}{\pi r_0^2 P_{test} (q_1 - q_2)}, \quad "
+        r"k_\epsilon = \frac{l_0}{x_{max}} \left(1 - \sqrt{q_2 / q_1}\right)",
+    )
+
+    @classmethod
+    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
+        """Return the test that Gaylord's muscle would give at 0.5 MPa."""
+        guess = super().guess_parameters(muscle)
+        guess["test_pressure"] = TYPICAL_PRESSURE
+        guess["largest_force"] = float(muscle.braid.ideal_force(TYPICAL_PRESSURE, muscle.length))
+        share = muscle.active_length / muscle.length
+        guess["largest_contraction"] = share * muscle.braid.locking_contraction
+        return guess
+
+    def find_factor(self, pressure: Floats) -> Floats:
+        """Return the factor of the strain."""
+        most = self.parameters["largest_contraction"]
+        return np.full(pressure.shape, self.braid.length / most * locking_strain(self))
+
+    def _pull(self, pressure: Floats, length: Floats) -> Floats:
+        given = self.parameters
+        shape = bracket(self.braid, self._find_stretch(pressure, length))
+        blocked = given["largest_force"] / given["test_pressure"] * pressure
+        return np.asarray(blocked * shape / bracket(self.braid, 1.0))
+
+
+class AndrikopoulosThermal(Andrikopoulos):
+    """`Andrikopoulos` with the bladder's thermal strain, and Tondu and Lopez's friction.
+
+    The strain ``alpha dT`` adds to that of contraction. (2.32) prints two factors of the strain,
+    one in each term; that of (2.14) is taken in both.
+    """
+
+    card = Card(
+        name="andrikopoulos-thermal",
+        title="Scaled to one test, with heat and friction",
+        authors="Andrikopoulos, Nikolakopoulos, Manesis",
+        reference=_ANDRIKOPOULOS,
+        equation="(2.32)",
+        status="fitted",
+        parameters=(
+            *_MEASURED,
+            *FRICTION_PARAMETERS,
+            Parameter(
+                "temperature_change [K]",
+                "by how much the bladder is warmer than in the test",
+                (-300.0, 300.0),
+                source="measured",
+                default=0.0,
+                neutral=0.0,
+            ),
+            Parameter(
+                "expansion [1/K]",
+                "coefficient of linear thermal expansion of the bladder",
+                (-1e-2, 1e-2),
+                source="material",
+                only_with="temperature_change",
+            ),
+        ),
+        uses=BRAID_FIELDS,
+        errata=("The friction term prints another strain factor than the static one.",),
+        latex=r"F = \pi r_0^2 P k_f \left[q_1 x^2 - q_2\right] - \mu_s P \frac{S_1}{S_s} "
+        r"\mathrm{sgn}(v), \quad x = 1 - k_\epsilon (\epsilon + \alpha_l \Delta T), \quad "
+        r"S_1 = \frac{2 \pi r_0 l_0 \sin\theta_0}{x \sqrt{1 - x^2 \cos^2\theta_0}}",
+    )
+
+    def _strain_offset(self) -> float:
+        given = self.parameters
+        if given["temperature_change"] == 0.0:
+            return 0.0
+        return given["expansion"] * given["temperature_change"]
+
+    def _friction(self, pressure: Floats, length: Floats) -> Floats:
+        return self._rub(pressure, length)

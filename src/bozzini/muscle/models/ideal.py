@@ -1,20 +1,258 @@
-"""Ideal muscles: a braid round a bladder that resists nothing (thesis 2.2.1)."""
+"""Ideal muscles, and the balance of forces that models with a wall share (thesis 2.2.1)."""
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..braid import Braid
+from ..design import Braid, Muscle
+from ..model import bisect
 from .base import CatalogueModel
 from .card import BRAID_FIELDS, WALL_FIELDS, Card
-from .force_balance import WalledModel, find_contact_pressure, pull_ideal
 
-__all__ = ["FAMILY", "Chou", "GaylordAngle", "GaylordStrain", "bracket", "pull_by_strain"]
+__all__ = [
+    "Chou",
+    "ForceBalanceModel",
+    "GaylordAngle",
+    "GaylordStrain",
+    "Wall",
+    "WalledModel",
+    "balance_forces",
+    "bracket",
+    "find_contact_pressure",
+    "find_radius",
+    "pull_by_strain",
+    "pull_ideal",
+]
+
+# The balance of forces on a thick-walled bladder in a braid, which a family of models shares.
+#
+# A bladder of outer radius ``r`` and thickness ``t`` bears an axial stress ``s_z`` and a hoop
+# stress ``s_h``, both means over the wall. Across a lengthwise cut, bore pressure, hoop stress and
+# the braid's pressure ``P_o`` balance; across the muscle, strands, wall and pressure on the bore::
+#
+#     P_o = (P (r - t) - s_h t) / r
+#     F   = P_o l**2 / (2 pi N**2) + s_z A - P pi (r - t)**2
+#
+# (our derivation; the survey has it as (2.17), (2.29), (2.35) and (2.38), with one stress law or
+# another). With the braid's ``4 pi**2 N**2 r**2 = b**2 - l**2`` and the area of the wall,
+# ``A = pi t (2 r - t)``, that is Gaylord's pull, a term of the pressure on the wall, and the two
+# stresses::
+#
+#     F = P (3 l**2 - b**2) / (4 pi N**2) + P (A - t l**2 / (2 pi r N**2))
+#         + s_z A - s_h t l**2 / (2 pi r N**2)
+#
+# The second term is there because the balance takes a wall without stress. In a wall that cannot
+# be compressed and resists nothing the stress is the pressure on it: with ``s_z = s_h = -P`` the
+# second term goes, and Gaylord's pull is left, as the energy of such a wall says.
+
 
 Floats = NDArray[np.float64]
+
+_OPEN_BORE_SHARE = 1e-4
+"""Share of the bore's area at rest that is left at the ends of the legal lengths."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wall:
+    """A bladder that touches its braid and keeps its volume.
+
+    Parameters
+    ----------
+    braid : Braid
+        The braid, over the length that contracts.
+    thickness : float
+        Thickness at rest [mm], below the braid's radius.
+    """
+
+    braid: Braid
+    thickness: float
+
+    @classmethod
+    def of(cls, muscle: Muscle, braid: Braid) -> Wall:
+        """Return the wall of a muscle whose tube has grown to the braid, as thick as it was."""
+        return cls(braid=braid, thickness=muscle.outer_radius - muscle.inner_radius)
+
+    @property
+    def area_at_rest(self) -> float:
+        """Area of the wall's cross-section at rest [mm^2]."""
+        return math.pi * self.thickness * (2.0 * self.braid.radius - self.thickness)
+
+    @property
+    def volume(self) -> float:
+        """Volume of the wall, ``V_b`` [mm^3]."""
+        return self.area_at_rest * self.braid.length
+
+    @property
+    def bore_at_rest(self) -> float:
+        """Radius of the bore at rest [mm]."""
+        return self.braid.radius - self.thickness
+
+    def area_at(self, length: Floats) -> Floats:
+        """Area of the wall's cross-section at a length [mm^2]."""
+        return self.volume / length
+
+    def thickness_at(self, length: Floats) -> Floats:
+        """Thickness at a length [mm]: the root of ``pi t (2 r - t) l = V_b``.
+
+        Written without the difference of two large numbers that the textbook form is.
+        """
+        radius = find_radius(self.braid, length)
+        share = self.area_at(length) / math.pi
+        return np.asarray(share / (radius + np.sqrt(np.maximum(radius**2 - share, 0.0))))
+
+    def find_lengths(
+        self, low: float, high: float, *, keeps_thickness: bool = False
+    ) -> tuple[float, float]:
+        """Return the part of ``[low, high]`` about the free length in which there is a bore [mm].
+
+        It ends where 1/10,000 of the bore's area at rest is left.
+
+        Parameters
+        ----------
+        low, high : float
+            Lengths [mm].
+        keeps_thickness : bool
+            Whether the wall is as thick as at rest at every length, instead of keeping its volume.
+        """
+        return _find_lengths(self, low, high, keeps_thickness)
+
+
+@lru_cache(maxsize=256)
+def _find_lengths(
+    wall: Wall, low: float, high: float, keeps_thickness: bool
+) -> tuple[float, float]:
+    """Return the answer of `Wall.find_lengths`, which a fit asks for again and again."""
+    left = _OPEN_BORE_SHARE * wall.bore_at_rest**2
+
+    def spare(length: float) -> float:
+        radius = float(find_radius(wall.braid, np.asarray(length)))
+        if keeps_thickness:
+            return radius - wall.thickness - math.sqrt(left)
+        return (radius**2 - left) * length - wall.volume / math.pi
+
+    rest = wall.braid.length
+    if spare(low) < 0.0:
+        low = bisect(spare, low, rest)
+    if spare(high) < 0.0:
+        high = bisect(lambda length: -spare(length), rest, high)
+    return low, high
+
+
+def find_radius(braid: Braid, length: Floats) -> Floats:
+    """Return the radius of a braid at a length that is known to be legal [mm]."""
+    strand, turns = braid.strand_length, braid.turns
+    across = np.sqrt((strand - length) * (strand + length))
+    return np.asarray(across / (2.0 * math.pi * turns))
+
+
+def pull_ideal(braid: Braid, pressure: Floats, length: Floats) -> Floats:
+    """Return Gaylord's pull ``P (3 l**2 - b**2) / (4 pi N**2)`` [N], of any pressure."""
+    scale = 4.0 * math.pi * braid.turns**2
+    return np.asarray(pressure * (3.0 * length**2 - braid.strand_length**2) / scale)
+
+
+def balance_forces(
+    pressure: Floats,
+    length: Floats,
+    *,
+    braid: Braid,
+    section: tuple[Floats | float, Floats | float],
+    stresses: tuple[Floats | float, Floats | float],
+    wall_pressure: bool = True,
+) -> Floats:
+    """Return the pull of the muscle by the balance of forces [N].
+
+    Parameters
+    ----------
+    pressure, length : ndarray
+        Pressure [MPa] and length [mm], of one shape.
+    braid : Braid
+    section : tuple of ndarray or float
+        Thickness [mm] and area of the cross-section [mm^2] of the wall as it is then.
+    stresses : tuple of ndarray or float
+        Axial and hoop stress in the wall [MPa], tension positive.
+    wall_pressure : bool
+        Whether to have the term of the pressure on the wall; some papers leave it out.
+    """
+    (thickness, area), (axial_stress, hoop_stress) = section, stresses
+    radius = find_radius(braid, length)
+    slope = thickness * length**2 / (2.0 * math.pi * radius * braid.turns**2)
+    pull = pull_ideal(braid, pressure, length) + axial_stress * area - hoop_stress * slope
+    return np.asarray(pull + pressure * (area - slope) if wall_pressure else pull)
+
+
+def find_contact_pressure(
+    pressure: Floats,
+    length: Floats,
+    *,
+    braid: Braid,
+    thickness: Floats | float,
+    hoop_stress: Floats | float,
+) -> Floats:
+    """Return the braid's pressure on the wall, ``P_o`` [MPa]; negative where they would part."""
+    radius = find_radius(braid, length)
+    return np.asarray((pressure * (radius - thickness) - hoop_stress * thickness) / radius)
+
+
+class WalledModel(CatalogueModel):
+    """A model with a wall that touches the braid: the bore must stay open at its lengths."""
+
+    keeps_thickness: ClassVar[bool] = False
+    """Whether the wall is as thick as at rest at every length, instead of keeping its volume."""
+
+    @property
+    def wall(self) -> Wall:
+        """The wall at rest."""
+        return Wall.of(self.muscle, self.braid)
+
+    def _base_lengths(self) -> tuple[float, float]:
+        ends = super()._base_lengths()
+        return self.wall.find_lengths(*ends, keeps_thickness=self.keeps_thickness)
+
+
+class ForceBalanceModel(WalledModel):
+    """A model that is the balance of forces with a stress law; the wall keeps its volume.
+
+    A subclass brings `_stresses`, and may give up `wall_pressure`.
+    """
+
+    wall_pressure = True
+    """Whether the balance has the term of the pressure on the wall."""
+
+    @abstractmethod
+    def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
+        """Axial and hoop stress in the wall [MPa]."""
+
+    def _pull(self, pressure: Floats, length: Floats) -> Floats:
+        axial, hoop = self._stresses(pressure, length)
+        return balance_forces(
+            pressure,
+            length,
+            braid=self.braid,
+            section=(self.wall.thickness_at(length), self.wall.area_at(length)),
+            stresses=(axial, hoop),
+            wall_pressure=self.wall_pressure,
+        )
+
+    def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
+        return find_contact_pressure(
+            pressure,
+            length,
+            braid=self.braid,
+            thickness=self.wall.thickness_at(length),
+            hoop_stress=self._stresses(pressure, length)[1],
+        )
+
+
+# Ideal muscles: a braid round a bladder that resists nothing (thesis 2.2.1).
+
 
 _PATENT = (
     "R. H. Gaylord, Fluid actuated motor system and stroking device, US patent 2,844,126, 1958"
@@ -128,7 +366,3 @@ def bracket(braid: Braid, stretch: Floats | float) -> Floats:
     """Return ``q1 stretch**2 - q2`` of a braid; with stretch 1, Gaylord's at rest."""
     cotangent = 1.0 / math.tan(braid.angle)
     return np.asarray(3.0 * (stretch * cotangent) ** 2 - 1.0 / math.sin(braid.angle) ** 2)
-
-
-FAMILY: tuple[type[CatalogueModel], ...] = (GaylordAngle, GaylordStrain, Chou)
-"""The models of this module, for the registry."""

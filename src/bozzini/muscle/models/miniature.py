@@ -1,18 +1,39 @@
-"""Miniature muscles: Gaylord's pull with dead band, threshold and a thin bladder (2.2.8)."""
+"""Models of miniature muscles (thesis 2.2.8)."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ...checks import broadcast, check_array, check_range, name_at
 from ...errors import InputError
-from .base import ANGLES, CatalogueModel
-from .card import WALL_FIELDS, Card, Parameter
-from .force_balance import Wall, find_radius, pull_ideal
+from ..design import Braid, Muscle
+from ..model import LOAD_LIMIT, bisect
+from .base import ANGLES, PRESSURE_LIMIT, CatalogueModel
+from .card import SHAPE_FIELDS, WALL_FIELDS, Card, Choice, Law, Parameter
+from .ideal import ForceBalanceModel, Wall, find_radius, pull_ideal
 
-__all__ = ["FAMILY", "DeVolder", "Sangian"]
+__all__ = [
+    "DeVolder",
+    "HockingBase",
+    "HockingFriction",
+    "HockingPolynomial",
+    "MODULI",
+    "ORDERS",
+    "PressureStiffening",
+    "Sangian",
+    "StrainFit",
+    "StrainStress",
+    "correct_length",
+    "sum_powers",
+]
+
+# Miniature muscles: Gaylord's pull with dead band, threshold and a thin bladder (2.2.8).
+
 
 Floats = NDArray[np.float64]
 
@@ -38,46 +59,33 @@ class DeVolder(CatalogueModel):
         status="fitted",
         parameters=(
             Parameter(
-                name="pressure_offset",
-                unit="MPa",
-                what="pressure of the dead band",
-                source="fitted",
-                neutral=0.0,
-                bounds=(0.0, 1e4),
+                "pressure_offset [MPa]", "pressure of the dead band", (0.0, 1e4), neutral=0.0
             ),
             Parameter(
-                name="length_offset",
-                unit="mm",
-                what="by how much the muscle is taken shorter",
-                source="fitted",
+                "length_offset [mm]",
+                "by how much the muscle is taken shorter",
+                (-1e4, 1e4),
                 neutral=0.0,
-                bounds=(-1e4, 1e4),
             ),
             Parameter(
-                name="smallest_force",
-                unit="N",
-                what="threshold of the pull of the braid",
-                source="fitted",
+                "smallest_force [N]",
+                "threshold of the pull of the braid",
+                (-1e6, 1e6),
                 default=0.0,
                 neutral=-1e6,
-                bounds=(-1e6, 1e6),
             ),
             Parameter(
-                name="spring_stiffness",
-                unit="N/mm",
-                what="stiffness of the bladder",
-                source="fitted",
+                "spring_stiffness [N/mm]",
+                "stiffness of the bladder",
+                (0.0, 1e6),
                 default=0.0,
                 neutral=0.0,
-                bounds=(0.0, 1e6),
                 linear=True,
             ),
             Parameter(
-                name="slack_length",
-                unit="mm",
-                what="length above which the bladder pulls",
-                source="fitted",
-                bounds=(0.0, 1e4),
+                "slack_length [mm]",
+                "length above which the bladder pulls",
+                (0.0, 1e4),
                 only_with="spring_stiffness",
             ),
         ),
@@ -145,12 +153,11 @@ class Sangian(CatalogueModel):
         status="corrected",
         parameters=(
             Parameter(
-                name="threshold_pressure",
-                unit="MPa",
-                what="pressure at which contraction begins",
+                "threshold_pressure [MPa]",
+                "pressure at which contraction begins",
+                (0.0, 1e4),
                 source="measured",
                 neutral=0.0,
-                bounds=(0.0, 1e4),
             ),
         ),
         uses=(*WALL_FIELDS, "modulus"),
@@ -184,5 +191,439 @@ class Sangian(CatalogueModel):
         return pull_ideal(self.braid, self._contact_pressure(pressure, length), length)
 
 
-FAMILY: tuple[type[CatalogueModel], ...] = (DeVolder, Sangian)
-"""The models of this module, for the registry."""
+# Miniature muscles by the balance of forces, with stresses fitted to strain (thesis 2.2.8).
+
+
+ORDERS = (1, 2, 3, 4)
+"""Powers of the strain that a fitted stress has."""
+
+MODULI = tuple(
+    Parameter(
+        f"modulus{i} [MPa]",
+        f"stress per strain to the power of {i}",
+        (-1e6, 1e6),
+        default=None if i == 1 else 0.0,
+        neutral=0.0,
+        linear=True,
+    )
+    for i in ORDERS
+)
+_SLOPES = tuple(
+    Parameter(
+        f"modulus{i}_slope",
+        f"growth of modulus{i} per pressure",
+        (-1e6, 1e6),
+        default=0.0,
+        neutral=0.0,
+        linear=True,
+    )
+    for i in ORDERS
+)
+
+
+class StrainStress(ForceBalanceModel):
+    """A balance of forces whose stresses follow the strains along and round the muscle."""
+
+    @classmethod
+    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
+        """Return a linear elastic bladder of the tube's modulus."""
+        guess = super().guess_parameters(muscle)
+        return {name: muscle.modulus if name == "modulus1" else guess[name] for name in guess}
+
+    def _find_strains(self, length: Floats) -> tuple[Floats, Floats]:
+        """``l / l0 - 1`` and ``r / r0 - 1``."""
+        braid = self.braid
+        axial = (length - braid.length) / braid.length
+        return np.asarray(axial), np.asarray(find_radius(braid, length) / braid.radius - 1.0)
+
+
+def sum_powers(strain: Floats, factors: Sequence[Floats | float]) -> Floats:
+    """Return the sum of ``factors[i] strain**(i + 1)``."""
+    total: Floats = np.zeros(strain.shape)
+    for factor in reversed(factors):
+        total = (total + factor) * strain
+    return total
+
+
+# Miniature muscles of Hocking and Wereley: balance of forces with fitted stress (2.2.8).
+
+
+_HOCKING = (
+    "E. G. Hocking, N. M. Wereley, Analysis of nonlinear elastic behavior in miniature pneumatic "
+    "artificial muscles, Smart Materials and Structures 22, 2012"
+)
+_ENDS = Choice(
+    name="ends",
+    what="whether the length in the law is corrected for rounded ends",
+    words=("plain", "corrected"),
+)
+_TURNS = "The pressure term is printed over 4 pi N, N times Gaylord's: over 4 pi N**2."
+_PRINTED = r"\frac{P}{4 \pi N} (3 l^2 - b^2)"
+
+
+def correct_length(braid: Braid, length: Floats) -> Floats:
+    """Return ``l - 2 (pi / 2 - 1) (r - r0)``, the length of a muscle with rounded ends [mm].
+
+    A sheath of length ``l`` from fitting to fitting, measured along it, that at each end bends
+    round a quarter of a circle from the fitting's radius ``r0`` to its own ``r``, is that long
+    along the axis. The survey puts it into the law of the force in the place of the length.
+
+    Parameters
+    ----------
+    braid : Braid
+    length : ndarray
+        Length [mm], known to be legal.
+    """
+    excess = find_radius(braid, length) - braid.radius
+    return np.asarray(length - (math.pi - 2.0) * excess)
+
+
+@lru_cache(maxsize=16)  # a fit asks again and again, of the same braid
+def _find_limits(braid: Braid, low: float, high: float) -> tuple[float, float]:
+    """Return the lengths whose `correct_length` are `low` and `high` [mm]."""
+
+    def find(length: float) -> float:
+        return float(correct_length(braid, np.asarray(length)))
+
+    return (
+        bisect(lambda length: find(length) - low, low, braid.length),
+        bisect(lambda length: find(length) - high, braid.length, high),
+    )
+
+
+class HockingBase(StrainStress):
+    """The balance of forces with any stresses, without the pressure on the wall.
+
+    The stresses are laws of the strains ``l / l0 - 1`` along and ``r / r0 - 1`` round the muscle,
+    tension positive. With ``ends="corrected"`` length, radius and thickness in the law are those of
+    the `correct_length`.
+    """
+
+    wall_pressure = False
+
+    card = Card(
+        name="hocking-base",
+        title="Balance of forces with any stresses",
+        authors="Hocking, Wereley",
+        reference=_HOCKING,
+        equation="(2.35)",
+        status="corrected",
+        choices=(_ENDS,),
+        laws=(
+            Law(
+                "axial_stress [MPa]",
+                ("axial strain",),
+                "the stress along the muscle",
+                "Hocking and Wereley (2012), as a polynomial: see the model hocking-1",
+            ),
+            Law(
+                "hoop_stress [MPa]",
+                ("hoop strain",),
+                "the stress round the muscle",
+                "Hocking and Wereley (2012), as a polynomial: see the model hocking-1",
+            ),
+        ),
+        uses=WALL_FIELDS,
+        errata=(
+            _TURNS,
+            "The text swaps the two stresses: the one over the wall's cross-section is axial.",
+            "It leaves the pressure on the wall out, which the balance of forces has.",
+        ),
+        latex=r"F = \frac{P}{4 \pi N^2} (3 l^2 - b^2) + \sigma_z \frac{V_b}{l} "
+        r"- \frac{\sigma_\theta t l^2}{2 \pi N^2 r}",
+        latex_printed=rf"F = {_PRINTED} + \sigma_1 \frac{{V_b}}{{l}} "
+        r"- \frac{\sigma_2 t l^2}{2 \pi N^2 r}",
+    )
+
+    def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
+        axial, hoop = self._find_strains(length)
+        return self._call("axial_stress", axial), self._call("hoop_stress", hoop)
+
+    def _find_length(self, length: Floats) -> Floats:
+        """Length in the law [mm]."""
+        return length if self.keywords["ends"] == "plain" else correct_length(self.braid, length)
+
+    def _find_pressure(self, pressure: Floats) -> Floats:
+        """Pressure in the law [MPa]."""
+        return pressure
+
+    def _pull(self, pressure: Floats, length: Floats) -> Floats:
+        acting, at = self._find_pressure(pressure), self._find_length(length)
+        pull = super()._pull(acting, at)
+        if self.as_printed:
+            pull = pull + (self.braid.turns - 1.0) * pull_ideal(self.braid, acting, at)
+        return pull
+
+    def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
+        return super()._contact_pressure(self._find_pressure(pressure), self._find_length(length))
+
+    def _base_lengths(self) -> tuple[float, float]:
+        low, high = super()._base_lengths()
+        if self.keywords["ends"] == "plain":
+            return low, high
+        return _find_limits(self.braid, low, high)
+
+
+class HockingPolynomial(HockingBase):
+    """The balance of forces with one polynomial of strain for both stresses.
+
+    ``s_z = sum E_i (l / l0 - 1)**i`` and ``s_h = sum E_i (r / r0 - 1)**i``, up to the fourth power;
+    the survey does not give how many the paper has. With the first alone it is a linear elastic
+    bladder, the model kothera-balance but for the pressure on the wall and the hoop strain.
+    """
+
+    card = Card(
+        name="hocking-1",
+        title="Balance of forces, polynomial stress",
+        authors="Hocking, Wereley",
+        reference=_HOCKING,
+        equation="(2.36)",
+        status="fitted",
+        parameters=MODULI,
+        choices=(_ENDS,),
+        uses=WALL_FIELDS,
+        errata=(_TURNS,),
+        latex=r"F = \frac{P}{4 \pi N^2} (3 l^2 - b^2) + \frac{V_b}{l} \sum_i E_i \left("
+        r"\frac{l}{l_0} - 1\right)^i - \frac{t l^2}{2 \pi N^2 r} \sum_i E_i \left("
+        r"\frac{r}{r_0} - 1\right)^i",
+        latex_printed=rf"F = {_PRINTED} + \frac{{V_b}}{{l}} \sum_i E_i \left("
+        r"\frac{l}{l_0} - 1\right)^i - \frac{t l^2}{2 \pi N^2 r} \sum_i E_i \left("
+        r"\frac{r}{r_0} - 1\right)^i",
+    )
+
+    def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
+        given = self.parameters
+        factors = [given[f"modulus{i}"] for i in ORDERS]
+        axial, hoop = (sum_powers(strain, factors) for strain in self._find_strains(length))
+        return axial, hoop
+
+
+class HockingFriction(HockingPolynomial):
+    """The same with a dead band, rounded ends, and friction in proportion to the pull.
+
+    The pressure that acts is ``P - P_c``, none below the dead band. Friction is ``mu(P)`` times the
+    size of the pull, and against the motion; as printed it is ``mu(P)`` times the pull, which helps
+    the motion where the muscle pushes. How ``mu`` depends on the pressure is in the paper only:
+    the law `friction`, in [0, 1], without which there is none.
+    """
+
+    card = Card(
+        name="hocking-2",
+        title="Polynomial stress, dead band, rounded ends, friction",
+        authors="Hocking, Wereley",
+        reference=_HOCKING,
+        equation="(2.37)",
+        status="fitted",
+        parameters=(
+            *MODULI,
+            Parameter(
+                "dead_band_pressure [MPa]",
+                "pressure below which the muscle does not contract",
+                (0.0, 1e4),
+                source="measured",
+                default=0.0,
+                neutral=0.0,
+            ),
+        ),
+        choices=(Choice(name=_ENDS.name, what=_ENDS.what, words=_ENDS.words[::-1]),),
+        laws=(
+            Law(
+                "friction",
+                ("pressure [MPa]",),
+                "friction over pull",
+                "Hocking and Wereley (2012)",
+                required=False,
+            ),
+        ),
+        uses=WALL_FIELDS,
+        errata=(
+            _TURNS,
+            "The sign of friction is printed twice, as +- and as sgn(v).",
+            "Printed friction is in proportion to the pull with its sign, and helps the motion "
+            "where that is negative: its size is taken.",
+            "A sheath with rounded ends is longer, not shorter, than the muscle by the amount of "
+            "the correction; the length is corrected as the survey says.",
+        ),
+        latex=r"F = F_1 \mp \mu(P) |F_1|, \quad F_1 = F_{hocking-1}(P - P_c, l_c), \quad "
+        r"l_c = l - 2 \left(\frac{\pi}{2} - 1\right) (r - r_0)",
+        latex_printed=r"F = F_1 \pm \mu_f F_1 \, \mathrm{sgn}(v), \quad "
+        rf"F_1 = {_PRINTED} + \dots",
+        missing="how the coefficient of friction depends on the pressure: Hocking and Wereley "
+        "(2012). Only friction needs it.",
+    )
+
+    def dead_band(self) -> float:
+        """Return the pressure below which the muscle does not contract [MPa]."""
+        return self.parameters["dead_band_pressure"]
+
+    def _find_pressure(self, pressure: Floats) -> Floats:
+        return np.asarray(np.maximum(pressure - self.dead_band(), 0.0))
+
+    def _friction(self, pressure: Floats, length: Floats) -> Floats:
+        if "friction" not in self.keywords:
+            return np.zeros(pressure.shape)
+        share = self._call("friction", pressure)
+        check_range("answer of friction", share, 0.0, 1.0)
+        pull = self._pull(pressure, length)
+        return np.asarray(share * (pull if self.as_printed else np.abs(pull)))
+
+
+# A pull of Gaylord's form with fitted constants, solved for the strain (thesis 2.2.8).
+
+
+class PressureStiffening(StrainStress):
+    """The balance of forces with a polynomial stress that grows with the pressure.
+
+    ``s = sum (E_iI + E_iS P) e**i`` of the axial strain ``l / l0 - 1`` and of the hoop strain
+    ``r / r0 - 1``, up to the fourth power; the strains are positive where the wall is stretched,
+    while the survey's ``epsilon`` is positive in contraction. The pressure acts on the wall as in
+    the balance of forces; with a thickness that stays as it is, that term is Chou's.
+    """
+
+    card = Card(
+        name="pressure-stiffening",
+        title="Balance of forces, polynomial stress that grows with pressure",
+        authors="unnamed in the survey",
+        reference="Reference [25] of the thesis, after Hocking and Wereley (2012)",
+        equation="(2.38)",
+        status="fitted",
+        parameters=(*MODULI, *_SLOPES),
+        uses=WALL_FIELDS,
+        errata=(
+            "Printed with the strain epsilon of contraction; the stress resists it only as a "
+            "function of strains that are positive in tension.",
+        ),
+        latex=r"F = \frac{P}{4 \pi N^2} (3 l^2 - b^2) + P \left(\frac{V_b}{l} - "
+        r"\frac{t l^2}{2 \pi r N^2}\right) + \sigma_z \frac{V_b}{l} "
+        r"- \frac{\sigma_\theta t l^2}{2 \pi N^2 r}, \quad "
+        r"\sigma = \sum_i (E_{iI} + E_{iS} P) e^i",
+    )
+
+    def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
+        given = self.parameters
+        factors = [
+            np.asarray(given[f"modulus{i}"] + given[f"modulus{i}_slope"] * pressure) for i in ORDERS
+        ]
+        axial, hoop = (sum_powers(strain, factors) for strain in self._find_strains(length))
+        return axial, hoop
+
+
+class StrainFit(CatalogueModel):
+    """A pull of Gaylord's form with fitted constants, which the survey solves for the strain.
+
+    ``F = P [kappa1 (1 - eps)**2 + kappa3] + kappa2``; `find_strain` is the closed form of (2.40).
+    Gaylord's has ``kappa1 = pi r0**2 q1``, ``kappa3 = -pi r0**2 q2`` and no ``kappa2``.
+    `find_radial_strain` is (2.41), of constants that come from measured radii, not forces; only
+    their ratios matter, and by default the muscle keeps its volume.
+    """
+
+    card = Card(
+        name="strain-fit",
+        title="Gaylord's form with fitted constants, solved for the strain",
+        authors="unnamed in the survey",
+        reference="Reference [45] of the thesis",
+        equation="(2.40)-(2.41)",
+        status="fitted",
+        parameters=(
+            Parameter(
+                "kappa1 [N/MPa]", "pull per pressure and squared stretch", (1e-9, 1e9), linear=True
+            ),
+            Parameter("kappa2 [N]", "pull without pressure", (-1e9, 1e9), neutral=0.0, linear=True),
+            Parameter("kappa3 [N/MPa]", "pull per pressure, negative", (-1e9, 1e9), linear=True),
+            Parameter(
+                "kappa4",
+                "volume per squared strain",
+                (-1e9, 1e9),
+                source="measured",
+                default=0.0,
+                neutral=0.0,
+            ),
+            Parameter(
+                "kappa5",
+                "volume per strain",
+                (-1e9, 1e9),
+                source="measured",
+                default=0.0,
+                neutral=0.0,
+            ),
+            Parameter(
+                "kappa6", "volume at rest", (1e-9, 1e9), source="measured", default=1.0, neutral=1.0
+            ),
+        ),
+        uses=SHAPE_FIELDS,
+        latex=r"\epsilon = 1 - \sqrt{\frac{1}{\kappa_1} \left(\frac{F - \kappa_2}{P} - "
+        r"\kappa_3\right)}, \quad \epsilon_r = \sqrt{\frac{\kappa_4 \epsilon^2 + \kappa_5 \epsilon "
+        r"+ \kappa_6}{\kappa_6 (1 - \epsilon)}} - 1",
+    )
+
+    @classmethod
+    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
+        """Return the constants of Gaylord's pull."""
+        area = math.pi * muscle.braid_radius**2
+        return {
+            **super().guess_parameters(muscle),
+            "kappa1": 3.0 * area / math.tan(muscle.braid_angle) ** 2,
+            "kappa3": -area / math.sin(muscle.braid_angle) ** 2,
+        }
+
+    def find_strain(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
+        """Return the strain of contraction under a load, in closed form (2.40).
+
+        Parameters
+        ----------
+        pressure : array_like
+            Pressure [MPa], above 0.
+        load : array_like
+            Load [N]; broadcast with `pressure`.
+
+        Raises
+        ------
+        InputError
+            If an argument is outside its legal range, or the strain is not a legal contraction's.
+        """
+        given = self.parameters
+        pressures, loads = check_array("pressure", pressure), check_array("load", load)
+        check_range("pressure", pressures, 1e-300, PRESSURE_LIMIT, "MPa")
+        check_range("load", loads, 0.0, LOAD_LIMIT, "N")
+        pressures, loads = broadcast(("pressure", pressures), ("load", loads))
+        with np.errstate(all="ignore"):
+            square = ((loads - given["kappa2"]) / pressures - given["kappa3"]) / given["kappa1"]
+        low, high = (1.0 - x / self.braid.length for x in self.contraction_limits[::-1])
+        check_range(
+            "squared stretch",
+            square,
+            low**2,
+            high**2,
+            hint=": pressure and load must leave a legal length",
+        )
+        return np.asarray(1.0 - np.sqrt(square))
+
+    def find_radial_strain(self, strain: ArrayLike) -> Floats:
+        """Return the strain of the radius ``(r - r0) / r0`` at a strain of contraction (2.41).
+
+        Parameters
+        ----------
+        strain : array_like
+            Strain of contraction, below 1.
+
+        Raises
+        ------
+        InputError
+            If a strain is 1 or above, or the constants have no volume there.
+        """
+        given, strains = self.parameters, check_array("strain", strain)
+        check_range("strain", strains, -1e6, 1.0 - 1e-12)
+        volume = (given["kappa4"] * strains + given["kappa5"]) * strains / given["kappa6"] + 1.0
+        if volume.size and volume.min() < 0.0:
+            index = int(np.argmin(volume))
+            raise InputError(
+                f"{name_at('strain', strains, index)} is {strains.flat[index]:g}: the volume of "
+                f"(2.41) is {volume.flat[index]:g} of that at rest there, it must not be negative"
+            )
+        return np.asarray(np.sqrt(volume / (1.0 - strains)) - 1.0)
+
+    def _pull(self, pressure: Floats, length: Floats) -> Floats:
+        given = self.parameters
+        stretch = length / self.braid.length
+        share = given["kappa1"] * stretch**2 + given["kappa3"]
+        return np.asarray(pressure * share + given["kappa2"])

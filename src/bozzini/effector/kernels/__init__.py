@@ -1,0 +1,1 @@
+"""Compiled kernels of the effector: small, scalar, without Python objects."""

@@ -1,0 +1,851 @@
+"""Measurements of muscles: a checked table, its statistics, and reading and writing it."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import difflib
+import io
+import itertools
+import math
+import os
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_array, check_number
+from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
+from ..files import write_atomically
+from ..units import parse_quantity
+
+if TYPE_CHECKING:
+    import pandas
+
+    from .design import Muscle
+
+__all__ = [
+    "Measurements",
+    "RepeatStatistics",
+    "average_directions",
+    "read_measurements",
+    "read_table",
+    "summarise_repeats",
+    "take_measurements",
+    "write_measurements",
+    "write_table",
+]
+
+# The columns of a table of measurements as read-only arrays, and its rows by mask or index.
+
+
+def _take_numbers(name: str, values: ArrayLike, *, count: int | None = None) -> NDArray[np.float64]:
+    array = np.array(check_array(name, values))  # a copy
+    if array.ndim == 0 and count is not None:
+        array = np.full(count, float(array))
+    _check_shape(name, array, count)
+    array.flags.writeable = False
+    return array
+
+
+def _take_row_numbers(values: ArrayLike, count: int) -> NDArray[np.int64]:
+    array = np.array(values)
+    if array.size == 0:
+        array = np.arange(1, count + 1)
+    _check_shape("numbers", array, count)
+    if array.dtype.kind not in "iu":
+        raise InputError("numbers must be whole numbers, one for each row")
+    array = array.astype(np.int64)
+    array.flags.writeable = False
+    return array
+
+
+def _take_index(rows: ArrayLike, count: int) -> NDArray[np.int64] | NDArray[np.bool_]:
+    """Rows as a mask or indices that NumPy takes."""
+    index = np.atleast_1d(np.asarray(rows))
+    if index.size == 0:
+        return np.zeros(0, dtype=np.int64)
+    if index.ndim == 1 and index.dtype.kind == "b":
+        if len(index) != count:
+            raise InputError(f"the mask of rows has {len(index)} entries: it must have {count}")
+        return index
+    if index.ndim != 1 or index.dtype.kind not in "iu":
+        raise InputError(f"rows has dtype {index.dtype}: it must be a mask or whole numbers (k,)")
+    if index.min() < -count or index.max() >= count:
+        wrong = index[(index < -count) | (index >= count)][0]
+        raise InputError(f"row index is {wrong}: it must lie in [{-count}, {count - 1}]")
+    return index
+
+
+def _take_words(name: str, values: ArrayLike, *, count: int) -> NDArray[np.str_]:
+    array = np.array(values, dtype=np.str_)
+    if array.ndim == 0:
+        array = np.full(count, str(array))
+    _check_shape(name, array, count)
+    array = np.array([word.strip() for word in array.tolist()], dtype=np.str_)
+    array.flags.writeable = False
+    return array
+
+
+def _check_shape(name: str, array: NDArray[np.generic], count: int | None) -> None:
+    if array.ndim != 1 or (count is not None and len(array) != count):
+        wanted = "(n,)" if count is None else f"({count},), one for each pressure"
+        raise InputError(f"{name} has shape {array.shape}: it must be {wanted}")
+
+
+# Measurements of a muscle as one checked table: pressure, contraction, load, direction, specimen.
+#
+# Here are the table itself, the mean of inflation and deflation, and the statistics of repeats; how
+# files are read is in the module beside.
+
+
+DIRECTIONS = ("inflating", "deflating", "")
+"""What a row's direction may be; empty means that it is not known or does not matter."""
+
+PRESSURE_LIMIT = 100.0
+"""A pressure above this [MPa] is taken for a wrong unit."""
+
+LOAD_LIMIT = 1e6
+"""A load above this [N] is taken for a wrong unit."""
+
+_RANGES = {
+    "pressure": (0.0, PRESSURE_LIMIT, "MPa"),
+    "contraction": (-math.inf, math.inf, "mm"),
+    "load": (0.0, LOAD_LIMIT, "N"),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurements:
+    """Measured states of one kind of muscle, a row each. The arrays are read-only.
+
+    A blocked muscle is a row as well: its contraction is 0 and its force is the load.
+
+    Parameters
+    ----------
+    pressure : array_like, shape (n,)
+        Gauge pressure, 0 to 100 [MPa].
+    contraction : array_like, shape (n,)
+        Free length less length [mm].
+    load : array_like, shape (n,), optional
+        Axial tension that the muscle holds, 0 to 1e6 [N]; one number counts for all rows. A muscle
+        cannot push.
+    direction : sequence of str, optional
+        ``"inflating"``, ``"deflating"`` or ``""``; one text counts for all rows.
+    specimen : sequence of str, optional
+        Which muscle, without control characters; one text counts for all rows. Blanks at its ends
+        are dropped.
+    ignored : tuple of str
+        Columns of the file that were not used.
+    numbers : array_like of int, shape (n,), optional
+        Row of each in its file, by which messages name it; by default counted from 1.
+    source : str
+        Name of the file, for messages.
+    notes : tuple of str
+        What `mean_of_directions` left out.
+
+    Raises
+    ------
+    InputError
+        If there is no row, or a value is not finite or outside its range; the row is named.
+    """
+
+    pressure: NDArray[np.float64]
+    contraction: NDArray[np.float64]
+    load: NDArray[np.float64] = field(default_factory=lambda: np.zeros(()))
+    direction: NDArray[np.str_] = field(default_factory=lambda: np.array(""))
+    specimen: NDArray[np.str_] = field(default_factory=lambda: np.array(""))
+    ignored: tuple[str, ...] = ()
+    numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        pressure = _take_numbers("pressure", self.pressure)
+        count = len(pressure)
+        if count == 0:
+            raise InputError("the measurements have 0 rows: there must be 1 or more")
+        _set(self, pressure=pressure, numbers=_take_row_numbers(self.numbers, count))
+        _set(
+            self,
+            contraction=_take_numbers("contraction", self.contraction, count=count),
+            load=_take_numbers("load", self.load, count=count),
+            direction=_take_words("direction", self.direction, count=count),
+            specimen=_take_words("specimen", self.specimen, count=count),
+        )
+        for name in ("pressure", "contraction", "load"):
+            self._check_column(name)
+        for index, (direction, specimen) in enumerate(
+            zip(self.direction.tolist(), self.specimen.tolist(), strict=True)
+        ):
+            if direction not in DIRECTIONS:
+                raise InputError(
+                    f"{self.name_row(index)}: direction is {direction!r}: it must be inflating, "
+                    "deflating or empty"
+                )
+            if any(unicodedata.category(letter) in ("Cc", "Cs") for letter in specimen):
+                raise InputError(
+                    f"{self.name_row(index)}: specimen is {specimen!r}: it must be text without "
+                    "control characters"
+                )
+
+    def _check_column(self, name: str) -> None:
+        values = getattr(self, name)
+        low, high, unit = _RANGES[name]
+        legal = (values >= low) & (values <= high) & np.isfinite(values)
+        if not legal.all():
+            index = int(np.argmin(legal))
+            check_number(
+                f"{self.name_row(index)}: {name}",
+                float(values[index]),
+                low=low,
+                high=high,
+                unit=unit,
+            )
+
+    def name_row(self, index: int) -> str:
+        """Return how messages name the row of an index, such as ``data.csv: row 3``."""
+        where = f"{self.source}: " if self.source else ""
+        return f"{where}row {self.numbers[index]}"
+
+    def __len__(self) -> int:
+        return len(self.pressure)
+
+    @property
+    def largest_contraction(self) -> float:
+        """Largest measured contraction [mm], what percentages are of."""
+        return float(self.contraction.max())
+
+    @property
+    def has_load(self) -> bool:
+        """Whether the rows were measured under more than one load."""
+        return bool(np.ptp(self.load) > 1e-9)
+
+    @property
+    def has_both_directions(self) -> bool:
+        """Whether there are rows of inflation and rows of deflation."""
+        return {"inflating", "deflating"} <= set(self.direction.tolist())
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the table, units in the names of the columns; `take_measurements` goes back."""
+        import pandas
+
+        return pandas.DataFrame(
+            {
+                "pressure [MPa]": self.pressure,
+                "contraction [mm]": self.contraction,
+                "load [N]": self.load,
+                "direction": self.direction,
+                "specimen": self.specimen,
+            }
+        )
+
+    def select(self, rows: ArrayLike) -> Measurements:
+        """Return the rows of a mask or of indices.
+
+        Raises
+        ------
+        InputError
+            If no row is left, a mask has another length, or there is no row of an index.
+        """
+        index = _take_index(rows, len(self))
+        return Measurements(
+            pressure=self.pressure[index],
+            contraction=self.contraction[index],
+            load=self.load[index],
+            direction=self.direction[index],
+            specimen=self.specimen[index],
+            ignored=self.ignored,
+            numbers=self.numbers[index],
+            source=self.source,
+            notes=self.notes,
+        )
+
+    def check_lengths(self, muscle: Muscle, *, braid_angle: float | None = None) -> None:
+        """Check that every measured length lies between 0 and the length of the strand.
+
+        Parameters
+        ----------
+        muscle : Muscle
+        braid_angle : float, optional
+            In place of the muscle's [rad]: strands of a larger angle are longer.
+
+        Raises
+        ------
+        InputError
+            If one does not; the row is named.
+        """
+        strand = muscle.braid.strand_length
+        if braid_angle is not None:
+            strand = muscle.length / math.cos(braid_angle)
+        for index, value in enumerate(self.contraction.tolist()):
+            check_length(f"{self.name_row(index)}: ", muscle.length - value, strand)
+
+    def mean_of_directions(self) -> Measurements:
+        """Return the mean of inflation and deflation, per specimen and load.
+
+        At each pressure of the inflation that the deflation reaches as well, the deflation is
+        interpolated linearly and averaged with it; repeats at one pressure are averaged first.
+        Rows without a direction are kept as they are. Rows of the inflation that the deflation does
+        not reach, such as the turning point, are left out; `Measurements.notes` names them. (There
+        friction still holds one way: the mean curve is not known.)
+
+        Raises
+        ------
+        InputError
+            If a specimen at a load has only one direction, or the two share no pressure.
+        """
+        return average_directions(self)
+
+    def repeat_statistics(self, *, tolerance: float = 1e-6) -> RepeatStatistics:
+        """Return mean and spread of the rows that repeat a state.
+
+        Rows repeat each other if they have the same load and direction, and their pressures,
+        in order, lie within `tolerance` of the next one. All specimens count together.
+
+        Parameters
+        ----------
+        tolerance : float
+            Difference of pressures that counts as none [MPa].
+
+        Raises
+        ------
+        InputError
+            If the tolerance is negative.
+        """
+        return summarise_repeats(self, tolerance)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RepeatStatistics:
+    """Mean and spread of repeated measurements, an entry for each state.
+
+    Parameters
+    ----------
+    pressure, load : ndarray, shape (k,)
+        The state [MPa], [N].
+    direction : ndarray of str, shape (k,)
+    count : ndarray of int, shape (k,)
+        How many rows.
+    mean : ndarray, shape (k,)
+        Mean contraction [mm].
+    deviation : ndarray, shape (k,)
+        Standard deviation with n - 1 [mm]; 0 where there is one row.
+    pooled_deviation : float
+        Standard deviation of a single measurement, from all repeats together [mm].
+    degrees_of_freedom : int
+        Of `pooled_deviation`; 0 means that nothing was repeated and the deviation is meaningless.
+    """
+
+    pressure: NDArray[np.float64]
+    load: NDArray[np.float64]
+    direction: NDArray[np.str_]
+    count: NDArray[np.int64]
+    mean: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    pooled_deviation: float
+    degrees_of_freedom: int
+
+
+def read_measurements(
+    path: str | os.PathLike[str],
+    *,
+    muscle: Muscle | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Measurements:
+    """Read measurements from a CSV or Parquet file.
+
+    Columns: `pressure`; `contraction`, or `length`, which needs the muscle; if there, `load`
+    (or `force`), `direction` and `specimen`. The unit of a column stands in its name, as in
+    ``pressure [kPa]``, ``length (mm)`` or ``load_N``, or in `units`. A CSV file is UTF-8 with
+    ``,``, ``;`` or tabs between columns and a decimal point; a line that begins with ``#`` is a
+    comment. Other columns are ignored, and named in `Measurements.ignored`.
+
+    Parameters
+    ----------
+    path : path-like
+        A file ending in .csv, .tsv, .txt, .parquet or .pq; Parquet needs the extra ``parquet``.
+    muscle : Muscle, optional
+        The muscle measured: turns length into contraction, and lengths are checked against its
+        strand.
+    units : mapping, optional
+        Unit of a column whose name has none, such as ``{"pressure": "kPa"}``.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read as such a table. The row is named: the line of a CSV file, the
+        record of a Parquet file counted from 1.
+    UnitError
+        If a column has no unit, two, or a wrong one.
+    InputError
+        If a value is outside its range.
+    MissingExtraError
+        If a Parquet file is given and ``pyarrow`` is not installed.
+    """
+    return read_table(Path(path), muscle=muscle, units=units or {})
+
+
+def take_measurements(
+    data: Measurements | pandas.DataFrame,
+    *,
+    muscle: Muscle | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Measurements:
+    """Return measurements from a table of pandas; measurements are returned as they are.
+
+    The columns are those that `read_measurements` reads, units in their names.
+
+    Parameters
+    ----------
+    data : Measurements or DataFrame
+    muscle, units : optional
+        As in `read_measurements`.
+
+    Raises
+    ------
+    FileFormatError, UnitError, InputError
+        As `read_measurements` does; rows are counted from 1.
+    """
+    if isinstance(data, Measurements):
+        return data
+    if not hasattr(data, "columns"):
+        raise InputError(f"data is a {type(data).__name__}: it must be Measurements or a DataFrame")
+    table = data.astype(object).where(data.notna(), "")
+    rows = table.to_numpy().tolist()
+    sheet = _Sheet([_show(name) for name in table.columns], rows, range(1, len(rows) + 1))
+    return _take_sheet(sheet, muscle, units or {})
+
+
+def write_measurements(path: str | os.PathLike[str], data: Measurements) -> Path:
+    """Write measurements as a CSV file that `read_measurements` reads back exactly.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    return write_table(Path(path), data)
+
+
+def check_length(where: str, length: float, strand: float) -> float:
+    """Return a measured length if a muscle of such strands can have it, or raise `InputError`."""
+    if length > strand:
+        raise InputError(
+            f"{where}length is {length:g} mm, longer than the strand: "
+            f"it must lie in (0, {strand:g}] mm"
+        )
+    return check_number(f"{where}length", length, low=0.0, low_open=True, high=strand, unit="mm")
+
+
+def _set(data: Measurements, **values: object) -> None:
+    for name, value in values.items():
+        object.__setattr__(data, name, value)
+
+
+# Mean of inflation and deflation, and the statistics of repeated measurements.
+
+
+def average_directions(data: Measurements) -> Measurements:
+    """Return the mean of inflation and deflation; see `Measurements.mean_of_directions`."""
+    known = data.direction != ""
+    parts: list[tuple[Any, ...]] = [
+        (p, x, f, s)
+        for p, x, f, s in zip(
+            data.pressure[~known],
+            data.contraction[~known],
+            data.load[~known],
+            data.specimen[~known],
+            strict=True,
+        )
+    ]
+    notes = list(data.notes)
+    for (load, specimen), rows in _group(data, data.load.round(9), data.specimen, where=known):
+        branches = {}
+        for name in ("inflating", "deflating"):
+            branch = rows[data.direction[rows] == name]
+            if not len(branch):
+                raise InputError(
+                    f"specimen {str(specimen)!r} at {load:g} N has no {name} row: "
+                    "a mean of directions needs both"
+                )
+            branches[name] = _average(data.pressure[branch], data.contraction[branch])
+        (up, risen), (down, fallen) = branches["inflating"], branches["deflating"]
+        shared = (up >= down[0]) & (up <= down[-1])
+        if not shared.any():
+            raise InputError(
+                f"specimen {str(specimen)!r} at {load:g} N: inflation at {up[0]:g} to "
+                f"{up[-1]:g} MPa and deflation at {down[0]:g} to {down[-1]:g} MPa share none"
+            )
+        if not shared.all():
+            notes.append(
+                f"specimen {str(specimen)!r} at {load:g} N: inflation at "
+                f"{', '.join(f'{p:g}' for p in up[~shared])} MPa left out, which the deflation at "
+                f"{down[0]:g} to {down[-1]:g} MPa does not reach"
+            )
+        mean = 0.5 * (risen + np.interp(up, down, fallen))
+        parts += [(p, x, load, specimen) for p, x in zip(up[shared], mean[shared], strict=True)]
+    columns = list(zip(*parts, strict=True))
+    return Measurements(
+        pressure=np.array(columns[0]),
+        contraction=np.array(columns[1]),
+        load=np.array(columns[2]),
+        specimen=np.array(columns[3]),
+        ignored=data.ignored,
+        notes=tuple(notes),
+    )
+
+
+def summarise_repeats(data: Measurements, tolerance: float) -> RepeatStatistics:
+    """Return mean and spread of repeats; see `Measurements.repeat_statistics`."""
+    check_number("tolerance", tolerance, low=0.0, unit="MPa")
+    states = []
+    for (load, direction), rows in _group(data, data.load.round(9), data.direction):
+        rows = rows[np.argsort(data.pressure[rows], kind="stable")]
+        cuts = np.flatnonzero(np.diff(data.pressure[rows]) > tolerance) + 1
+        for same in np.split(rows, cuts):
+            values = data.contraction[same]
+            mean = float(values.mean())
+            squares = float(((values - mean) ** 2).sum())
+            states.append((data.pressure[same].mean(), load, direction, len(same), mean, squares))
+    columns = [np.array(column) for column in zip(*states, strict=True)]
+    count = columns[3]
+    freedom = int((count - 1).sum())
+    return RepeatStatistics(
+        pressure=columns[0],
+        load=columns[1],
+        direction=columns[2],
+        count=count,
+        mean=columns[4],
+        deviation=np.sqrt(columns[5] / np.maximum(count - 1, 1)),
+        pooled_deviation=float(np.sqrt(columns[5].sum() / max(freedom, 1))),
+        degrees_of_freedom=freedom,
+    )
+
+
+def _group(
+    data: Measurements, *keys: NDArray[np.generic], where: NDArray[np.bool_] | None = None
+) -> Iterator[tuple[tuple[Any, ...], NDArray[np.intp]]]:
+    """Give each combination of keys, in order, and its rows."""
+    groups: dict[tuple[Any, ...], list[int]] = {}
+    for row in np.arange(len(data)) if where is None else np.flatnonzero(where):
+        groups.setdefault(tuple(key[row].item() for key in keys), []).append(int(row))
+    for name in sorted(groups):
+        yield name, np.array(groups[name])
+
+
+def _average(
+    pressure: NDArray[np.float64], contraction: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the pressures in order, each once, and the mean contraction at each."""
+    levels, place = np.unique(pressure, return_inverse=True)
+    return levels, np.bincount(place, weights=contraction) / np.bincount(place)
+
+
+# Reading a table of measurements: columns, units, numbers; and one clear line for a bad one.
+
+
+KINDS = {"pressure": "pressure", "contraction": "length", "length": "length", "load": "force"}
+"""The columns that hold quantities, and the kind of each."""
+WORDS = ("direction", "specimen")
+"""The columns that hold text."""
+SYNONYMS = {"force": "load", "branch": "direction"}
+BRANCHES = {
+    "inflating": "inflating",
+    "inflation": "inflating",
+    "up": "inflating",
+    "deflating": "deflating",
+    "deflation": "deflating",
+    "down": "deflating",
+    "": "",
+}
+LIMITS = {"pressure": (PRESSURE_LIMIT, "MPa"), "load": (LOAD_LIMIT, "N")}
+EXAMPLES = {"pressure": "kPa", "contraction": "mm", "length": "mm", "load": "N"}
+DEFAULTS = {"load": "0", "direction": "", "specimen": ""}
+
+# A name, and perhaps a unit in brackets or after an underscore.
+_HEADER = re.compile(r"\s*([A-Za-z]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|_([^\s\[(]+))?\s*")
+_TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
+_PARQUET_SUFFIXES = (".parquet", ".pq")
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Where a column stands, how it is called in the file, and what its numbers are times."""
+
+    place: int
+    title: str
+    factor: float
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """A table as text: its titles, its rows, and the number of each row in the file."""
+
+    titles: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    numbers: Sequence[int]
+
+
+def read_table(path: Path, *, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:
+    """Read a file of measurements; see `bozzini.muscle.dataset.read_measurements`."""
+    suffix = path.suffix.lower()
+    if suffix in _PARQUET_SUFFIXES:
+        sheet = _read_parquet(path)
+    elif suffix in _TEXT_SUFFIXES:
+        sheet = _read_text(path)
+    else:
+        known = ", ".join(_TEXT_SUFFIXES + _PARQUET_SUFFIXES)
+        raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
+    try:
+        data = _take_sheet(sheet, muscle, units)
+    except InputError as error:
+        raise type(error)(f"{path.name}: {error}") from None
+    return dataclasses.replace(data, source=path.name)
+
+
+def write_table(path: Path, data: Measurements) -> Path:
+    """Write measurements as CSV with their units in the header."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = ["pressure [MPa]", "contraction [mm]", "load [N]", "direction", "specimen"]
+    writer.writerow(names)
+    for p, x, f, direction, specimen in zip(
+        data.pressure, data.contraction, data.load, data.direction, data.specimen, strict=True
+    ):
+        writer.writerow([repr(float(p)), repr(float(x)), repr(float(f)), direction, specimen])
+    content = text.getvalue().encode("utf-8")
+    return write_atomically(path, lambda temporary: _put_bytes(temporary, content))
+
+
+def _put_bytes(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileFormatError(f"cannot read {path}: {error.strerror or error}") from None
+    except ValueError as error:  # a null byte in the name
+        raise FileFormatError(f"cannot read {path}: {error}") from None
+
+
+def _read_text(path: Path) -> _Sheet:
+    try:
+        text = _read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise FileFormatError(f"{path.name} is not text in UTF-8: save the table as CSV") from None
+    records = _Records(text)
+    cells, numbers = [], []
+    try:
+        for row in records:
+            cells.append(row)
+            numbers.append(records.start)
+    except csv.Error as error:
+        raise FileFormatError(f"{path.name}: row {records.start} is not CSV: {error}") from None
+    if not cells:
+        raise FileFormatError(f"{path.name} is empty: a table has a header and rows")
+    kept = [i for i, row in enumerate(cells) if i and any(map(str.strip, row))]
+    titles = [_show(title) for title in cells[0]]
+    return _Sheet(titles, [cells[i] for i in kept], [numbers[i] for i in kept])
+
+
+class _Records:
+    """The records of a CSV text, without comments; a quoted cell may hold ends of lines.
+
+    `start` is the line on which the last one begins, counted from 1.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.start = 0
+        self._fresh = True
+        # Unlike str.splitlines this breaks lines where CSV does and nowhere else.
+        self._lines = enumerate(io.StringIO(text, newline=""), start=1)
+        first = next(self._feed(), "")
+        mark = max(",;\t", key=first.count)
+        self._reader = csv.reader(
+            itertools.chain([first] if first else [], self._feed()),
+            delimiter=mark,
+            skipinitialspace=True,
+            strict=True,  # a quote that is not closed would take the rest of the file
+        )
+
+    def __iter__(self) -> Iterator[list[str]]:
+        return self
+
+    def __next__(self) -> list[str]:
+        row = next(self._reader)
+        self._fresh = True
+        return row
+
+    def _feed(self) -> Iterator[str]:
+        for number, line in self._lines:
+            if self._fresh:
+                if not line.strip() or line.lstrip().startswith("#"):
+                    continue
+                self.start = number
+            self._fresh = False
+            yield line
+
+
+def _read_parquet(path: Path) -> _Sheet:
+    try:
+        from pyarrow import ArrowException, parquet
+    except ImportError:
+        raise MissingExtraError("pyarrow", "parquet") from None
+    try:
+        table = parquet.read_table(io.BytesIO(_read_bytes(path)))
+    except (ArrowException, OSError) as error:
+        what = " ".join(str(error).split())
+        raise FileFormatError(f"{path.name} is not a Parquet file: {what}") from None
+    columns = [column.to_pylist() for column in table.columns]
+    rows = [["" if cell is None else cell for cell in row] for row in zip(*columns, strict=True)]
+    return _Sheet([_show(name) for name in table.column_names], rows, range(1, len(rows) + 1))
+
+
+def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:
+    columns, ignored = _find_columns(sheet.titles, units)
+    if not sheet.rows:
+        raise FileFormatError("the table has a header and no rows")
+    if "length" in columns and muscle is None:
+        raise InputError(f"column '{columns['length'].title}' needs the muscle: its free length")
+    strand = math.inf if muscle is None else muscle.braid.strand_length
+    taken: dict[str, list[Any]] = {name: [] for name in ("pressure", "contraction", *DEFAULTS)}
+    for number, row in zip(sheet.numbers, sheet.rows, strict=True):
+        where = f"row {number}: "
+        if len(row) != len(sheet.titles):
+            raise FileFormatError(
+                f"{where}it has {len(row)} cell(s): the header has {len(sheet.titles)}"
+            )
+        for name, column in columns.items():
+            cell = row[column.place]
+            value = _take_cell(where, name, column, cell)
+            if name == "length" and muscle is not None:
+                taken["contraction"].append(muscle.length - check_length(where, value, strand))
+            else:
+                taken[name].append(value)
+        if "contraction" in columns and muscle is not None:
+            check_length(where, muscle.length - taken["contraction"][-1], strand)
+    return Measurements(
+        pressure=np.array(taken["pressure"]),
+        contraction=np.array(taken["contraction"]),
+        load=np.array(taken["load"]) if taken["load"] else np.zeros(len(sheet.rows)),
+        direction=np.array(taken["direction"] or [""] * len(sheet.rows)),
+        specimen=np.array(taken["specimen"] or [""] * len(sheet.rows)),
+        ignored=ignored,
+        numbers=np.array(sheet.numbers, dtype=np.int64),
+    )
+
+
+def _find_columns(
+    titles: Sequence[str], units: Mapping[str, str]
+) -> tuple[dict[str, _Column], tuple[str, ...]]:
+    """Return the known columns by name, and the titles of the others."""
+    for name in units:
+        if name not in KINDS:
+            raise UnitError(f"unit given for '{name}': a unit has one of {', '.join(KINDS)}")
+    columns: dict[str, _Column] = {}
+    ignored = []
+    for place, title in enumerate(titles):
+        name, unit = _split_title(title)
+        if name not in KINDS and name not in WORDS:
+            _refuse_slip(title, name)
+            ignored.append(title.strip())
+            continue
+        if name in columns:
+            raise FileFormatError(f"columns '{columns[name].title}' and '{title}' are both {name}")
+        factor = _find_factor(name, title, unit, units) if name in KINDS else 1.0
+        columns[name] = _Column(place, title.strip(), factor)
+    there = ", ".join(f"'{title.strip()}'" for title in titles)
+    if "pressure" not in columns:
+        raise FileFormatError(f"there is no column pressure: the table has {there}")
+    if "contraction" in columns and "length" in columns:
+        raise FileFormatError("there are columns contraction and length: give one of them")
+    if "contraction" not in columns and "length" not in columns:
+        raise FileFormatError(f"there is no column contraction or length: the table has {there}")
+    return columns, tuple(ignored)
+
+
+def _split_title(title: str) -> tuple[str, str]:
+    """Return the name and the unit in a column's title; the unit is empty if there is none."""
+    match = _HEADER.fullmatch(str(title))
+    if match is None:
+        return str(title).strip().lower(), ""
+    name = match[1].lower()
+    return SYNONYMS.get(name, name), match[2] or match[3] or ""
+
+
+def _refuse_slip(title: str, name: str) -> None:
+    """Raise if the name is likely a slip of the pen: to ignore it would change the result."""
+    near = difflib.get_close_matches(name, [*KINDS, *WORDS, *SYNONYMS], n=1, cutoff=0.75)
+    if near:
+        raise FileFormatError(f"column '{title.strip()}' is not known: is it {near[0]}?")
+
+
+def _find_factor(name: str, title: str, unit: str, units: Mapping[str, str]) -> float:
+    given = units.get(name, "")
+    example = f"'{name} [{EXAMPLES[name]}]'"
+    if unit and given:
+        one, two = (
+            parse_quantity(f"1 {unit}", KINDS[name]),
+            parse_quantity(f"1 {given}", KINDS[name]),
+        )
+        if not math.isclose(one, two):
+            raise UnitError(f"column '{title.strip()}' has another unit than the '{given}' given")
+    if not (unit or given):
+        raise UnitError(f"column '{title.strip()}' has no unit: write {example}, or give the unit")
+    try:
+        return parse_quantity(f"1 {unit or given}", KINDS[name])
+    except UnitError as error:
+        raise UnitError(f"column '{title.strip()}': {error}") from None
+
+
+def _take_cell(where: str, name: str, column: _Column, cell: object) -> Any:
+    if name == "specimen":
+        return str(cell).strip()
+    if name == "direction":
+        word = str(cell).strip().lower()
+        if word not in BRANCHES:
+            raise FileFormatError(
+                f"{where}direction is '{_show(cell)}': it must be inflating, deflating or empty"
+            )
+        return BRANCHES[word]
+    value = _take_number(where, name, cell) * column.factor
+    high, unit = LIMITS.get(name, (math.inf, ""))
+    if name in LIMITS and not 0.0 <= value <= high:
+        raise InputError(
+            f"{where}{name} is {_show(cell)} in '{column.title}', {value:g} {unit}: it must lie in "
+            f"[0, {high:g}] {unit}"
+        )
+    return value
+
+
+def _show(cell: object) -> str:
+    """Return a cell as one short line."""
+    text = " ".join(str(cell).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _take_number(where: str, name: str, cell: object) -> float:
+    text = str(cell).strip()
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    # Python's own float takes 1_000 and the digits of every script.
+    if "_" not in text and text.isascii() and math.isfinite(value) and not isinstance(cell, bool):
+        return value
+    hint = ""
+    if not text:
+        hint = " (the cell is empty)"
+    elif re.fullmatch(r"[-+]?[0-9]+,[0-9]+", text):
+        hint = " with a decimal point"
+    elif re.match(r"[-+.0-9]+\s*[A-Za-zµ]", text) and math.isnan(value):
+        hint = ": a unit belongs into the header, one for the whole column"
+    raise FileFormatError(f"{where}{name} is '{_show(text)}': it must be a finite number{hint}")

@@ -1,0 +1,1 @@
+"""Compiled kernels of the muscles: small, scalar, without Python objects."""

@@ -1,0 +1,124 @@
+"""The base of all results: an answer or a reason, as a dictionary, a table or a notebook cell."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+__all__ = ["Result", "take_axes", "to_plain"]
+
+SHOWN_ROWS = 20
+"""Rows of a table that a notebook shows."""
+
+
+class Result:
+    """An answer, or the reason why there is none.
+
+    A subclass is a dataclass with `converged`, `reason` and `residual`, as fields or as properties.
+    In a result of a batch these are arrays.
+
+    Attributes
+    ----------
+    converged : bool or ndarray of bool
+        Whether the answer meets its tolerance.
+    reason : str or ndarray of str
+        Why not, or why the answer is less than what was asked for; empty otherwise.
+    residual : float or ndarray
+        What is left over of the equations; the unit is in the subclass.
+    """
+
+    if TYPE_CHECKING:
+        converged: Any
+        reason: Any
+        residual: Any
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain values, which JSON takes; not finite numbers are None."""
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        values = {field.name: getattr(self, field.name) for field in fields if field.repr}
+        for name in ("converged", "reason", "residual"):
+            values.setdefault(name, getattr(self, name))
+        return {name: to_plain(value) for name, value in values.items()}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the result as a table; units are in the names of the columns."""
+        import pandas
+
+        return pandas.DataFrame(self.list_columns())
+
+    def list_columns(self) -> Mapping[str, Any]:
+        """Return the columns of `to_frame`: by default one row, of what is a single value."""
+        return {
+            name: [value]
+            for name, value in self.to_dict().items()
+            if not isinstance(value, (dict, list))
+        }
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        from html import escape
+
+        words = [type(self).__name__]
+        reasons = [text for text in _flatten(to_plain(self.reason)) if text]
+        words += [] if all(_flatten(to_plain(self.converged))) else ["not converged"]
+        words += sorted(set(reasons))[:3]
+        table = self.to_frame().to_html(max_rows=SHOWN_ROWS)
+        return f"<p>{escape(': '.join(words))}</p>{table}"
+
+
+def to_plain(value: Any) -> Any:
+    """Return a value made of plain types: numbers, texts, lists, dictionaries with text as keys.
+
+    A number that is not finite becomes None, and what has no plain form its representation.
+    """
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Result):
+        return value.to_dict()
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = dataclasses.fields(value)
+        return {field.name: to_plain(getattr(value, field.name)) for field in fields if field.repr}
+    if isinstance(value, Mapping):
+        return {str(key): to_plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [to_plain(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and numbers
+        return to_plain(value.tolist())
+    return repr(value)
+
+
+def _flatten(value: Any) -> list[Any]:
+    if isinstance(value, list):
+        return [item for part in value for item in _flatten(part)]
+    return [value]
+
+
+def take_axes(ax: Axes | None, *, x: str, y: str, equal: bool = False) -> Axes:
+    """Return the axes to draw into, new ones if there are none, with labels where these are empty.
+
+    Parameters
+    ----------
+    ax : Axes or None
+        Axes of matplotlib.
+    x, y : str
+        Labels with units.
+    equal : bool
+        Whether both directions have one scale.
+    """
+    if ax is None:
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots()[1]
+    ax.set_xlabel(ax.get_xlabel() or x)
+    ax.set_ylabel(ax.get_ylabel() or y)
+    if equal:
+        ax.set_aspect("equal", adjustable="datalim")
+    return ax

@@ -1,0 +1,119 @@
+"""What every result of muscles and effectors offers: plain values, a table, a cell, a picture."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from bozzini.effector import (
+    Effector,
+    balance,
+    effector_preset,
+    optimise_design,
+    sweep,
+    tip_force,
+    trace_circle,
+)
+from bozzini.muscle import (
+    EnergyMuscle,
+    Measurements,
+    RankOptions,
+    calibrate,
+    compare_models,
+    rank,
+    take_measurements,
+)
+from bozzini.muscle import preset as muscle_preset
+from bozzini.muscle.hysteresis import PrandtlIshlinskii
+from bozzini.results import Result
+
+mpl.use("Agg")
+
+MUSCLE = muscle_preset("effector-45")
+EFFECTOR = Effector(effector_preset("prototype"))
+PRESSURE = np.linspace(0.0, 0.8, 12)
+DATA = Measurements(pressure=PRESSURE, contraction=EnergyMuscle(MUSCLE).contraction(PRESSURE))
+
+RESULTS = {
+    "state": (lambda: EnergyMuscle(MUSCLE).solve(PRESSURE), 12),
+    "calibration": (lambda: calibrate(EnergyMuscle, MUSCLE, DATA), 2),
+    "comparison": (lambda: compare_models({"energy": EnergyMuscle(MUSCLE)}, DATA), 1),
+    "ranking": (
+        lambda: rank(DATA, MUSCLE, models={"energy": EnergyMuscle}, options=RankOptions(folds=0)),
+        1,
+    ),
+    "hysteresis": (
+        lambda: PrandtlIshlinskii.identify(np.sin(PRESSURE * 20), np.sin(PRESSURE * 20)),
+        1,
+    ),
+    "pose": (lambda: EFFECTOR.forward({"R": PRESSURE}), 12),
+    "inverse": (lambda: EFFECTOR.inverse([[3.0, -4.0], [300.0, 0.0]]), 2),
+    "workspace": (lambda: EFFECTOR.workspace(directions=12, samples=1), None),
+    "force": (lambda: tip_force(EFFECTOR, [[1.0, 0.0], [0.0, 1.0]]), 2),
+    "balance": (lambda: balance(EFFECTOR, "R", PRESSURE), 12),
+    "trace": (lambda: trace_circle(EFFECTOR, 5.0, steps=8), 9),
+    "sweep": (lambda: sweep(EFFECTOR, {"offset": [3.0, 4.0]}), 2),
+    "optimum": (lambda: optimise_design(EFFECTOR, 9.0, bounds={"offset": (3.9, 4.0)}, grid=2), 1),
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_a_result_is_plain_values_a_table_and_a_picture(name: str) -> None:
+    build, rows = RESULTS[name]
+    found: Any = build()
+    assert isinstance(found, Result)
+    plain = found.to_dict()
+    assert {"converged", "reason", "residual"} <= set(plain)
+    assert json.loads(json.dumps(plain, allow_nan=False)) == plain
+    frame = found.to_frame()
+    assert rows is None or len(frame) == rows
+    assert frame.to_html(max_rows=20) in found._repr_html_()
+    if hasattr(found, "plot"):
+        axes = found.plot()
+        assert axes.get_xlabel().endswith("]") or axes.get_xlabel() in ("row", "design")
+        assert found.plot(axes) is axes
+        mpl.pyplot.close(axes.figure)
+
+
+def test_a_cell_names_the_reason() -> None:
+    assert "the target is 300 mm away" in EFFECTOR.inverse([300.0, 0.0])._repr_html_()
+
+
+def test_verbs_are_the_functions() -> None:
+    found = EFFECTOR.forward({"R": 0.5})
+    back = EFFECTOR.inverse(found.lateral_vector)
+    assert back.pressures == pytest.approx([0.5, 0.0, 0.0], abs=1e-9)
+    assert EFFECTOR.inverse(tip=found.lateral_vector).delivered == pytest.approx(
+        found.lateral_vector
+    )
+
+
+def test_tables_of_pandas_are_measurements() -> None:
+    frame = DATA.to_frame()
+    again = take_measurements(frame)
+    for name in ("pressure", "contraction", "load", "direction", "specimen"):
+        assert np.array_equal(getattr(again, name), getattr(DATA, name))
+    kilo = frame.rename(columns={"pressure [MPa]": "pressure [kPa]"})
+    kilo["pressure [kPa]"] *= 1e3
+    ranking = rank(kilo, MUSCLE, models={"energy": EnergyMuscle}, options=RankOptions(folds=0))
+    assert ranking.models[0].score.rmse < 1e-6
+    assert list(ranking.to_frame()["model"]) == ["energy"]
+
+
+def test_a_model_draws_itself() -> None:
+    import bozzini as bz
+
+    model = bz.muscle.TonduLopez(MUSCLE, kappa1=0.0, kappa2=1.0)
+    axes = model.plot_contraction(0.6, lowest=0.1)
+    over, drawn = axes.lines[0].get_data()
+    assert drawn == pytest.approx(model.contraction(np.asarray(over) / 1e3))
+    force = model.plot_force(0.6)
+    assert force.lines[0].get_ydata()[-1] == pytest.approx(0.0, abs=1e-9)
+    for drawn_into in (axes, force):
+        mpl.pyplot.close(drawn_into.figure)
+    with pytest.raises(AttributeError, match="has no attribute 'Nobody'"):
+        bz.muscle.Nobody  # noqa: B018
