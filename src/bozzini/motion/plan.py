@@ -227,8 +227,8 @@ def _read_archive(source: Path) -> tuple[dict[str, Any], dict[str, NDArray[np.fl
         OverflowError,
         MemoryError,
     ) as error:
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise FileFormatError(f"{source} is not a Bozzini plan: {told}") from None
+        problem = " ".join(str(error).split())[:160] or type(error).__name__
+        raise FileFormatError(f"{source} is not a Bozzini plan: {problem}") from None
     if not isinstance(meta, dict) or meta.get("format") != PLAN_FORMAT:
         raise FileFormatError(f"{source} is not a plan of format {PLAN_FORMAT!r}")
     place = _find_infinite(meta)
