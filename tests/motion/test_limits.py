@@ -11,7 +11,6 @@ from bozzini.duct import field_from_mask, find_centreline
 from bozzini.duct.centreline import measure_arc_length
 from bozzini.errors import InputError
 from bozzini.motion import Scope, plan_insertion
-from bozzini.motion.insertion import plan_unadvised
 from tests.exact import VoxelWall, sample_body, voxelise
 from tests.motion.planted import plant
 from tests.shapes import bend_curve
@@ -33,9 +32,7 @@ class Lumen:
                 points=line.points, arc_length=line.arc_length, radius=line.radius + inflate
             )
         scope = Scope(diameter=diameter, link_length=link)
-        if not advise:
-            return plan_unadvised(field, line, scope=scope, **options)
-        return plan_insertion(field, line, scope=scope, **options)
+        return plan_insertion(field, line, scope=scope, advise=advise, **options)
 
 
 def straight(radius_at):
@@ -216,7 +213,7 @@ def test_a_motion_stops_near_the_obstacle_however_long_the_way(plated, diameter,
     # Before, a point of the line with too little clearance for the bisection ended the search.
     field, line, plate = plated
     scope = Scope(diameter=diameter, link_length=link)
-    plan = plan_unadvised(field, line, scope=scope, head_step=2.0, method="tube")
+    plan = plan_insertion(field, line, scope=scope, head_step=2.0, method="tube", advise=False)
     assert plan.reason_code == "NO_PASSAGE"
     assert plan.meta["certified"]
     ahead = np.linalg.norm(plan.joints[-1, 0] - plate)
@@ -226,7 +223,7 @@ def test_a_motion_stops_near_the_obstacle_however_long_the_way(plated, diameter,
 @pytest.mark.parametrize("seed", range(100, 106))
 def test_a_pinched_tube_is_entered_up_to_where_it_gets_too_narrow(seed):
     tube = plant(seed, pinched=True, spare=1.2, grid=1.0)
-    plan = plan_unadvised(tube.field, tube.line, scope=tube.scope, head_step=1.0)
+    plan = plan_insertion(tube.field, tube.line, scope=tube.scope, head_step=1.0, advise=False)
     head = np.linalg.norm(tube.line.points - plan.joints[-1, 0], axis=1).argmin()
     narrow = np.argmax(tube.line.radius < tube.scope.radius)
     assert 0.0 <= tube.line.arc_length[narrow] - tube.line.arc_length[head] <= 3.0

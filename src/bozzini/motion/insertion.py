@@ -42,6 +42,7 @@ def plan_insertion(
     slip: float = 0.0,
     angle_limit: float | None = None,
     route: Sequence[float] = (1.0,),
+    advise: bool = True,
     progress: Progress = no_progress,
 ) -> Plan:
     """Plan how a scope moves along a centreline into a lumen.
@@ -71,6 +72,8 @@ def plan_insertion(
     route : sequence of float
         Fractions of the way that the head goes to in turn: ``(1,)`` in, ``(1, 0)`` in and out,
         ``(1, 0, 1)`` in, out, in. Not for ``"thesis"``.
+    advise : bool
+        Whether to seek what would fit where the scope does not; that takes seconds.
 
     Returns
     -------
@@ -87,34 +90,6 @@ def plan_insertion(
         If the method is unknown, the link is longer than the tract, a number is out of range, or
         the motion would have more than `POSITIONS_MAX` positions of joints.
     """
-    return plan_unadvised(
-        duct,
-        line,
-        scope=scope,
-        method=method,
-        head_step=head_step,
-        slip=slip,
-        angle_limit=angle_limit,
-        route=route,
-        progress=progress,
-        advise=True,
-    )
-
-
-def plan_unadvised(
-    duct: Duct,
-    line: Centreline,
-    *,
-    scope: Scope,
-    method: str = "best",
-    head_step: float = 0.25,
-    slip: float = 0.0,
-    angle_limit: float | None = None,
-    route: Sequence[float] = (1.0,),
-    progress: Progress = no_progress,
-    advise: bool = False,
-) -> Plan:
-    """Plan as `plan_insertion` does; what would fit is only sought with `advise`."""
     check_options(
         scope=scope,
         method=method,

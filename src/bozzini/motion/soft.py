@@ -10,7 +10,7 @@ import numpy as np
 from ..checks import check_number
 from ..duct.centreline import Centreline
 from ..duct.field import SampledField
-from .insertion import measure_body, plan_unadvised
+from .insertion import measure_body, plan_insertion
 from .introducer import Introducer
 from .plan import Plan
 from .scope import Scope
@@ -53,16 +53,17 @@ def plan_with_soft_wall(
     used = 0.0
     for share in SHARES:
         trial = soft_wall * share
-        plan = plan_unadvised(duct.inflate(trial), line, scope=scope, **options)
+        # With several shares, what would fit is only sought for the one that is taken.
+        advise = soft_wall == 0.0
+        plan = plan_insertion(duct.inflate(trial), line, scope=scope, advise=advise, **options)
         if best is None or plan.inserted > best.inserted + 1.0 or plan.status == "complete":
             best, used = plan, trial
         if plan.status == "complete" or soft_wall == 0.0:
             break
     if best is None:
         raise RuntimeError("no share was tried")
-    if best.status == "stopped":
-        # Once more for this share alone: what would fit takes time to find.
-        best = plan_unadvised(duct.inflate(used), line, scope=scope, advise=True, **options)
+    if best.status == "stopped" and soft_wall > 0.0:
+        best = plan_insertion(duct.inflate(used), line, scope=scope, **options)
     introducer = Introducer.from_description(best.meta["introducer"])
     clearance, worst = measure_body(duct, best.joints, scope=scope, introducer=introducer)
     inside = bool(np.isfinite(worst[-1]))
