@@ -63,7 +63,23 @@ class Component:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LabelTract:
+class _Described:
+    """What a tract's source states about it, whichever its form."""
+
+    source: str
+    findings: tuple[Finding, ...] = ()
+    organ: Organ | None = None
+    landmarks: Mapping[str, Point] = field(default_factory=dict)
+    openings: tuple[Opening, ...] = ()
+    not_reached: tuple[Component, ...] = ()
+    missing: tuple[Component, ...] = ()
+    frame: str | None = None
+    wall: str = ""
+    wall_error: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelTract(_Described):
     """A lumen given by voxels.
 
     Attributes
@@ -108,17 +124,7 @@ class LabelTract:
 
     labels: NDArray[np.uint16]
     affine: NDArray[np.float64]
-    source: str
-    findings: tuple[Finding, ...] = ()
     label_names: Mapping[int, str] = field(default_factory=dict)
-    organ: Organ | None = None
-    landmarks: Mapping[str, Point] = field(default_factory=dict)
-    openings: tuple[Opening, ...] = ()
-    not_reached: tuple[Component, ...] = ()
-    missing: tuple[Component, ...] = ()
-    frame: str | None = None
-    wall: str = ""
-    wall_error: float | None = None
 
     def __post_init__(self) -> None:
         labels = np.asarray(self.labels)
@@ -170,7 +176,7 @@ class LabelTract:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurfaceTract:
+class SurfaceTract(_Described):
     """A lumen given by the triangles of its wall.
 
     Attributes
@@ -209,16 +215,6 @@ class SurfaceTract:
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
-    source: str
-    findings: tuple[Finding, ...] = ()
-    organ: Organ | None = None
-    landmarks: Mapping[str, Point] = field(default_factory=dict)
-    openings: tuple[Opening, ...] = ()
-    not_reached: tuple[Component, ...] = ()
-    missing: tuple[Component, ...] = ()
-    frame: str | None = None
-    wall: str = ""
-    wall_error: float | None = None
 
     def __post_init__(self) -> None:
         vertices = check_points("vertices", self.vertices)
