@@ -16,9 +16,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from bozzini.duct.protocol import Duct, count_dimensions
-from bozzini.motion._direction_kernels import duct_value, search_sphere
-from bozzini.motion._link_kernels import make_frame, place_tail
+from bozzini.duct.base import Duct, count_dimensions
+from bozzini.motion.kernels.chain import duct_value, make_frame, place_tail, search_sphere
 from bozzini.motion.link import bound_slope
 from tests.motion.pipes import NAMES, make_pipes
 

@@ -20,11 +20,10 @@ from benchmarks.ring import (
     settle,
 )
 from bozzini.duct import Centreline, SampledField
-from bozzini.duct.centreline import measure_arc_length, resample_polyline
 from bozzini.motion import Introducer, Scope
-from bozzini.motion._direction_kernels import duct_value
-from bozzini.motion._link_kernels import place_tail
+from bozzini.motion.kernels.chain import duct_value, place_tail
 from bozzini.motion.thesis import move_by_thesis
+from bozzini.numeric.polylines import measure_arc_length, resample_polyline
 from tests.shapes import tube_lumen
 
 

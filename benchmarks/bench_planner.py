@@ -11,10 +11,10 @@ import pytest
 from benchmarks.bench_motion import time_slsqp
 from benchmarks.ring import draw_links, make_ring
 from bozzini.duct import Centreline, SampledField, build_field, find_centreline
-from bozzini.duct.centreline import measure_arc_length, resample_polyline
 from bozzini.motion import Introducer, Scope, certify_plan, plan_insertion
 from bozzini.motion.shape import ShapedPath, shape_path
 from bozzini.motion.tube import TubeOptions, move_in_tube, spread_heads
+from bozzini.numeric.polylines import measure_arc_length, resample_polyline
 from tests.shapes import tube_lumen
 
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bozzini.duct.cones import RoundCones
-from bozzini.duct.cylinders import ConnectedCylinders, CylinderCoordinates
-from bozzini.duct.mesh import TriangleMesh
-from bozzini.duct.points import PointCloud
-from bozzini.duct.polyhedron import ConvexPolyhedra
-from bozzini.duct.super_ellipsoid import SuperEllipsoids
+from bozzini.duct.shapes.cones import RoundCones
+from bozzini.duct.shapes.cylinders import ConnectedCylinders, CylinderCoordinates
+from bozzini.duct.shapes.mesh import TriangleMesh
+from bozzini.duct.shapes.points import PointCloud
+from bozzini.duct.shapes.polyhedron import ConvexPolyhedra
+from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 
 POINTS = 100_000
 TRIMESH_POINTS = 1000

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bozzini.duct import SampledField
-from bozzini.motion._chain_kernels import advance_chain
+from bozzini.motion.kernels.chain import advance_chain
 from tests.shapes import sample_field
 
 RING = 30.0
@@ -106,7 +106,7 @@ def constrained_share(field: SampledField, joints: np.ndarray) -> float:
 
 def draw_links(field: SampledField, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Moved heads and old tails (count, 3) of random links at the wall, in the grid's frame."""
-    from bozzini.motion._link_kernels import place_tail
+    from bozzini.motion.kernels.chain import place_tail
 
     random = np.random.default_rng(2)
     heads: list[np.ndarray] = []

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bozzini.view.catalogue_page import format_catalogue, format_counts
+from bozzini.report.catalogue_page import format_catalogue, format_counts
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "guide" / "catalogue.md"

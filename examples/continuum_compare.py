@@ -17,8 +17,8 @@ import numpy as np
 
 from bozzini.continuum import MODELS, ContinuumRobot, EnergyModel, RodModel
 from bozzini.errors import GeometryError
-from bozzini.view import write_figure
-from bozzini.view.continuum_figures import draw_comparison
+from bozzini.plot import write_figure
+from bozzini.plot.continuum import draw_comparison
 
 HERE = Path(__file__).resolve().parent
 TENSIONS = {

@@ -17,15 +17,14 @@ import numpy as np
 
 from bozzini.duct import Centreline, Polygon, RoundCones
 from bozzini.duct.compose import without
-from bozzini.duct.curves import BetweenCurves
-from bozzini.duct.cylinders import ConnectedCylinders
-from bozzini.duct.mesh import TriangleMesh
-from bozzini.duct.obstacles import Circles
-from bozzini.duct.points import PointCloud
-from bozzini.duct.polyhedron import ConvexPolyhedra
-from bozzini.duct.quads import StitchedQuads
-from bozzini.duct.super_ellipse import SuperEllipses
-from bozzini.duct.super_ellipsoid import SuperEllipsoids
+from bozzini.duct.shapes.curves import BetweenCurves
+from bozzini.duct.shapes.cylinders import ConnectedCylinders
+from bozzini.duct.shapes.mesh import TriangleMesh
+from bozzini.duct.shapes.obstacles import Circles
+from bozzini.duct.shapes.points import PointCloud
+from bozzini.duct.shapes.polyhedron import ConvexPolyhedra
+from bozzini.duct.shapes.quads import StitchedQuads
+from bozzini.duct.shapes.super_ellipses import SuperEllipses, SuperEllipsoids
 from bozzini.motion import Scope, place_tail, plan_insertion
 
 RADIUS = 8.0  # of the pipe [mm]

@@ -77,8 +77,8 @@ def main(arguments=None):
     each = (time.perf_counter() - begin) / len(targets)
     print(f"a step, inverse and pose, takes {1e6 * each:.0f} us")
 
-    from bozzini.view import write_figure
-    from bozzini.view.effector_figures import draw_trace
+    from bozzini.plot import write_figure
+    from bozzini.plot.effector import draw_trace
 
     outline = workspace(effector).boundary
     write_figure(draw_trace(cubic, effector.design.names, outline=outline), given.out)

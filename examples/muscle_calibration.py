@@ -96,8 +96,8 @@ def main(arguments=None):
     comparison = compare_models(models, data, fitted=counts)
     print(comparison.format_table())
 
-    from bozzini.view import write_figure
-    from bozzini.view.muscle_figures import draw_models
+    from bozzini.plot import write_figure
+    from bozzini.plot.muscle import draw_models
 
     write_figure(draw_models(comparison, models), given.out)
     return {"mean": mean, "both": both, "lost": lost, "comparison": comparison}

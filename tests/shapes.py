@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bozzini.duct import Centreline, SampledField
-from bozzini.duct.centreline import measure_arc_length
+from bozzini.numeric.polylines import measure_arc_length
 
 
 def sample_field(function, low, high, voxel, **options):

@@ -12,21 +12,24 @@ import bozzini
 
 SOURCE = Path(bozzini.__file__).resolve().parent
 
-BASE = ("errors", "units", "checks", "files", "progress", "results")
+BASE = ("errors", "units", "checks", "io", "numeric", "progress", "results")
 
 MAY_IMPORT = {
     "anatomy": set(),
     "duct": {"anatomy"},
-    "motion": {"anatomy", "duct"},
-    "continuum": {"anatomy", "duct", "motion"},
+    "continuum": set(),
+    "motion": {"anatomy", "duct", "continuum"},
     "muscle": set(),
     "effector": {"muscle"},
     "rig": {"continuum", "duct", "effector", "motion", "muscle"},
     "vision": {"effector", "muscle"},
 }
-MAY_IMPORT["view"] = set(MAY_IMPORT)
-MAY_IMPORT["study"] = set(MAY_IMPORT)
-MAY_IMPORT["cli"] = set(MAY_IMPORT)
+MAY_IMPORT["thesis"] = set(MAY_IMPORT)
+MAY_IMPORT["plot"] = set(MAY_IMPORT) - {"thesis"}
+MAY_IMPORT["scene"] = set(MAY_IMPORT) - {"thesis"}
+MAY_IMPORT["report"] = set(MAY_IMPORT) - {"thesis"}
+MAY_IMPORT["study"] = set(MAY_IMPORT) - {"thesis"}
+MAY_IMPORT["cli"] = set(MAY_IMPORT) - {"thesis"}
 
 MODULES = sorted(path.relative_to(SOURCE) for path in SOURCE.rglob("*.py"))
 

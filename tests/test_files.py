@@ -16,7 +16,7 @@ import pytest
 
 import bozzini
 from bozzini.errors import OutputError
-from bozzini.files import (
+from bozzini.io.files import (
     check_new_directory,
     check_new_file,
     new_directory,
@@ -270,7 +270,7 @@ def test_a_reservation_is_used_by_the_same_process(tmp_path: Path) -> None:
 
 _HOLD = """
 import sys, time
-from bozzini.files import new_directory, reserve_directory
+from bozzini.io.files import new_directory, reserve_directory
 with reserve_directory(sys.argv[1]), new_directory(sys.argv[1]) as place:
     (place / "report").write_text("first")
     print("held", flush=True)

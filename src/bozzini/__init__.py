@@ -11,7 +11,20 @@ import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import anatomy, continuum, duct, effector, errors, motion, muscle, study, units, view
+    from . import (
+        anatomy,
+        continuum,
+        duct,
+        effector,
+        errors,
+        motion,
+        muscle,
+        plot,
+        report,
+        scene,
+        study,
+        units,
+    )
     from .errors import BozziniError
     from .motion.plan import Plan
     from .motion.scope import Scope
@@ -32,7 +45,9 @@ __all__ = [
     "muscle",
     "study",
     "units",
-    "view",
+    "plot",
+    "report",
+    "scene",
 ]
 
 _ROOMS = frozenset(
@@ -46,7 +61,9 @@ _ROOMS = frozenset(
         "muscle",
         "study",
         "units",
-        "view",
+        "plot",
+        "report",
+        "scene",
     }
 )
 _NAMES = {
@@ -57,7 +74,7 @@ _NAMES = {
 
 # Before Numba is loaded: it reads the variable then. Asking costs less than a millisecond.
 if not all(os.access(place, os.W_OK) for place in (*__path__, os.path.expanduser("~"))):
-    from .files import provide_caches
+    from .io.files import provide_caches
 
     provide_caches()
 

@@ -9,7 +9,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import pytest
 
 from bozzini.anatomy import CATALOGUE, PublicData, fetch_data
-from bozzini.anatomy.catalogue import find_data
+from bozzini.anatomy.fetch import find_data
 from bozzini.errors import FileFormatError, InputError, OutputError
 
 CONTENT = b"a small tract\n" * 200_000

@@ -8,11 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.anatomy import make_phantom, tract_from_labels, tract_from_surface
-from bozzini.anatomy._kernels import fill_distance, measure_distance
-from bozzini.anatomy._line import Leg, trace_line
-from bozzini.anatomy._parts import BEND_GAP, LIMB_GAP
-from bozzini.anatomy.dimensions import DIMENSIONS, Dimension, draw_dimensions
-from bozzini.anatomy.phantom import Phantom
+from bozzini.anatomy.kernels.meshes import fill_distance, measure_distance
+from bozzini.anatomy.phantom import (
+    BEND_GAP,
+    DIMENSIONS,
+    LIMB_GAP,
+    Dimension,
+    Leg,
+    Phantom,
+    draw_dimensions,
+    trace_line,
+)
 from bozzini.errors import InputError
 
 SEEDS = st.integers(0, 100_000)

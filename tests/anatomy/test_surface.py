@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.anatomy import tract_from_surface
-from bozzini.anatomy._kernels import count_crossing
 from bozzini.anatomy._mesh import count_fans
+from bozzini.anatomy.kernels.meshes import count_crossing
 from bozzini.errors import GeometryError, InputError
 
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from bozzini.anatomy import catalogue
-from bozzini.anatomy.catalogue import CATALOGUE, PublicData
+from bozzini.anatomy import fetch as catalogue
+from bozzini.anatomy.fetch import CATALOGUE, PublicData
 from bozzini.cli.main import main
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from bozzini.cli.main import COMMANDS, main
 from bozzini.duct import RoundCones
-from bozzini.duct.shapes_file import load_shapes_file, save_shapes
+from bozzini.duct.shape_files import load_shapes_file, save_shapes
 
 
 class Answer(NamedTuple):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bozzini.cli._duct_limits import limits_command
+from bozzini.cli.duct import limits_command
 from bozzini.duct import RoundCones
-from bozzini.duct.shapes_file import save_shapes
+from bozzini.duct.shape_files import save_shapes
 from bozzini.errors import BozziniError
 from tests.cli.plan_cases import Tracts
 

@@ -265,7 +265,7 @@ import sys, time, click
 from types import ModuleType
 from pathlib import Path
 from bozzini.cli import main as cli
-from bozzini.files import new_directory, reserve_directory
+from bozzini.io.files import new_directory, reserve_directory
 def work():
     click.get_current_context().with_resource(reserve_directory("deep/out"))
     with new_directory("deep/out") as place:

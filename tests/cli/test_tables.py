@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bozzini.cli._tables import PICTURES, check_target, format_csv, format_rows
+from bozzini.cli.common import PICTURES, check_target, format_csv, format_rows
 from bozzini.errors import OutputError
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
-from bozzini.continuum.actuate import actuate_plan
-from bozzini.continuum.actuation import ACTUATION_CODES, Actuation
 from bozzini.continuum.coupling import coupling_matrix
-from bozzini.continuum.executed import certify_arcs
 from bozzini.errors import FileFormatError, GeometryError, InputError, MissingExtraError
 from bozzini.motion import Introducer, Scope, plan_insertion
+from bozzini.motion.actuate.actuate import actuate_plan
+from bozzini.motion.actuate.actuation import ACTUATION_CODES, Actuation
+from bozzini.motion.actuate.executed import certify_arcs
 from tests.continuum.motions import EXACT, make_plan, make_robot, make_tube, place_at
 
 

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from bozzini.anatomy import read_tract
-from bozzini.continuum._fit import FitJob
-from bozzini.continuum.actuate import actuate_plan, check_robot
 from bozzini.duct import build_field, find_centreline
 from bozzini.motion import Introducer, Scope, plan_insertion
+from bozzini.motion.actuate.actuate import FitJob, actuate_plan, check_robot
 from tests.continuum.motions import make_robot, place_at
 from tests.exact import VoxelWall
 

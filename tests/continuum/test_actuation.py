@@ -11,12 +11,10 @@ import pytest
 
 from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
 from bozzini.continuum._bend_limits import find_limits
-from bozzini.continuum._fit import FitJob
-from bozzini.continuum.actuate import actuate_plan, check_robot
-from bozzini.continuum.actuation import Actuation
-from bozzini.continuum.arc_certificate import ArcCertificate
 from bozzini.errors import FileFormatError, GeometryError, InputError
 from bozzini.motion import Introducer
+from bozzini.motion.actuate.actuate import FitJob, actuate_plan, check_robot
+from bozzini.motion.actuate.actuation import Actuation, ArcCertificate
 from tests.continuum.motions import make_plan, make_robot, make_tube
 
 

@@ -10,12 +10,10 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from bozzini.continuum import Section, Shape, Tendon
-from bozzini.continuum import _energy_kernels as kernels
-from bozzini.continuum._energy_grid import SEGMENTS
-from bozzini.continuum._energy_segment_kernels import ARC, CHANNEL, CHORD
-from bozzini.continuum._energy_tension_kernels import solve_bounded
 from bozzini.continuum.coupling import Coupling
-from bozzini.continuum.energy import EnergyModel
+from bozzini.continuum.energy import SEGMENTS, EnergyModel
+from bozzini.continuum.kernels import energy as kernels
+from bozzini.continuum.kernels.energy import ARC, CHANNEL, CHORD, solve_bounded
 from bozzini.continuum.robot import ContinuumRobot
 from bozzini.continuum.rod import RodModel
 from bozzini.errors import GeometryError, InputError

@@ -10,16 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.continuum import ContinuumRobot, Section
-from bozzini.continuum._executed_kernels import bound_bending
-from bozzini.continuum.arc_certificate import ArcCertificate
-from bozzini.continuum.executed import (
-    certify_arcs,
-    choose_grid,
-    find_base_frame,
-    place_bodies,
-)
 from bozzini.errors import InputError
 from bozzini.motion import Introducer
+from bozzini.motion.actuate.actuation import ArcCertificate
+from bozzini.motion.actuate.executed import certify_arcs, choose_grid, find_base_frame, place_bodies
+from bozzini.motion.kernels.actuate import bound_bending
 from tests.continuum.motions import place_point
 from tests.shapes import sample_field
 
@@ -221,7 +216,7 @@ def test_in_the_introducer_nothing_is_proved_and_nothing_is_wrong(hall):
 def test_blocks_do_not_change_the_bound(hall, monkeypatch):
     bends, advances = wave(9, 0.35)
     whole = certify_arcs(ROBOT, bends, advances, hall.field, introducer=hall.introducer)
-    monkeypatch.setattr("bozzini.continuum.executed.BLOCK", 200)
+    monkeypatch.setattr("bozzini.motion.actuate.executed.BLOCK", 200)
     pieces = certify_arcs(ROBOT, bends, advances, hall.field, introducer=hall.introducer)
     assert pieces.clearance == pytest.approx(whole.clearance, abs=0.1)
     assert pieces.found == pytest.approx(whole.found, abs=0.1)

@@ -10,13 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
-from bozzini.continuum._bend_limit_kernels import EMPTY, SOLVED, factor_shifted, step_inside
 from bozzini.continuum._bend_limits import find_limits
-from bozzini.continuum._chain_arc_kernels import fill_chain, place_point
-from bozzini.continuum._curvature_kernels import add_curvature
-from bozzini.continuum._inverse_kernels import evaluate, make_work
 from bozzini.continuum.arc import arc_frames, displacements_for, jacobian
 from bozzini.continuum.inverse import InverseResult, solve_curve, solve_pose, solve_tip
+from bozzini.continuum.kernels.arc import fill_chain, place_point
+from bozzini.continuum.kernels.inverse import (
+    EMPTY,
+    SOLVED,
+    add_curvature,
+    evaluate,
+    factor_shifted,
+    make_work,
+    step_inside,
+)
 from bozzini.continuum.section_inverse import solve_section
 from bozzini.errors import GeometryError, InputError
 

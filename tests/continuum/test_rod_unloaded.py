@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from bozzini.continuum import ArcModel, ContinuumRobot, RodModel, Section, Tendon
-from bozzini.continuum._rod_curvature_kernels import expand_potential, find_curvature
-from bozzini.continuum._rod_unloaded_kernels import measure_unloaded
 from bozzini.continuum.energy import EnergyModel
+from bozzini.continuum.kernels.rod import expand_potential, find_curvature, measure_unloaded
 from tests.continuum.rods import cross_tendons, draw_command, draw_robot
 
 THIRDS = [2.0, -1.0, -1.0, 3.0, -2.0, -1.0]

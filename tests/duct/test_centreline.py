@@ -14,9 +14,9 @@ from skimage.graph import MCP_Geometric
 
 from bozzini.anatomy import make_phantom
 from bozzini.duct import build_field, field_from_mask, find_centreline
-from bozzini.duct._lumen_graph import LumenGraph
-from bozzini.duct.centreline import measure_arc_length, resample_polyline
+from bozzini.duct.centreline import LumenGraph
 from bozzini.errors import GeometryError, InputError
+from bozzini.numeric.polylines import measure_arc_length, resample_polyline
 from tests.shapes import ball_distance, bend_curve, curve_distance, sample_field, tube_lumen
 
 ANGLES = (1.5, 3.6, 5.7)

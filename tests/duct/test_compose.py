@@ -202,7 +202,7 @@ def test_eroding_takes_the_clearance_off_everywhere(duct, seed, clearance):
 
 
 def test_kernels_of_each_kind_see_the_erosion():
-    from bozzini.duct._clearance_kernels import evaluate_bound
+    from bozzini.duct.kernels.clearance import evaluate_bound
 
     random = np.random.default_rng(0)
     field = capsule().sample(1.0)
@@ -317,7 +317,7 @@ def test_a_field_of_lower_bounds_is_not_inflated():
 
 @given(seed=SEEDS)
 def test_parts_that_are_no_shapes_give_kernels_a_rigorous_field(seed):
-    from bozzini.duct._clearance_kernels import GridData, evaluate_bound
+    from bozzini.duct.kernels.clearance import GridData, evaluate_bound
 
     random = np.random.default_rng(seed)
     parts = solid_parts()

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bozzini.duct.cylinders import ConnectedCylinders, CylinderCoordinates
-from bozzini.duct.protocol import Duct
+from bozzini.duct.base import Duct
+from bozzini.duct.shapes.cylinders import ConnectedCylinders, CylinderCoordinates
 from bozzini.errors import GeometryError, InputError
 
 
@@ -134,7 +134,7 @@ def test_a_cone_without_its_tip_is_exact_at_its_wall():
 
 
 def test_sign_is_that_of_a_fine_mesh_of_the_wall():
-    from bozzini.duct.mesh import TriangleMesh
+    from bozzini.duct.shapes.mesh import TriangleMesh
 
     random, duct = draw(4, count=6)
     points = scatter(random, duct, 100_000)

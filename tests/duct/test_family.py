@@ -19,9 +19,8 @@ from bozzini.duct import (
     union,
     without,
 )
-from bozzini.duct import _family_kernels as kernels
-from bozzini.duct._family import collect_shapes
-from bozzini.duct._overlap import find_least
+from bozzini.duct.kernels import family as kernels
+from bozzini.duct.shapes.common import collect_shapes, find_least
 
 SEEDS = st.integers(0, 10**6)
 

@@ -10,20 +10,20 @@ from scipy.spatial.transform import Rotation
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import Centreline, Polygon, RoundCones, build_field, find_centreline
-from bozzini.duct import _fit_candidates as candidates
-from bozzini.duct._fit_measure import find_outside, measure_fit
-from bozzini.duct._fit_rays import cast_rays, spread_directions
-from bozzini.duct._fit_tubes import fit_cone_chain, measure_cone_chain
-from bozzini.duct.cylinders import ConnectedCylinders
-from bozzini.duct.fit import (
+from bozzini.duct.fitting import blocks as candidates
+from bozzini.duct.fitting.fit import fit_duct, mesh_from_mask
+from bozzini.duct.fitting.measure import (
     PERCENTS,
-    fit_circle,
-    fit_duct,
-    fit_super_ellipse,
-    fit_super_ellipsoid,
-    mesh_from_mask,
+    cast_rays,
+    find_outside,
+    measure_fit,
+    spread_directions,
 )
-from bozzini.duct.super_ellipsoid import SuperEllipsoids
+from bozzini.duct.fitting.planar import fit_circle, fit_super_ellipse
+from bozzini.duct.fitting.points import fit_super_ellipsoid
+from bozzini.duct.fitting.tubes import fit_cone_chain, measure_cone_chain
+from bozzini.duct.shapes.cylinders import ConnectedCylinders
+from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import GeometryError, InputError
 from tests.shapes import bend_curve
 
@@ -307,8 +307,8 @@ def test_super_ellipsoids_lose_no_more_room_than_allowed_where_large_ones_would(
 def test_super_ellipsoids_that_lose_too_much_room_have_not_reached_it(monkeypatch):
     monkeypatch.setattr(candidates, "OTHERS", 4)
     monkeypatch.setattr(candidates, "STRETCH", 12.0)
-    monkeypatch.setattr("bozzini.duct._fit_blocks.add_balls", lambda shapes, *_, **__: shapes)
-    monkeypatch.setattr("bozzini.duct.fit.WAY", 20.0)
+    monkeypatch.setattr("bozzini.duct.fitting.blocks.add_balls", lambda shapes, *_, **__: shapes)
+    monkeypatch.setattr("bozzini.duct.fitting.fit.WAY", 20.0)
     duct, line = tube()
     fitted = fit_duct(duct, line, "superellipsoids", max_error=0.2)
     assert not fitted.reached

@@ -160,7 +160,7 @@ def test_room_is_made_within_reach_of_the_lumen_only(kind):
     assert np.all(room[duct.clearance_bound(points) > 0.0])
     assert np.any(room & (duct.signed_distance(points) > slack))
     # What planners see of it promises no more.
-    from bozzini.duct._clearance_kernels import evaluate_bound
+    from bozzini.duct.kernels.clearance import evaluate_bound
 
     packed = np.empty(len(points))
     evaluate_bound(wide.pack(), np.array(wide.to_grid(points), order="C"), packed)

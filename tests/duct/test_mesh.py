@@ -8,8 +8,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.duct.mesh import TriangleMesh
-from bozzini.duct.protocol import Duct
+from bozzini.duct.base import Duct
+from bozzini.duct.shapes.mesh import TriangleMesh
 from bozzini.errors import GeometryError, InputError
 
 

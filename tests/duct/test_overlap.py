@@ -9,11 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bozzini.duct import super_ellipsoid
-from bozzini.duct._overlap import find_split, link_gauges
-from bozzini.duct._power_norms import dual_norm, join_norm, largest_radius, least_radius
-from bozzini.duct.super_ellipse import SuperEllipses
-from bozzini.duct.super_ellipsoid import SuperEllipsoids
+from bozzini.duct.shapes import super_ellipses as super_ellipsoid
+from bozzini.duct.shapes.common import find_split, link_gauges
+from bozzini.duct.shapes.super_ellipses import (
+    SuperEllipses,
+    SuperEllipsoids,
+    dual_norm,
+    join_norm,
+    largest_radius,
+    least_radius,
+)
 from bozzini.errors import GeometryError
 
 SEEDS = st.integers(0, 10**6)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from bozzini.duct.points import PointCloud
-from bozzini.duct.protocol import Duct
+from bozzini.duct.base import Duct
+from bozzini.duct.shapes.points import PointCloud
 from bozzini.errors import GeometryError, InputError
 
 RADIUS = 10.0

@@ -119,7 +119,7 @@ def test_inflation_promises_only_room_that_is_there(seed, amount):
 
 
 def test_kernels_see_the_same_and_ignore_height():
-    from bozzini.duct._clearance_kernels import evaluate_bound
+    from bozzini.duct.kernels.clearance import evaluate_bound
 
     random, duct = random_star(4)
     points = scatter(random, duct, 100)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.duct.polyhedron import ConvexPolyhedra
-from bozzini.duct.protocol import Duct
+from bozzini.duct.base import Duct
+from bozzini.duct.shapes.polyhedron import ConvexPolyhedra
 from bozzini.errors import GeometryError, InputError
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.duct import Duct, Polygon, StitchedQuads
-from bozzini.duct.quads import invert_quads
+from bozzini.duct.shapes.quads import invert_quads
 from bozzini.errors import GeometryError, InputError
 
 SEEDS = st.integers(0, 10**6)

@@ -26,8 +26,8 @@ from bozzini.duct import (
     to_field,
     union,
 )
-from bozzini.duct import thesis_forms as forms
 from bozzini.errors import GeometryError, InputError
+from bozzini.thesis import ducts as forms
 from tests.motion.pipes import NAMES, make_pipes
 
 HUGE = 1e300

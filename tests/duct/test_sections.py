@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bozzini.duct import Centreline, Polygon, RoundCones
-from bozzini.duct.sections import carry_frames, cut_sections
-from bozzini.duct.super_ellipsoid import SuperEllipsoids
+from bozzini.duct.fitting.measure import carry_frames, cut_sections
+from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import GeometryError, InputError
 from tests.shapes import bend_curve
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bozzini.duct import Polygon, RoundCones
-from bozzini.duct.cylinders import ConnectedCylinders
-from bozzini.duct.shapes_file import (
+from bozzini.duct.shape_files import (
     FITS,
     load_shapes,
     load_shapes_file,
@@ -21,7 +20,8 @@ from bozzini.duct.shapes_file import (
     save_shapes,
     write_shapes,
 )
-from bozzini.duct.super_ellipsoid import SuperEllipsoids
+from bozzini.duct.shapes.cylinders import ConnectedCylinders
+from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import FileFormatError, InputError, OutputError
 
 FORMS = {

@@ -8,7 +8,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from bozzini.duct import ConnectedCylinders, ConvexPolyhedra
-from bozzini.duct.solid_forms import (
+from bozzini.errors import InputError
+from bozzini.thesis.solids import (
     PrintedCircle,
     centroid_form,
     cylinder_form,
@@ -18,7 +19,6 @@ from bozzini.duct.solid_forms import (
     measure_pinch,
     super_ellipsoid_form,
 )
-from bozzini.errors import InputError
 
 
 def box(low, high):

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bozzini.duct.protocol import Duct
-from bozzini.duct.solid_forms import super_ellipsoid_form
-from bozzini.duct.super_ellipsoid import SuperEllipsoids
+from bozzini.duct.base import Duct
+from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import GeometryError, InputError
+from bozzini.thesis.solids import super_ellipsoid_form
 
 EXPONENTS = (0.1, 0.25, 1.0, 1.5, 2.0)
 

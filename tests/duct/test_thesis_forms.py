@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import fsolve
 
 from bozzini.duct import Circles, StitchedQuads, SuperEllipses
-from bozzini.duct import thesis_forms as forms
 from bozzini.errors import InputError
+from bozzini.thesis import ducts as forms
 
 SEEDS = st.integers(0, 10**6)
 

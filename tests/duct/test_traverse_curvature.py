@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.duct import Polygon, RoundCones
-from bozzini.duct import traverse_curvature as tc
 from bozzini.errors import GeometryError, InputError
+from bozzini.thesis import traverse_curvature as tc
 
 
 def _torus(major, minor, u, v):

@@ -10,8 +10,8 @@ import pytest
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import build_field, field_from_mask, find_centreline
-from bozzini.duct.centreline import measure_arc_length
 from bozzini.motion import Scope, find_largest, plan_insertion
+from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import voxelise
 from tests.motion.planted import random_curve
 from tests.shapes import bend_curve

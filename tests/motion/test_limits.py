@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bozzini.duct import field_from_mask, find_centreline
-from bozzini.duct.centreline import measure_arc_length
 from bozzini.errors import InputError
 from bozzini.motion import Scope, plan_insertion
+from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import VoxelWall, sample_body, voxelise
 from tests.motion.planted import plant
 from tests.shapes import bend_curve

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from bozzini.motion._link_kernels import place_tail
+from bozzini.motion.kernels.chain import place_tail
 from tests.shapes import bend_curve, curve_distance, sample_field
 
 NO_INTRODUCER = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])

@@ -10,13 +10,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bozzini.duct import Polygon, RoundCones
-from bozzini.duct._clearance_kernels import evaluate_estimate
 from bozzini.duct.compose import without
-from bozzini.duct.obstacles import Circles
+from bozzini.duct.kernels.clearance import evaluate_estimate
+from bozzini.duct.shapes.obstacles import Circles
 from bozzini.errors import InputError
 from bozzini.motion import Introducer, place_tail
-from bozzini.motion._direction_kernels import search_sphere
-from bozzini.motion._link_kernels import make_frame
+from bozzini.motion.kernels.chain import make_frame, search_sphere
 from tests.motion.pipes import NAMES, make_pipes
 from tests.motion.test_link import sphere_points
 

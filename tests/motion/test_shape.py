@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bozzini.duct import field_from_mask
-from bozzini.duct.centreline import Centreline, measure_arc_length
+from bozzini.duct.centreline import Centreline
 from bozzini.motion import Introducer
 from bozzini.motion.shape import (
     SHORTEST,
@@ -16,6 +16,7 @@ from bozzini.motion.shape import (
     measure_folds,
     shape_path,
 )
+from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import VoxelWall, voxelise
 from tests.shapes import bend_curve
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from bozzini.duct import field_from_mask
-from bozzini.duct.centreline import Centreline, measure_arc_length
+from bozzini.duct.centreline import Centreline
 from bozzini.motion import Scope, plan_insertion
-from bozzini.motion._tube_kernels import move_in_tube as move
 from bozzini.motion.certify import certify_plan
+from bozzini.motion.kernels.tube import move_in_tube as move
 from bozzini.motion.tube import DEVIATION_CAP, STEP_RATIO_MAX
+from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import voxelise
 from tests.shapes import bend_curve
 

@@ -19,11 +19,11 @@ from bozzini.cli._tract_options import _ORGANS
 from bozzini.duct import build_field, find_centreline
 from bozzini.errors import GeometryError, InputError
 from bozzini.motion import Scope
+from bozzini.report.verdict import judge_plan
 from bozzini.study import run_insertion
 from bozzini.study.ends import find_way, measure_gap, resolve_places
-from bozzini.study.exports import write_centreline, write_volumes
+from bozzini.study.insertion import write_centreline, write_volumes
 from bozzini.study.reach import Unreached, find_unreached
-from bozzini.view.verdict import judge_plan
 from tests.shapes import curve_distance
 
 VOXEL = 2.0

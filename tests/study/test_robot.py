@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bozzini.continuum.actuation import Actuation
-from bozzini.continuum.executed import certify_arcs
 from bozzini.motion import Introducer, Scope
+from bozzini.motion.actuate.actuation import Actuation
+from bozzini.motion.actuate.executed import certify_arcs
 from bozzini.study import InsertionStudy, run_insertion
 from tests.continuum.motions import make_robot
 from tests.study.test_insertion import END, START, make_labels
@@ -50,7 +50,7 @@ def test_everything_of_the_robot_is_written(study: InsertionStudy, tmp_path: Pat
 def test_without_parquet_there_is_csv(
     study: InsertionStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bozzini.study._robot.find_spec", lambda name: None)
+    monkeypatch.setattr("bozzini.study.insertion.find_spec", lambda name: None)
     study.write(tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert "tendons.csv" in names and "tendons.parquet" not in names

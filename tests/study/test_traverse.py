@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bozzini.duct import RoundCones
-from bozzini.duct.cylinders import ConnectedCylinders
-from bozzini.duct.super_ellipsoid import SuperEllipsoids
+from bozzini.duct.shapes.cylinders import ConnectedCylinders
+from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import InputError
 from bozzini.study import traverse
 from bozzini.study.traverse import run_limits

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from bozzini.muscle.models import count_statuses
-from bozzini.view.catalogue_page import format_catalogue, format_counts
+from bozzini.report.catalogue_page import format_catalogue, format_counts
 from tests.muscle.models.catalogue import SURVEY
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from matplotlib.text import Text
 
 from bozzini.errors import InputError
-from bozzini.view.comparison import list_methods, render_methods
-from bozzini.view.comparison_plot import draw_comparison, spread
-from bozzini.view.figures import write_figure
+from bozzini.plot.comparison import draw_comparison, spread
+from bozzini.plot.figures import write_figure
+from bozzini.plot.plan_data import list_methods, render_methods
 from tests.view.fake_motion import make_plan, make_stopped
 
 INTRODUCER_FREE = {"certified": True, "certificate": {"clearance_mm": 1.5}}

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bozzini.view.contact_plot import draw_contact, measure_contact
-from bozzini.view.figures import write_figure
+from bozzini.plot.contact import draw_contact, measure_contact
+from bozzini.plot.figures import write_figure
 from tests.view.fake_motion import make_field, make_plan
 
 

@@ -12,8 +12,8 @@ from bozzini.continuum.arc import displacements_for
 from bozzini.continuum.dexterity import map_dexterity
 from bozzini.continuum.workspace import sample_workspace
 from bozzini.errors import InputError
-from bozzini.view import write_figure
-from bozzini.view.continuum_figures import draw_comparison, draw_shape, draw_workspace
+from bozzini.plot import write_figure
+from bozzini.plot.continuum import draw_comparison, draw_shape, draw_workspace
 
 
 def make_robot(sections=2, tendons=3):

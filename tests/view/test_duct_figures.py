@@ -8,12 +8,12 @@ from matplotlib.collections import PolyCollection
 from scipy.spatial.transform import Rotation
 
 from bozzini.duct import Centreline, Polygon, RoundCones
-from bozzini.duct.cylinders import ConnectedCylinders
-from bozzini.duct.sections import cut_sections
-from bozzini.duct.super_ellipsoid import SuperEllipsoids
+from bozzini.duct.fitting.measure import cut_sections
+from bozzini.duct.shapes.cylinders import ConnectedCylinders
+from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import InputError
-from bozzini.view import write_figure
-from bozzini.view.duct_figures import draw_sections, draw_shapes, outline_shapes
+from bozzini.plot import write_figure
+from bozzini.plot.duct import draw_sections, draw_shapes, outline_shapes
 from tests.shapes import bend_curve, tube_lumen
 
 CENTRES = np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 15.0], [10.0, 0.0, 27.0]])

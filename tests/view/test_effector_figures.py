@@ -26,8 +26,8 @@ from bozzini.effector import (
 from bozzini.errors import InputError
 from bozzini.muscle import ThesisMuscle
 from bozzini.muscle import preset as muscle_preset
-from bozzini.view import write_figure
-from bozzini.view.effector_figures import (
+from bozzini.plot import write_figure
+from bozzini.plot.effector import (
     draw_deflection,
     draw_force,
     draw_iteration,

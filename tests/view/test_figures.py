@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from bozzini.errors import InputError, OutputError
-from bozzini.view.clearance_plot import map_clearance
-from bozzini.view.figures import draw_clearance, draw_depths, draw_overview, write_figure
-from bozzini.view.palette import ClearanceScale, choose_clearance_scale, list_clearance_colors
-from bozzini.view.sampling import place_tightest, sample_motion
-from bozzini.view.scope_drawing import choose_bar_length, find_violations
+from bozzini.plot.clearance import draw_clearance, map_clearance
+from bozzini.plot.figures import draw_depths, draw_overview, write_figure
+from bozzini.plot.palette import ClearanceScale, choose_clearance_scale, list_clearance_colors
+from bozzini.plot.plan_data import place_tightest, sample_motion
+from bozzini.plot.scope import choose_bar_length, find_violations
 from tests.view.fake_motion import make_field, make_line, make_plan, make_stopped
 
 PLANS = {
@@ -60,7 +60,7 @@ def test_overview_tells_back_and_forth_by_steps():
 
 
 def test_global_plotting_state_is_left_alone():
-    code = "import sys, bozzini.view.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, bozzini.plot.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bozzini.errors import InputError
-from bozzini.view.gltf import ARRAY_BUFFER, GlbDocument
+from bozzini.scene.gltf import ARRAY_BUFFER, GlbDocument
 
 TYPES = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

@@ -7,8 +7,8 @@ import pytest
 
 from bozzini.errors import InputError
 from bozzini.muscle.hysteresis import BoucWen, PrandtlIshlinskii
-from bozzini.view import write_figure
-from bozzini.view.muscle_figures import draw_fit, draw_loops, fade_loops
+from bozzini.plot import write_figure
+from bozzini.plot.muscle import draw_fit, draw_loops, fade_loops
 
 PLAYS = PrandtlIshlinskii((0.0, 0.1), (0.5, 0.4))
 BOTH = {"plays": PLAYS, "bouc-wen": BoucWen(slope=2.0, alpha=0.9, beta=6.0, gamma=-2.0)}

@@ -11,8 +11,8 @@ from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle, preset
 from bozzini.muscle.data import Measurements
 from bozzini.muscle.ranking import compare_models
-from bozzini.view import write_figure
-from bozzini.view.muscle_figures import (
+from bozzini.plot import write_figure
+from bozzini.plot.muscle import (
     draw_braid_angle,
     draw_contraction,
     draw_force,

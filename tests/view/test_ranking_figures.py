@@ -9,8 +9,8 @@ import pytest
 
 from bozzini.errors import InputError
 from bozzini.muscle import MODELS, Measurements, preset, rank
-from bozzini.view import write_figure
-from bozzini.view.muscle_figures import draw_ranking
+from bozzini.plot import write_figure
+from bozzini.plot.muscle import draw_ranking
 
 MUSCLE = preset("effector-45")
 NAMES = ("gaylord-1", "gaylord-2", "chou", "ferraresi", "itto-b")

@@ -11,9 +11,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from bozzini.anatomy.findings import Finding
+from bozzini.anatomy.tract import Finding
 from bozzini.errors import InputError, OutputError
-from bozzini.view.report import write_report
+from bozzini.report.report import write_report
 from tests.view.fake_motion import make_field, make_plan, make_stopped, make_summary
 
 VOID = {"meta", "link", "img", "input", "br", "hr"}

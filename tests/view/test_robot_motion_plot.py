@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bozzini.continuum.actuate import actuate_plan
-from bozzini.view import draw_robot_motion, write_figure
+from bozzini.motion.actuate.actuate import actuate_plan
+from bozzini.plot import draw_robot_motion, write_figure
 from tests.continuum.motions import make_plan, make_robot, make_tube
 
 

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from bozzini.errors import InputError, OutputError
-from bozzini.view._bones import choose_keys, compute_bone_rotations, convert_to_matrices
-from bozzini.view.scene import SceneInfo, write_scene
+from bozzini.scene.gltf import choose_keys, compute_bone_rotations, convert_to_matrices
+from bozzini.scene.scene import SceneInfo, write_scene
 
 DIAMETER = 5.0
 TYPES = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}

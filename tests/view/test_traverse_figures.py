@@ -8,8 +8,8 @@ import pytest
 from bozzini.duct import Centreline, Polygon
 from bozzini.errors import InputError
 from bozzini.motion.traverse import find_link_limits
-from bozzini.view.figures import write_figure
-from bozzini.view.traverse_figures import draw_link_limits
+from bozzini.plot.duct import draw_link_limits
+from bozzini.plot.figures import write_figure
 from tests.motion.bends import bend_duct
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.view.verdict import judge_plan
+from bozzini.report.verdict import judge_plan
 from tests.view.fake_motion import make_plan, make_stopped, make_summary
 
 

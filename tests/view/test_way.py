@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.view.sampling import sample_motion
-from bozzini.view.way import find_refusal, find_way, share_centreline
+from bozzini.plot.plan_data import find_refusal, find_way, sample_motion, share_centreline
 from tests.view.fake_motion import make_line, make_plan, make_stopped
 
 

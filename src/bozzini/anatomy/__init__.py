@@ -10,16 +10,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .catalogue import CATALOGUE, PublicData
-    from .fetch import FetchResult, fetch_data
-    from .findings import Finding
+    from .fetch import CATALOGUE, FetchResult, PublicData, fetch_data
     from .labels import tract_from_labels
     from .phantom import Phantom, make_phantom
     from .read import read_tract
     from .segment import GasSegment, Segmentation, segment_gas
     from .surface import tract_from_surface
     from .surfaces import read_surface
-    from .tract import Component, LabelTract, Opening, Organ, SurfaceTract, Tract
+    from .tract import Component, Finding, LabelTract, Opening, Organ, SurfaceTract, Tract
     from .volumes import read_labels, read_volume
     from .write import write_tract
 
@@ -50,17 +48,17 @@ __all__ = [
 ]
 
 _MODULES = {
-    "CATALOGUE": "catalogue",
+    "CATALOGUE": "fetch",
     "Component": "tract",
     "FetchResult": "fetch",
-    "Finding": "findings",
+    "Finding": "tract",
     "GasSegment": "segment",
     "Segmentation": "segment",
     "LabelTract": "tract",
     "Opening": "tract",
     "Organ": "tract",
     "Phantom": "phantom",
-    "PublicData": "catalogue",
+    "PublicData": "fetch",
     "SurfaceTract": "tract",
     "Tract": "tract",
     "fetch_data": "fetch",

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from . import _mesh
-from ._kernels import cross_groups
-from .findings import Finding, name_place
-from .tract import Component
+from .kernels.meshes import cross_groups
+from .tract import Component, Finding, name_place
 
 __all__ = ["Parts", "find_touching", "resolve_parts"]
 

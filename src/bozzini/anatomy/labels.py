@@ -2,36 +2,122 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+from xml.etree import ElementTree
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_points
 from ..errors import GeometryError, InputError
-from ._names import (
-    TOTALSEGMENTATOR,
-    describe_label,
-    find_organ,
-    is_digestive,
-    list_sides,
-    normalise,
-)
-from ._scale import check_scale
-from .findings import Finding
+from ._reading import check_scale
 from .frame import check_frame, find_axis, measure_shift
-from .tract import Component, LabelTract
+from .tract import Component, Finding, LabelTract, Organ
 
-__all__ = [
-    "Labels",
-    "Volume",
-    "select_labels",
-    "tract_from_labels",
-    "tract_from_volume",
-    "wants_all",
-]
+# Names of labels: what tools call organs, how files hold names, which organ they mean.
+
+TOTALSEGMENTATOR: Mapping[str, Mapping[str, int]] = {
+    "totalsegmentator-v1": {
+        "stomach": 6, "esophagus": 42, "trachea": 43, "small_bowel": 55, "duodenum": 56,
+        "colon": 57,
+    },
+    "totalsegmentator-v2": {
+        "stomach": 6, "esophagus": 15, "trachea": 16, "small_bowel": 18, "duodenum": 19,
+        "colon": 20,
+    },
+}  # fmt: skip
+"""Numbers of hollow organs in the multi-label files of TotalSegmentator, from ``total_v1`` and
+``total`` in totalsegmentator/map_to_binary.py of github.com/wasserth/TotalSegmentator, commit
+0275d30 (Wasserthal et al., Radiology: Artificial Intelligence 2023, doi:10.1148/ryai.230024)."""
+
+_ORGANS: tuple[tuple[Organ, str], ...] = (
+    ("colon", r"colon|large (bowel|intestine)|rectum|sigmoid|c(a)?ecum"),
+    ("small-bowel", r"small (bowel|intestine)|jejunum|ileum"),
+    ("upper-tract", r"o?esophagus|stomach|duodenum|upper gi"),
+)
+
+_ABOVE = (
+    ("esophagus", "S", "duodenum"),
+    ("esophagus", "S", "stomach"),
+    ("trachea", "S", "colon"),
+    ("stomach", "L", "duodenum"),
+    ("stomach", "L", "liver"),
+    ("spleen", "L", "liver"),
+)
+"""Pairs of organs of which the first lies towards that side of the patient, centre to centre."""
+
+
+def normalise(name: str) -> str:
+    """Return a name in small letters, its words apart by one space, spelled as in America."""
+    words = re.sub(r"[\s_\-]+", " ", name.strip().lower())
+    return re.sub(r"\boesoph", "esoph", words)
+
+
+def find_organ(names: Iterable[str]) -> Organ | None:
+    """Return the organ that names of labels mean, None where they mean none or several.
+
+    Parts of the upper tract together with the small bowel are the upper tract: it is entered
+    there.
+    """
+    text = [normalise(name) for name in names]
+    found = {
+        organ
+        for organ, pattern in _ORGANS
+        if any(re.search(rf"\b({pattern})\b", name) for name in text)
+    }
+    if found == {"upper-tract", "small-bowel"}:
+        return "upper-tract"
+    return found.pop() if len(found) == 1 else None
+
+
+def is_digestive(name: str) -> bool:
+    """Whether a name is that of a hollow organ a scope goes through."""
+    text = normalise(name)
+    return text == "trachea" or find_organ([text]) is not None
+
+
+def describe_label(label: int, names: Mapping[int, str]) -> str:
+    """Return the name of a label, or ``label 3`` where it has none."""
+    return names.get(label) or f"label {label}"
+
+
+def list_sides() -> tuple[tuple[str, str, str], ...]:
+    """Return pairs of organs and the side of the patient on which the first lies."""
+    return _ABOVE
+
+
+def read_label_table(text: str) -> dict[int, str]:
+    """Return the names in a label table of a NIfTI header extension; {} where it is none.
+
+    The form is that of Caret and of TotalSegmentator: ``<Label Key="1">name</Label>``.
+    """
+    begin, end = text.find("<LabelTable>"), text.find("</LabelTable>")
+    if begin < 0 or end < 0 or "<!" in re.sub(r"<!\[CDATA\[", "", text[begin:end]):
+        return {}
+    try:
+        root = ElementTree.fromstring(text[begin : end + len("</LabelTable>")])
+        found = {int(item.get("Key", "")): (item.text or "").strip() for item in root}
+    except (ElementTree.ParseError, ValueError):
+        return {}
+    return {label: name for label, name in found.items() if label > 0 and name}
+
+
+def write_label_table(names: Mapping[int, str]) -> str:
+    """Return a label table for a NIfTI header extension; see `read_label_table`."""
+    rows = "".join(
+        f'<Label Key="{label}" Red="1" Green="1" Blue="1" Alpha="1">{escape(name)}</Label>'
+        for label, name in sorted(names.items())
+    )
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?><CaretExtension><VolumeInformation Index="0">'
+        f"<LabelTable>{rows}</LabelTable><VolumeType>Label</VolumeType></VolumeInformation>"
+        "</CaretExtension>"
+    )
+
 
 Labels = Sequence[int | str] | str
 """Labels by number or name, or ``"all"``."""
@@ -234,7 +320,7 @@ class _Runs:
 
     @staticmethod
     def find(voxels: NDArray[Any]) -> _Runs:
-        from ._voxel_kernels import find_runs
+        from .kernels.voxels import find_runs
 
         _, rows, begins, ends, labels = find_runs(voxels)
         return _Runs(shape=voxels.shape, rows=rows, begins=begins, ends=ends, labels=labels)
@@ -256,7 +342,7 @@ class _Runs:
 
     def join(self, *, corners: bool = False) -> tuple[Integers, int]:
         """Return the number of each run's component, and how many components there are."""
-        from ._voxel_kernels import join_runs
+        from .kernels.voxels import join_runs
 
         nx, ny, _ = self.shape
         first = np.searchsorted(self.rows, np.arange(nx * ny + 1))
@@ -632,7 +718,7 @@ def _describe_split(
 
 def _paint(runs: _Runs, turned: bool) -> tuple[Voxels, Integers]:
     """Return the runs as an array with `PADDING` zeros around, and the first voxel of their box."""
-    from ._voxel_kernels import paint_runs
+    from .kernels.voxels import paint_runs
 
     i, j = runs.split_rows()
     low = np.array([i.min(), j.min(), runs.begins.min()], dtype=np.int64)
@@ -650,7 +736,7 @@ def _check_topology(lumen: Voxels, affine: Matrix) -> list[Finding]:
 
     For voxels joined through faces: Euler number = components - handles + cavities.
     """
-    from ._voxel_kernels import count_euler
+    from .kernels.voxels import count_euler
 
     outside = _Runs.find((lumen == 0).view(np.uint8))
     numbers, count = outside.join(corners=True)
@@ -684,7 +770,7 @@ def _check_inside(
     volume: Volume,
 ) -> list[Finding]:
     """Warn of labels that are not selected and lie inside the lumen: they are wall."""
-    from ._voxel_kernels import count_faces
+    from .kernels.voxels import count_faces
 
     low = np.maximum(corner - 1, 0)
     high = np.minimum(corner + np.array(lumen.shape) - 2 * PADDING + 1, voxels.shape)

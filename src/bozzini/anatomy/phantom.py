@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -13,12 +14,309 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number, check_points
 from ..errors import GeometryError, InputError
 from . import _mesh
-from ._line import trace_line
-from ._parts import HEADINGS, compute_radii, find_fault, plan_legs
-from .dimensions import draw_dimensions
 from .tract import LabelTract, SurfaceTract
 
-__all__ = ["REGIONS", "Phantom", "make_phantom"]
+# A smooth line in space from headings, straight pieces and circular bends.
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """A bend into a heading, then a straight piece along it.
+
+    Attributes
+    ----------
+    heading : tuple of float
+        Direction after the bend (right, front, up); need not be of unit length.
+    bend : float
+        Radius of the bend that leads into it [mm].
+    straight : float
+        Length of the straight piece after it [mm].
+    """
+
+    heading: tuple[float, float, float]
+    bend: float
+    straight: float
+
+
+def measure_turn(one: tuple[float, float, float], other: tuple[float, float, float]) -> float:
+    """Return the angle between two headings [rad]."""
+    a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
+
+
+def trace_line(
+    legs: list[Leg], *, step: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Trace the legs from the origin, the first without its bend.
+
+    Parameters
+    ----------
+    legs : list of Leg
+    step : float
+        Largest distance between samples along the line [mm].
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+        Samples; bends are circular arcs in the plane of the two headings.
+    bend : ndarray, shape (n,)
+        Radius of the bend that a sample lies on, infinite on straight pieces [mm].
+    breaks : ndarray, shape (len(legs) + 1,)
+        Arc length at the end of each leg's straight piece, with 0 in front [mm].
+    """
+    place = np.zeros(3)
+    heading = _unit(legs[0].heading)
+    points, bends = [place], [math.inf]
+    breaks, length = [0.0], 0.0
+    for number, leg in enumerate(legs):
+        target = _unit(leg.heading)
+        angle = measure_turn(tuple(heading), tuple(target)) if number else 0.0
+        if angle > 1e-9:
+            inward = _unit(target - (target @ heading) * heading)
+            count = max(math.ceil(leg.bend * angle / step), 1)
+            for turn in angle * np.arange(1, count + 1) / count:
+                arc = math.sin(turn) * heading + (1.0 - math.cos(turn)) * inward
+                points.append(place + leg.bend * arc)
+                bends.append(leg.bend)
+            place = points[-1]
+            length += leg.bend * angle
+        heading = target
+        if leg.straight > 0:
+            count = max(math.ceil(leg.straight / step), 1)
+            for part in leg.straight * np.arange(1, count + 1) / count:
+                points.append(place + part * heading)
+                bends.append(math.inf)
+            place = points[-1]
+            length += leg.straight
+        breaks.append(length)
+    return np.array(points), np.array(bends), np.array(breaks)
+
+
+def _unit(vector: tuple[float, float, float] | Vector) -> Vector:
+    array = np.asarray(vector, dtype=np.float64)
+    return np.asarray(array / np.linalg.norm(array))
+
+
+# The rule behind the phantom: its legs, its radii, and what would make it unclean.
+
+LIMB_GAP = 8.0
+"""Smallest gap between two limbs of a valid phantom [mm]."""
+
+BEND_GAP = 6.0
+"""Smallest difference of bend radius and lumen radius in a valid phantom [mm]."""
+
+# Headings (right, front, up): the lumen goes down the back, turns left and forward into the
+# stomach, sweeps right through the J, backs up to the pylorus and rounds the C of the duodenum.
+HEADINGS = {
+    "upper": (0.0, -0.08, -1.0),
+    "lower": (-0.05, 0.12, -1.0),
+    "hiatus": (-0.45, 0.30, -1.0),
+    "body": (-0.22, 0.25, -1.0),
+    "antrum": (0.90, -0.25, 0.30),
+    "superior": (0.75, -0.60, 0.20),
+    "descending": (0.05, -0.12, -1.0),
+    "horizontal": (-1.0, 0.12, 0.05),
+    "ascending": (-0.45, 0.25, 0.85),
+}
+
+
+def plan_legs(
+    size: Mapping[str, float], headings: Mapping[str, tuple[float, float, float]]
+) -> tuple[list[Leg], str]:
+    """Share the lengths of the parts out among straight pieces and bends."""
+    names = list(HEADINGS)
+    flexure, wide = size["flexure_bend"], 120.0
+    bend = {
+        "upper": 0.0, "lower": wide, "hiatus": wide / 2, "body": 1.5 * size["stomach_bend"],
+        "antrum": size["stomach_bend"], "superior": 1.5 * flexure, "descending": flexure,
+        "horizontal": flexure, "ascending": flexure,
+    }  # fmt: skip
+    arc = {names[0]: 0.0}
+    for before, name in zip(names[:-1], names[1:], strict=True):
+        arc[name] = bend[name] * measure_turn(headings[before], headings[name])
+    gullet = size["oesophagus_length"] - arc["lower"] - arc["hiatus"]
+    stomach = size["stomach_length"] - arc["body"] - arc["antrum"]
+    straight = {
+        "upper": 0.5 * gullet,
+        "lower": 0.4 * gullet,
+        "hiatus": 0.1 * gullet,
+        "body": 0.62 * stomach,
+        "antrum": 0.38 * stomach,
+        "superior": size["superior_length"] - arc["superior"] - arc["descending"] / 2,
+        "descending": size["descending_length"] - (arc["descending"] + arc["horizontal"]) / 2,
+        "horizontal": size["horizontal_length"] - (arc["horizontal"] + arc["ascending"]) / 2,
+        "ascending": size["ascending_length"] - arc["ascending"] / 2,
+    }
+    least = min(straight, key=lambda name: straight[name])
+    fault = ""
+    if straight[least] < 1.0:
+        fault = f"no room for the bends of the {least} part"
+        straight = {name: max(length, 1.0) for name, length in straight.items()}
+    legs = [Leg(heading=headings[name], bend=bend[name], straight=straight[name]) for name in names]
+    return legs, fault
+
+
+def compute_radii(
+    along: NDArray[np.float64], size: Mapping[str, float], junction: float, pylorus: float
+) -> NDArray[np.float64]:
+    """Return the radius along the line, eased between knots [mm]."""
+    stomach = pylorus - junction
+    gullet, body, antrum = (
+        size[name] / 2 for name in ("oesophagus_diameter", "body_diameter", "antrum_diameter")
+    )
+    narrow, bowel = size["pylorus_diameter"] / 2, size["duodenum_diameter"] / 2
+    knots = [
+        (0.0, gullet),
+        (junction, gullet),
+        (junction + 0.26 * stomach, body),
+        (junction + 0.40 * stomach, body),
+        (junction + 0.68 * stomach, antrum),
+        (junction + 0.80 * stomach, antrum),
+        (pylorus - 4.0, narrow),
+        (pylorus + 3.0, narrow),
+        (pylorus + 22.0, 1.06 * bowel),  # the bulb
+        (pylorus + 50.0, bowel),
+        (float(along[-1]), bowel),
+    ]
+    places = np.array([place for place, _ in knots])
+    values = np.array([value for _, value in knots])
+    left = np.clip(np.searchsorted(places, along, side="right") - 1, 0, len(places) - 2)
+    part = np.clip((along - places[left]) / (places[left + 1] - places[left]), 0.0, 1.0)
+    ease = part * part * (3.0 - 2.0 * part)
+    return np.asarray(values[left] + ease * (values[left + 1] - values[left]))
+
+
+def find_fault(
+    points: NDArray[np.float64],
+    radii: NDArray[np.float64],
+    bends: NDArray[np.float64],
+    along: NDArray[np.float64],
+) -> str:
+    """Say why the union of balls would not be a clean tube, or nothing."""
+    slope = np.abs(np.diff(radii) / np.diff(along))
+    if slope.max() > 0.9:
+        return f"the radius changes by {slope.max():.2f} mm per mm"
+    room = float((bends - radii).min())
+    if room < BEND_GAP:
+        return f"a bend is only {room:.1f} mm wider than its lumen, at least {BEND_GAP:g} is legal"
+    between = np.linalg.norm(points[:, None] - points[None], axis=2)
+    reach = radii[:, None] + radii[None]
+    # Samples so far apart along the line cannot be neighbours around one bend.
+    limbs = np.abs(along[:, None] - along[None]) > 0.5 * math.pi * (reach + LIMB_GAP)
+    gap = float(np.where(limbs, between - reach, np.inf).min())
+    if gap < LIMB_GAP:
+        return f"two limbs are {gap:.1f} mm apart, at least {LIMB_GAP:g} is legal"
+    return ""
+
+
+# The phantom's dimensions, each with where it comes from, and the range over which it varies.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dimension:
+    """One dimension of the phantom.
+
+    Attributes
+    ----------
+    name, unit : str
+        What it is.
+    value : float
+        Of the standard phantom (seed 0).
+    low, high : float
+        Range from which other seeds draw, evenly.
+    basis : str
+        The published figure behind it, or that it is a choice.
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    basis: str
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.value <= self.high:
+            raise InputError(
+                f"{self.name} is {self.value:g}: it must lie in [{self.low:g}, {self.high:g}]"
+            )
+
+
+_LI = (
+    "22.9 cm between the sphincters, men 23.6, women 22.4: Li, Castell, Castell, 'Manometric "
+    "determination of esophageal length', Am J Gastroenterol 1994;89:722-5"
+)
+_FERHATOGLU = (
+    "about 2 cm in diameter: Ferhatoglu, Kivilcim, 'Anatomy of Esophagus', in Esophageal "
+    "Abnormalities, 2017, doi:10.5772/intechopen.69583"
+)
+_KUIKEN = (
+    "chosen so that the stomach holds about 0.4 L, between fasting 0.18 L and after a meal "
+    "0.69 L: Kuiken et al., 'Development of a test to measure gastric accommodation in humans', "
+    "Am J Physiol 1999;277:G1217-21"
+)
+_STOMACH = (
+    "length 19 +- 2.5 cm in men, 17.1 +- 2.0 cm in women, J-shaped in 58 %: 'A study of "
+    "variations of the stomach in adults and growth of the fetal stomach' (50 cadavers); the line "
+    "along a J is longer than the J is high"
+)
+_PYLORUS = (
+    "14.3 +- 1.8 mm at 50 mL of an EndoFLIP balloon, 24 healthy volunteers: PMC9529766; 90th "
+    "percentile 17.6 mm at 40 mL: Jagtap et al., 'Assessment of pyloric sphincter physiology "
+    "using functional luminal imaging probe in healthy volunteers', J Neurogastroenterol Motil "
+    "2020;26:391-6"
+)
+_DUODENUM = (
+    "24.8 +- 4.5 mm on MR enterography: Cronin et al., 'Normal small bowel wall characteristics "
+    "on MR enterography', Eur J Radiol (65 subjects)"
+)
+_GRAY = "Gray, 'Anatomy of the Human Body', 20th ed. 1918, p. 1169-70: "
+_CHOICE = "a choice: no figure was found"
+
+DIMENSIONS = (
+    Dimension(
+        name="oesophagus_length", unit="mm", value=230.0, low=210.0, high=250.0, basis=_LI
+    ),
+    Dimension(
+        name="oesophagus_diameter", unit="mm", value=20.0, low=18.0, high=22.0, basis=_FERHATOGLU
+    ),
+    Dimension(name="stomach_length", unit="mm", value=210.0, low=190.0, high=230.0, basis=_STOMACH),
+    Dimension(name="body_diameter", unit="mm", value=64.0, low=56.0, high=70.0, basis=_KUIKEN),
+    Dimension(name="antrum_diameter", unit="mm", value=44.0, low=38.0, high=48.0, basis=_CHOICE),
+    Dimension(name="stomach_bend", unit="mm", value=42.0, low=41.0, high=46.0, basis=_CHOICE),
+    Dimension(name="pylorus_diameter", unit="mm", value=14.3, low=12.5, high=16.1, basis=_PYLORUS),
+    Dimension(
+        name="superior_length", unit="mm", value=50.0, low=47.0, high=55.0,
+        basis=_GRAY + "superior part about 5 cm",
+    ),
+    Dimension(
+        name="descending_length", unit="mm", value=95.0, low=75.0, high=100.0,
+        basis=_GRAY + "descending part 7 to 10 cm",
+    ),
+    Dimension(
+        name="horizontal_length", unit="mm", value=72.0, low=55.0, high=75.0,
+        basis=_GRAY + "horizontal part 5 to 7.5 cm",
+    ),
+    Dimension(
+        name="ascending_length", unit="mm", value=30.0, low=25.0, high=35.0,
+        basis=_GRAY + "ascending part about 2.5 cm",
+    ),
+    Dimension(
+        name="duodenum_diameter", unit="mm", value=24.8, low=21.0, high=28.0, basis=_DUODENUM
+    ),
+    Dimension(name="flexure_bend", unit="mm", value=21.0, low=20.0, high=23.0, basis=_CHOICE),
+)  # fmt: skip
+"""The phantom's dimensions in the order in which a seed draws them."""
+
+
+def draw_dimensions(random: np.random.Generator | None) -> dict[str, float]:
+    """Return the standard dimensions, or a draw from their ranges."""
+    if random is None:
+        return {item.name: item.value for item in DIMENSIONS}
+    return {item.name: float(random.uniform(item.low, item.high)) for item in DIMENSIONS}
+
 
 REGIONS: Mapping[int, str] = MappingProxyType({1: "oesophagus", 2: "stomach", 3: "duodenum"})
 """Label of each part."""
@@ -48,7 +346,7 @@ class Phantom:
         1 oesophagus, 2 stomach, 3 duodenum: the part that starts or goes on at the sample.
     seed : int
     dimensions : mapping of str to float
-        What it was made from, by the names in `bozzini.anatomy.dimensions.DIMENSIONS` [mm].
+        What it was made from, by the names in `bozzini.anatomy.phantom.DIMENSIONS` [mm].
     """
 
     centreline: NDArray[np.float64]
@@ -102,7 +400,7 @@ class Phantom:
         InputError
             If a point is not finite.
         """
-        from ._kernels import measure_distance
+        from .kernels.meshes import measure_distance
 
         array = check_points("points", points)
         flat = np.ascontiguousarray(array.reshape(-1, 3))
@@ -122,7 +420,7 @@ class Phantom:
         InputError
             If `voxel` is not in [0.5, 4] mm.
         """
-        from ._kernels import fill_distance
+        from .kernels.meshes import fill_distance
 
         voxel = check_number("voxel", voxel, low=0.5, high=4.0, unit="mm")
         origin, shape = self._grid(voxel, 3.0 * voxel)
@@ -155,7 +453,7 @@ class Phantom:
         """
         import skimage.measure
 
-        from ._kernels import fill_distance
+        from .kernels.meshes import fill_distance
 
         spacing = check_number("spacing", spacing, low=0.5, high=4.0, unit="mm")
         reach = 2.0 * spacing
@@ -192,7 +490,7 @@ def make_phantom(*, seed: int = 0) -> Phantom:
 
     The line consists of straight pieces and circular bends; the radius changes smoothly along
     it. The oesophagus runs down, the stomach is a J, the duodenum a C out of one plane, in four
-    parts. Lengths and diameters are those of `bozzini.anatomy.dimensions.DIMENSIONS`, each with
+    parts. Lengths and diameters are those of `bozzini.anatomy.phantom.DIMENSIONS`, each with
     its source. What it leaves out: the dome of the fundus above the junction, folds, the
     narrow places of the oesophagus, and that a lumen is not round.
 

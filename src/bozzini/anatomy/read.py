@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import FileFormatError, InputError
-from ._files import explain, has_suffix
+from ._reading import explain, has_suffix
 from .labels import Labels
 from .surfaces import SURFACE_SUFFIXES, read_surface
 from .tract import LabelTract, SurfaceTract

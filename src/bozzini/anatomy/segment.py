@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
-from .findings import Finding
 from .frame import find_axis
 from .labels import Volume, _Runs, check_affine
-from .tract import Point
+from .tract import Finding, Point
 
 __all__ = ["GasSegment", "Segmentation", "segment_gas"]
 
@@ -158,7 +157,7 @@ def segment_gas(
     GeometryError
         If there is no body, or no gas in it.
     """
-    from ._voxel_kernels import paint_runs
+    from .kernels.voxels import paint_runs
 
     threshold = check_number("threshold", threshold, low=-1000.0, high=-400.0, unit="HU")
     smallest = check_number("smallest volume", smallest, low=0.0, unit="mm^3")
@@ -246,7 +245,7 @@ def _check_image(volume: Volume) -> NDArray[Any]:
 
 def _label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Return the number of each voxel's component (faces), and how large each is."""
-    from ._voxel_kernels import paint_runs
+    from .kernels.voxels import paint_runs
 
     runs = _Runs.find(mask.view(np.uint8))
     numbers, count = runs.join()

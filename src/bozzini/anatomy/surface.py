@@ -11,11 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import GeometryError, InputError
 from . import _mesh
 from ._nesting import resolve_parts
-from ._scale import check_scale
-from ._sheets import Choice, Sheet, choose_sheets, close_sheet
-from ._solidify import find_missing, find_openings, measure_width, report_holes, solidify
-from .findings import Finding, name_place
-from .tract import Component, LabelTract, Opening, SurfaceTract
+from ._reading import check_scale
+from ._solidify import (
+    Choice,
+    Sheet,
+    choose_sheets,
+    close_sheet,
+    find_missing,
+    find_openings,
+    measure_width,
+    report_holes,
+    solidify,
+)
+from .tract import Component, Finding, LabelTract, Opening, SurfaceTract, name_place
 
 __all__ = ["tract_from_surface", "unite_parts"]
 
@@ -411,7 +419,7 @@ def _split_corners(
 def _find_crossing(
     points: Vertices, triangles: Faces, group: NDArray[np.int64] | None = None
 ) -> NDArray[np.bool_]:
-    from ._kernels import cross_groups
+    from .kernels.meshes import cross_groups
 
     extent = np.ptp(points[triangles], axis=1).max(axis=1)
     # ... a cell of about two triangles; the kernel enlarges it where triangles differ much

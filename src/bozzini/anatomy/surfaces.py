@@ -16,15 +16,21 @@ from numpy.typing import NDArray
 
 from ..errors import FileFormatError, InputError, UnitError
 from . import _mesh
-from ._files import check_file, explain, has_suffix, name_file
 from ._nesting import find_touching
-from ._quiet import quiet_libraries
-from ._scale import LARGEST, SMALLEST, check_scale
-from ._sheets import close_sheet
-from .findings import Finding
+from ._reading import (
+    LARGEST,
+    SMALLEST,
+    check_file,
+    check_scale,
+    explain,
+    has_suffix,
+    name_file,
+    quiet_libraries,
+)
+from ._solidify import close_sheet
 from .frame import check_frame
 from .surface import tract_from_surface, unite_parts
-from .tract import LabelTract, SurfaceTract
+from .tract import Finding, LabelTract, SurfaceTract
 
 __all__ = ["SURFACE_SUFFIXES", "read_surface"]
 
@@ -114,7 +120,7 @@ def read_surface(
         raise FileFormatError(f"{path} holds no triangles")
     model = None
     if has_suffix(path, (".vtk",)):
-        from ._gca import find_model
+        from ._surface_formats import find_model
 
         model = find_model(file)
     sizes = np.ones(3)
@@ -156,15 +162,15 @@ def _measure_unit(unit: str) -> float:
 def _read_meshes(file: Path) -> tuple[list[_Part], dict[str, Any] | None]:
     """Return the meshes of a file, and what `write_tract` noted in a GLB."""
     if has_suffix(file, (".stl",)):
-        from ._stl import read_stl
+        from ._surface_formats import read_stl
 
         vertices, faces = read_stl(file)
     elif has_suffix(file, (".vtk",)):
-        from ._vtk import read_vtk
+        from ._surface_formats import read_vtk
 
         vertices, faces = read_vtk(file)
     elif has_suffix(file, (".vtp",)):
-        from ._vtk import read_vtp
+        from ._surface_formats import read_vtp
 
         vertices, faces = read_vtp(file)
     else:

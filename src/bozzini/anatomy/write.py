@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, OutputError
-from ..files import write_atomically
-from ._names import write_label_table
-from ._quiet import quiet_libraries
+from ..io.files import write_atomically
+from ._reading import quiet_libraries
 from .frame import convert_frame
+from .labels import write_label_table
 from .surfaces import MARK
 from .tract import LabelTract, SurfaceTract
 

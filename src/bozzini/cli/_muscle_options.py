@@ -13,8 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from ..muscle.design import Muscle
-from ._tables import check_target
-from .common import QuantityType, emit, force_option, json_option
+from .common import QuantityType, check_target, emit, force_option, json_option
 
 if TYPE_CHECKING:
     from ..muscle.data import Measurements

@@ -21,7 +21,7 @@ def command() -> None:
 @json_option
 def list_command(as_json: bool) -> None:
     """List the data sets that can be fetched."""
-    from ..anatomy.catalogue import CATALOGUE
+    from ..anatomy.fetch import CATALOGUE
 
     lines = []
     for entry in CATALOGUE:
@@ -49,8 +49,7 @@ def list_command(as_json: bool) -> None:
 @json_option
 def fetch_command(name: str, directory: Path, force: bool, quiet: bool, as_json: bool) -> None:
     """Fetch the data set NAME, with a file of its licence and citation beside it."""
-    from ..anatomy.catalogue import find_data
-    from ..anatomy.fetch import fetch_data
+    from ..anatomy.fetch import fetch_data, find_data
 
     entry = find_data(name)
     with progress_bar(quiet=quiet) as progress:

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import click
 
-from ._robot_options import choose_scope, read_robot, scope_options
-from ._tract_options import count_notes, tell_findings
+from ._tract_options import choose_scope, count_notes, read_robot, scope_options, tell_findings
 from .common import (
     QuantityType,
     force_option,
@@ -48,7 +47,7 @@ def command(
     quiet: bool,
 ) -> None:
     """Move an endoscope through a phantom oesophagus, stomach and duodenum."""
-    from ..files import reserve_directory
+    from ..io.files import reserve_directory
 
     click.get_current_context().with_resource(reserve_directory(out, force=force))
     machine = read_robot(robot)

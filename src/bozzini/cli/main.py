@@ -231,7 +231,7 @@ class _Run:
         return self._tell("Interrupted", "interrupted", EXIT_INTERRUPTED)
 
     def _note_cache(self, arguments: list[str]) -> None:
-        from ..files import find_provided_cache
+        from ..io.files import find_provided_cache
 
         cache = find_provided_cache()
         works = arguments[0] in COMMANDS and not {"-h", "--help"} & set(arguments)

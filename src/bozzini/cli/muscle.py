@@ -37,11 +37,12 @@ from ._muscle_options import (
     select_choices,
     unit_of,
 )
-from ._tables import PICTURES, format_csv
 from .common import (
     EXIT_NEGATIVE,
+    PICTURES,
     QuantityType,
     emit,
+    format_csv,
     json_option,
     progress_bar,
     run_exit,
@@ -162,8 +163,8 @@ def fit_command(
         make, muscle, data, free=names, options=FitOptions(bounds=bounds, force=anyway)
     )
     if answer.out is not None:
-        from ..view import write_figure
-        from ..view.muscle_figures import draw_models
+        from ..plot import write_figure
+        from ..plot.muscle import draw_models
 
         models = {model_name: found.fitted}
         comparison = compare_models(models, data, fitted={model_name: len(found.free)})
@@ -402,8 +403,8 @@ def _compare(
     comparison = compare_models(models, data, refusals=refusals)
     written = out if comparison.scores else None
     if written is not None:
-        from ..view import write_figure
-        from ..view.muscle_figures import draw_models
+        from ..plot import write_figure
+        from ..plot.muscle import draw_models
 
         write_figure(draw_models(comparison, models), written)
     result = {
@@ -428,8 +429,8 @@ def _rank(
         ranking = rank(data, muscle, models=makes, options=options, progress=progress)
     written = out if ranking.models else None
     if written is not None:
-        from ..view import write_figure
-        from ..view.muscle_figures import draw_ranking
+        from ..plot import write_figure
+        from ..plot.muscle import draw_ranking
 
         write_figure(draw_ranking(ranking), written)
     result = {
@@ -580,7 +581,7 @@ def curve_command(
     """
     from ..checks import check_integer, check_number
     from ..errors import InputError
-    from ..files import write_text
+    from ..io.files import write_text
 
     out, direction = answer.out, asked.direction
     is_picture = out is not None and not answer.is_table
@@ -696,8 +697,8 @@ def _find_lowest(model: MuscleModel, pressure: float, load: float, direction: st
 def _draw_curve(
     model: MuscleModel, kind: str, pressure: float, load: float, direction: str | None, out: Path
 ) -> None:
-    from ..view import muscle_figures as figures
-    from ..view import write_figure
+    from ..plot import muscle as figures
+    from ..plot import write_figure
 
     models = {model.name: model}
     if kind == "force":

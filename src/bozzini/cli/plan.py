@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ._robot_options import choose_scope, describe_robot, read_robot, scope_options
-from ._tract_options import count_notes, read_with_options, tell_findings, tract_options
+from ._tract_options import (
+    choose_scope,
+    count_notes,
+    describe_robot,
+    read_robot,
+    read_with_options,
+    scope_options,
+    tell_findings,
+    tract_options,
+)
 from .common import (
     EXIT_NEGATIVE,
     QuantityType,
@@ -135,7 +143,7 @@ def command(
     is made too: tendons.csv is the time table of its drives. Exit code 0: it fits; 1: it does not,
     or that is not proved, and the report names the place; 2: bad input.
     """
-    from ..files import reserve_directory
+    from ..io.files import reserve_directory
 
     click.get_current_context().with_resource(reserve_directory(out, force=force))
     machine = read_robot(robot)
@@ -214,7 +222,7 @@ def write_result(
 
 def _describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) -> str:
     """Return the result as text for people: the verdict, where the files are."""
-    from ..view.verdict import judge_plan
+    from ..report.verdict import judge_plan
 
     verdict = judge_plan(study.plan, summary, error=summary["clearance_error_mm"])
     lines = [f"{verdict.label}. {verdict.sentence}", *verdict.notes]

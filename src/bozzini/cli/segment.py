@@ -76,8 +76,8 @@ def command(
     from ..anatomy.volumes import read_volume
     from ..anatomy.write import check_target, encode_labels
     from ..errors import InputError
-    from ..files import check_new_file, write_atomically
-    from ..view.figures import write_figure
+    from ..io.files import check_new_file, write_atomically
+    from ..plot.figures import write_figure
 
     if not target.name.lower().endswith((".nii", ".nii.gz")):
         raise InputError(f"{target}: labels are written as .nii or .nii.gz")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from .actuate import actuate_plan
-from .actuation import Actuation
 from .arc import ArcModel
 from .energy import EnergyModel
 from .inverse import InverseResult, solve_curve, solve_pose, solve_tip
@@ -11,15 +9,13 @@ from .linkage import LinkageModel
 from .models import MODELS
 from .robot import ContinuumRobot
 from .rod import RodModel
-from .section import Section
+from .section import Section, Tendon
 from .section_inverse import solve_section
 from .shape import Shape, ShapeModel
-from .tendon import Tendon
 from .workspace import sample_workspace
 
 __all__ = [
     "MODELS",
-    "Actuation",
     "ArcModel",
     "ContinuumRobot",
     "EnergyModel",
@@ -30,7 +26,6 @@ __all__ = [
     "Shape",
     "ShapeModel",
     "Tendon",
-    "actuate_plan",
     "sample_workspace",
     "solve_curve",
     "solve_pose",

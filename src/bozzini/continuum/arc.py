@@ -11,13 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array
 from ..errors import InputError
-from ._arc_kernels import fill_arc_frames
-from ._chain_arc_kernels import fill_tip_jacobians
-from ._parallel import ParallelModel
+from ._batch import ParallelModel
 from .coupling import coupling_matrix
+from .kernels.arc import fill_arc_frames, fill_tip_jacobians
 from .robot import ContinuumRobot
+from .section import GRAIN
 from .shape import Shape
-from .tendon import GRAIN
 
 __all__ = ["ArcModel", "arc_frames", "bend_vectors", "displacements_for", "jacobian"]
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number
 from ..errors import GeometryError, InputError
 from .robot import ContinuumRobot, check_robot
-from .tendon import GRAIN
+from .section import GRAIN
 
 __all__ = [
     "BendSolution",

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer
 from ..errors import GeometryError, InputError
-from ._linkage_kernels import fill_linkage_frames, fill_linkage_points
-from ._parallel import ParallelModel
+from ._batch import ParallelModel
 from .coupling import BendSolution, reason_array
+from .kernels.linkage import fill_linkage_frames, fill_linkage_points
 from .robot import ContinuumRobot
 from .shape import Shape
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,16 +12,700 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number, check_points
 from ..errors import InputError
-from ._checks import check_limit
-from ._limits import check_limits, check_numbers, explain_contrast
-from ._rod_follow import follow
-from ._rod_grid import RodGrid
-from ._rod_state import Rod, Shot, Target, rotate
+from ._batch import check_limits, check_numbers, explain_contrast
+from ._common import check_limit
 from .coupling import check_displacements
+from .energy import place_stations
+from .kernels.energy import solve_bounded
+from .kernels.rod import (
+    differentiate_piece,
+    find_turn,
+    integrate_rod,
+    measure_unloaded,
+    turn_quaternion,
+)
 from .robot import ContinuumRobot, check_robot
+from .section import GRAIN
 from .shape import Shape
 
-__all__ = ["RodModel"]
+# A robot cut into steps, as the rod's kernels take it.
+
+NUDGE = 1e-9
+"""How far inside a smooth piece its ends are evaluated, against its length."""
+
+
+@dataclass(frozen=True)
+class RodGrid:
+    """Steps of a robot, at least `steps` of them, and how its tendons pass them."""
+
+    robot: ContinuumRobot
+    between: int
+    steps: int
+
+    @cached_property
+    def arc_length(self) -> Floats:
+        """Stations: base, discs, tendon ends and points between [mm], shape (k,)."""
+        return place_stations(self.robot, self.between)
+
+    @cached_property
+    def natural_lengths(self) -> Floats:
+        """Length of each tendon in the straight robot [mm], shape (t,)."""
+        slopes = np.sqrt(1.0 + np.sum(self.guides[..., 2:] ** 2, axis=-1)) * self.present[:, None]
+        means = (slopes[:, 0] + 4.0 * slopes[:, 1] + slopes[:, 2]) / 6.0
+        return np.asarray(np.sum(means * np.diff(self.places)[:, None], axis=0))
+
+    @property
+    def packed(self) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+        """What the kernels take, see `integrate_rod`."""
+        return self.places, self.stiffness, self.guides, self.present
+
+    @cached_property
+    def places(self) -> Floats:
+        """Ends of the steps [mm], shape (n + 1,): stations and corners of tendons among them."""
+        corners = [place for tendon in self.robot.tendons for place in tendon.corners()]
+        breaks = np.unique(np.concatenate([self.arc_length, corners]))
+        breaks = breaks[np.concatenate([[True], np.diff(breaks) > GRAIN])]
+        widest = self.robot.length / self.steps
+        pieces = [
+            np.linspace(start, end, math.ceil((end - start) / widest - 1e-9) + 1)[1:]
+            for start, end in zip(breaks[:-1], breaks[1:], strict=True)
+        ]
+        return np.concatenate([[0.0], *pieces])
+
+    @cached_property
+    def middles(self) -> Floats:
+        """Middles of the steps [mm], shape (n,)."""
+        return np.asarray(0.5 * (self.places[1:] + self.places[:-1]))
+
+    @cached_property
+    def present(self) -> NDArray[np.bool_]:
+        """Whether each tendon runs in each step, shape (n, t)."""
+        return np.asarray(self.middles[:, None] < self.robot.tendon_ends)
+
+    @cached_property
+    def guides(self) -> Floats:
+        """Places and slopes of tendons at start, middle and end of steps, shape (n, 3, t, 4)."""
+        guides = np.zeros((len(self.middles), 3, len(self.robot.tendons), 4))
+        # Inside the step, where corners do not matter.
+        edge = (0.5 - NUDGE) * np.diff(self.places)
+        places = np.stack([self.middles - edge, self.middles, self.middles + edge], axis=1)
+        for row, tendon in enumerate(self.robot.tendons):
+            here = self.present[:, row]
+            guides[here, :, row, :2] = tendon.path(places[here])
+            guides[here, :, row, 2:] = tendon.path_slope(places[here])
+        return guides
+
+    @cached_property
+    def stiffness(self) -> Floats:
+        """EI, EI and GJ of the backbone in each step [N mm^2], shape (n, 3)."""
+        sections = [
+            (section.bending_stiffness, section.bending_stiffness, section.torsional_stiffness)
+            for section in self.robot.sections
+        ]
+        return np.asarray(sections, dtype=np.float64)[self.robot.section_at(self.middles)]
+
+    @cached_property
+    def reaches(self) -> Floats:
+        """Least distance of each tendon from the backbone [mm], shape (t,)."""
+        offsets = np.sqrt(np.sum(self.guides[..., :2] ** 2, axis=-1))
+        offsets = np.where(self.present[:, None], offsets, math.inf)
+        return np.asarray(offsets.min(axis=(0, 1)))
+
+
+# A rod to shoot, what is asked of it, and a state of it.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rod:
+    """A rod cut into steps, as the kernels take it, and how many pieces to shoot.
+
+    Attributes
+    ----------
+    grid : tuple of ndarray
+        Steps' ends, stiffness, places of tendons, and where they run, see `integrate_rod`.
+    tip_force, tip_moment, line_force : (3,) ndarray
+        Loads [N], [N mm], [N/mm].
+    pieces : int
+        Pieces of the shooting.
+    moment_scale, load : float
+        Moment that bends the robot by about 1 rad [N mm], and the loads against it.
+    unit_tension, strongest : float
+        Tension that bends it by about 1 rad, and the one at which a command is impossible [N].
+    """
+
+    grid: tuple[Floats, Floats, Floats, NDArray[np.bool_]]
+    tip_force: Floats
+    tip_moment: Floats
+    line_force: Floats
+    pieces: int
+    moment_scale: float
+    load: float
+    unit_tension: float
+    strongest: float
+
+    @property
+    def cuts(self) -> NDArray[np.int64]:
+        """First step of every piece, and the last one's end, shape (pieces + 1,)."""
+        cuts = np.linspace(0.0, len(self.grid[0]) - 1.0, self.pieces + 1)
+        return np.round(cuts).astype(np.int64)
+
+    def rest(self, tendons: int, reason: str = "") -> Shot:
+        """Return the straight rod under none of its command."""
+        turns = np.zeros((self.pieces, 4))
+        turns[:, 0] = 1.0
+        return Shot(
+            tensions=np.zeros(tendons),
+            turns=turns,
+            moments=np.zeros((self.pieces, 3)),
+            share=0.0,
+            reason=reason,
+        )
+
+    def trace(self, shot: Shot) -> tuple[Floats, Floats, bool]:
+        """Return the states and bends at all places, and whether it got through."""
+        states, bends, _, good = self._pass(shot)
+        return states, bends, good
+
+    def trace_jumps(self, shot: Shot) -> tuple[Floats, Floats, bool]:
+        """Return the states, the jumps between pieces (pieces, 6), and whether it got through.
+
+        The last row is the end against the load on it, without a turn.
+        """
+        states, _, jumps, good = self._pass(shot)
+        return states, jumps, good
+
+    def _pass(self, shot: Shot) -> tuple[Floats, Floats, Floats, bool]:
+        states = np.zeros((len(self.grid[0]), 10 + len(shot.tensions)))
+        bends = np.zeros((len(self.grid[0]), 3))
+        jumps = np.zeros((self.pieces, 6))
+        good = True
+        cuts = self.cuts
+        for index, (first, last) in enumerate(zip(cuts[:-1], cuts[1:], strict=True)):
+            if index > 0:
+                find_turn(shot.turns[index], states[first, 3:7], jumps[index - 1, :3])
+                jumps[index - 1, 3:] = states[first, 7:10] - shot.moments[index]
+            states[first, 3:7], states[first, 7:10] = shot.turns[index], shot.moments[index]
+            good = good and integrate_rod(
+                first,
+                last,
+                self.grid,
+                shot.tensions,
+                (shot.share * self.tip_force, shot.share * self.line_force),
+                states,
+                bends,
+            )
+        jumps[-1, 3:] = states[-1, 7:10] - shot.share * self.tip_moment
+        return states, bends, jumps, bool(good)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """What is asked of the tendons.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Their names.
+    pushes : (t,) ndarray of bool
+        Which of them are rods.
+    compliances : (t,) ndarray
+        How much they stretch by their tension [mm/N].
+    tolerance : float
+        Error of their lengths that is let through [mm].
+    natural, command : (t,) ndarray
+        Their lengths in the straight robot, and the displacements asked for [mm].
+    reaches : (t,) ndarray
+        Their least distances from the backbone [mm].
+    tensions : (t,) ndarray
+        Tensions [N], in place of displacements.
+    """
+
+    names: tuple[str, ...]
+    pushes: NDArray[np.bool_]
+    compliances: Floats
+    tolerance: float
+    natural: Floats
+    reaches: Floats
+    command: Floats | None = None
+    tensions: Floats | None = None
+
+    def limit(self, share: float, loose: float) -> Floats:
+        """Return the lengths of the cables for a share of the command [mm]; inf if not asked."""
+        if self.command is None:
+            return np.full(len(self.names), math.inf)
+        return np.asarray(self.natural - share * self.command + loose * ~self.pushes)
+
+    def gaps(self, lengths: Floats, tensions: Floats, share: float, loose: float) -> Floats:
+        """Return how far lengths are from what is asked [mm]; 0 for slack cables."""
+        if self.command is None:
+            return np.zeros(len(self.names))
+        gaps = lengths - self.compliances * tensions - self.limit(share, loose)
+        free = ~self.pushes & (tensions == 0.0)
+        return np.asarray(np.where(free, np.maximum(gaps, 0.0), gaps))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """A state of the rod: tensions, and quaternion and moment at the start of every piece.
+
+    `share` is the part of command and loads that it holds for; `reason` says why it is not all.
+    """
+
+    tensions: Floats
+    turns: Floats
+    moments: Floats
+    share: float = 1.0
+    iterations: int = 0
+    reason: str = ""
+
+
+def rotate(quaternions: Floats) -> Floats:
+    """Return the rotation matrices (n, 3, 3) of unit quaternions (n, 4), scalar first."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.asarray(rows), -1, 0)
+
+
+# Multiple shooting: moments, turns and tensions for which a rod and its tendons are as asked.
+
+MOST_STEPS = 25
+"""Newton steps for one part of a command."""
+
+TURN_LIMIT = 0.5
+"""Largest turn between two pieces in one step [rad]."""
+
+RIDGE = 1e-8
+"""Added to the tendons' own flexibility, so that redundant tendons have one answer."""
+
+SHARING = 1e-5
+"""The same where the tensions are shared out: above what differences leave of such directions."""
+
+DIFFERENCE = 1e-4
+"""Step of the differences, against the size of what is changed."""
+
+
+@dataclass
+class Shooting:
+    """Newton's method for one share of command and loads.
+
+    ``loose`` is by how much cables may be longer than asked [mm].
+    """
+
+    rod: Rod
+    target: Target
+    share: float
+    loose: float
+    give: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def improve(self, start: Shot) -> Shot:
+        """Return the state from `start` on, or where it stopped and why."""
+        rod, target = self.rod, self.target
+        tensions, turns, moments = start.tensions.copy(), start.turns.copy(), start.moments.copy()
+        solves = target.command is not None
+        if target.tensions is not None:
+            tensions = self.share * target.tensions
+
+        def stop(count: int, reason: str) -> Shot:
+            return Shot(
+                tensions=tensions,
+                turns=turns,
+                moments=moments,
+                share=self.share,
+                iterations=count,
+                reason=reason,
+            )
+
+        gaps = np.zeros(0)
+        for count in range(MOST_STEPS + 1):
+            system = self._linearise(tensions, turns, moments)
+            if system is None:
+                return stop(count, "Newton's method fails beyond it")
+            off, matrix, by_tension, lengths, length_slope = system
+            gaps = target.gaps(lengths, tensions, self.share, self.loose)
+            scale = rod.moment_scale + float(np.abs(moments).max())
+            size = float(np.abs(off).max()) / scale
+            if size <= 1e-10 and np.abs(gaps).max(initial=0.0) <= self.loose:
+                if solves and len(tensions):
+                    tensions = self._share_tensions(tensions, turns, moments, scale)
+                return stop(count, "")
+            if count == MOST_STEPS:
+                break
+            inverse = self._invert(matrix, scale)
+            if inverse is None:
+                return stop(count, "the rod is about to buckle beyond it")
+            wanted = tensions
+            if solves and len(tensions):
+                wanted, why = self._pull(
+                    lengths, tensions, off, inverse @ by_tension, inverse @ off, length_slope
+                )
+                if why:
+                    return stop(count, why)
+            move = -inverse @ (off + by_tension @ (wanted - tensions))
+            part = self._move(turns, moments, move)
+            tensions = tensions + part * (wanted - tensions)
+        worst = int(np.argmax(np.abs(gaps))) if solves and len(gaps) else -1
+        where = (
+            f", tendon '{target.names[worst]}' misses by {abs(gaps[worst]):.3g} mm"
+            if worst >= 0 and gaps[worst] != 0.0
+            else ""
+        )
+        stiff = solves and rod.load > 0.0 and not target.compliances.any()
+        advice = "; give a tendon_stiffness" if stiff else ""
+        return stop(MOST_STEPS, f"no equilibrium was found beyond it{where}{advice}")
+
+    def _invert(self, matrix: Floats, scale: float) -> Floats | None:
+        # Turns in radians, moments in their own unit: one size for all.
+        units = np.ones(6 * self.rod.pieces - 3)
+        units[:3] = scale
+        for index in range(1, self.rod.pieces):
+            units[6 * index : 6 * index + 3] = scale
+        try:
+            return np.asarray(np.linalg.inv(matrix / units) / units[:, None])
+        except np.linalg.LinAlgError:
+            return None
+
+    def _linearise(
+        self, tensions: Floats, turns: Floats, moments: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats] | None:
+        """Jumps between pieces, and lengths, with derivatives by unknowns and by tensions.
+
+        Unknowns are the first piece's moment, then turn and moment of every other one's start.
+        """
+        rod, tendons, pieces = self.rod, len(tensions), self.rod.pieces
+        cuts = rod.cuts
+        size = 6 * pieces - 3
+        off, matrix = np.zeros(size), np.zeros((size, size))
+        by_tension = np.zeros((size, tendons))
+        lengths, slope = np.zeros(tendons), np.zeros((tendons, size + tendons))
+        states = np.zeros((len(rod.grid[0]), 10 + tendons))
+        bends = np.zeros((len(rod.grid[0]), 3))
+        values, local = np.zeros(6 + tendons), np.zeros((6 + tendons, 6 + tendons))
+        end_moment = self.share * rod.tip_moment
+        for index in range(pieces):
+            final = index == pieces - 1
+            states[cuts[index]] = 0.0
+            states[cuts[index], 3:7], states[cuts[index], 7:10] = turns[index], moments[index]
+            good = differentiate_piece(
+                cuts[index],
+                cuts[index + 1],
+                rod.grid,
+                tensions,
+                (self.share * rod.tip_force, self.share * rod.line_force),
+                states,
+                bends,
+                turns[index] if final else turns[index + 1],
+                DIFFERENCE * rod.moment_scale,
+                DIFFERENCE * max(rod.unit_tension, float(np.abs(tensions).max(initial=0.0))),
+                values,
+                local,
+            )
+            if not good:
+                return None
+            # Rows of this piece's end, columns of its start: the base does not turn.
+            rows = np.arange(3, 6) if final else np.arange(6)
+            first = slice(6 * index, 6 * index + len(rows))
+            inputs = np.arange(3, 6) if index == 0 else np.arange(6)
+            begin = 0 if index == 0 else 6 * index - 3
+            columns = slice(begin, begin + len(inputs))
+            matrix[first, columns] = local[np.ix_(rows, inputs)]
+            by_tension[first] = local[rows, 6:]
+            slope[:, columns] += local[6:][:, inputs]
+            slope[:, size:] += local[6:, 6:]
+            lengths += values[6:]
+            off[first] = values[rows]
+            if final:
+                off[first] -= end_moment
+            else:
+                off[6 * index + 3 : 6 * index + 6] -= moments[index + 1]
+                following = slice(begin + len(inputs), begin + len(inputs) + 6)
+                matrix[first, following] = -np.eye(6)
+        return off, matrix, by_tension, lengths, slope
+
+    def _pull(
+        self,
+        lengths: Floats,
+        tensions: Floats,
+        off: Floats,
+        carried: Floats,
+        straightened: Floats,
+        length_slope: Floats,
+    ) -> tuple[Floats, str]:
+        """Tensions of the linear problem, or why there are none."""
+        target = self.target
+        size = len(off)
+        exact = np.diag(target.compliances) - length_slope[:, size:]
+        exact += length_slope[:, :size] @ carried
+        give = 0.5 * (exact + exact.T)
+        self.give = give
+        largest = float(np.abs(np.diag(give)).max())
+        strongest = self.rod.strongest
+        centred = lengths - target.compliances * tensions - length_slope[:, :size] @ straightened
+        room = target.limit(self.share, self.loose) - centred
+        vector = room - give @ tensions
+        low, high = np.where(target.pushes, -strongest, 0.0), np.full(len(give), strongest)
+        wanted, right = np.zeros(len(give)), vector
+        for _ in range(2):
+            # The second pass takes out what the ridge did to the first.
+            if not solve_bounded(
+                give + RIDGE * largest * np.eye(len(give)), right, low, high, wanted
+            ):
+                return tensions, "no equilibrium was found beyond it"
+            right = vector - RIDGE * largest * wanted
+        held = np.flatnonzero(np.abs(wanted) >= strongest)
+        if held.size:
+            names = ", ".join(f"'{target.names[k]}'" for k in held)
+            return tensions, (
+                f"{names} would have to stretch beyond it; let out tendons on the other side, or "
+                "give a tendon_stiffness"
+            )
+        free = (wanted > low) & (wanted < high)
+        if np.abs(exact - give).max() > 1e-6 * largest and free.any():
+            # A moment of fixed direction has no potential: the problem is not symmetric.
+            block = exact[np.ix_(free, free)] + RIDGE * largest * np.eye(int(free.sum()))
+            moved = wanted[~free] - tensions[~free]
+            change = np.linalg.solve(block, -room[free] - exact[np.ix_(free, ~free)] @ moved)
+            trial = tensions[free] + change
+            if np.all((trial > low[free]) & (trial < high[free])):
+                wanted[free] = trial
+        return wanted, ""
+
+    def _move(self, turns: Floats, moments: Floats, move: Floats) -> float:
+        """Take a step, cut short where it turns too far; returns the part that was taken."""
+        inner = np.concatenate([np.zeros(3), move]).reshape(-1, 6)
+        widest = float(np.linalg.norm(inner[:, :3], axis=1).max())
+        part = min(1.0, TURN_LIMIT / widest) if widest > 0.0 else 1.0
+        moments += part * inner[:, 3:]
+        out = np.empty(4)
+        for index in range(1, len(turns)):
+            turn_quaternion(turns[index], part * inner[index, :3], out)
+            turns[index] = out / np.linalg.norm(out)
+        return part
+
+    def _share_tensions(
+        self, tensions: Floats, turns: Floats, moments: Floats, scale: float
+    ) -> Floats:
+        """Take the least tensions that do the same, where redundant ones differ."""
+        if not self.give.size or self.target.compliances.any():
+            return tensions
+        taut = tensions != 0.0
+        shared = tensions.copy()
+        size = float(np.abs(tensions).max())
+        ridge = SHARING * float(np.abs(np.diag(self.give)).max())
+        vector = -self.give @ tensions
+        right = vector
+        for _ in range(3):
+            low = np.where(self.target.pushes, -size, 0.0) * taut
+            matrix = self.give + ridge * np.eye(len(taut))
+            if not solve_bounded(matrix, right, low, size * taut, shared):
+                return tensions
+            right = vector - ridge * shared
+        # The same to first order only: it must hold of the lengths and joints themselves.
+        shot = Shot(tensions=shared, turns=turns, moments=moments, share=self.share)
+        states, jumps, good = self.rod.trace_jumps(shot)
+        off, lengths = float(np.abs(jumps).max()), states[-1, 10:]
+        gaps = self.target.gaps(lengths, shared, self.share, self.loose)
+        fits = good and off <= 1e-9 * scale and np.abs(gaps).max(initial=0.0) <= self.loose
+        return shared if fits else tensions
+
+
+# The rod without loads: tensions for which its tendons are as long as asked.
+#
+# The dual of the problem is concave, and strictly so but for redundant tendons: Newton's method
+# with a line search finds its only maximum. Where tendons push and are not parallel it may have
+# several.
+
+MOST_STEPS_UNLOADED = 60
+"""Newton steps for one part of a command."""
+
+SMALLEST_CUT = 1e-4
+"""Smallest part of a step."""
+
+RIDGE_UNLOADED = 1e-11
+"""Added to the tendons' own flexibility, so that redundant tendons have one answer."""
+
+SHARING_UNLOADED = 1e-8
+"""The same where the tensions are shared out."""
+
+
+def improve_unloaded(rod: Rod, target: Target, share: float, loose: float, start: Shot) -> Shot:
+    """Return the state for a `share` of the command, from `start` on, or why there is none."""
+    found = dataclasses.replace(start, share=share, iterations=0, reason="")
+    if target.tensions is not None:
+        return dataclasses.replace(found, tensions=share * target.tensions)
+    tensions = start.tensions.copy()
+    limit = target.limit(share, loose)
+    value, lengths, give = _measure(rod, target, tensions, limit)
+    reason = "no equilibrium was found beyond it"
+    for count in range(MOST_STEPS_UNLOADED + 1):
+        gaps = target.gaps(lengths, tensions, share, loose)
+        if np.abs(gaps).max(initial=0.0) <= loose:
+            shared = _share(target, give, tensions)
+            _, shorter, _ = _measure(rod, target, shared, limit)
+            left = target.gaps(shorter, shared, share, loose)
+            if np.abs(left).max(initial=0.0) <= loose:
+                tensions = shared
+            return dataclasses.replace(found, tensions=tensions, iterations=count)
+        if count == MOST_STEPS_UNLOADED:
+            break
+        slope = lengths - target.compliances * tensions - limit
+        high = np.full(len(tensions), rod.strongest)
+        low = np.where(target.pushes, -high, 0.0)
+        ridge = RIDGE_UNLOADED * float(np.diag(give).max())
+        matrix = give + np.diag(target.compliances + ridge)
+        wanted = tensions.copy()
+        if not solve_bounded(matrix, -slope - matrix @ tensions, low, high, wanted):
+            break
+        held = np.flatnonzero(np.abs(wanted) >= rod.strongest)
+        if held.size and count > 0:
+            names = ", ".join(f"'{target.names[k]}'" for k in held)
+            reason = (
+                f"{names} would have to stretch beyond it; let out tendons on the other side, or "
+                "give a tendon_stiffness"
+            )
+            break
+        change, part = wanted - tensions, 1.0
+        rise = float(slope @ change)
+        grain = 1e-13 * float(np.abs(tensions) @ lengths + np.abs(wanted) @ lengths)
+        while part >= SMALLEST_CUT:
+            trial = tensions + part * change
+            after, longer, soft = _measure(rod, target, trial, limit)
+            if after >= value + 1e-4 * part * rise - grain:
+                break
+            part *= 0.5
+        else:
+            break
+        tensions, value, lengths, give = trial, after, longer, soft
+    if reason.startswith("no"):
+        worst = int(np.argmax(np.abs(gaps)))
+        reason += f", tendon '{target.names[worst]}' misses by {abs(gaps[worst]):.3g} mm"
+    return dataclasses.replace(found, iterations=count, reason=reason)
+
+
+def _measure(
+    rod: Rod, target: Target, tensions: Floats, limit: Floats
+) -> tuple[float, Floats, Floats]:
+    """The dual's value, lengths (t,), and how they give way to tension (t, t)."""
+    lengths, give = np.empty(len(tensions)), np.empty((len(tensions), len(tensions)))
+    value = measure_unloaded(rod.grid, tensions, lengths, give)
+    if math.isnan(value):
+        return -math.inf, lengths, give
+    value -= float(tensions @ (limit + 0.5 * target.compliances * tensions))
+    return value, lengths, give
+
+
+def _share(target: Target, give: Floats, tensions: Floats) -> Floats:
+    """Return the least tensions that do the same, where redundant tendons leave them open."""
+    if target.compliances.any():
+        return tensions
+    taut = tensions != 0.0
+    shared = tensions.copy()
+    size = float(np.abs(tensions).max(initial=0.0))
+    ridge = SHARING_UNLOADED * float(np.diag(give).max(initial=0.0))
+    vector = -give @ tensions
+    right = vector
+    for _ in range(3):
+        # Each pass takes out what the ridge did to the one before it.
+        low = np.where(target.pushes, -size, 0.0) * taut
+        if not solve_bounded(give + ridge * np.eye(len(taut)), right, low, size * taut, shared):
+            return tensions
+        right = vector - ridge * shared
+    return shared
+
+
+# A rod brought to a command and its loads, at once or else in parts.
+
+SMALLEST_PART = 1.0 / 16.0
+"""Smallest part, of the first one, by which it is raised where more of it fails."""
+
+LOAD_STEP = 2.0
+"""Largest part of the loads that is put on at once, against those that bend it by 1 rad."""
+
+PLAY = 1e-4
+"""Displacement of the tip that the tolerance may always make, against the rod's length."""
+
+TIGHT = 0.1
+"""Part of the tolerance that is left."""
+
+LEVERS = 10.0
+"""The same against what the tolerance makes of it over the lever of length by offset."""
+
+PUSH_STEP = 0.5
+"""Largest turn that tendons ask for at once, where there may be several equilibria [rad]."""
+
+
+def follow(rod: Rod, target: Target, *, convex: bool) -> Shot:
+    """Find the rod's state from the straight one on, as far as it can be followed.
+
+    `convex` is whether there is only one without loads, whatever the way to it.
+    """
+    kept = rod.rest(len(target.names))
+    # Little by little, where at once it may end on another branch.
+    part, steps, reason = min(1.0, LOAD_STEP / max(rod.load, 1e-9)), 0, ""
+    if target.command is not None and not convex:
+        turn = float((np.abs(target.command) / target.reaches).max(initial=0.0))
+        part = min(part, PUSH_STEP / max(turn, PUSH_STEP))
+    smallest = SMALLEST_PART * part
+    # As commanded to round-off; with the tolerance, and in parts, only where that cannot be.
+    loose = 1e-3 * target.tolerance
+    while kept.share < 1.0:
+        share = min(1.0, kept.share + part)
+        if share > 1.0 - 1e-9:
+            share = 1.0
+        if rod.load == 0.0:
+            found = improve_unloaded(rod, target, share, loose, kept)
+        else:
+            found = Shooting(rod, target, share, loose).improve(kept)
+        steps += found.iterations
+        if not found.reason:
+            kept = found
+            continue
+        reason = found.reason
+        if loose < target.tolerance:
+            loose = target.tolerance
+        else:
+            part *= 0.5
+        if part < smallest:
+            percent = math.floor(100.0 * kept.share)
+            what = "command and loads" if rod.load > 0.0 else "the command"
+            reason = f"{what} can be followed to {percent} % only: {reason}"
+            break
+    else:
+        reason = find_play(rod, target, loose, kept)
+    return dataclasses.replace(kept, iterations=steps, reason=reason)
+
+
+def find_play(rod: Rod, target: Target, loose: float, found: Shot) -> str:
+    """Say whether displacements that are the same within the tolerance put the tip elsewhere.
+
+    Parallel tendons that do not stretch hold the twist so that it grows with the root of what
+    they have too much: then the tolerance decides where the tip is, not the loads.
+    """
+    if rod.load == 0.0 or target.command is None or target.compliances.any():
+        return ""
+    if not target.command.size:
+        return ""
+    if loose == target.tolerance:  # it was needed: without most of it
+        other = Shooting(rod, target, 1.0, TIGHT * loose).improve(found)
+    else:
+        looser = dataclasses.replace(target, command=target.command - target.tolerance)
+        other = Shooting(rod, looser, 1.0, loose).improve(found)
+    what = (
+        "tendons that do not stretch leave the shape open under these loads: for displacements "
+        f"that differ by the tolerance of {target.tolerance:g} mm"
+    )
+    if other.reason:
+        return f"{what} no equilibrium was found; give a tendon_stiffness"
+    tips = [rod.trace(shot)[0][-1, :3] for shot in (found, other)]
+    play, length = float(np.linalg.norm(tips[1] - tips[0])), float(rod.grid[0][-1])
+    lever = length / float(target.reaches.min())
+    if play <= max(PLAY * length, LEVERS * lever * target.tolerance):
+        return ""
+    return f"{what} the tip is {play:.2g} mm elsewhere; give a tendon_stiffness"
+
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]

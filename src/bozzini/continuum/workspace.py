@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number
 from ..errors import InputError
 from ._bend_limits import find_limits
-from ._chain_arc_kernels import fill_tip_jacobians
-from ._inverse_kernels import move_inside
-from ._places import FARTHEST, check_places
-from ._workspace_kernels import draw_bends
+from ._common import FARTHEST, check_places
 from .arc import displacements_for
 from .coupling import require_arcs
+from .kernels.arc import fill_tip_jacobians
+from .kernels.inverse import move_inside
+from .kernels.workspace import draw_bends
 from .robot import ContinuumRobot
 
 __all__ = [

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+from .base import Duct
 from .build import build_field, field_from_mask, field_from_mesh
 from .centreline import Centreline, find_centreline
 from .compose import Eroded, Moved, Union, Without, to_field, union, without
-from .cones import RoundCones
-from .curves import BetweenCurves
-from .cylinders import ConnectedCylinders
-from .field import SampledField
-from .mesh import TriangleMesh
-from .obstacles import Circles
-from .planar_field import PlanarField
-from .points import PointCloud
-from .polygon import Polygon
-from .polyhedron import ConvexPolyhedra
-from .protocol import Duct
-from .quads import StitchedQuads
+from .field import PlanarField, SampledField
 from .refined import RefinedField, refine_field
-from .super_ellipse import SuperEllipses
-from .super_ellipsoid import SuperEllipsoids
+from .shapes.cones import RoundCones
+from .shapes.curves import BetweenCurves
+from .shapes.cylinders import ConnectedCylinders
+from .shapes.mesh import TriangleMesh
+from .shapes.obstacles import Circles
+from .shapes.points import PointCloud
+from .shapes.polyhedron import ConvexPolyhedra
+from .shapes.quads import Polygon, StitchedQuads
+from .shapes.super_ellipses import SuperEllipses, SuperEllipsoids
 
 __all__ = [
     "BetweenCurves",

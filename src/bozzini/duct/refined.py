@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points
 from ..errors import InputError
 from ..progress import Progress, no_progress
-from ._shape_checks import check_places
-from ._walls import make_wall
+from .base import check_places
+from .build import make_wall
 from .field import SampledField
 
 if TYPE_CHECKING:
     from ..anatomy.tract import LabelTract, SurfaceTract
-    from ._clearance_kernels import BricksData
     from .compose import Eroded
-    from .planar_field import PlanarField
+    from .field import PlanarField
+    from .kernels.clearance import BricksData
 
 __all__ = ["RefinedField", "refine_field"]
 
@@ -104,19 +104,19 @@ class RefinedField:
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return the (...) trilinear signed distance at world points (..., 3) [mm]."""
-        from ._clearance_kernels import evaluate_estimate
+        from .kernels.clearance import evaluate_estimate
 
         return -self._ask(points, evaluate_estimate)
 
     def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return the (..., 3) gradient of the interpolant in the world frame."""
-        from ._clearance_kernels import evaluate_slope
+        from .kernels.clearance import evaluate_slope
 
         return -self._ask(points, evaluate_slope, 3) @ self.coarse.rotation.T
 
     def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return (...) rigorous lower bounds of the clearance at world points (..., 3) [mm]."""
-        from ._clearance_kernels import evaluate_bound
+        from .kernels.clearance import evaluate_bound
 
         return self._ask(points, evaluate_bound)
 
@@ -129,7 +129,7 @@ class RefinedField:
 
     def pack(self) -> BricksData:
         """Return the field for compiled kernels."""
-        from ._clearance_kernels import BricksData
+        from .kernels.clearance import BricksData
 
         return BricksData(
             self.values,
@@ -192,7 +192,7 @@ def refine_field(
     InputError
         If a number is not legal, or the bricks would be too many.
     """
-    from ._nearest_kernels import fill_bricks
+    from .kernels.nearest import fill_bricks
 
     points = check_points("line", line_points_world)
     check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")

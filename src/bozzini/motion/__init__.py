@@ -10,13 +10,11 @@ from .link import LinkPlacement, place_tail
 from .passage import Passage, find_passage
 from .plan import Plan
 from .refusal import REASON_CODES, Refusal
-from .replan import replan
+from .replan import plan_with_soft_wall, replan
 from .scope import Scope
-from .soft import plan_with_soft_wall
 from .tractrix import move_free_chain
-from .traverse import LinkLimits, find_link_limits
+from .traverse import LinkLimits, find_diameter_limits, find_link_limits
 from .traverse_bend import Bend
-from .traverse_diameter import find_diameter_limits
 from .tube import TubeOptions
 from .verify import Verification, verify_file, verify_plan
 

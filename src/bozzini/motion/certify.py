@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number
-from ..duct.protocol import Duct, count_dimensions
+from ..duct.base import Duct, count_dimensions
 from ..errors import InputError
 from .introducer import Introducer
 from .plan import Plan
@@ -112,7 +112,7 @@ def certify_motion(
     InputError
         If an argument is out of range.
     """
-    from ._certify_kernels import RESOLVED, bound_motion
+    from .kernels.certify import RESOLVED, bound_motion
 
     array = np.asarray(joints, dtype=np.float64)
     if array.ndim != 3 or array.shape[1] < 2 or not np.all(np.isfinite(array)):

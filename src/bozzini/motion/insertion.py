@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_number
-from ..duct.centreline import Centreline, measure_arc_length
-from ..duct.protocol import Duct, count_dimensions
+from ..duct.base import Duct, count_dimensions
+from ..duct.centreline import Centreline
 from ..errors import InputError
+from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .introducer import Introducer
@@ -332,7 +333,7 @@ def measure_body(
     worst : (dim + 1,) float
         The place of the smallest clearance in the world frame, and its value [mm].
     """
-    from ._chain_kernels import measure_body as measure
+    from .kernels.chain import measure_body as measure
 
     chains = np.ascontiguousarray(duct.to_grid(joints))
     clearance = np.empty((joints.shape[0], joints.shape[1] - 1))

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..duct.base import Duct
 from ..duct.centreline import Centreline
-from ..duct.protocol import Duct
 from ..errors import InputError
 
 __all__ = ["Introducer", "measure_bore"]

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ..duct.base import Duct
 from ..duct.centreline import Centreline
-from ..duct.protocol import Duct
 from ..errors import BozziniError
 from ..progress import Progress, no_progress
 from .refusal import Refusal

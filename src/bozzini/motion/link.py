@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number, check_points, check_range
-from ..duct.protocol import Duct, check_duct, count_dimensions
+from ..duct.base import Duct, check_duct, count_dimensions
 from ..errors import InputError
 
 if TYPE_CHECKING:
@@ -127,8 +127,8 @@ def place_tail(
     ``sqrt(3)`` per mm (the interpolant of a sampled one); it is about that value, which for a
     sampled field may differ from the true distance by the field's `error`.
     """
-    from . import _direction_kernels as directions
-    from . import _link_kernels as links
+    from .kernels import chain as directions
+    from .kernels import chain as links
 
     check_duct("duct", duct)
     dim = count_dimensions(duct)
@@ -210,7 +210,7 @@ def _prove(
     tail: NDArray[np.float64],
 ) -> tuple[bool, float, float]:
     """Look for a nearer direction than the one found: (whether there is one, turn, bound)."""
-    from . import _direction_kernels as directions
+    from .kernels import chain as directions
 
     place = np.zeros(2)
     found, turn, bound, _ = directions.search_sphere(
@@ -231,7 +231,7 @@ def _check_point(name: str, point: ArrayLike, dim: int) -> NDArray[np.float64]:
 
 def bound_slope(duct: Duct) -> float:
     """Return by how much the value of a duct in compiled code changes per mm at most."""
-    from ._direction_kernels import bound_packed_slope
+    from .kernels.chain import bound_packed_slope
 
     return bound_packed_slope(duct.pack())
 

@@ -192,9 +192,9 @@ def measure_displacement(plan: Plan) -> dict[str, float]:
     InputError
         If the plan's `meta` lacks the introducer or the scope.
     """
-    from ._measure_kernels import total_travel, tractrix_travel
-    from ._tube_kernels import move_in_tube
     from .introducer import Introducer
+    from .kernels.measures import total_travel, tractrix_travel
+    from .kernels.tube import move_in_tube
 
     introducer = Introducer.from_description(plan.meta["introducer"])
     length = float(plan.meta["scope"]["link_length_mm"])

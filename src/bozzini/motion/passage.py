@@ -23,8 +23,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..duct.base import Duct
 from ..duct.field import SampledField
-from ..duct.protocol import Duct
 from ..errors import InputError
 
 __all__ = ["Passage", "find_passage"]
@@ -127,7 +127,7 @@ def _find_widest(
     ends do not count for the proof: they are corners of cells where the way begins or ends, not
     of faces that it crosses.
     """
-    from ._passage_kernels import widest_level
+    from .kernels.measures import widest_level
 
     numbers = np.searchsorted(nodes, ends)
     own = [
@@ -175,7 +175,7 @@ def _bound_inflated_room(duct: SampledField, nodes: NDArray[np.int64]) -> NDArra
     """
     from scipy.spatial import KDTree
 
-    from ._passage_kernels import find_rim
+    from .kernels.measures import find_rim
 
     level = np.float32(duct.inflation)
     level = np.nextafter(level, np.float32(np.inf)) if level < duct.inflation else level

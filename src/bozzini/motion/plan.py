@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_number, check_points, name_at
 from ..errors import FileFormatError, InputError
-from ..files import write_atomically
+from ..io.files import write_atomically
 
 __all__ = ["PLAN_FORMAT", "Plan", "read_route"]
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..duct.centreline import measure_arc_length, resample_polyline
+from ..numeric.polylines import measure_arc_length, resample_polyline
 
 __all__ = ["ShapedPath", "continue_length", "cut_path", "measure_folds", "shape_path"]
 
@@ -194,7 +194,7 @@ def _run(
     *,
     target: float = TARGET,
 ) -> ShapedPath:
-    from ._path_kernels import relax_path
+    from .kernels.path import relax_path
 
     inner = resample_polyline(path, SPACING)
     outer = _lead_in(intro, inner[0], lead)
@@ -214,7 +214,7 @@ def _finish(
     length: float,
     room: float,
 ) -> ShapedPath:
-    from ._path_kernels import check_chords
+    from .kernels.path import check_chords
 
     inner = resample_polyline(inner, 0.5 * SPACING)
     points = np.concatenate([outer, inner])
@@ -249,7 +249,7 @@ def measure_folds(path: ShapedPath, length: float) -> NDArray[np.float64]:
 
     Where it is small a joint must move far for a small head step; at 0 the path folds back.
     """
-    from ._path_kernels import measure_tail_cosines
+    from .kernels.path import measure_tail_cosines
 
     cosines = np.ones(len(path.points))
     measure_tail_cosines(path.points, path.first, length, cosines)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..duct.base import Duct, count_dimensions
 from ..duct.centreline import Centreline
-from ..duct.protocol import Duct, count_dimensions
 from ..progress import Progress, no_progress
 from .introducer import Introducer
 from .link import bound_slope
@@ -71,7 +71,7 @@ def move_by_thesis(
         ``LINK_INFEASIBLE`` (no direction of a link keeps its tail inside) or ``LINK_LOCKED``
         (the nearest feasible tail is a jump away).
     """
-    from . import _chain_kernels as kernels
+    from .kernels import chain as kernels
 
     data, tube = duct.pack(), introducer.pack(duct)
     path = np.ascontiguousarray(duct.to_grid(line.points))
@@ -116,7 +116,7 @@ def move_by_thesis(
 def _explain(
     code: int, state: NDArray[np.float64], line: Centreline, scope: Scope, *, step: int
 ) -> tuple[str, str]:
-    from . import _chain_kernels as kernels
+    from .kernels import chain as kernels
 
     at, link, value, tried = float(state[0]), int(state[1]), float(state[2]), float(state[3])
     if code == kernels.HEAD_BLOCKED and at == 0.0:

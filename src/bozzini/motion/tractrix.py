@@ -71,7 +71,7 @@ def move_free_chain(
     Appendix C prints the slip vector as nu X_h, with X_h the head's **position**, which depends on
     where the origin is; here it is nu times the head's **displacement**, nu (x_h - X_h).
     """
-    from ._tractrix_kernels import pull_chain
+    from .kernels.tractrix import pull_chain
 
     chain = np.array(joints, dtype=np.float64)
     if chain.ndim != 2 or chain.shape[0] < 2 or chain.shape[1] not in (2, 3):

@@ -1,7 +1,7 @@
 """How long a rigid link may be along a duct: bounds from both sides, place by place.
 
 Thesis 5.3.5 proposes the diameter of a circle that rolls along the wall. That test is local and
-looks at one wall only (`bozzini.duct.traverse_curvature`). Here a link is a segment with a body
+looks at one wall only (`bozzini.thesis.traverse_curvature`). Here a link is a segment with a body
 around it, and three lengths bracket the longest one that gets through:
 
 - *on the line*: all shorter links, and chains of them with every joint on the centreline, pass and
@@ -13,6 +13,7 @@ around it, and three lengths bracket the longest one that gets through:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,15 +21,509 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_integer, check_number
+from ..duct.base import Duct, count_dimensions
 from ..duct.centreline import Centreline
-from ..duct.protocol import Duct
+from ..duct.field import SampledField
 from ..errors import InputError
+from ..numeric.polylines import measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
-from ._traverse_ceiling import Ceiling, make_ceiling
-from ._traverse_chords import scan_line
-from ._traverse_section import Segment, bound_behind, bound_through
+from .passage import find_passage
 
-__all__ = ["LinkLimits", "find_link_limits"]
+# Upper bounds of a duct's clearance, on a grid.
+#
+# A proof that a link does not come through needs them; a duct itself answers lower bounds.
+
+NODES_MAX = {2: 150_000, 3: 400_000}
+"""An analytic duct, planar or 3-D, is put on a grid of about this many nodes."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ceiling:
+    """Upper bounds of the clearance at the nodes of a grid, as negative distances.
+
+    Parameters
+    ----------
+    values : (nx, ny, nz) float32
+        Minus an upper bound of the clearance [mm].
+    step : (3,) float
+        Distance between nodes [mm].
+    origin : (3,) float
+        Node (0, 0, 0) in the world frame, whose axes the grid has; not used for a sampled field,
+        which keeps its own grid [mm].
+    floor : float
+        Bounds below this only say that the clearance is below it [mm].
+    duct : Duct
+    """
+
+    values: NDArray[np.float32]
+    step: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    floor: float
+    duct: Duct
+
+    @property
+    def planar(self) -> bool:
+        """Whether the duct is planar."""
+        return count_dimensions(self.duct) == 2
+
+    def to_local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Turn world points (..., dim) into the grid's frame (..., 3) [mm]."""
+        if isinstance(self.duct, SampledField):
+            return self.duct.to_grid(points)
+        if self.planar:
+            points = np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
+        return np.asarray(points - self.origin)
+
+    def to_world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Turn points (..., 3) of the grid's frame into world points (..., dim) [mm]."""
+        if isinstance(self.duct, SampledField):
+            return self.duct.to_world(points)
+        return np.asarray((points + self.origin)[..., : count_dimensions(self.duct)])
+
+    def measure(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return upper bounds (n,) of the clearance at local points (n, 3) [mm]."""
+        from .kernels.traverse import measure_ceilings
+
+        result = np.empty(len(points))
+        measure_ceilings(self.values, self.step, self.floor, points, result)
+        return result
+
+
+def make_ceiling(duct: Duct) -> Ceiling:
+    """Put upper bounds of a duct's clearance on a grid.
+
+    An exact distance is its own bound at nodes. Otherwise the distance inside may promise too
+    little, in a sampled field too if it was sampled from such a one. But every point within the
+    distance of a node outside is outside too, and the distance to such points bounds the clearance.
+    """
+    if isinstance(duct, SampledField):
+        step = np.asarray(duct.spacing, dtype=np.float64)
+        shape = duct.values.shape
+        # Beyond the reach distances are only known to be at least that: as bounds of the clearance
+        # from above these are right, but no wall can be found from there.
+        beyond = max(duct.reach - duct.inflation, 0.0)
+        values = _measure_outside(
+            duct,
+            lambda flat: duct.to_world(np.stack(np.unravel_index(flat, shape), axis=-1) * step),
+            duct.values,
+            step,
+            inflation=duct.inflation,
+            known=duct.values < np.float64(duct.reach - duct.error),
+        )
+        return Ceiling(
+            values=_round_down(values), step=step, origin=np.zeros(3), floor=-beyond, duct=duct
+        )
+    low, high = duct.bounds
+    dim = len(low)
+    pitch = float(np.prod(high - low) / NODES_MAX[dim]) ** (1.0 / dim)
+    axes = [np.arange(low[k] - 2.0 * pitch, high[k] + 3.0 * pitch, pitch) for k in range(dim)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    origin = np.zeros(3)
+    origin[:dim] = nodes.reshape(-1, dim)[0]
+    distance: NDArray[np.floating[Any]] = duct.signed_distance(nodes) - duct.error
+    if duct.kind != "exact" or duct.inflation > 0.0:
+        points = nodes.reshape(-1, dim)
+        distance = _measure_outside(duct, points.__getitem__, distance, np.full(dim, pitch))
+    if dim == 2:  # two equal sheets: points of the plane are in the lower one
+        distance = np.repeat(distance[..., None], 2, axis=-1)
+    return Ceiling(
+        values=_round_down(distance),
+        step=np.full(3, pitch),
+        origin=origin,
+        floor=-math.inf,
+        duct=duct,
+    )
+
+
+def _measure_outside(
+    duct: Duct,
+    find_nodes: Callable[[NDArray[np.int64]], NDArray[np.float64]],
+    distance: NDArray[np.floating[Any]],
+    step: NDArray[np.float64],
+    inflation: float = 0.0,
+    known: NDArray[np.bool_] | bool = True,
+) -> NDArray[np.floating[Any]]:
+    """Return the distance where it is positive; elsewhere minus that to a point known outside.
+
+    The array has the type of `distance`, from which the inflation is taken; nodes are asked for by
+    their flat numbers. Sums are made in float64, whatever the type.
+
+    That is the foot of the nearest node outside, on the wall or between it and the node.
+    """
+    from scipy import ndimage
+
+    moved = np.float64(inflation)  # a float of Python's would be rounded to float32 first
+    inside = distance <= moved
+    outside = ~inside & known
+    result = np.empty_like(distance)
+    np.subtract(distance, moved, out=result, casting="same_kind")
+    if not outside.any():
+        result[inside] = -math.inf
+        return result
+    nearest = ndimage.distance_transform_edt(
+        ~outside, sampling=tuple(step), return_distances=False, return_indices=True
+    )
+    found = np.ravel_multi_index(tuple(index[inside] for index in nearest), distance.shape)
+    rim, place = np.unique(found, return_inverse=True)
+    points = find_nodes(rim)
+    slope = duct.gradient(points)
+    slope = slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-12)
+    feet = points - (distance.ravel()[rim] - moved)[:, None] * slope
+    nodes = find_nodes(np.flatnonzero(inside))
+    result[inside] = -np.linalg.norm(nodes - feet[place], axis=-1)
+    return result
+
+
+def _round_down(values: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    return np.nextafter(values.astype(np.float32, copy=False), np.float32(-np.inf))
+
+
+# Which chords of a line have the room for a body: the bound of its links from below.
+
+CHORDS_MAX = 1000
+"""The line is divided into about this many segments at most for its chords."""
+
+FINE = 0.25
+"""Nor are they shorter than this [mm], or this fraction of the room to spare if that is less."""
+
+SHARE = 0.02
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChordScan:
+    """The chords of a line to which a link does not fit, the first from each place on.
+
+    Parameters
+    ----------
+    start : (k, dim) float
+        Where they begin [mm].
+    first, last : (k,) float
+        Arc length of their ends [mm].
+    length : (k,) float
+        Of the chords, at least [mm].
+    value, by, place
+        `LinkLimits.link_low`, `link_low_by` and `link_low_at`.
+    """
+
+    start: NDArray[np.float64]
+    first: NDArray[np.float64]
+    last: NDArray[np.float64]
+    length: NDArray[np.float64]
+    value: float
+    by: str
+    place: float
+
+    def at(self, arc: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the shortest of them that spans each place (n,) at `points` (n, dim).
+
+        A link that is stopped before it spans a place counts with the length that would.
+        """
+        gaps = np.linalg.norm(points[:, None] - self.start, axis=-1)
+        length = np.where(self.last < arc[:, None], np.maximum(gaps, self.length), self.length)
+        length = np.where(self.first <= arc[:, None], length, math.inf)
+        return np.asarray(length.min(axis=1, initial=math.inf))
+
+
+def scan_line(
+    duct: Duct,
+    points: NDArray[np.float64],
+    radius: float,
+    room: float,
+    longest: float = math.inf,
+) -> ChordScan:
+    """Find the shortest chord of a line (n, dim) to which a body of some radius does not fit.
+
+    Parameters
+    ----------
+    duct : Duct
+    points : (n, dim) float
+        World frame [mm].
+    radius : float
+        Of the body [mm].
+    room : float
+        Usual distance of the line from the wall [mm], to choose how finely to look.
+    longest : float
+        Longer chords are not looked at [mm]: a larger value only says that shorter ones fit.
+    """
+    from .kernels.traverse import TURN, scan_chords
+
+    length = float(measure_arc_length(points)[-1])
+    spare = max(room - radius, 0.1 * room)
+    fine = max(min(FINE, SHARE * spare), length / CHORDS_MAX)
+    dense = _divide(points, fine)
+    count = len(dense) - 1
+    stop, reason = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    reach = np.empty(count)
+    local = np.ascontiguousarray(duct.to_grid(dense))
+    scan_chords(duct.pack(), local, radius, longest, stop, reach, reason)
+    arc = measure_arc_length(dense)
+    hits = np.flatnonzero(stop < count)
+    whole = float(np.linalg.norm(dense[-1] - dense[0]))
+    low = ChordScan(
+        start=dense[hits],
+        first=arc[hits],
+        last=arc[stop[hits] + 1],
+        length=reach[hits],
+        value=whole,
+        by="length",
+        place=math.inf,
+    )
+    if len(hits) == 0 or low.length.min() >= whole:
+        return low
+    worst = int(np.argmin(low.length))
+    place = 0.5 * float(low.first[worst] + low.last[worst])
+    if low.length[worst] == 0.0:  # no room even for one joint
+        place = float(arc[int(np.argmax(duct.signed_distance(dense)))])
+    return ChordScan(
+        start=low.start,
+        first=low.first,
+        last=low.last,
+        length=low.length,
+        value=float(low.length[worst]),
+        by="turn" if reason[hits[worst]] == TURN else "wall",
+        place=place,
+    )
+
+
+def _divide(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+    """Return a polyline with every segment divided into equal parts of at most `spacing`."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    keep = np.concatenate([[True], steps > 0.0])
+    kept = points[keep]
+    parts = [
+        resample_polyline(kept[k : k + 2], float(step) / math.ceil(float(step) / spacing))[:-1]
+        for k, step in enumerate(steps[steps > 0.0])
+    ]
+    return np.concatenate([*parts, kept[-1:]])
+
+
+# The longest segment that fits with its middle in a section of a duct, bounded from above.
+#
+# A rigid link that comes from one end of a duct to the other has its middle in every section
+# between them at some time, and lies in the lumen then. So no link is longer than the longest
+# segment with its middle in one section.
+
+SQUARES = 12
+"""Squares of a section from its middle to the edge of the window, at first."""
+
+WINDOWS = 5
+"""How often the window is doubled until it holds the section."""
+
+CELLS_MAX = 20_000
+"""Branch and bound keeps this many cells open, and 100 per square, at most."""
+
+GRAIN = 0.2
+"""Smallest step along a ray, in distances between nodes."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Segment:
+    """What bounds a link at a section, or behind a point.
+
+    Parameters
+    ----------
+    bound : float
+        No link is longer [mm]; infinite where the section says nothing.
+    valid_to : float
+        The argument holds for links up to this length [mm]; longer ones would reach out of the
+        duct's end there.
+    ends : (2, dim) float
+        A segment that comes near the bound, world frame [mm].
+    """
+
+    bound: float
+    valid_to: float
+    ends: NDArray[np.float64]
+
+
+def bound_through(
+    ceiling: Ceiling,
+    line: NDArray[np.float64],
+    index: int,
+    *,
+    radius: float,
+    width: float,
+    limit: float,
+    tolerance: float,
+) -> Segment:
+    """Bound the links of a body `radius` that come through the section at a point of a line.
+
+    Parameters
+    ----------
+    ceiling : Ceiling
+    line : (n, 3) float
+        From the duct's start to its end, local frame [mm].
+    index : int
+        Of the point of the line.
+    radius : float
+        Of the body [mm].
+    width : float
+        Room at the point [mm], to begin with.
+    limit : float
+        Longer segments are not looked for [mm].
+    tolerance : float
+        How far, as a factor, the bound may be above a segment that was found.
+    """
+    axes = _find_axes(line, index, width, planar=ceiling.planar)
+    centre = line[index]
+    nothing = Segment(
+        bound=math.inf, valid_to=0.0, ends=ceiling.to_world(np.stack([centre, centre]))
+    )
+    section = _cover_section(ceiling, line, centre, axes, width)
+    if section is None:
+        return nothing
+    squares, half = section
+    corner = half if ceiling.planar else half * math.sqrt(2.0)
+    gaps = [float(np.linalg.norm(squares - end, axis=1).min()) - corner for end in line[[0, -1]]]
+    fits = ceiling.measure(squares) + corner >= radius
+    valid_to = 2.0 * max(min(gaps), 0.0)
+    if not fits.any():
+        return Segment(bound=0.0, valid_to=valid_to, ends=nothing.ends)
+    return _search(
+        ceiling,
+        np.ascontiguousarray(squares[fits]),
+        half,
+        axes,
+        back=False,
+        radius=radius,
+        limit=limit,
+        tolerance=tolerance,
+        valid_to=valid_to,
+    )
+
+
+def bound_behind(
+    ceiling: Ceiling,
+    line: NDArray[np.float64],
+    index: int,
+    *,
+    radius: float,
+    width: float,
+    limit: float,
+    tolerance: float,
+) -> Segment:
+    """Bound the links whose head is at a point of a line, and whose tail is behind it.
+
+    The parameters are those of `bound_through`.
+    """
+    axes = _find_axes(line, index, width, planar=ceiling.planar)
+    return _search(
+        ceiling,
+        line[index : index + 1].copy(),
+        0.0,
+        axes,
+        back=True,
+        radius=radius,
+        limit=limit,
+        tolerance=tolerance,
+        valid_to=float(np.linalg.norm(line[index] - line[0])),
+    )
+
+
+def _search(
+    ceiling: Ceiling,
+    starts: NDArray[np.float64],
+    half: float,
+    axes: NDArray[np.float64],
+    *,
+    back: bool,
+    radius: float,
+    limit: float,
+    tolerance: float,
+    valid_to: float,
+) -> Segment:
+    from .kernels.traverse import CELL, find_longest
+
+    bound, found = find_longest(
+        ceiling.values,
+        ceiling.step,
+        ceiling.floor,
+        starts,
+        half,
+        axes,
+        ceiling.planar,
+        back,
+        radius,
+        limit,
+        GRAIN * float(ceiling.step.min()),
+        1.0 + tolerance,
+        np.empty((CELLS_MAX + 100 * len(starts), CELL)),
+    )
+    bound = math.inf if bound >= limit else float(bound)
+    start, along = found[1:4], found[4:7] * found[0]
+    ends = (start, start + along) if back else (start - 0.5 * along, start + 0.5 * along)
+    return Segment(bound=bound, valid_to=valid_to, ends=ceiling.to_world(np.stack(ends)))
+
+
+def _find_axes(
+    line: NDArray[np.float64], index: int, width: float, *, planar: bool
+) -> NDArray[Any]:
+    """Return two axes of the section and its normal, as rows; see `find_longest` if planar."""
+    gaps = np.linalg.norm(line - line[index], axis=1) <= max(0.5 * width, 1e-9)
+    first, last = index, index
+    while first > 0 and (gaps[first - 1] or first == index):
+        first -= 1
+    while last < len(line) - 1 and (gaps[last + 1] or last == index):
+        last += 1
+    normal = line[last] - line[first]
+    normal = normal / np.linalg.norm(normal)
+    if planar:
+        return np.stack([np.array([-normal[1], normal[0], 0.0]), normal, normal])
+    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    one = np.cross(normal, helper)
+    one = one / np.linalg.norm(one)
+    return np.stack([one, np.cross(normal, one), normal])
+
+
+def _cover_section(
+    ceiling: Ceiling,
+    line: NDArray[np.float64],
+    centre: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    width: float,
+) -> tuple[NDArray[np.float64], float] | None:
+    """Return squares (k, 3) that cover the section around `centre`, and half their side.
+
+    None if they do not part the line's ends: the line crosses them an even number of times, or
+    they do not end in the largest window.
+    """
+    from scipy import ndimage
+
+    side = max(width, 2.0 * float(ceiling.step.max())) * 2.0 / SQUARES
+    half = 0.5 * side
+    reach = half if ceiling.planar else half * math.sqrt(2.0)
+    count = SQUARES
+    for _ in range(WINDOWS):
+        ticks = np.arange(-count, count + 1)
+        grid = np.stack(
+            np.meshgrid(ticks, np.zeros(1) if ceiling.planar else ticks, indexing="ij"), axis=-1
+        )
+        places = centre + side * (grid[..., :1] * axes[0] + grid[..., 1:] * axes[1])
+        room = ceiling.measure(places.reshape(-1, 3)).reshape(places.shape[:2])
+        marks, _ = ndimage.label(room + reach >= 0.0, structure=np.ones((3, 3)))
+        mark = marks[count, 0 if ceiling.planar else count]
+        if mark == 0:
+            return None
+        inside = marks == mark
+        rim = [inside[0], inside[-1]]
+        if not ceiling.planar:
+            rim += [inside[:, 0], inside[:, -1]]
+        if not any(bool(part.any()) for part in rim):
+            break
+        count *= 2
+    else:
+        return None
+    height = (line - centre) @ axes[2]
+    crossed = np.flatnonzero((height[:-1] < 0.0) != (height[1:] < 0.0))
+    share = height[crossed] / (height[crossed] - height[crossed + 1])
+    spots = line[crossed] + share[:, None] * (line[crossed + 1] - line[crossed]) - centre
+    cell = np.rint(spots @ axes[:2].T / side).astype(int) + count
+    if ceiling.planar:
+        cell[:, 1] = 0
+    legal = np.all((cell >= 0) & (cell < inside.shape), axis=1)
+    times = int(np.count_nonzero(inside[tuple(cell[legal].T)]))
+    return (places[inside], half) if times % 2 == 1 else None
+
 
 TOLERANCE = 0.01
 """How far the upper bounds may be above a segment that was found, as a fraction."""
@@ -258,3 +753,143 @@ def _refine(found: dict[int, Segment], visit: Any) -> None:
             return
         for index in fresh:
             visit(index)
+
+
+# How wide a body may be along a duct, with links of some length: bounds from both sides.
+
+RESOLUTION = 0.01
+"""Diameters are found to this fraction."""
+
+SECTIONS = 3
+"""The upper bound is sought at this many of the places that limit links most."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiameterLimits:
+    """What bounds the diameter of a body along a duct.
+
+    Parameters
+    ----------
+    link : float
+        Length of its links [mm]; 0 for links of any length, however short.
+    low, low_at : float
+        Thinner bodies pass, with all joints on the centreline [mm], and the place along the
+        centreline that limits them [mm]; proved. The place is infinite if the link is as long as
+        the way.
+    high, high_at : float
+        No thicker body passes [mm], and where; proved. Infinite where nothing is known.
+    """
+
+    link: float
+    low: float
+    low_at: float
+    high: float
+    high_at: float
+
+    def describe(self) -> dict[str, Any]:
+        """Return JSON-able values; infinite numbers stay infinite."""
+        return {
+            "diameter_low_mm": self.low,
+            "diameter_low_at_mm": self.low_at,
+            "diameter_high_mm": self.high,
+            "diameter_high_at_mm": self.high_at,
+        }
+
+
+def find_diameter_limits(
+    duct: Duct,
+    line: Centreline,
+    *,
+    link: float = 0.0,
+    stations: int = 40,
+    progress: Progress = no_progress,
+) -> DiameterLimits:
+    """Bound the largest diameter from below and above.
+
+    Parameters
+    ----------
+    duct, line
+        As for `find_link_limits`.
+    link : float
+        Length of the links [mm]; 0: as short as one likes.
+    stations : int
+        Places at which links are bounded, to find those that limit them.
+    progress : Progress
+
+    Returns
+    -------
+    DiameterLimits
+
+    Notes
+    -----
+    From below by the chords of the line (`find_link_limits`), to 1 % of the room. From above by
+    the passage (`find_passage`), and by sections: for links of a length those that limit such links
+    most, and the thinnest body whose links are proved not to come through; for links of any length
+    the tightest, and the thinnest body for whose middle they have no place. On a grid both ends
+    know the wall to about its spacing, so that the bounds of a narrow duct lie apart by twice that.
+    """
+    check_number("link", link, low=0.0, unit="mm")
+    points = np.asarray(line.points, dtype=np.float64)
+    room = float(np.median(line.radius))
+    tight = int(np.argmin(line.radius))
+    low, top = 0.0, float(line.radius[tight]) + 0.1 * room
+    low_at = float(line.arc_length[tight])
+    while top - low > RESOLUTION * max(top, 1e-9):
+        middle = 0.5 * (low + top)
+        scan = scan_line(duct, points, middle, room, longest=link)
+        if scan.value > link:
+            low = middle
+        else:
+            top, low_at = middle, scan.place
+        progress("diameter", min(0.4, 0.4 * low / max(top, 1e-9)))
+    passage = find_passage(duct, points[0], points[-1])
+    high = float(passage.bound)
+    gaps = np.linalg.norm(points - passage.place, axis=1)
+    high_at = float(line.arc_length[int(np.argmin(gaps))]) if math.isfinite(high) else math.inf
+    if math.isfinite(high):
+        ceiling = make_ceiling(duct)
+        local = ceiling.to_local(points)
+        if link > 0.0:
+            limits = find_link_limits(
+                duct, line, diameter=2.0 * low, stations=stations, ceiling=ceiling
+            )
+            places = limits.arc_length[np.argsort(limits.rigid, kind="stable")[:SECTIONS]]
+        else:
+            places = line.arc_length[_find_tightest(line)]
+        for place in places:
+            index = min(int(np.searchsorted(line.arc_length, place)), len(points) - 1)
+            least, most = low, high
+            while most - least > RESOLUTION * max(most, 1e-9):
+                middle = 0.5 * (least + most)
+                found = bound_through(
+                    ceiling,
+                    local,
+                    index,
+                    radius=middle,
+                    width=max(float(line.radius[index]), float(ceiling.step.max())),
+                    limit=4.0 * link if link > 0.0 else float(ceiling.step.min()),
+                    tolerance=0.005,
+                )
+                # The head of any link, however long, goes through the section.
+                if found.bound == 0.0 or found.bound < min(link, found.valid_to):
+                    most = middle
+                else:
+                    least = middle
+            if most < high:
+                high, high_at = most, float(line.arc_length[index])
+    progress("diameter", 1.0)
+    return DiameterLimits(
+        link=float(link), low=2.0 * low, low_at=low_at, high=2.0 * high, high_at=high_at
+    )
+
+
+def _find_tightest(line: Centreline) -> NDArray[np.int64]:
+    """Return places (k,) with the least room, at least as far apart as there is room."""
+    found: list[int] = []
+    for index in np.argsort(line.radius, kind="stable"):
+        gaps = [abs(line.arc_length[index] - line.arc_length[other]) for other in found]
+        if min(gaps, default=math.inf) >= line.radius[index]:
+            found.append(int(index))
+        if len(found) == SECTIONS:
+            break
+    return np.array(found)

@@ -4,7 +4,7 @@ The bend is a torus, or the ring between two circles in the plane; its limbs are
 a segment between two joints with a body of some radius around it (a capsule).
 
 They correct the hypothesis of thesis 5.3.5, that a link may be as long as the diameter of a circle
-that rolls along the wall; `bozzini.duct.traverse_curvature` has that test.
+that rolls along the wall; `bozzini.thesis.traverse_curvature` has that test.
 """
 
 from __future__ import annotations

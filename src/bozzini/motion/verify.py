@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_number, check_points
+from ..duct.base import Duct, count_dimensions
 from ..duct.build import build_field
-from ..duct.centreline import measure_arc_length
 from ..duct.field import SampledField
-from ..duct.protocol import Duct, count_dimensions
 from ..duct.refined import RefinedField, refine_field
 from ..errors import FileFormatError, InputError
+from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import TOLERANCE, Certificate, certify_plan
 from .insertion import METHODS, measure_body

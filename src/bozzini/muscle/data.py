@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
 from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
-from ..files import write_atomically
+from ..io.files import write_atomically
 from ..units import parse_quantity
 
 if TYPE_CHECKING:

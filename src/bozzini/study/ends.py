@@ -16,9 +16,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..anatomy.findings import Finding, name_place
 from ..anatomy.frame import find_axis
-from ..anatomy.tract import LabelTract, Opening, SurfaceTract
+from ..anatomy.tract import Finding, LabelTract, Opening, SurfaceTract, name_place
 from ..checks import check_points
 from ..duct import Centreline, SampledField, find_centreline
 from ..duct.build import INFLATION_MAX

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..anatomy.findings import Finding
-from ..anatomy.tract import LabelTract, SurfaceTract
+from ..anatomy.frame import convert_frame
+from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..continuum import ContinuumRobot
-from ..continuum.actuate import actuate_plan
-from ..continuum.actuation import Actuation
 from ..duct import Centreline, SampledField, build_field
 from ..duct.refined import RefinedField, refine_field
-from ..files import new_directory, write_text
+from ..io.files import new_directory, write_atomically, write_text
 from ..motion import (
     METHODS,
     Largest,
@@ -34,15 +34,222 @@ from ..motion import (
     plan_insertion,
     plan_with_soft_wall,
 )
+from ..motion.actuate.actuate import actuate_plan
+from ..motion.actuate.actuation import Actuation
+from ..motion.measures import measure_displacement
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
-from ._robot import find_robot_trouble, write_robot
 from .ends import End, Way, find_introducer_crossing, find_way, resolve_places, turn_way
-from .exports import write_centreline, write_volumes
 from .inputs import check_options, explain_scale
 from .reach import Unreached, find_unreached
 
-__all__ = ["InsertionStudy", "run_insertion"]
+# What the main job says and writes of a tendon robot.
+
+
+def find_robot_trouble(actuation: Actuation) -> tuple[Finding, ...]:
+    """Return why the robot does not go all the way, as a finding for report and command line."""
+    if actuation.status == "complete":
+        return ()
+    name, reason = actuation.robot.name, actuation.reason
+    return (Finding("robot", "warning", f"the robot '{name}' does not get there: {reason}"),)
+
+
+def write_robot(actuation: Actuation, folder: Path) -> None:
+    """Write time tables, figure and everything else of a robot's motion into a directory.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    from ..plot import draw_robot_motion, write_figure
+
+    actuation.write_csv(folder / "tendons.csv")
+    if find_spec("pyarrow") is not None:
+        actuation.write_parquet(folder / "tendons.parquet")
+    actuation.save(folder / "robot.npz")
+    write_figure(draw_robot_motion(actuation), folder / "robot.png")
+
+
+# The summary of a plan: what ``--json`` prints and ``summary.json`` holds.
+
+
+def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[str, Any]:
+    """Return a plan's summary as JSON-able values.
+
+    Parameters
+    ----------
+    plan : Plan
+    field : SampledField
+        The lumen it was made in.
+    line : Centreline
+        The way to the goal.
+    """
+    measures, certificate = plan.meta["measures"], plan.meta["certificate"]
+    inside = bool(np.isfinite(plan.clearance).any())
+    narrow = int(np.argmin(line.radius))
+    summary: dict[str, Any] = {
+        "method": plan.method,
+        "status": plan.status,
+        "reason": plan.reason,
+        "reason_code": plan.reason_code,
+        "certified": bool(plan.meta["certified"]),
+        # A bound below zero proves nothing, and is loose outside the lumen: no number to quote.
+        "clearance_certified_mm": certificate["clearance_mm"] if plan.meta["certified"] else None,
+        "stopped_at_mm": plan.inserted if plan.status == "stopped" else None,
+        "centreline_length_mm": line.length,
+        "inserted_mm": plan.inserted,
+        "steps": plan.steps,
+        "links": plan.links,
+        "clearance_min_mm": measures["clearance_min_mm"] if inside else None,
+        "clearance_where_mm": measures["clearance_where_mm"] if inside else None,
+        "clearance_insertion_mm": measures["clearance_insertion_mm"] if inside else None,
+        "clearance_error_mm": plan.meta["field"]["clearance_error_mm"],
+        "joint_step_max_mm": measures["joint_step_max_mm"],
+        "joint_step_ratio_max": measures["joint_step_ratio_max"],
+        "head_step_mm": plan.meta["head_step_mm"],
+        "joint_angle_max_rad": measures["joint_angle_max_rad"],
+        "joint_travel_mm": measures["joint_travel_mm"],
+        "displacement_ratio": measure_displacement(plan),
+        "radius_min_mm": float(line.radius[narrow]),
+        "radius_min_where_mm": float(line.arc_length[narrow]),
+        "wall": plan.meta["wall"],
+        "wall_error_mm": field.wall_error,
+        "voxel_mm": [float(h) for h in field.spacing],
+        "inflation_mm": field.inflation,
+        "scope": plan.meta["scope"],
+    }
+    for key in ("refusal", "soft_wall", "candidates", "input"):
+        if key in plan.meta and plan.meta[key] is not None:
+            summary[key] = plan.meta[key]
+    return summary
+
+
+# Results in the formats of other tools: 3D Slicer markups, VTK poly data, NIfTI volumes.
+#
+# Coordinates stay in the frame of the input [mm]. Slicer's markups name that frame, RAS or LPS; a
+# NIfTI file's world is RAS+ by its standard, so there the axes are turned.
+
+MARKUPS_SCHEMA = (
+    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
+    "Resources/Schema/markups-schema-v1.0.3.json#"
+)
+
+
+def write_centreline(line: Centreline, folder: Path, *, frame: str) -> None:
+    """Write centreline.mrk.json and centreline.vtp into a folder.
+
+    Parameters
+    ----------
+    frame : str
+        Of the line's coordinates, such as ``"RAS"``. Markups know RAS and LPS only: coordinates
+        in any other frame are turned to RAS there.
+    """
+    write_text(folder / "centreline.mrk.json", _format_markups(line, frame))
+    write_text(folder / "centreline.vtp", _format_poly_line(line))
+
+
+def _format_markups(line: Centreline, frame: str) -> str:
+    system, points = frame, line.points
+    if frame not in ("RAS", "LPS"):
+        system, points = "RAS", points @ convert_frame(np.eye(4), frame)[:3, :3].T
+    record = {
+        "@schema": MARKUPS_SCHEMA,
+        "markups": [
+            {
+                "type": "Curve",
+                "coordinateSystem": system,
+                "coordinateUnits": "mm",
+                "labelFormat": "%N-%d",
+                "controlPoints": [
+                    {
+                        "id": f"{number}",
+                        "label": f"{arc:.0f} mm",
+                        "position": [round(float(value), 4) for value in point],
+                        "selected": True,
+                        "locked": True,
+                        "visibility": False,
+                        "positionStatus": "defined",
+                    }
+                    for number, (point, arc) in enumerate(
+                        zip(points, line.arc_length, strict=True), start=1
+                    )
+                ],
+                "measurements": [
+                    {
+                        "name": "length",
+                        "enabled": True,
+                        "value": round(line.length, 4),
+                        "units": "mm",
+                    }
+                ],
+                "display": {"visibility": True, "pointLabelsVisibility": False},
+            }
+        ],
+    }
+    return json.dumps(record, indent=1, allow_nan=False) + "\n"
+
+
+def _format_poly_line(line: Centreline) -> str:
+    count = len(line.points)
+
+    def array(name: str, values: NDArray[np.float64], parts: int = 1) -> str:
+        text = " ".join(f"{value:.6g}" for value in np.asarray(values).ravel())
+        return (
+            f'<DataArray type="Float64" Name="{name}" NumberOfComponents="{parts}" '
+            f'format="ascii">{text}</DataArray>'
+        )
+
+    connectivity = " ".join(str(number) for number in range(count))
+    return (
+        '<?xml version="1.0"?>\n'
+        '<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian">\n<PolyData>\n'
+        f'<Piece NumberOfPoints="{count}" NumberOfVerts="0" NumberOfLines="1" '
+        'NumberOfStrips="0" NumberOfPolys="0">\n'
+        '<PointData Scalars="MaximumInscribedSphereRadius">\n'
+        f"{array('MaximumInscribedSphereRadius', line.radius)}\n"
+        f"{array('ArcLength', line.arc_length)}\n</PointData>\n"
+        f"<Points>\n{array('Points', line.points, 3)}\n</Points>\n<Lines>\n"
+        f'<DataArray type="Int64" Name="connectivity" format="ascii">{connectivity}</DataArray>\n'
+        f'<DataArray type="Int64" Name="offsets" format="ascii">{count}</DataArray>\n'
+        "</Lines>\n</Piece>\n</PolyData>\n</VTKFile>\n"
+    )
+
+
+def write_volumes(
+    field: SampledField, tract: LabelTract | SurfaceTract, folder: Path, *, frame: str
+) -> None:
+    """Write the distance field and the lumen as field.nii.gz and labels.nii.gz.
+
+    The field is the signed distance to the (inflated) wall [mm], negative inside. The lumen has
+    the labels of the tract, cropped to it as the tract is; of a surface it is 1 at the nodes of
+    the field that lie inside.
+    """
+    axes = np.eye(4)
+    axes[:3, :3] = field.rotation * field.spacing
+    axes[:3, 3] = field.origin
+    values = np.asarray(field.values, dtype=np.float32) - np.float32(field.inflation)
+    _write_nifti(folder / "field.nii.gz", values, axes, frame)
+    if isinstance(tract, LabelTract):
+        _write_nifti(folder / "labels.nii.gz", tract.labels, tract.affine, frame)
+    else:
+        inside = np.asarray(field.values < 0.0).astype(np.uint8)
+        _write_nifti(folder / "labels.nii.gz", inside, axes, frame)
+
+
+def _write_nifti(
+    path: Path, values: NDArray[np.generic], affine: NDArray[np.float64], frame: str
+) -> None:
+    import nibabel
+
+    image: Any = nibabel.Nifti1Image(values, convert_frame(affine, frame))  # type: ignore[no-untyped-call]
+    image.header.set_xyzt_units("mm")
+    data = gzip.compress(image.to_bytes(), compresslevel=4, mtime=0)
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(data)
+
+    write_atomically(path, write)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,8 +328,6 @@ class InsertionStudy:
 
     def summarise(self) -> dict[str, Any]:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
-        from .summary import summarise_plan
-
         summary = summarise_plan(self.plan, self.field, self.line)
         summary["fits"] = self.fits
         if self.passage is not None:
@@ -189,7 +394,9 @@ class InsertionStudy:
         OutputError
             If the directory exists (without `force`) or cannot be written.
         """
-        from ..view import draw_overview, write_report, write_scene
+        from ..plot import draw_overview
+        from ..report import write_report
+        from ..scene import write_scene
 
         with new_directory(directory, force=force) as folder:
             progress("report", 0.0)
@@ -226,7 +433,7 @@ class InsertionStudy:
                 )
             progress("report", 1.0)
             self.seconds["total"] = sum(v for k, v in self.seconds.items() if k != "total")
-            # The names are what --force may remove later, see `bozzini.files.new_directory`.
+            # The names are what --force may remove later, see `bozzini.io.files.new_directory`.
             files = [path for path in folder.rglob("*") if path.is_file()]
             names = {path.relative_to(folder).as_posix() for path in files} | {"summary.json"}
             summary = self.summarise() | {"files": sorted(names)}

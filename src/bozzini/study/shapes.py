@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..anatomy.findings import Finding
-from ..anatomy.tract import LabelTract, SurfaceTract
+from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..checks import check_integer, check_number
 from ..duct import Centreline, SampledField, build_field
-from ..duct.fit import PERCENTS, FittedDuct, fit_duct, mesh_from_mask
-from ..duct.mesh import TriangleMesh
-from ..duct.sections import SectionCircles, Sections, cut_sections
+from ..duct.fitting.fit import FittedDuct, fit_duct, mesh_from_mask
+from ..duct.fitting.measure import PERCENTS, SectionCircles, Sections, cut_sections
+from ..duct.shapes.mesh import TriangleMesh
 from ..progress import Progress, no_progress
 from .ends import End, Way, find_way, resolve_places
 from .inputs import explain_scale
@@ -136,7 +135,7 @@ def run_fit(
     ----------
     tract : LabelTract or SurfaceTract
     kind, max_error, pieces, inside
-        See `bozzini.duct.fit.fit_duct`.
+        See `bozzini.duct.fitting.fit.fit_duct`.
     start, end, via, reverse, voxel, inflate, progress
         See `run_insertion`.
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..anatomy.findings import Finding
-from ..anatomy.tract import LabelTract, SurfaceTract
+from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..checks import check_number
 from ..duct import (
     Centreline,
@@ -22,13 +21,11 @@ from ..duct import (
     to_field,
 )
 from ..duct.build import INFLATION_MAX
-from ..duct.chain_line import follow_chain
-from ..duct.cylinders import ConnectedCylinders
-from ..duct.line_room import widen_line
-from ..duct.shapes_file import FITS
+from ..duct.chain_line import follow_chain, widen_line
+from ..duct.shape_files import FITS
+from ..duct.shapes.cylinders import ConnectedCylinders
 from ..errors import InputError
-from ..motion.traverse import LinkLimits, find_link_limits
-from ..motion.traverse_diameter import DiameterLimits, find_diameter_limits
+from ..motion.traverse import DiameterLimits, LinkLimits, find_diameter_limits, find_link_limits
 from ..progress import Progress, no_progress
 from .ends import End, find_way, list_branches, resolve_places
 from .inputs import explain_scale
@@ -134,7 +131,7 @@ def run_limits(
     link : float, optional
         A length to judge, and to find the largest diameter for [mm].
     fit : str
-        How a duct of shapes was fitted to a tract, one of `bozzini.duct.shapes_file.FITS`.
+        How a duct of shapes was fitted to a tract, one of `bozzini.duct.shape_files.FITS`.
     start, end, via, reverse, voxel, inflate, progress
         See `run_insertion`.
 

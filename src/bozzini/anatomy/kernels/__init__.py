@@ -1,0 +1,1 @@
+"""Compiled kernels of voxels and triangles: scalars and arrays, no Python objects."""

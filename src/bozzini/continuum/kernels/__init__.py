@@ -1,0 +1,1 @@
+"""Compiled kernels of continuum robots: scalars and arrays, no Python objects."""

@@ -1,0 +1,778 @@
+"""Numba kernels of the discrete rod: Newton's method on its energy under the tendons' lengths.
+
+The rod is a row of segments with one rotation vector each. It takes the least
+``1/2 sum w^T K w`` for which no tendon is longer than the cable it was given: the tensions are the
+multipliers of that, so none is negative, and a tendon that is not needed hangs slack by itself.
+Every step is a quadratic problem whose dual has one unknown per tendon (`solve_bounded`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+# Numba kernels of one segment of the discrete rod: tendon length, its gradient and its Hessian.
+#
+# Everything is a sum of ``d . f(w) r`` with ``f(w) = f_n I + f_(n+1) [w] + f_(n+2) w w^T`` and the
+# entire functions ``f_n(q) = sum_k (-q)^k / (2 k + n)!`` of ``q = |w|^2``: the rotation itself is
+# n = 0, and the integral of rotations along an arc is n = 1. They are smooth at ``w = 0``.
+
+CHORD = 0
+ARC = 1
+CHANNEL = 2
+
+FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0, 720.0, 5040.0])
+
+
+@njit(cache=True)
+def fill_functions(q, f):
+    """Fill ``f`` (8,) with ``f_n(q)``: the two last by their series, then down from them."""
+    for n in (6, 7):
+        term = 1.0 / FACTORIALS[n]
+        total = term
+        for k in range(1, 40):
+            term *= -q / ((2 * k + n) * (2 * k + n - 1))
+            total += term
+            if abs(term) < 1e-17 * abs(total):
+                break
+        f[n] = total
+    for n in range(5, -1, -1):
+        f[n] = 1.0 / FACTORIALS[n] - q * f[n + 2]
+
+
+@njit(cache=True)
+def fill_rotation(w, f, rotation):
+    """Rotation matrix (3, 3) of the rotation vector ``w``, given its functions ``f``."""
+    for i in range(3):
+        for k in range(3):
+            rotation[i, k] = f[2] * w[i] * w[k]
+        rotation[i, i] += f[0]
+    rotation[0, 1] -= f[1] * w[2]
+    rotation[0, 2] += f[1] * w[1]
+    rotation[1, 0] += f[1] * w[2]
+    rotation[1, 2] -= f[1] * w[0]
+    rotation[2, 0] -= f[1] * w[1]
+    rotation[2, 1] += f[1] * w[0]
+
+
+@njit(cache=True)
+def add_form(w, f, n, r0, r1, r2, scale, inner, value, slope):
+    """Add ``scale f(inner w) r`` to ``value`` and its derivative by ``w`` to ``slope`` (3, 3).
+
+    ``f`` are the functions of ``inner w``.
+    """
+    w0, w1, w2 = inner * w[0], inner * w[1], inner * w[2]
+    along = w0 * r0 + w1 * r1 + w2 * r2
+    c0, c1, c2 = w1 * r2 - w2 * r1, w2 * r0 - w0 * r2, w0 * r1 - w1 * r0
+    value[0] += scale * (f[n] * r0 + f[n + 1] * c0 + f[n + 2] * along * w0)
+    value[1] += scale * (f[n] * r1 + f[n + 1] * c1 + f[n + 2] * along * w1)
+    value[2] += scale * (f[n] * r2 + f[n + 1] * c2 + f[n + 2] * along * w2)
+    # Twice the derivatives by q: 2 f_n' = n f_(n+2) - f_(n+1).
+    p0 = n * f[n + 2] - f[n + 1]
+    p1 = (n + 1) * f[n + 3] - f[n + 2]
+    p2 = (n + 2) * f[n + 4] - f[n + 3]
+    s = scale * inner
+    e0 = s * (p0 * r0 + p1 * c0 + p2 * along * w0)
+    e1 = s * (p0 * r1 + p1 * c1 + p2 * along * w1)
+    e2 = s * (p0 * r2 + p1 * c2 + p2 * along * w2)
+    a, b = s * f[n + 1], s * f[n + 2]
+    slope[0, 0] += e0 * w0 + b * (along + w0 * r0)
+    slope[0, 1] += e0 * w1 + a * r2 + b * w0 * r1
+    slope[0, 2] += e0 * w2 - a * r1 + b * w0 * r2
+    slope[1, 0] += e1 * w0 - a * r2 + b * w1 * r0
+    slope[1, 1] += e1 * w1 + b * (along + w1 * r1)
+    slope[1, 2] += e1 * w2 + a * r0 + b * w1 * r2
+    slope[2, 0] += e2 * w0 + a * r1 + b * w2 * r0
+    slope[2, 1] += e2 * w1 - a * r0 + b * w2 * r1
+    slope[2, 2] += e2 * w2 + b * (along + w2 * r2)
+
+
+@njit(cache=True)
+def add_form_hessian(w, f, n, r0, r1, r2, d, scale, inner, hessian):
+    """Add to ``hessian`` (3, 3) the second derivative by ``w`` of ``scale d . f(inner w) r``."""
+    w0, w1, w2 = inner * w[0], inner * w[1], inner * w[2]
+    d0, d1, d2 = d[0], d[1], d[2]
+    x0, x1, x2 = r1 * d2 - r2 * d1, r2 * d0 - r0 * d2, r0 * d1 - r1 * d0
+    dot = d0 * r0 + d1 * r1 + d2 * r2
+    turn = w0 * x0 + w1 * x1 + w2 * x2
+    wr = w0 * r0 + w1 * r1 + w2 * r2
+    wd = w0 * d0 + w1 * d1 + w2 * d2
+    p0 = n * f[n + 2] - f[n + 1]
+    p1 = (n + 1) * f[n + 3] - f[n + 2]
+    p2 = (n + 2) * f[n + 4] - f[n + 3]
+    # Four times the second derivatives by q.
+    t0 = f[n + 2] - (2 * n + 1) * f[n + 3] + n * (n + 2) * f[n + 4]
+    t1 = f[n + 3] - (2 * n + 3) * f[n + 4] + (n + 1) * (n + 3) * f[n + 5]
+    t2 = f[n + 4] - (2 * n + 5) * f[n + 5] + (n + 2) * (n + 4) * f[n + 6]
+    s = scale * inner * inner
+    first = s * (p0 * dot + p1 * turn + p2 * wr * wd)
+    second = s * (t0 * dot + t1 * turn + t2 * wr * wd)
+    g0 = s * (p1 * x0 + p2 * (wd * r0 + wr * d0)) + 0.5 * second * w0
+    g1 = s * (p1 * x1 + p2 * (wd * r1 + wr * d1)) + 0.5 * second * w1
+    g2 = s * (p1 * x2 + p2 * (wd * r2 + wr * d2)) + 0.5 * second * w2
+    b = s * f[n + 2]
+    hessian[0, 0] += first + 2.0 * (w0 * g0 + b * r0 * d0)
+    hessian[1, 1] += first + 2.0 * (w1 * g1 + b * r1 * d1)
+    hessian[2, 2] += first + 2.0 * (w2 * g2 + b * r2 * d2)
+    h01 = w0 * g1 + w1 * g0 + b * (r0 * d1 + r1 * d0)
+    h02 = w0 * g2 + w2 * g0 + b * (r0 * d2 + r2 * d0)
+    h12 = w1 * g2 + w2 * g1 + b * (r1 * d2 + r2 * d1)
+    hessian[0, 1] += h01
+    hessian[1, 0] += h01
+    hessian[0, 2] += h02
+    hessian[2, 0] += h02
+    hessian[1, 2] += h12
+    hessian[2, 1] += h12
+
+
+@njit(cache=True)
+def move_forward(w, f, half, length, backbone, value, slope):
+    """Step of the backbone over a segment (3,) and its derivative by ``w`` (3, 3).
+
+    A chord of the segment's length half-way between its two tangents, or the arc of that length.
+    ``f`` are the functions of ``w``, ``half`` those of ``w / 2``.
+    """
+    value[:] = 0.0
+    slope[:] = 0.0
+    if backbone == CHORD:
+        add_form(w, half, 0, 0.0, 0.0, 1.0, length, 0.5, value, slope)
+    else:
+        add_form(w, f, 1, 0.0, 0.0, 1.0, length, 1.0, value, slope)
+
+
+@njit(cache=True)
+def measure_length(
+    w, f, half, length, backbone, start, end, step, step_slope, tension, work, slope, psd, full
+):
+    """Length of one tendon over a segment [mm], straight between the discs.
+
+    ``start`` and ``end`` are its places (2,) in the two discs. Fills its gradient ``slope`` (3,)
+    and adds ``tension`` times its Hessian to ``full``, and the part of the Hessian that cannot be
+    negative to ``psd``. ``work`` is (5, 3).
+    """
+    value, matrix = work[0], work[1:4]
+    for i in range(3):
+        value[i] = step[i]
+        for k in range(3):
+            matrix[i, k] = step_slope[i, k]
+    add_form(w, f, 0, end[0], end[1], 0.0, 1.0, 1.0, value, matrix)
+    value[0] -= start[0]
+    value[1] -= start[1]
+    size = math.sqrt(value[0] ** 2 + value[1] ** 2 + value[2] ** 2)
+    way = work[4]
+    for i in range(3):
+        way[i] = value[i] / size
+    for k in range(3):
+        slope[k] = way[0] * matrix[0, k] + way[1] * matrix[1, k] + way[2] * matrix[2, k]
+    if tension == 0.0:
+        return size
+    share = tension / size
+    for i in range(3):
+        for k in range(3):
+            square = (
+                matrix[0, i] * matrix[0, k]
+                + matrix[1, i] * matrix[1, k]
+                + matrix[2, i] * matrix[2, k]
+            )
+            part = share * (square - slope[i] * slope[k])
+            full[i, k] += part
+            if tension > 0.0:
+                psd[i, k] += part
+    add_form_hessian(w, f, 0, end[0], end[1], 0.0, way, tension, 1.0, full)
+    if backbone == CHORD:
+        add_form_hessian(w, half, 0, 0.0, 0.0, 1.0, way, tension * length, 0.5, full)
+    else:
+        add_form_hessian(w, f, 1, 0.0, 0.0, 1.0, way, tension * length, 1.0, full)
+    return size
+
+
+@njit(cache=True)
+def measure_channel(w, length, guides, weights, tension, slope, psd, full):
+    """Length of one tendon in a smooth channel of a segment of constant curvature and twist [mm].
+
+    ``guides`` (g, 4) are place and slope of the channel at Gauss points of ``weights`` (g,), which
+    add up to 1. Fills and adds as `measure_length`; this length is convex in ``w``.
+    """
+    total = 0.0
+    slope[:] = 0.0
+    u0, u1, u2 = w[0] / length, w[1] / length, w[2] / length
+    for g in range(weights.size):
+        x, y = guides[g, 0], guides[g, 1]
+        v0 = guides[g, 2] - u2 * y
+        v1 = guides[g, 3] + u2 * x
+        v2 = 1.0 + u0 * y - u1 * x
+        size = math.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
+        total += weights[g] * length * size
+        m0, m1, m2 = v2 * y / size, -v2 * x / size, (v1 * x - v0 * y) / size
+        slope[0] += weights[g] * m0
+        slope[1] += weights[g] * m1
+        slope[2] += weights[g] * m2
+        if tension == 0.0:
+            continue
+        share = tension * weights[g] / (length * size)
+        h00, h01, h02 = share * (y * y - m0 * m0), share * (-x * y - m0 * m1), -share * m0 * m2
+        h11, h12 = share * (x * x - m1 * m1), -share * m1 * m2
+        h22 = share * (x * x + y * y - m2 * m2)
+        for part in range(2 if tension > 0.0 else 1):
+            matrix = full if part == 0 else psd
+            matrix[0, 0] += h00
+            matrix[1, 1] += h11
+            matrix[2, 2] += h22
+            matrix[0, 1] += h01
+            matrix[1, 0] += h01
+            matrix[0, 2] += h02
+            matrix[2, 0] += h02
+            matrix[1, 2] += h12
+            matrix[2, 1] += h12
+    return total
+
+
+# Numba kernel of the tensions: a small convex quadratic problem with bounds.
+#
+# ``minimise 1/2 T^T A T + b^T T`` over ``low <= T <= high``, by an active-set method: bounds are
+# released one at a time, the free ones solved by Cholesky. With a strictly convex ``A`` (the caller
+# adds a little to its diagonal) it ends after finitely many steps.
+
+
+@njit(cache=True)
+def solve_cholesky(matrix, right, size):
+    """Solve in place; the answer is in ``right``, ``matrix`` is lost. False if not definite."""
+    for i in range(size):
+        for k in range(i + 1):
+            total = matrix[i, k]
+            for n in range(k):
+                total -= matrix[i, n] * matrix[k, n]
+            if i > k:
+                matrix[i, k] = total / matrix[k, k]
+            elif total <= 0.0:
+                return False
+            else:
+                matrix[i, i] = math.sqrt(total)
+    for i in range(size):
+        for n in range(i):
+            right[i] -= matrix[i, n] * right[n]
+        right[i] /= matrix[i, i]
+    for i in range(size - 1, -1, -1):
+        for n in range(i + 1, size):
+            right[i] -= matrix[n, i] * right[n]
+        right[i] /= matrix[i, i]
+    return True
+
+
+@njit(cache=True)
+def solve_bounded(matrix, vector, low, high, tension):
+    """Fill ``tension`` (k,) with the minimiser, from where it stands. False if it did not end."""
+    size = vector.size
+    state = np.zeros(size, dtype=np.int8)  # 0 free, -1 at the lower bound, 1 at the upper
+    blocked = np.zeros(size, dtype=np.bool_)
+    free = np.empty(size, dtype=np.int64)
+    square = np.empty((size, size))
+    right = np.empty(size)
+    scale = 0.0
+    for k in range(size):
+        tension[k] = min(max(tension[k], low[k]), high[k])
+        if tension[k] <= low[k]:
+            state[k] = -1
+        elif tension[k] >= high[k]:
+            state[k] = 1
+        scale = max(scale, abs(vector[k]))
+    for _ in range(20 * size + 20):
+        # The free ones, until all of them stay inside their bounds.
+        for _ in range(size + 1):
+            count = 0
+            for k in range(size):
+                if state[k] == 0:
+                    free[count] = k
+                    count += 1
+            if count == 0:
+                break
+            for i in range(count):
+                total = -vector[free[i]]
+                for k in range(size):
+                    if state[k] != 0:
+                        total -= matrix[free[i], k] * tension[k]
+                right[i] = total
+                for k in range(count):
+                    square[i, k] = matrix[free[i], free[k]]
+            if not solve_cholesky(square, right, count):
+                return False
+            share, first = 1.0, -1
+            for i in range(count):
+                k = free[i]
+                move = right[i] - tension[k]
+                if right[i] < low[k] and (low[k] - tension[k]) > share * move:
+                    share, first = (low[k] - tension[k]) / move, i
+                elif right[i] > high[k] and (high[k] - tension[k]) < share * move:
+                    share, first = (high[k] - tension[k]) / move, i
+            for i in range(count):
+                tension[free[i]] += share * (right[i] - tension[free[i]])
+            if share > 0.0:
+                blocked[:] = False
+            if first < 0:
+                break
+            k = free[first]
+            state[k] = -1 if right[first] < low[k] else 1
+            tension[k] = low[k] if state[k] < 0 else high[k]
+            blocked[k] = True
+        # The bound that most wants to be released.
+        worst, most = -1, 1e-15 * scale
+        for k in range(size):
+            if state[k] == 0 or blocked[k]:
+                continue
+            pull = vector[k]
+            reach = abs(vector[k])
+            for i in range(size):
+                pull += matrix[k, i] * tension[i]
+                reach = max(reach, abs(matrix[k, i] * tension[i]))
+            gain = -pull if state[k] < 0 else pull
+            if gain > most and gain > 1e-14 * reach:
+                worst, most = k, gain
+        if worst < 0:
+            return True
+        state[worst] = 0
+    return False
+
+
+# Numba kernels of the discrete rod: lengths of its tendons, its frames, and its linear problem.
+#
+# A ``grid`` is what they all take: the segments' lengths (n,), their moments by turn about x, y and
+# z (n, 3), the tendons' places in the cross-sections (k, n + 1, 2), their places and slopes at the
+# Gauss points (k, n, g, 4), how many segments each tendon passes (k,), and the kind of segment.
+
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
+"""Gauss points of a segment, from 0 to 1, and their weights."""
+
+
+@njit(cache=True)
+def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
+    """Fill tendon lengths (k,), their gradients (k, n, 3), and the Hessians (n, 3, 3) by tension.
+
+    ``full`` gets ``sum_k T_k d2l_k/dw2`` and ``psd`` the part of it that cannot be negative.
+    """
+    spans, _, paths, guides, counts, segment = grid
+    f, half = np.empty(8), np.empty(8)
+    step, step_slope, work = np.empty(3), np.empty((3, 3)), np.empty((5, 3))
+    lengths[:] = 0.0
+    slopes[:] = 0.0
+    psd[:] = 0.0
+    full[:] = 0.0
+    for j in range(spans.size):
+        w = turns[j]
+        if segment == CHANNEL:
+            for k in range(counts.size):
+                if j < counts[k]:
+                    lengths[k] += measure_channel(
+                        w,
+                        spans[j],
+                        guides[k, j],
+                        WEIGHTS,
+                        tensions[k],
+                        slopes[k, j],
+                        psd[j],
+                        full[j],
+                    )
+            continue
+        q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+        fill_functions(q, f)
+        fill_functions(0.25 * q, half)
+        move_forward(w, f, half, spans[j], segment, step, step_slope)
+        for k in range(counts.size):
+            if j < counts[k]:
+                lengths[k] += measure_length(
+                    w,
+                    f,
+                    half,
+                    spans[j],
+                    segment,
+                    paths[k, j],
+                    paths[k, j + 1],
+                    step,
+                    step_slope,
+                    tensions[k],
+                    work,
+                    slopes[k, j],
+                    psd[j],
+                    full[j],
+                )
+
+
+@njit(cache=True)
+def fill_frames(grid, turns, rotations, points):
+    """Frames of the discs, base first: rotations (n + 1, 3, 3) and origins (n + 1, 3)."""
+    spans, _, _, _, _, segment = grid
+    f, half = np.empty(8), np.empty(8)
+    step, slope, turn = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    rotations[0] = np.eye(3)
+    points[0] = 0.0
+    for j in range(spans.size):
+        w = turns[j]
+        q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
+        fill_functions(q, f)
+        fill_functions(0.25 * q, half)
+        move_forward(w, f, half, spans[j], segment, step, slope)
+        fill_rotation(w, f, turn)
+        for i in range(3):
+            points[j + 1, i] = points[j, i]
+            for k in range(3):
+                points[j + 1, i] += rotations[j, i, k] * step[k]
+                rotations[j + 1, i, k] = 0.0
+                for m in range(3):
+                    rotations[j + 1, i, k] += rotations[j, i, m] * turn[m, k]
+
+
+@njit(cache=True)
+def invert(matrix, least, inverse):
+    """Inverse of a symmetric 3x3 matrix; False unless its pivots exceed ``least`` (3,)."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, g = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    if a <= least[0]:
+        return False
+    second = d - b * b / a
+    if second <= least[1]:
+        return False
+    cross = e - b * c / a
+    third = g - c * c / a - cross * cross / second
+    if third <= least[2]:
+        return False
+    whole = a * second * third
+    inverse[0, 0] = (d * g - e * e) / whole
+    inverse[0, 1] = (c * e - b * g) / whole
+    inverse[0, 2] = (b * e - c * d) / whole
+    inverse[1, 1] = (a * g - c * c) / whole
+    inverse[1, 2] = (b * c - a * e) / whole
+    inverse[2, 2] = (a * d - b * b) / whole
+    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
+    return True
+
+
+@njit(cache=True)
+def invert_blocks(stiffness, psd, full, exact, inverses):
+    """Invert the Hessian (n, 3, 3); where it is not positive, the part of it that is. Counts."""
+    block, least = np.empty((3, 3)), np.empty(3)
+    replaced = 0
+    for j in range(stiffness.shape[0]):
+        done = False
+        if exact:
+            for i in range(3):
+                least[i] = 1e-3 * stiffness[j, i]
+                for k in range(3):
+                    block[i, k] = full[j, i, k]
+                block[i, i] += stiffness[j, i]
+            done = invert(block, least, inverses[j])
+        if not done:
+            replaced += 1
+            least[:] = 0.0
+            for i in range(3):
+                for k in range(3):
+                    block[i, k] = psd[j, i, k] if exact else 0.0
+                block[i, i] += stiffness[j, i]
+            invert(block, least, inverses[j])
+    return replaced
+
+
+@njit(cache=True)
+def reduce_problem(slopes, counts, inverses, forces, matrix, vector, carried):
+    """Fill ``J H^-1 J^T`` (k, k) and ``J H^-1 g`` (k,), and keep ``J H^-1`` in ``carried``."""
+    matrix[:] = 0.0
+    vector[:] = 0.0
+    for k in range(counts.size):
+        for j in range(counts[k]):
+            for i in range(3):
+                carried[k, j, i] = (
+                    slopes[k, j, 0] * inverses[j, 0, i]
+                    + slopes[k, j, 1] * inverses[j, 1, i]
+                    + slopes[k, j, 2] * inverses[j, 2, i]
+                )
+                vector[k] += carried[k, j, i] * forces[j, i]
+        for m in range(k + 1):
+            total = 0.0
+            for j in range(min(counts[k], counts[m])):
+                for i in range(3):
+                    total += carried[k, j, i] * slopes[m, j, i]
+            matrix[k, m] = total
+            matrix[m, k] = total
+
+
+CONVERGED = 0
+NOT_CONVERGED = 1
+OVERLOADED = 2
+FOLDED = 3
+
+STEP_LIMIT = 0.5
+"""Largest turn of one segment in one step [rad]."""
+
+TURN_LIMIT = math.pi
+"""Turn of one segment at which the rod counts as folded [rad]."""
+
+STEP_TOLERANCE = 1e-10
+"""Turn of every segment at which a solution counts as found [rad]."""
+
+ROUGH = 1e-6
+"""The same where steps do not get smaller any more: a stiff part pulls at a flexible one [rad]."""
+
+ROUND_OFF = 1e-11
+"""Error of a tendon's length that is round-off, against the longest of them."""
+
+RIDGE = 1e-11
+"""Added to the tendons' own flexibility, so that redundant tendons have one answer."""
+
+MOST_OVERLOADED = 10
+"""Steps with tensions out of bounds after which a command counts as impossible."""
+
+SMALLEST_SHARE = 1.0 / 64.0
+"""Smallest part of a command by which it is raised where the whole of it fails."""
+
+
+@njit(cache=True)
+def solve_command(
+    grid,
+    limits,
+    compliances,
+    low,
+    high,
+    tolerance,
+    most_steps,
+    turns,
+    tensions,
+    lengths,
+):
+    """One command, from where ``turns`` and ``tensions`` stand; both are changed.
+
+    ``limits`` are the cables' lengths. Returns a code, the steps taken, the error of the tendons'
+    lengths against them [mm], and how many segments are not stable by themselves.
+    """
+    spans, stiffness, _, _, counts, _ = grid
+    n, k = spans.size, counts.size
+    slopes, carried = np.empty((k, n, 3)), np.empty((k, n, 3))
+    psd, full, inverses = np.empty((n, 3, 3)), np.empty((n, 3, 3)), np.empty((n, 3, 3))
+    matrix, vector, forces = np.empty((k, k)), np.empty(k), np.empty((n, 3))
+    wanted, move = np.empty(k), np.empty((n, 3))
+    exact, replaced, error, overloaded = True, 0, 0.0, 0
+    size, before = math.inf, math.inf
+    for count in range(most_steps + 1):
+        measure_lengths(grid, turns, tensions, lengths, slopes, psd, full)
+        error = 0.0
+        loaded = True
+        for m in range(k):
+            gap = lengths[m] - limits[m] - compliances[m] * tensions[m]
+            if tensions[m] == 0.0 and low[m] == 0.0:
+                gap = max(gap, 0.0)
+            error = max(error, abs(gap))
+            loaded = loaded and abs(tensions[m]) < high[m]
+        fine = error <= tolerance + ROUND_OFF * limits.max()
+        rest = size <= STEP_TOLERANCE or (size <= ROUGH and size > 0.5 * before)
+        if count > 0 and rest and fine and loaded:
+            return CONVERGED, count, error, replaced
+        if count == most_steps:
+            break
+        replaced = invert_blocks(stiffness, psd, full, exact, inverses)
+        for j in range(n):
+            for i in range(3):
+                forces[j, i] = stiffness[j, i] * turns[j, i]
+        reduce_problem(slopes, counts, inverses, forces, matrix, vector, carried)
+        most = 0.0
+        for m in range(k):
+            matrix[m, m] += compliances[m]
+            most = max(most, matrix[m, m])
+        for m in range(k):
+            if compliances[m] == 0.0:
+                # About the tensions there are, so that it goes away as they settle.
+                matrix[m, m] += RIDGE * most
+                vector[m] -= RIDGE * most * tensions[m]
+            vector[m] += limits[m] - lengths[m]
+            wanted[m] = tensions[m]
+        if not solve_bounded(matrix, vector, low, high, wanted):
+            return NOT_CONVERGED, count, error, replaced
+        loaded = True
+        for m in range(k):
+            loaded = loaded and abs(wanted[m]) < high[m]
+        exact = loaded
+        overloaded += 0 if loaded else 1
+        if overloaded == MOST_OVERLOADED:
+            return OVERLOADED, count, error, replaced
+        before, size = size, 0.0
+        for j in range(n):
+            for i in range(3):
+                move[j, i] = -(
+                    inverses[j, i, 0] * forces[j, 0]
+                    + inverses[j, i, 1] * forces[j, 1]
+                    + inverses[j, i, 2] * forces[j, 2]
+                )
+                for m in range(k):
+                    if j < counts[m]:
+                        move[j, i] -= carried[m, j, i] * wanted[m]
+            size = max(size, math.sqrt(move[j, 0] ** 2 + move[j, 1] ** 2 + move[j, 2] ** 2))
+        share = min(1.0, STEP_LIMIT / size) if size > 0.0 else 1.0
+        for j in range(n):
+            for i in range(3):
+                turns[j, i] += share * move[j, i]
+            if turns[j, 0] ** 2 + turns[j, 1] ** 2 + turns[j, 2] ** 2 > TURN_LIMIT**2:
+                return FOLDED, count + 1, error, replaced
+        tensions[:] = wanted
+    return NOT_CONVERGED, most_steps, error, replaced
+
+
+@njit(cache=True)
+def share_tensions(stiffness, counts, slopes, turns, taut, low, high, tensions):
+    """Least tensions that hold the rod as it is: what redundant tendons leave open."""
+    n, k = turns.shape[0], counts.size
+    inverses, forces = np.zeros((n, 3, 3)), np.empty((n, 3))
+    for j in range(n):
+        for i in range(3):
+            inverses[j, i, i] = 1.0 / stiffness[j, i]
+            forces[j, i] = stiffness[j, i] * turns[j, i]
+    matrix, vector, carried = np.empty((k, k)), np.empty(k), np.empty((k, n, 3))
+    reduce_problem(slopes, counts, inverses, forces, matrix, vector, carried)
+    least, most, shared = low.copy(), high.copy(), tensions.copy()
+    largest = 0.0
+    for m in range(k):
+        largest = max(largest, matrix[m, m])
+        if not taut[m]:
+            least[m] = 0.0
+            most[m] = 0.0
+            shared[m] = 0.0
+    ridge = 1e-8 * largest
+    centred = vector.copy()
+    for m in range(k):
+        matrix[m, m] += ridge
+    for _ in range(3):
+        # Each pass takes out what the ridge did to the one before it.
+        if not solve_bounded(matrix, centred, least, most, shared):
+            return
+        for m in range(k):
+            centred[m] = vector[m] - ridge * shared[m]
+    tensions[:] = shared
+
+
+@njit(cache=True)
+def follow_command(
+    grid,
+    natural,
+    displacement,
+    tolerance,
+    first,
+    smallest,
+    compliances,
+    low,
+    high,
+    most_steps,
+    turns,
+    tensions,
+    lengths,
+):
+    """One command from the straight rod, at once or else in parts, as far as it can be followed.
+
+    ``first`` is the part of the command that is tried at once, ``smallest`` the smallest one.
+
+    Returns what `solve_command` does of the last part, the share of the command that was reached,
+    and all steps taken.
+    """
+    turns[:] = 0.0
+    tensions[:] = 0.0
+    kept_turns, kept_tensions = turns.copy(), tensions.copy()
+    limits = np.empty(displacement.size)
+    reached, part, steps = 0.0, first, 0
+    while True:
+        share = min(1.0, reached + part)
+        if share > 1.0 - 1e-9:
+            share = 1.0
+        for m in range(displacement.size):
+            limits[m] = natural[m] - share * displacement[m]
+            if low[m] == 0.0:
+                limits[m] += tolerance
+        code, count, error, unstable = solve_command(
+            grid,
+            limits,
+            compliances,
+            low,
+            high,
+            tolerance,
+            most_steps,
+            turns,
+            tensions,
+            lengths,
+        )
+        steps += count
+        if code == CONVERGED:
+            reached = share
+            if reached == 1.0:
+                return code, error, unstable, reached, steps
+            kept_turns[:] = turns
+            kept_tensions[:] = tensions
+        else:
+            turns[:] = kept_turns
+            tensions[:] = kept_tensions
+            part *= 0.5
+            if part < smallest:
+                return code, error, unstable, reached, steps
+
+
+@njit(cache=True)
+def solve_commands(
+    grid,
+    natural,
+    displacements,
+    firsts,
+    tolerance,
+    compliances,
+    pushes,
+    strongest,
+    most_steps,
+    turns,
+    tensions,
+    lengths,
+    codes,
+    steps,
+    errors,
+    shares,
+    unstable,
+):
+    """Solve a batch of commands (b, k), each from the straight rod; fills the arrays from `turns`.
+
+    ``firsts`` (b,) are the parts of them that are tried at once.
+
+    Where a command fails, ``shares`` tells how much of it can be followed, and the shape is that.
+    """
+    spans, stiffness, _, _, counts, _ = grid
+    n, k = spans.size, counts.size
+    low, high = np.zeros(k), np.full(k, strongest)
+    for m in range(k):
+        if pushes[m]:
+            low[m] = -strongest
+    slopes = np.empty((k, n, 3))
+    psd, full = np.empty((n, 3, 3)), np.empty((n, 3, 3))
+    taut = np.empty(k, dtype=np.bool_)
+    for b in range(displacements.shape[0]):
+        steps[b] = 0
+        # As commanded to round-off; with the tolerance, and in parts, only where that cannot be.
+        for attempt in range(3):
+            allowed = tolerance if attempt > 0 else 1e-4 * tolerance
+            smallest = SMALLEST_SHARE * firsts[b] if attempt == 2 else firsts[b]
+            codes[b], errors[b], unstable[b], shares[b], count = follow_command(
+                grid,
+                natural,
+                displacements[b],
+                allowed,
+                firsts[b],
+                smallest,
+                compliances,
+                low,
+                high,
+                most_steps,
+                turns[b],
+                tensions[b],
+                lengths[b],
+            )
+            steps[b] += count
+            if codes[b] == CONVERGED:
+                break
+        measure_lengths(grid, turns[b], tensions[b], lengths[b], slopes, psd, full)
+        for m in range(k):
+            gap = natural[m] - shares[b] * displacements[b, m] - lengths[b, m]
+            taut[m] = pushes[m] or gap <= tolerance
+        # Tendons that stretch leave nothing open.
+        if compliances.max() == 0.0:
+            share_tensions(stiffness, counts, slopes, turns[b], taut, low, high, tensions[b])

@@ -1,0 +1,227 @@
+"""What a planner may ask of a duct."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_array, check_number, check_points, check_range
+from ..errors import InputError
+
+# What the numbers of shapes must be, and how a frozen dataclass keeps them.
+
+COORDINATE_MAX = 1e6
+"""A shape lies within this of the origin along each axis [mm]."""
+
+SIZE_MIN, SIZE_MAX = 1e-6, 1e6
+"""Radii, half axes and other sizes lie between these [mm]."""
+
+PLACE_MAX = 1e9
+"""A duct may be asked at points within this of the origin along each axis [mm]."""
+
+ORTHONORMAL = 1e-9
+"""How far a rotation may be from orthonormal."""
+
+
+def freeze_array(
+    name: str, values: ArrayLike, shape: tuple[int, ...], *, least: int = 1
+) -> NDArray[np.float64]:
+    """Return a read-only copy of finite numbers of shape (n, *shape), n at least `least`."""
+    wanted = ", ".join(str(n) for n in ("n", *shape)) + ("," if not shape else "")
+    try:
+        array = np.array(check_array(name, values), order="C")
+    except InputError:
+        raise InputError(f"{name} must be an array of numbers of shape ({wanted})") from None
+    if array.ndim != 1 + len(shape) or array.shape[1:] != shape or len(array) < least:
+        raise InputError(
+            f"{name} has shape {array.shape}: it must be ({wanted}) with n at least {least}"
+        )
+    finite = np.isfinite(array).reshape(len(array), -1).all(axis=1)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        raise InputError(f"{name}[{index}] is {array[index].tolist()}: it must be finite")
+    array.flags.writeable = False
+    return array
+
+
+def freeze_places(name: str, values: ArrayLike, dim: int, *, least: int = 1) -> NDArray[np.float64]:
+    """Return a read-only copy of points (n, dim) within a million mm of the origin."""
+    array = freeze_array(name, values, (dim,), least=least)
+    check_range(name, array, -COORDINATE_MAX, COORDINATE_MAX, "mm")
+    return array
+
+
+def check_places(name: str, points: ArrayLike, *, dim: int = 3) -> NDArray[np.float64]:
+    """Return points (..., dim) a duct may be asked at, or raise `InputError`."""
+    array = check_points(name, points, dim=dim)
+    if array.size and max(-array.min(), array.max()) > PLACE_MAX:
+        check_range(name, array, -PLACE_MAX, PLACE_MAX, "mm")
+    return array
+
+
+def check_size(name: str, value: float) -> float:
+    """Return a size that a shape can have [mm], or raise `InputError`."""
+    return check_number(name, value, low=SIZE_MIN, high=SIZE_MAX, unit="mm")
+
+
+def scale_to_unit_normals(name: str, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rows (n, 3 or more) divided by the length of their normals, the first three numbers.
+
+    Lengths may be of any size but 0: squares of tiny ones vanish, so they are scaled up first.
+    """
+    most = np.abs(rows[:, :3]).max(axis=1)
+    if most.min() == 0.0:
+        raise InputError(f"{name}[{int(np.argmin(most))}] is zero: it must have a length")
+    with np.errstate(over="ignore"):  # of a plane's offset, which is checked then
+        scaled = rows / most[:, None]
+    return np.asarray(scaled / np.linalg.norm(scaled[:, :3], axis=1, keepdims=True))
+
+
+def check_rotation(name: str, rotation: NDArray[np.float64], *, reflection: bool = False) -> None:
+    """Raise unless a matrix (dim, dim) is a rotation; or a reflection, where that is allowed."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = float(np.abs(rotation.T @ rotation - np.eye(len(rotation))).max())
+    if not off <= ORTHONORMAL:
+        raise InputError(
+            f"{name} is no rotation: it must be orthonormal within {ORTHONORMAL:g}, and is off by "
+            f"{off:.2g}"
+        )
+    turn = float(np.linalg.det(rotation))
+    if turn < 0.0 and not reflection:
+        raise InputError(
+            f"{name} is a reflection, its determinant is {turn:.3g}: a rotation's must be 1"
+        )
+
+
+def check_counts(
+    count: int, arrays: dict[str, NDArray[np.float64]], *, per: str = "centre"
+) -> None:
+    """Raise unless each array has `count` rows, one per centre."""
+    for name, array in arrays.items():
+        if len(array) != count:
+            raise InputError(
+                f"{name} has {len(array)} value(s): it must have one per {per}, {count}"
+            )
+
+
+def check_radii(radii: NDArray[np.float64]) -> None:
+    """Raise unless all radii (n,) are sizes a shape can have, with the first that is not."""
+    check_range("radii", radii, SIZE_MIN, SIZE_MAX, "mm")
+
+
+def check_half_axes(half_axes: NDArray[np.float64]) -> None:
+    """Raise unless all half axes (n, dim) are sizes, with the first shape's that are not."""
+    bad = (half_axes.min(axis=1) < SIZE_MIN) | (half_axes.max(axis=1) > SIZE_MAX)
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise InputError(
+            f"half axes[{k}] is {half_axes[k].tolist()} mm: each must lie in "
+            f"[{SIZE_MIN:g}, {SIZE_MAX:g}] mm"
+        )
+
+
+def check_exponents(
+    name: str, values: NDArray[np.float64], low: float, high: float, *, pinched: str
+) -> None:
+    """Raise unless all values (n,) lie in [low, high]; `pinched` ones are ``"below"`` or above."""
+    bad = (values < low) | (values > high)
+    if bad.any():
+        k = int(np.argmax(bad))
+        beyond = values[k] < low if pinched == "below" else values[k] > high
+        why = ", the shape would not be convex" if beyond else ""
+        raise InputError(f"{name}[{k}] is {values[k]:g}: it must lie in [{low:g}, {high:g}]{why}")
+
+
+def check_wall(inflation: float, wall_error: float | None = None) -> None:
+    """Raise unless inflation and, if known, wall error are lengths [mm]."""
+    check_number("inflation", inflation, low=0.0, high=SIZE_MAX, unit="mm")
+    if wall_error is not None:
+        check_number("wall error", wall_error, low=0.0, high=SIZE_MAX, unit="mm")
+
+
+def set_fields(shape: object, **values: Any) -> None:
+    """Set fields of a frozen dataclass while it is built."""
+    for name, value in values.items():
+        object.__setattr__(shape, name, value)
+
+
+@runtime_checkable
+class Duct(Protocol):
+    """Anything with a signed distance: negative inside, in millimetres.
+
+    It changes by at most 1 mm per mm (1-Lipschitz), the interpolant of a sampled duct by at most
+    sqrt(3). ``signed_distance`` must never promise more room than there is by more than
+    ``error``, and ``clearance_bound`` never by anything, but where `error` is an estimate itself
+    (`BetweenCurves` without `curvature`). A duct is 3-D or planar; ``bounds`` says which.
+
+    A duct whose distances outside, before inflation, are exact though `kind` is "bound" says so by
+    a property ``exact_outside``: its samples may then be inflated.
+    """
+
+    @property
+    def kind(self) -> str:
+        """``"exact"``, ``"bound"`` (never more room than there is) or ``"sampled"``."""
+        ...
+
+    @property
+    def error(self) -> float:
+        """By how much the distance may promise too much room [mm]; 0 unless sampled."""
+        ...
+
+    @property
+    def wall(self) -> str:
+        """What the wall is, in words."""
+        ...
+
+    @property
+    def wall_error(self) -> float | None:
+        """How far the true wall may be from the stated one [mm]; None where it is not known."""
+        ...
+
+    @property
+    def inflation(self) -> float:
+        """By how much the wall was moved outwards [mm]."""
+        ...
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, dim) corners of a box that holds the duct [mm]."""
+        ...
+
+    def signed_distance(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Return (...) signed distances at points (..., dim) [mm]."""
+        ...
+
+    def gradient(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Return the (..., dim) gradient of the signed distance."""
+        ...
+
+    def clearance_bound(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Return (...) rigorous lower bounds of the distance to the wall [mm]."""
+        ...
+
+    def pack(self) -> Any:
+        """Return the duct as a named tuple for compiled kernels (`duct._clearance_kernels`)."""
+        ...
+
+    def to_grid(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Turn world points (..., dim) into the kernels' frame (..., 3) [mm], isometrically."""
+        ...
+
+    def to_world(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Turn points (..., 3) of the kernels' frame into world points (..., dim) [mm]."""
+        ...
+
+
+def check_duct(name: str, duct: object) -> None:
+    """Raise `InputError` unless `duct` answers what a planner asks most."""
+    asked = ("signed_distance", "clearance_bound")
+    if not all(callable(getattr(duct, each, None)) for each in asked):
+        raise InputError(f"{name} is a {type(duct).__name__}: it must be a duct")
+
+
+def count_dimensions(duct: Duct) -> int:
+    """Return 3, or 2 for a planar duct."""
+    return int(duct.bounds.shape[1])

@@ -1,0 +1,1 @@
+"""Shapes fitted inside a sampled tract."""

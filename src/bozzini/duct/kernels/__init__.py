@@ -1,0 +1,1 @@
+"""Compiled kernels of ducts: scalars and arrays, no Python objects."""

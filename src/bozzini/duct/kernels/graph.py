@@ -1,0 +1,220 @@
+"""Numba kernels of the graph over a lumen's nodes: only the nodes inside are kept.
+
+Nodes are numbered in the order of the grid. `number` (nx, ny, nz) int32 has the number of a node,
+-1 outside; `nodes` (n,) int64 its flat index. Each node has 26 neighbours.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def number_nodes(values, level, number, nodes):
+    """Number the nodes with values below `level`, and list them; return how many there are.
+
+    With `nodes` of length 0 they are only counted.
+    """
+    nx, ny, nz = values.shape
+    n = 0
+    for i in range(nx):
+        for j in range(ny):
+            for k in range(nz):
+                if values[i, j, k] < level:
+                    if nodes.shape[0] > 0:
+                        number[i, j, k] = n
+                        nodes[n] = (i * ny + j) * nz + k
+                    n += 1
+    return n
+
+
+@njit(cache=True)
+def _list_steps(step):
+    """Return the 26 steps to neighbours (26, 3) and their lengths."""
+    moves = np.empty((26, 3), np.int64)
+    lengths = np.empty(26)
+    n = 0
+    for a in range(-1, 2):
+        for b in range(-1, 2):
+            for c in range(-1, 2):
+                if a != 0 or b != 0 or c != 0:
+                    moves[n, 0], moves[n, 1], moves[n, 2] = a, b, c
+                    lengths[n] = math.sqrt(
+                        (a * step[0]) ** 2 + (b * step[1]) ** 2 + (c * step[2]) ** 2
+                    )
+                    n += 1
+    return moves, lengths
+
+
+@njit(cache=True)
+def _sift_up(keys, names, n):
+    key, name = keys[n], names[n]
+    while n > 0:
+        up = (n - 1) >> 2
+        if keys[up] <= key:
+            break
+        keys[n], names[n] = keys[up], names[up]
+        n = up
+    keys[n], names[n] = key, name
+
+
+@njit(cache=True)
+def _sift_down(keys, names, size):
+    key, name = keys[0], names[0]
+    n = 0
+    while True:
+        child = 4 * n + 1
+        if child >= size:
+            break
+        least = child
+        for c in range(child + 1, min(child + 4, size)):
+            if keys[c] < keys[least]:
+                least = c
+        if keys[least] >= key:
+            break
+        keys[n], names[n] = keys[least], names[least]
+        n = least
+    keys[n], names[n] = key, name
+
+
+@njit(cache=True, nogil=True)
+def find_costs(number, nodes, weight, step, sources, costs, before):
+    """Dijkstra's algorithm: the least cost from `sources`, and the node before on the way.
+
+    Parameters
+    ----------
+    weight : (n,) float
+        A step costs its length times the mean of its ends' weights; infinite: not to be entered.
+    sources : (k,) int
+    costs : (n,) float
+        Infinite at first.
+    before : (n,) int32
+        -1 at first; it stays so at the sources.
+    """
+    nx, ny, nz = number.shape
+    moves, lengths = _list_steps(step)
+    keys = np.empty(max(1024, sources.shape[0]))
+    names = np.empty(keys.shape[0], np.int32)
+    size = 0
+    for s in sources:
+        costs[s] = 0.0
+        keys[size], names[size] = 0.0, s
+        _sift_up(keys, names, size)
+        size += 1
+    while size > 0:
+        cost, here = keys[0], names[0]
+        size -= 1
+        keys[0], names[0] = keys[size], names[size]
+        if size > 0:
+            _sift_down(keys, names, size)
+        if cost > costs[here]:
+            continue
+        flat = nodes[here]
+        i = flat // (ny * nz)
+        j = (flat // nz) % ny
+        k = flat % nz
+        own = weight[here]
+        for m in range(26):
+            a = i + moves[m, 0]
+            b = j + moves[m, 1]
+            c = k + moves[m, 2]
+            if a < 0 or b < 0 or c < 0 or a >= nx or b >= ny or c >= nz:
+                continue
+            there = number[a, b, c]
+            if there < 0:
+                continue
+            new = cost + lengths[m] * 0.5 * (own + weight[there])
+            if new < costs[there]:
+                costs[there] = new
+                before[there] = here
+                if size == keys.shape[0]:
+                    more = np.empty(2 * size)
+                    more[:size] = keys
+                    keys = more
+                    other = np.empty(2 * size, np.int32)
+                    other[:size] = names
+                    names = other
+                keys[size], names[size] = new, there
+                _sift_up(keys, names, size)
+                size += 1
+
+
+@njit(cache=True, nogil=True)
+def find_lengths(number, nodes, step, sources, lengths):
+    """Fill `lengths` (n,), infinite at first, with the shortest ways from `sources`.
+
+    By buckets no wider than the shortest step, so that no node of a bucket changes another of it
+    (Denardo and Fox, Operations Research 27, 1979).
+    """
+    nx, ny, nz = number.shape
+    moves, steps = _list_steps(step)
+    width = steps.min()
+    rings = int(steps.max() / width) + 3
+    # A node is in the bucket of each length it was given; the old ones are passed over.
+    heads = np.full(rings, -1, np.int64)
+    owner = np.empty(4 * nodes.shape[0] + sources.shape[0] + 1024, np.int32)
+    value = np.empty(owner.shape[0])
+    link = np.empty(owner.shape[0], np.int64)
+    free = -1
+    used = 0
+    left = 0
+    for s in sources:
+        lengths[s] = 0.0
+        owner[used], value[used], link[used] = s, 0.0, heads[0]
+        heads[0] = used
+        used += 1
+        left += 1
+    ring = 0
+    while left > 0:
+        slot = ring % rings
+        while heads[slot] >= 0:
+            entry = heads[slot]
+            heads[slot] = link[entry]
+            link[entry] = free
+            free = entry
+            left -= 1
+            here = owner[entry]
+            length = value[entry]
+            if length > lengths[here]:
+                continue
+            flat = nodes[here]
+            i = flat // (ny * nz)
+            j = (flat // nz) % ny
+            k = flat % nz
+            for m in range(26):
+                a = i + moves[m, 0]
+                b = j + moves[m, 1]
+                c = k + moves[m, 2]
+                if a < 0 or b < 0 or c < 0 or a >= nx or b >= ny or c >= nz:
+                    continue
+                there = number[a, b, c]
+                if there < 0:
+                    continue
+                new = length + steps[m]
+                if new < lengths[there]:
+                    lengths[there] = new
+                    if free >= 0:
+                        entry = free
+                        free = link[entry]
+                    else:
+                        entry = used
+                        used += 1
+                        if used > owner.shape[0]:
+                            size = owner.shape[0]
+                            wider = np.empty(2 * size, np.int32)
+                            wider[:size] = owner
+                            owner = wider
+                            longer = np.empty(2 * size)
+                            longer[:size] = value
+                            value = longer
+                            links = np.empty(2 * size, np.int64)
+                            links[:size] = link
+                            link = links
+                    to = int(new / width) % rings
+                    owner[entry], value[entry], link[entry] = there, new, heads[to]
+                    heads[to] = entry
+                    left += 1
+        ring += 1

@@ -1,0 +1,310 @@
+"""Numba kernels of the solid shapes, each a slice of one flat array of numbers.
+
+``<kind>_value(params, first, x, y, z)`` is the signed value at a point, 1-Lipschitz: inside
+(negative) never deeper than the wall is far, outside never farther than the shape.
+``<kind>_slope`` is the value with its gradient. The slices are laid out by `pack_*` of the
+modules that own the shapes; the kernel of the chained cylinders is in `_cylinder_kernels`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+# Numba: the norm of two coordinates that super-ellipses and super-ellipsoids are made of.
+
+
+@njit(cache=True)
+def power_norm(a, b, p):
+    """(a^p + b^p)^(1/p) of two numbers >= 0, without overflow."""
+    big = max(a, b)
+    small = min(a, b)
+    if big == 0.0:
+        return 0.0
+    if p == 2.0:
+        return math.sqrt(big * big + small * small)
+    if p == 1.0:
+        return big + small
+    return big * math.exp(math.log1p((small / big) ** p) / p)
+
+
+# Numba kernels of the planar shapes, each a slice of one flat array of numbers; z is ignored.
+#
+# ``<kind>_value(params, first, x, y, z)`` is the signed value at a point, 1-Lipschitz: inside
+# (negative) never deeper than the wall is far, outside never farther than the shape.
+# ``<kind>_slope`` is the value with its gradient.
+
+
+@njit(cache=True)
+def super_ellipse_value(params, first, x, y, z):
+    """Least radius times (gauge - 1).
+
+    Slice: centre (2), cosine and sine of the angle, half axes (2), power, least radius.
+    """
+    dx = x - params[first]
+    dy = y - params[first + 1]
+    u = abs(params[first + 2] * dx + params[first + 3] * dy) / params[first + 4]
+    v = abs(params[first + 2] * dy - params[first + 3] * dx) / params[first + 5]
+    return params[first + 7] * (power_norm(u, v, params[first + 6]) - 1.0)
+
+
+@njit(cache=True)
+def super_ellipse_slope(params, first, x, y, z):
+    """The same with its gradient; zero at the centre, where it has all of them."""
+    dx = x - params[first]
+    dy = y - params[first + 1]
+    c = params[first + 2]
+    s = params[first + 3]
+    a = params[first + 4]
+    b = params[first + 5]
+    p = params[first + 6]
+    least = params[first + 7]
+    along = c * dx + s * dy
+    across = c * dy - s * dx
+    u = abs(along) / a
+    v = abs(across) / b
+    gauge = power_norm(u, v, p)
+    if gauge == 0.0:
+        return -least, 0.0, 0.0, 0.0
+    # d|.|_p / du = (u / |.|_p)^(p - 1); a power of 0 may be 1, which the sign of 0 undoes.
+    gu = least * (u / gauge) ** (p - 1.0) / a * np.sign(along)
+    gv = least * (v / gauge) ** (p - 1.0) / b * np.sign(across)
+    return least * (gauge - 1.0), c * gu - s * gv, s * gu + c * gv, 0.0
+
+
+@njit(cache=True)
+def circle_value(params, first, x, y, z):
+    """Signed distance to a circle. Slice: centre (2), radius."""
+    dx = x - params[first]
+    dy = y - params[first + 1]
+    return math.sqrt(dx * dx + dy * dy) - params[first + 2]
+
+
+@njit(cache=True)
+def circle_slope(params, first, x, y, z):
+    """The same with its gradient; zero at the centre."""
+    dx = x - params[first]
+    dy = y - params[first + 1]
+    away = math.sqrt(dx * dx + dy * dy)
+    if away < 1e-300:
+        return -params[first + 2], 0.0, 0.0, 0.0
+    return away - params[first + 2], dx / away, dy / away, 0.0
+
+
+@njit(cache=True)
+def _nearest_edge(params, first, x, y):
+    """Return (signed distance, where the nearest edge is in the slice); as `nearest_edge`."""
+    best = np.inf
+    index = first + 1
+    inside = False
+    at = first + 1
+    for _ in range(int(params[first])):
+        ax = params[at]
+        ay = params[at + 1]
+        ex = params[at + 2] - ax
+        ey = params[at + 3] - ay
+        wx = x - ax
+        wy = y - ay
+        u = min(max((wx * ex + wy * ey) * params[at + 4], 0.0), 1.0)
+        gap = (wx - u * ex) ** 2 + (wy - u * ey) ** 2
+        if gap < best:
+            best = gap
+            index = at
+        if (ay > y) != (params[at + 3] > y):
+            turn = ex * wy - ey * wx
+            if (turn > 0.0) == (ey > 0.0):
+                inside = not inside
+        at += 5
+    s = math.sqrt(best)
+    return (-s if inside else s), index
+
+
+@njit(cache=True)
+def outline_value(params, first, x, y, z):
+    """Exact signed distance to a simple polygon, counter-clockwise.
+
+    Slice: how many edges, then start (2), end (2) and 1 / length squared of each.
+    """
+    s, _ = _nearest_edge(params, first, x, y)
+    return s
+
+
+@njit(cache=True)
+def outline_slope(params, first, x, y, z):
+    """The same with its gradient."""
+    s, at = _nearest_edge(params, first, x, y)
+    ax = params[at]
+    ay = params[at + 1]
+    ex = params[at + 2] - ax
+    ey = params[at + 3] - ay
+    if abs(s) < 1e-12:
+        scale = math.sqrt(params[at + 4])
+        return s, ey * scale, -ex * scale, 0.0
+    wx = x - ax
+    wy = y - ay
+    u = min(max((wx * ex + wy * ey) * params[at + 4], 0.0), 1.0)
+    return s, (wx - u * ex) / s, (wy - u * ey) / s, 0.0
+
+
+@njit(cache=True)
+def _turn_into_frame(params, first, x, y, z):
+    """Return the coordinates of a point along a super-ellipsoid's own axes."""
+    dx = x - params[first]
+    dy = y - params[first + 1]
+    dz = z - params[first + 2]
+    u = params[first + 3] * dx + params[first + 6] * dy + params[first + 9] * dz
+    v = params[first + 4] * dx + params[first + 7] * dy + params[first + 10] * dz
+    w = params[first + 5] * dx + params[first + 8] * dy + params[first + 11] * dz
+    return u, v, w
+
+
+@njit(cache=True)
+def super_ellipsoid_value(params, first, x, y, z):
+    """Least radius times (gauge - 1).
+
+    Slice: centre (3), axes as columns of a rotation (9, row by row), half axes (3), the inner
+    power 2 / e2, the outer power 2 / e1, and the least radius.
+    """
+    u, v, w = _turn_into_frame(params, first, x, y, z)
+    flat = power_norm(abs(u) / params[first + 12], abs(v) / params[first + 13], params[first + 15])
+    gauge = power_norm(flat, abs(w) / params[first + 14], params[first + 16])
+    return params[first + 17] * (gauge - 1.0)
+
+
+@njit(cache=True)
+def super_ellipsoid_slope(params, first, x, y, z):
+    """The same with its gradient; zero at the centre, where it has all of them."""
+    u, v, w = _turn_into_frame(params, first, x, y, z)
+    a = params[first + 12]
+    b = params[first + 13]
+    c = params[first + 14]
+    inner = params[first + 15]
+    outer = params[first + 16]
+    least = params[first + 17]
+    flat = power_norm(abs(u) / a, abs(v) / b, inner)
+    tall = abs(w) / c
+    gauge = power_norm(flat, tall, outer)
+    if gauge == 0.0:
+        return -least, 0.0, 0.0, 0.0
+    # d|.|_p / da = (a / |.|_p)^(p - 1); a power of 0 is 1, which the sign of 0 below undoes.
+    across = (flat / gauge) ** (outer - 1.0)
+    gu = gv = 0.0
+    if flat > 0.0:
+        gu = across * (abs(u) / a / flat) ** (inner - 1.0) / a * np.sign(u)
+        gv = across * (abs(v) / b / flat) ** (inner - 1.0) / b * np.sign(v)
+    gw = (tall / gauge) ** (outer - 1.0) / c * np.sign(w)
+    gx = params[first + 3] * gu + params[first + 4] * gv + params[first + 5] * gw
+    gy = params[first + 6] * gu + params[first + 7] * gv + params[first + 8] * gw
+    gz = params[first + 9] * gu + params[first + 10] * gv + params[first + 11] * gw
+    return least * (gauge - 1.0), least * gx, least * gy, least * gz
+
+
+@njit(cache=True)
+def half_spaces_value(params, first, x, y, z):
+    """Largest signed distance to the planes of a convex polyhedron.
+
+    Slice: how many planes, then outward unit normal (3) and offset of each; inside a plane is
+    where normal . x + offset < 0.
+    """
+    best = -np.inf
+    at = first + 1
+    for _ in range(int(params[first])):
+        best = max(best, params[at] * x + params[at + 1] * y + params[at + 2] * z + params[at + 3])
+        at += 4
+    return best
+
+
+@njit(cache=True)
+def half_spaces_slope(params, first, x, y, z):
+    """The same with its gradient: the normal of the plane that decides."""
+    best = -np.inf
+    at = first + 1
+    index = at
+    for _ in range(int(params[first])):
+        s = params[at] * x + params[at + 1] * y + params[at + 2] * z + params[at + 3]
+        if s > best:
+            best = s
+            index = at
+        at += 4
+    return best, params[index], params[index + 1], params[index + 2]
+
+
+@njit(cache=True)
+def ball_value(params, first, x, y, z):
+    """Signed distance to a ball. Slice: centre (3), radius."""
+    dx = x - params[first]
+    dy = y - params[first + 1]
+    dz = z - params[first + 2]
+    return math.sqrt(dx * dx + dy * dy + dz * dz) - params[first + 3]
+
+
+@njit(cache=True)
+def ball_slope(params, first, x, y, z):
+    """The same with its gradient; zero at the centre."""
+    dx = x - params[first]
+    dy = y - params[first + 1]
+    dz = z - params[first + 2]
+    away = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if away < 1e-300:
+        return -params[first + 3], 0.0, 0.0, 0.0
+    return away - params[first + 3], dx / away, dy / away, dz / away
+
+
+@njit(cache=True)
+def _round_cone_place(params, first, x, y, z):
+    """Return (along, off, place): coordinates from the first ball, and the nearest ball's."""
+    dx = x - params[first]
+    dy = y - params[first + 1]
+    dz = z - params[first + 2]
+    along = dx * params[first + 3] + dy * params[first + 4] + dz * params[first + 5]
+    ox = dx - along * params[first + 3]
+    oy = dy - along * params[first + 4]
+    oz = dz - along * params[first + 5]
+    off = math.sqrt(ox * ox + oy * oy + oz * oz)
+    return along, off, along - off * params[first + 7] / params[first + 8]
+
+
+@njit(cache=True)
+def round_cone_value(params, first, x, y, z):
+    """Exact signed distance to the hull of two balls.
+
+    Slice: the first 11 columns of `cones.pack_cones`: start (3), axis (3), length, sine and
+    cosine of the half angle, both radii.
+    """
+    along, off, place = _round_cone_place(params, first, x, y, z)
+    size = params[first + 6]
+    if place <= 0.0:
+        return math.sqrt(off * off + along * along) - params[first + 9]
+    if place >= size:
+        return math.sqrt(off * off + (along - size) ** 2) - params[first + 10]
+    return off * params[first + 8] + along * params[first + 7] - params[first + 9]
+
+
+@njit(cache=True)
+def round_cone_slope(params, first, x, y, z):
+    """The same with its gradient; on the axis the mean of all that meet."""
+    along, off, place = _round_cone_place(params, first, x, y, z)
+    ux = params[first + 3]
+    uy = params[first + 4]
+    uz = params[first + 5]
+    size = params[first + 6]
+    sine = params[first + 7]
+    cosine = params[first + 8]
+    ox = x - params[first] - along * ux
+    oy = y - params[first + 1] - along * uy
+    oz = z - params[first + 2] - along * uz
+    if 0.0 < place < size:
+        radial = cosine / off if off > 1e-12 else 0.0
+        value = off * cosine + along * sine - params[first + 9]
+        return value, radial * ox + sine * ux, radial * oy + sine * uy, radial * oz + sine * uz
+    rest = along if place <= 0.0 else along - size
+    radius = params[first + 9] if place <= 0.0 else params[first + 10]
+    gx = ox + rest * ux
+    gy = oy + rest * uy
+    gz = oz + rest * uz
+    norm = math.sqrt(gx * gx + gy * gy + gz * gz)
+    if norm < 1e-12:
+        return norm - radius, 0.0, 0.0, 0.0
+    return norm - radius, gx / norm, gy / norm, gz / norm

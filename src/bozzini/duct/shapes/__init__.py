@@ -1,0 +1,1 @@
+"""Ducts described by shapes: one module a kind."""

@@ -1,0 +1,417 @@
+"""Stitched quadrilaterals (thesis 5.3.2.2): an outline, and coordinates along and across it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...checks import check_array
+from ...errors import GeometryError, InputError
+from ..base import check_places, check_wall, freeze_places, set_fields
+from .common import ROUNDING, AnalyticDuct
+
+if TYPE_CHECKING:
+    from ..kernels.clearance import PolygonData
+
+# A simple polygon: the planar duct, with exact signed distance.
+
+
+@dataclass(frozen=True, eq=False)
+class Polygon(AnalyticDuct):
+    """The inside of a closed polygon that does not cross itself.
+
+    Parameters
+    ----------
+    vertices : (n, 2) float
+        In order, either way round [mm]; edge k joins vertices k and k + 1, the last one closes.
+        The first vertex may be repeated at the end. Kept counter-clockwise.
+    inflation : float
+        The wall is moved outwards by this much [mm].
+    wall : str
+        What the wall is, in words.
+    wall_error : float
+        How far the true wall may be from the stated one [mm].
+
+    Raises
+    ------
+    GeometryError
+        If two edges cross or touch, or an edge has no length, with the numbers of the edges.
+    InputError
+        If there are fewer than 3 vertices, or one is not finite.
+
+    Notes
+    -----
+    The signed distance is exact on both sides; with inflation it is exact outside and a lower
+    bound of the depth inside.
+    """
+
+    vertices: NDArray[np.float64]
+    inflation: float = field(default=0.0, kw_only=True)
+    wall: str = field(default="polygon", kw_only=True)
+    wall_error: float = field(default=0.0, kw_only=True)
+
+    dim = 2
+
+    def __post_init__(self) -> None:
+        vertices = freeze_places("vertices", self.vertices, 2, least=3)
+        if len(vertices) > 3 and np.array_equal(vertices[0], vertices[-1]):
+            vertices = vertices[:-1]
+        check_wall(self.inflation, self.wall_error)
+        check_simple(vertices)
+        if measure_area(vertices) < 0.0:
+            vertices = vertices[::-1].copy()
+            vertices.flags.writeable = False
+        set_fields(self, vertices=vertices)
+
+    @property
+    def kind(self) -> str:
+        """Exact; with inflation a lower bound of the room."""
+        return "bound" if self.inflation > 0.0 else "exact"
+
+    @property
+    def exact_outside(self) -> bool:
+        """Outside it is the distance, before inflation."""
+        return True
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 2) corners of the box around the polygon [mm]."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        return np.stack([low - self.inflation, high + self.inflation])
+
+    @property
+    def area(self) -> float:
+        """Area before inflation [mm^2]."""
+        return measure_area(self.vertices)
+
+    def pack(self) -> PolygonData:
+        """Return the polygon for compiled kernels."""
+        return self._data
+
+    @cached_property
+    def _data(self) -> PolygonData:
+        from ..kernels.clearance import PolygonData
+
+        start, stop = self.vertices, np.roll(self.vertices, -1, axis=0)
+        square = np.sum((stop - start) ** 2, axis=1, keepdims=True)
+        edges = np.concatenate([start, stop, 1.0 / square], axis=1)
+        size = float(np.abs(self.vertices).max())
+        return PolygonData(edges, float(self.inflation), ROUNDING * size)
+
+
+def measure_area(vertices: NDArray[np.float64]) -> float:
+    """Return the signed area of a closed polygon (n, 2), positive if counter-clockwise [mm^2]."""
+    shifted = vertices - vertices[0]
+    x, y = shifted[:, 0], shifted[:, 1]
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
+def check_simple(vertices: NDArray[np.float64]) -> None:
+    """Raise `GeometryError` if edges of a closed polygon (n, 2) have no length, cross or touch."""
+    start, stop = vertices, np.roll(vertices, -1, axis=0)
+    along = stop - start
+    count = len(vertices)
+    flat = np.flatnonzero(np.all(along == 0.0, axis=1))
+    if len(flat):
+        k = int(flat[0])
+        raise GeometryError(
+            f"edge {k} of the polygon has no length: vertices {k} and {(k + 1) % count} are both "
+            f"({start[k, 0]:g}, {start[k, 1]:g}) mm"
+        )
+    for i in range(count):
+        after = (i + 1) % count
+        back = _cross(along[i], along[after])
+        if back == 0.0 and float(along[i] @ along[after]) < 0.0:
+            raise GeometryError(f"edges {i} and {after} of the polygon fold back on each other")
+        others = np.arange(i + 2, count if i > 0 else count - 1)
+        if len(others) == 0:
+            continue
+        a, b, c, d = start[i], stop[i], start[others], stop[others]
+        side_c, side_d = _cross(b - a, c - a), _cross(b - a, d - a)
+        side_a, side_b = _cross(d - c, a - c), _cross(d - c, b - c)
+        apart = (side_c * side_d > 0.0) | (side_a * side_b > 0.0)
+        low, high = np.minimum(a, b), np.maximum(a, b)
+        gap = np.any((np.minimum(c, d) > high) | (np.maximum(c, d) < low), axis=1)
+        hits = others[~apart & ~gap]
+        if len(hits):
+            raise GeometryError(
+                f"edges {i} and {int(hits[0])} of the polygon cross or touch: it must be simple"
+            )
+
+
+EDGE = 1e-12
+"""A point this far beyond the side of a quad, in its coordinates, still counts as inside."""
+
+BATCH = 1_000_000
+"""Points times quads that are looked at in one go."""
+
+
+@dataclass(frozen=True)
+class QuadCoordinates:
+    """Where points lie in a duct of quads.
+
+    Attributes
+    ----------
+    quad : (...) int
+        Index of the quad; -1 where the point is in none, and the rest is not a number there.
+    along : (...) float
+        s in [0, 1], from rung ``quad`` to rung ``quad + 1``.
+    across : (...) float
+        v in [0, 1], from the left side to the right: a share of the width there, no length.
+    discriminant : (...) float
+        Of the quadratic in s [mm^4]: the square of the Jacobian's determinant.
+    """
+
+    quad: NDArray[np.int64]
+    along: NDArray[np.float64]
+    across: NDArray[np.float64]
+    discriminant: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StitchedQuads(AnalyticDuct):
+    """Convex quadrilaterals, each sharing a rung with the next.
+
+    Quad k has the corners ``left[k], left[k + 1], right[k + 1], right[k]``.
+
+    Parameters
+    ----------
+    left : (n + 1, 2) float
+        Points along one side: P of thesis eq. 5.21 [mm].
+    right : (n + 1, 2) float
+        Points along the other: Q [mm].
+    inflation : float
+        The wall is moved outwards by this much [mm].
+    wall : str
+        What the wall is, in words.
+    wall_error : float
+        How far the true wall may be from the stated one [mm].
+
+    Raises
+    ------
+    GeometryError
+        If a quad crosses itself, is not convex or is turned over, with its index and corner; or
+        if quads that are no neighbours overlap.
+    InputError
+        If there are fewer than two points on a side, or not as many on the other.
+
+    Notes
+    -----
+    The signed distance is that of the outline, exact on both sides; with inflation it is exact
+    outside and a lower bound of the depth inside. The first and last rung are walls. Clearance is
+    in mm, unlike the thesis's margin on v, which is a share of the local width.
+    """
+
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+    inflation: float = field(default=0.0, kw_only=True)
+    wall: str = field(default="stitched quadrilaterals", kw_only=True)
+    wall_error: float = field(default=0.0, kw_only=True)
+
+    dim = 2
+
+    def __post_init__(self) -> None:
+        left = freeze_places("left", self.left, 2, least=2)
+        right = freeze_places("right", self.right, 2, least=2)
+        if len(left) != len(right):
+            raise InputError(
+                f"right has {len(right)} point(s): it must have as many as left, {len(left)}"
+            )
+        check_wall(self.inflation, self.wall_error)
+        check_quads(left, right)
+        set_fields(self, left=left, right=right)
+        try:
+            _ = self.outline
+        except GeometryError:
+            pair = find_crossing(left, right)
+            if pair is None:
+                raise
+            raise GeometryError(
+                f"quads {pair[0]} and {pair[1]} overlap or touch: a planar duct must not cross "
+                "itself"
+            ) from None
+
+    @property
+    def kind(self) -> str:
+        """Exact; with inflation a lower bound of the room."""
+        return self.outline.kind
+
+    @property
+    def exact_outside(self) -> bool:
+        """Outside it is the distance, before inflation."""
+        return True
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 2) corners of the box around the duct [mm]."""
+        return self.outline.bounds
+
+    @cached_property
+    def outline(self) -> Polygon:
+        """The polygon along the left side and back along the right."""
+        corners = np.concatenate([self.left, self.right[::-1]])
+        return Polygon(corners, inflation=self.inflation, wall=self.wall)
+
+    def pack(self) -> PolygonData:
+        """Return the duct for compiled kernels."""
+        return self.outline.pack()
+
+    def locate(self, quad: ArrayLike, along: ArrayLike, across: ArrayLike) -> NDArray[np.float64]:
+        """Return the (..., 2) points at coordinates: thesis eq. 5.21 with weights that sum to 1.
+
+        Raises
+        ------
+        InputError
+            If there is no such quad, or a coordinate is not finite.
+        """
+        k = np.asarray(quad)
+        if k.dtype.kind not in "iu" or np.any((k < 0) | (k > len(self.left) - 2)):
+            wrong = k if k.dtype.kind not in "iu" else k[(k < 0) | (k > len(self.left) - 2)].flat[0]
+            raise InputError(
+                f"quad is {wrong}: it must be a whole number in [0, {len(self.left) - 2}]"
+            )
+        s, v = (check_array(n, x)[..., None] for n, x in (("along", along), ("across", across)))
+        for name, array in (("along", s), ("across", v)):
+            if not np.all(np.isfinite(array)):
+                raise InputError(f"{name} has values that are not finite: all must be")
+        left = (1.0 - s) * self.left[k] + s * self.left[k + 1]
+        right = (1.0 - s) * self.right[k] + s * self.right[k + 1]
+        return np.asarray((1.0 - v) * left + v * right)
+
+    def coordinates(self, points: ArrayLike) -> QuadCoordinates:
+        """Return in which quad points (..., 2) lie, and where; on a rung in the first.
+
+        Raises
+        ------
+        InputError
+            If the points are not finite or not (..., 2).
+        """
+        array = check_places("points", points, dim=2)
+        flat = array.reshape(-1, 2)
+        rows = max(1, BATCH // (len(self.left) - 1))
+        parts = [self._find(flat[k : k + rows]) for k in range(0, max(len(flat), 1), rows)]
+        quad, along, across, discriminant = (
+            np.concatenate(values).reshape(array.shape[:-1]) for values in zip(*parts, strict=True)
+        )
+        return QuadCoordinates(quad=quad, along=along, across=across, discriminant=discriminant)
+
+    def _find(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return quad, along, across and discriminant of points (n, 2)."""
+        s, v, discriminant = invert_quads(self.left, self.right, points)
+        real = (s.imag == 0.0) & (v.imag == 0.0) & np.isfinite(s.real) & np.isfinite(v.real)
+        off = np.maximum(np.abs(s.real - 0.5), np.abs(v.real - 0.5)) - 0.5
+        off = np.where(real, off, np.inf)  # (n, quads, 2)
+        root = off.argmin(axis=-1)
+        inside = np.take_along_axis(off, root[..., None], axis=-1)[..., 0] <= EDGE
+        hit = inside.any(axis=1)
+        k = inside.argmax(axis=1)
+        row = np.arange(len(points))
+        along, across = (
+            np.where(hit, np.clip(values[row, k, root[row, k]].real, 0.0, 1.0), np.nan)
+            for values in (s, v)
+        )
+        square = np.where(hit, discriminant[row, k], np.nan)
+        return np.where(hit, k, -1), along, across, square
+
+
+def invert_quads(
+    left: NDArray[np.float64], right: NDArray[np.float64], points: NDArray[np.float64]
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
+    """Solve x = (1 - v) [(1 - s) P0 + s P1] + v [(1 - s) Q0 + s Q1] for s and v.
+
+    Parameters
+    ----------
+    left, right : (n + 1, 2) float
+        P and Q [mm].
+    points : (m, 2) float
+        x [mm].
+
+    Returns
+    -------
+    s, v : (m, n, 2) complex
+        Both solutions in each quad; complex past the envelope of its rungs, infinite where there
+        is only one.
+    discriminant : (m, n) float
+        B^2 - 4 A C of A s^2 + B s + C = 0 [mm^4].
+
+    Notes
+    -----
+    With E = P1 - P0, G = Q0 - P0, K = Q1 - P1 - G, H = x - P0 and ^ the planar cross product,
+    A = -E ^ K, B = H ^ K - E ^ G, C = H ^ G. The roots are taken as q / A and C / q with
+    q = -(B + sgn(B) sqrt(B^2 - 4 A C)) / 2, so that nothing cancels and A may vanish.
+    """
+    e = left[1:] - left[:-1]
+    g = right[:-1] - left[:-1]
+    k = right[1:] - left[1:] - g
+    h = points[:, None] - left[:-1]
+    a = -_cross(e, k) + np.zeros(len(points))[:, None]
+    b = _cross(h, k) - _cross(e, g)
+    c = _cross(h, g)
+    discriminant = b * b - 4.0 * a * c
+    # On the envelope rounding may leave a negative square.
+    noise = 16.0 * np.finfo(float).eps * (b * b + np.abs(4.0 * a * c))
+    root = np.sqrt(np.where(np.abs(discriminant) <= noise, 0.0, discriminant).astype(complex))
+    q = -0.5 * (b + np.where(b < 0.0, -1.0, 1.0) * root)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.stack([q / a, np.where(q != 0.0, c / q, 0.0)], axis=-1)
+        s = np.where(np.isfinite(s), s, np.inf)
+        rung = g[:, None] + s[..., None] * k[:, None]
+        away = h[:, :, None] - s[..., None] * e[:, None]
+        # By the larger of the two coordinates: no conjugate, so that it holds for complex s.
+        pick = np.abs(rung).argmax(axis=-1)[..., None]
+        top = np.take_along_axis(away, pick, axis=-1)[..., 0]
+        low = np.take_along_axis(rung, pick, axis=-1)[..., 0]
+        v = np.where(np.isfinite(s), top / low, np.inf)
+    return s, v, discriminant
+
+
+def check_quads(left: NDArray[np.float64], right: NDArray[np.float64]) -> None:
+    """Raise `GeometryError` unless all quads are convex and the same way round."""
+    corners = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)
+    sides = np.roll(corners, -1, axis=1) - corners
+    turns = _cross(np.roll(sides, 1, axis=1), sides)  # (n, 4), at each corner
+    names = ("left[{0}]", "left[{1}]", "right[{1}]", "right[{0}]")
+    way = 0.0
+    for k, turn in enumerate(turns):
+        signs = np.sign(turn)
+        total = float(signs.sum())
+        if abs(total) < 4.0:
+            if total == 0.0 and np.all(signs != 0.0):
+                raise GeometryError(f"quad {k} crosses itself: its sides must not meet")
+            odd = int(np.argmax(signs != (1.0 if total > 0.0 else -1.0)))
+            name = names[odd].format(k, k + 1)
+            x, y = corners[k, odd]
+            raise GeometryError(
+                f"quad {k} is not convex at corner {name} ({x:g}, {y:g}) mm: all its corners must "
+                "turn the same way"
+            )
+        if way * total < 0.0:
+            raise GeometryError(f"quad {k} is turned over: left and right change sides at rung {k}")
+        way = total
+
+
+def find_crossing(left: NDArray[np.float64], right: NDArray[np.float64]) -> tuple[int, int] | None:
+    """Return the first two quads that are no neighbours and overlap or touch, if any."""
+    count = len(left) - 1
+    corners = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)
+    for i in range(count):
+        # Neighbours the same way round lie on either side of their rung.
+        for j in range(i + 2, count):
+            axes = np.concatenate([np.roll(corners[k], -1, axis=0) - corners[k] for k in (i, j)])
+            normals = np.stack([-axes[:, 1], axes[:, 0]], axis=1)
+            first, second = normals @ corners[i].T, normals @ corners[j].T
+            below = first.max(axis=1) < second.min(axis=1)
+            above = second.max(axis=1) < first.min(axis=1)
+            if not (below | above).any():
+                return i, j
+    return None
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

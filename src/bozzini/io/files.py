@@ -1,0 +1,440 @@
+"""Writing files so that no half-written one is ever seen, and a place for compiled code."""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import json
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from ..errors import OutputError
+
+
+def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], None]) -> Path:
+    """Let `write` fill a temporary file beside `path`, then rename it to `path`.
+
+    Raises
+    ------
+    OutputError
+        If the place cannot be written; nothing is left behind.
+    """
+    target = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(
+            dir=target.parent, prefix=f".{target.stem[:16]}.", suffix=target.suffix
+        )
+        os.close(handle)
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror or error}") from None
+    except ValueError as error:  # a null byte in the name
+        raise OutputError(f"cannot write {target}: {error}") from None
+    temporary = Path(name)
+    try:
+        write(temporary)
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(target)
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror or error}") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+    return target
+
+
+def check_new_file(
+    path: str | os.PathLike[str], suffixes: tuple[str, ...], *, force: bool = False
+) -> None:
+    """Raise `OutputError` at once if a file could not be written later, before any work is done.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to write.
+    suffixes : tuple of str
+        What it may end in, in small letters.
+    force : bool
+        Whether a file that exists may be replaced.
+
+    Raises
+    ------
+    OutputError
+        If it ends otherwise, is a directory, exists and may not be replaced, or its place takes
+        no new file.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in suffixes:
+        raise OutputError(
+            f"{target} ends in '{target.suffix}': it must end in {', '.join(suffixes)}"
+        )
+    try:
+        if not target.parent.is_dir():
+            raise OutputError(f"cannot write {target}: {target.parent} is not a directory")
+        if target.is_dir():
+            raise OutputError(f"{target} is a directory: choose a file")
+        if target.exists() and not force:
+            raise OutputError(f"{target} exists already: choose another file or give --force")
+        # Whether a place takes a file is only known by trying: permissions do not tell all.
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem[:16]}.")
+        os.close(handle)
+        Path(name).unlink(missing_ok=True)
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:  # a name that is too long, a null byte
+        problem = getattr(error, "strerror", None) or error
+        raise OutputError(f"cannot write {target}: {problem}") from None
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+    """Write UTF-8 text atomically; bytes of a file name that are not UTF-8 are escaped."""
+    return write_atomically(path, lambda temporary: _put_text(temporary, text))
+
+
+def _put_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+@contextmanager
+def new_directory(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+    """Give a temporary directory that becomes `path` only if the block ends well.
+
+    Parameters
+    ----------
+    path : path-like
+        The directory to make. A symbolic link is followed.
+    force : bool
+        Replace a result that exists, as a whole; without it that is an error. The old one is
+        removed only when the new one is in its place.
+
+    Raises
+    ------
+    OutputError
+        If `path` exists (and `force` is not given, or it holds files that are no result of
+        Bozzini), is a file, or cannot be made, or if another process writes there.
+    """
+    with reserve_directory(path, force=force) as target:
+        try:
+            temporary = Path(tempfile.mkdtemp(dir=target.parent, prefix=".bozzini-"))
+        except OSError as error:
+            raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
+        try:
+            yield temporary
+            _put_in_place(temporary, target, Path(path))
+        except OutputError:
+            raise
+        except OSError as error:
+            raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def reserve_directory(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+    """Keep the name of a directory from other processes while the block runs.
+
+    `new_directory` does the same for its own block; this is for the work before it. The lock is
+    one of the operating system on a file beside `path`, so that it ends with its process. On
+    Windows, and on file systems without locks, nothing is kept.
+
+    Parameters
+    ----------
+    path, force
+        As in `new_directory`.
+
+    Yields
+    ------
+    Path
+        `path` as an absolute path without symbolic links.
+
+    Raises
+    ------
+    OutputError
+        As in `new_directory`, at once.
+    """
+    check_new_directory(path, force=force)
+    target = Path(os.path.realpath(path))
+    if target in _reserved:
+        yield target
+        return
+    made = _make_parents(target, Path(path))
+    try:
+        with _lock(target, Path(path)):
+            check_new_directory(path, force=force)
+            _reserved.add(target)
+            try:
+                yield target
+            finally:
+                _reserved.discard(target)
+    finally:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+
+
+_reserved: set[Path] = set()
+"""What this process has reserved."""
+
+
+def check_new_directory(path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Raise `OutputError` at once if `new_directory` would refuse this path later."""
+    try:
+        _check_place(Path(path), force=force)
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:  # a name that is too long, a null byte
+        problem = getattr(error, "strerror", None) or error
+        raise OutputError(f"cannot write {path}: {problem}") from None
+
+
+def _check_place(given: Path, *, force: bool) -> None:
+    if "\0" in str(given):
+        raise ValueError("the name holds a null byte")
+    target = Path(os.path.realpath(given))
+    if target.is_symlink():
+        raise OutputError(f"cannot write {given}: its symbolic links go round in a circle")
+    if target.is_dir():
+        if not force:
+            raise OutputError(f"{given} exists already: choose another directory or give --force")
+        _check_replaceable(target, given)
+    elif target.exists():
+        raise OutputError(f"{given} is a file: choose a directory")
+    ancestor = target.parent
+    while not ancestor.exists() and ancestor != ancestor.parent:
+        ancestor = ancestor.parent
+    if not ancestor.is_dir():
+        raise OutputError(f"cannot write {given}: {ancestor} is not a directory")
+    for folder in (ancestor, target):
+        if folder.exists() and not os.access(folder, os.W_OK | os.X_OK):
+            raise OutputError(f"cannot write {given}: no permission in {folder}")
+
+
+def _check_replaceable(target: Path, given: Path) -> None:
+    """Refuse a directory that is more than a result of Bozzini: it is replaced as a whole."""
+    if Path.cwd().is_relative_to(target):
+        raise OutputError(
+            f"{given} is the working directory or holds it: choose a directory inside it"
+        )
+    if os.path.ismount(target):
+        raise OutputError(f"{given} is a mount point: choose a directory inside it")
+    own = _list_own(target)
+
+    def fail(error: OSError) -> None:
+        raise error
+
+    for folder, folders, files in os.walk(target, onerror=fail):
+        folders.sort()
+        links = [name for name in folders if os.path.islink(os.path.join(folder, name))]
+        for name in sorted(files + links):
+            place = Path(folder, name).relative_to(target).as_posix()
+            if place not in own and name not in _OF_DESKTOPS:
+                raise OutputError(
+                    f"{given} holds '{place}', which is no file of a result: --force would remove "
+                    "it, choose another directory"
+                )
+
+
+_OF_DESKTOPS = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
+_UNLISTED = frozenset(
+    {
+        *("plan.npz", "plan-tube.npz", "plan-follow.npz", "plan-thesis.npz", "scene.glb"),
+        *("report.html", "picture.png", "summary.json"),
+        *("tendons.csv", "tendons.parquet", "robot.npz", "robot.png"),
+    }
+)
+"""Files of a result whose summary does not list them, as version 0.1 wrote it."""
+
+
+def _list_own(target: Path) -> frozenset[str]:
+    """Return the files that the summary in a directory says are of its result."""
+    try:
+        summary = json.loads((target / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return frozenset()
+    if not isinstance(summary, dict):
+        return frozenset()
+    listed = summary.get("files")
+    if isinstance(listed, list):
+        return frozenset(str(name) for name in listed)
+    return _UNLISTED if "clearance_min_mm" in summary else frozenset()
+
+
+def _make_parents(target: Path, given: Path) -> list[Path]:
+    """Make the directories above `target`; return those that are new, the lowest first."""
+    missing = []
+    folder = target.parent
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    made: list[Path] = []
+    try:
+        for folder in reversed(missing):
+            folder.mkdir(exist_ok=True)
+            made.insert(0, folder)
+    except OSError as error:
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+        raise OutputError(f"cannot write {given}: {error.strerror or error}") from None
+    return made
+
+
+@contextmanager
+def _lock(target: Path, given: Path) -> Iterator[None]:
+    """Hold a lock on a file beside `target`, which is there only meanwhile."""
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    name = hashlib.sha256(os.fsencode(target.name)).hexdigest()[:16]
+    place = target.parent / f".bozzini-{name}.lock"
+    descriptor = -1
+    try:
+        while descriptor < 0:
+            descriptor = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(descriptor)
+                raise OutputError(
+                    f"another run is writing {given}: choose another directory or wait for its end"
+                ) from None
+            except OSError:
+                pass  # this file system has no locks
+            # Who held it before may have removed its file between the two calls above.
+            if not _is_open_file(descriptor, place):
+                os.close(descriptor)
+                descriptor = -1
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"cannot write {given}: {error.strerror or error}") from None
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            place.unlink()
+        os.close(descriptor)
+
+
+def _is_open_file(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _put_in_place(temporary: Path, target: Path, given: Path) -> None:
+    if not target.exists():
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o777 & ~umask)
+        temporary.rename(target)
+        return
+    _check_replaceable(target, given)  # files may have come since
+    shutil.copymode(target, temporary)
+    aside = Path(tempfile.mkdtemp(dir=target.parent, prefix=".bozzini-"))
+    old = aside / target.name
+    try:
+        target.rename(old)
+        temporary.rename(target)
+    except BaseException:
+        if old.exists() and not target.exists():
+            old.rename(target)
+        raise
+    finally:
+        if target.exists():
+            shutil.rmtree(aside, ignore_errors=True)
+
+
+def provide_caches() -> None:
+    """Give Numba and matplotlib a temporary directory each, if they have no place of their own.
+
+    Numba keeps compiled code in ``NUMBA_CACHE_DIR``, beside the modules, or in the user's cache
+    directory, and stops with an error if it can write none of them, as in a read-only installation
+    without a home. Then ``NUMBA_CACHE_DIR`` is set to a directory below the temporary one: the
+    same for every run of one user, and only if nobody else can have written there, for code is
+    loaded from it. Likewise matplotlib and ``MPLCONFIGDIR``.
+    """
+    places = [os.environ.get("NUMBA_CACHE_DIR", ""), *_list_packages(), _find_numba_cache()]
+    wanted = {"NUMBA_CACHE_DIR": not any(map(_takes_files, places))}
+    config = os.environ.get("MPLCONFIGDIR") or _find_matplotlib_config()
+    wanted["MPLCONFIGDIR"] = not _takes_files(config)
+    if not any(wanted.values()):
+        return
+    with suppress(OSError):  # no temporary directory either
+        base = _find_private_directory()
+        for name in (name for name, missing in wanted.items() if missing):
+            os.environ[name] = _provided[name] = os.path.join(base, name.split("_")[0].lower())
+    if "NUMBA_CACHE_DIR" in _provided and "numba" in sys.modules:  # it has read the variable
+        sys.modules["numba"].config.CACHE_DIR = _provided["NUMBA_CACHE_DIR"]
+
+
+_provided: dict[str, str] = {}
+
+
+def find_provided_cache() -> str | None:
+    """Return where compiled code goes if that is a temporary directory of `provide_caches`."""
+    return _provided.get("NUMBA_CACHE_DIR")
+
+
+def _list_packages() -> list[str]:
+    """Return the directory of this package if it and all below it can be written, else nothing."""
+    here = os.path.dirname(os.path.abspath(__file__))
+    return [here] if all(os.access(folder, os.W_OK) for folder, _, _ in os.walk(here)) else []
+
+
+def _find_private_directory() -> str:
+    base = tempfile.gettempdir()
+    if sys.platform == "win32":  # it is the user's own there
+        place = os.path.join(base, "bozzini")
+        os.makedirs(place, exist_ok=True)
+        return place
+    place = os.path.join(base, f"bozzini-{os.getuid()}")
+    with suppress(FileExistsError):
+        os.mkdir(place, 0o700)
+    found = os.lstat(place)
+    private = stat.S_ISDIR(found.st_mode) and not found.st_mode & 0o077
+    if private and found.st_uid == os.getuid() and _takes_files(place):
+        return place
+    place = tempfile.mkdtemp(prefix="bozzini-")
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    return place
+
+
+def _find_numba_cache() -> str:
+    """Return where Numba keeps compiled code of a package that cannot be written."""
+    if sys.platform == "win32":
+        return os.path.join(os.environ.get("LOCALAPPDATA", ""), "numba", "Cache")
+    if sys.platform == "darwin":
+        return os.path.expanduser("~/Library/Caches/numba")
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    return os.path.join(base, "numba")
+
+
+def _find_matplotlib_config() -> str:
+    if sys.platform in ("win32", "darwin"):
+        return os.path.expanduser("~/.matplotlib")
+    base = os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config")
+    return os.path.join(base, "matplotlib")
+
+
+def _takes_files(folder: str) -> bool:
+    """Say whether a directory can be made, if need be, and written: permissions do not tell all."""
+    if not folder:
+        return False
+    try:
+        os.makedirs(folder, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except (OSError, ValueError):
+        return False
+    return True

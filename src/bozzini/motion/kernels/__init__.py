@@ -1,0 +1,1 @@
+"""Compiled kernels of motions: scalars and arrays, no Python objects."""

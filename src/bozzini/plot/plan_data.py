@@ -1,0 +1,667 @@
+"""Steps of a plan worth drawing, and where along the tract each joint stands at them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_integer
+from ..errors import InputError
+from ..motion.measures import measure_displacement
+from ..motion.plan import Plan
+from ..motion.refusal import floor_mm
+
+if TYPE_CHECKING:
+    from ..duct.field import SampledField
+
+# Numbers out of records that may lack them, and bounds rounded to the safe side.
+
+
+def ceil_mm(value: float, digits: int = 2) -> str:
+    """Write a length rounded up, as an upper bound must be."""
+    return f"{math.ceil(value * 10**digits - 1e-9) / 10**digits:.{digits}f}"
+
+
+def read_number(values: Mapping[str, Any], key: str) -> float | None:
+    """Return a finite number from a record, None where there is none."""
+    value = values.get(key)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+# The whole way to the goal, and where on it a plan's head path and its refusal lie.
+#
+# A planner bends the head's path for the length of the links, and may end it before the goal.
+# Places along the tract are told on the centreline, which every plan of the same tract shares.
+
+Floats = NDArray[np.float64]
+
+_MATCHED = 800
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Way:
+    """The way from the entry to the goal.
+
+    Parameters
+    ----------
+    points : (m, 3) float
+        The centreline, or the head's path where the plan holds no centreline [mm].
+    arc_length, radius : (m,) float
+        Arc length from the entry and inscribed radius of the lumen [mm].
+    path_arc_length, path_place : (n,) float
+        Arc length along the head's path, and the arc length of the way beside it [mm].
+    is_centreline : bool
+        Whether this is the whole centreline.
+    """
+
+    points: Floats
+    arc_length: Floats
+    radius: Floats
+    path_arc_length: Floats
+    path_place: Floats
+    is_centreline: bool
+
+    @property
+    def length(self) -> float:
+        """Length of the way [mm]."""
+        return float(self.arc_length[-1])
+
+    def place(self, arc: ArrayLike) -> Floats:
+        """Turn arc length along the head's path [mm] into that of the way.
+
+        Before the entry both count alike, so what is in the introducer stays negative.
+        """
+        values = np.asarray(arc, dtype=np.float64)
+        inside = np.interp(values, self.path_arc_length, self.path_place)
+        before = values - self.path_arc_length[0] + self.path_place[0]
+        return np.where(values < self.path_arc_length[0], before, inside)
+
+    def locate(self, place: float) -> Floats:
+        """Return the world point ``(3,)`` at an arc length of the way [mm]."""
+        return np.array([np.interp(place, self.arc_length, axis) for axis in self.points.T])
+
+    def cut_rest(self, place: float) -> Floats:
+        """Return the points ``(k, 3)`` of the way from an arc length [mm] to the goal."""
+        rest = self.points[self.arc_length > place]
+        return np.concatenate([self.locate(place)[None], rest]) if len(rest) else rest
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefusalMark:
+    """Where a planner refused to go on.
+
+    Parameters
+    ----------
+    code : str
+        The reason code.
+    at : float
+        Arc length of the way [mm].
+    needs, offers : float or None
+        Room needed and room there, from the scope's axis to the wall [mm].
+    """
+
+    code: str
+    at: float
+    needs: float | None
+    offers: float | None
+
+    @property
+    def text(self) -> str:
+        """The refusal in a few words."""
+        if self.needs is None or self.offers is None or self.needs <= self.offers:
+            return f"refused at {self.at:.0f} mm"
+        offers = f"{floor_mm(self.offers)} mm" if self.offers > 0.0 else "none"
+        return f"refused at {self.at:.0f} mm: needs {self.needs:.2f}, offers {offers}"
+
+
+def find_refusal(plan: Plan, summary: Mapping[str, Any] | None = None) -> RefusalMark | None:
+    """Return where and why a plan ends before the goal, None where that was not recorded."""
+    if plan.status != "stopped":
+        return None
+    for record in ((summary or {}).get("refusal"), plan.meta.get("refusal")):
+        if isinstance(record, Mapping) and (at := read_number(record, "at_mm")) is not None:
+            return RefusalMark(
+                code=str(record.get("code") or plan.reason_code),
+                at=at,
+                needs=read_number(record, "needs_mm"),
+                offers=read_number(record, "offers_mm"),
+            )
+    return None
+
+
+def share_centreline(plans: Sequence[Plan]) -> list[Plan]:
+    """Give plans without a centreline that of the others, so that places mean the same."""
+    lines = [plan.meta["centreline"] for plan in plans if plan.meta.get("centreline")]
+    if not lines:
+        return list(plans)
+    return [
+        replace(plan, meta={**plan.meta, "centreline": plan.meta.get("centreline") or lines[0]})
+        for plan in plans
+    ]
+
+
+def find_way(plan: Plan) -> Way:
+    """Return the whole way of a plan: its centreline, or else the path of its head."""
+    arc = plan.path_arc_length
+    line = _read_centreline(plan)
+    if line is None:
+        return Way(
+            points=plan.path,
+            arc_length=arc,
+            radius=plan.path_radius,
+            path_arc_length=arc,
+            path_place=arc,
+            is_centreline=False,
+        )
+    points, arc_length, radius = line
+    chosen = _thin(len(plan.path))
+    places = _match(plan.path[chosen], points, arc_length)
+    return Way(
+        points=points,
+        arc_length=arc_length,
+        radius=radius,
+        path_arc_length=arc[chosen],
+        path_place=places,
+        is_centreline=True,
+    )
+
+
+def _read_centreline(plan: Plan) -> tuple[Floats, Floats, Floats] | None:
+    record = plan.meta.get("centreline")
+    if not isinstance(record, Mapping):
+        return None
+    try:
+        points, arc, radius = (
+            np.asarray(record[key], dtype=np.float64)
+            for key in ("points_mm", "arc_length_mm", "radius_mm")
+        )
+    except (KeyError, TypeError, ValueError):
+        return None
+    fits = points.ndim == 2 and points.shape[1] == 3 and len(points) >= 2
+    if not fits or arc.shape != (len(points),) or radius.shape != arc.shape:
+        return None
+    finite = all(np.isfinite(values).all() for values in (points, arc, radius))
+    return (points, arc, radius) if finite and (np.diff(arc) > 0.0).all() else None
+
+
+def _thin(count: int) -> NDArray[np.int64]:
+    return np.unique(np.linspace(0, count - 1, min(count, _MATCHED)).astype(np.int64))
+
+
+def _match(path: Floats, points: Floats, arc_length: Floats) -> Floats:
+    """Return the place ``(n,)`` of path points on a curve that only goes forward.
+
+    The order-keeping assignment with the least sum of squared gaps, by dynamic programming: it
+    does not jump to a neighbouring limb as the nearest point would.
+    """
+    chosen = _thin(len(points))
+    gaps = ((path[:, None] - points[None, chosen]) ** 2).sum(axis=-1)
+    cost = np.where(np.arange(len(chosen)) == 0, gaps[0], np.inf)  # both start at the entry
+    before = np.zeros(gaps.shape, dtype=np.int64)
+    for k in range(1, len(path)):
+        best = np.minimum.accumulate(cost)
+        rises = np.concatenate([[True], cost[1:] < best[:-1]])
+        before[k] = np.maximum.accumulate(np.where(rises, np.arange(len(cost)), 0))
+        cost = best + gaps[k]
+    index = np.zeros(len(path), dtype=np.int64)
+    index[-1] = int(np.argmin(cost))
+    for k in range(len(path) - 1, 0, -1):
+        index[k - 1] = before[k, index[k]]
+    result: Floats = arc_length[chosen[index]]
+    return result
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionSample:
+    """Some steps of a plan.
+
+    Parameters
+    ----------
+    steps : (k,) int
+        Which steps, in order.
+    insertion : (k,) float
+        Arc length of the head [mm].
+    joints : (k, j, 3) float
+        Joint positions [mm].
+    clearance : (k, j - 1) float
+        Clearance of each link [mm]: at the step, or the smallest since the step before.
+    places : (k, j) float
+        Arc length of the tract at which each joint stands [mm], along the centreline if the plan
+        holds it; negative in the introducer.
+    in_tract : (k, j - 1) bool
+        Links whose front joint has entered the tract and whose clearance is known.
+    """
+
+    steps: NDArray[np.int64]
+    insertion: NDArray[np.float64]
+    joints: NDArray[np.float64]
+    clearance: NDArray[np.float64]
+    places: NDArray[np.float64]
+    in_tract: NDArray[np.bool_]
+
+    @property
+    def visible(self) -> NDArray[np.float64]:
+        """Clearance ``(k, j - 1)`` [mm] of the links in the tract, infinite elsewhere."""
+        return np.where(self.in_tract, self.clearance, np.inf)
+
+    @property
+    def smallest(self) -> NDArray[np.float64]:
+        """Smallest clearance ``(k,)`` [mm] over the links in the tract; infinite if none is."""
+        result: NDArray[np.float64] = self.visible.min(axis=1)
+        return result
+
+    def find_tightest(self) -> tuple[int, int]:
+        """Return row and link of the smallest clearance in the tract."""
+        row, link = np.unravel_index(int(np.argmin(self.visible)), self.visible.shape)
+        return int(row), int(link)
+
+
+def check_plan(plan: Plan) -> None:
+    """Raise `InputError` if the arrays of a plan are not finite or do not fit each other."""
+    if plan.joints.shape[2] != 3:
+        raise InputError(f"joints has shape {plan.joints.shape}: pictures need (steps, joints, 3)")
+    count = len(plan.path)
+    if plan.path.shape != (count, 3) or count < 2:
+        raise InputError(f"path has shape {plan.path.shape}: it must be (m, 3) with m at least 2")
+    for name in ("path_arc_length", "path_radius"):
+        shape = getattr(plan, name).shape
+        if shape != (count,):
+            raise InputError(f"{name} has shape {shape}: it must be ({count},), one per path point")
+    for name in ("joints", "head_arc_length", "path", "path_arc_length"):
+        bad = int(np.count_nonzero(~np.isfinite(getattr(plan, name))))
+        if bad:
+            raise InputError(f"{name} of the plan has {bad} value(s) that are NaN or infinite")
+    unknown = int(np.count_nonzero(np.isnan(plan.clearance) | np.isneginf(plan.clearance)))
+    if unknown:
+        raise InputError(f"clearance of the plan has {unknown} value(s) that are NaN or -infinite")
+
+
+def find_link_length(plan: Plan) -> float:
+    """Return the link length [mm], from the plan's record or else from its joints."""
+    stated = _read_scope(plan).get("link_length_mm")
+    if isinstance(stated, (int, float)) and stated > 0:
+        return float(stated)
+    return float(np.median(np.linalg.norm(np.diff(plan.joints[-1], axis=0), axis=-1)))
+
+
+def find_radius(plan: Plan) -> float:
+    """Return the scope's radius [mm] from the plan's record, 0 where it is not recorded."""
+    stated = _read_scope(plan).get("diameter_mm")
+    return 0.5 * float(stated) if isinstance(stated, (int, float)) and stated > 0 else 0.0
+
+
+def _read_scope(plan: Plan) -> dict[str, object]:
+    scope = plan.meta.get("scope")
+    return scope if isinstance(scope, dict) else {}
+
+
+def sample_motion(plan: Plan, *, count: int = 300, worst_between: bool = False) -> MotionSample:
+    """Return at most about `count` steps of a plan, always with the first, last and tightest.
+
+    Parameters
+    ----------
+    plan : Plan
+    count : int
+        Steps wanted, at least 2.
+    worst_between : bool
+        Give as clearance the smallest since the sampled step before, so that nothing is lost.
+
+    Raises
+    ------
+    InputError
+        If the plan's arrays do not fit each other, or `count` is below 2.
+    """
+    check_plan(plan)
+    check_integer("count of sampled steps", count, low=2)
+    steps = np.unique(np.linspace(0, plan.steps - 1, min(count, plan.steps)).astype(np.int64))
+    entered = (
+        plan.head_arc_length[:, None] - find_link_length(plan) * np.arange(plan.links) >= -1e-9
+    )
+    visible = np.where(entered, plan.clearance, np.inf)
+    tightest = int(np.argmin(visible.min(axis=1)))
+    steps = np.union1d(steps, [tightest])
+    joints = plan.joints[steps]
+    places = find_way(plan).place(_locate_joints(plan, joints, plan.head_arc_length[steps]))
+    clearance = plan.clearance[steps]
+    if worst_between:
+        starts = np.concatenate([[0], steps[:-1] + 1])
+        clearance = np.minimum.reduceat(plan.clearance, starts, axis=0)
+    in_tract = (places[:, :-1] >= -1e-9) & np.isfinite(clearance)
+    return MotionSample(
+        steps=steps,
+        insertion=plan.head_arc_length[steps],
+        joints=joints,
+        clearance=clearance,
+        places=places,
+        in_tract=in_tract,
+    )
+
+
+def place_tightest(sample: MotionSample, field: SampledField) -> NDArray[np.float64]:
+    """Return where along the tract ``(k,)`` [mm] the tightest link of each step is tightest.
+
+    The plan holds one clearance a link; the place on the link is looked up in the field.
+    """
+    rows = np.arange(len(sample.steps))
+    link = np.argmin(sample.visible, axis=1)
+    fractions = np.linspace(0.0, 1.0, 33)
+    ends = (sample.joints[rows, link], sample.joints[rows, link + 1])
+    points = ends[0][:, None] + fractions[:, None] * (ends[1] - ends[0])[:, None]
+    front, back = sample.places[rows, link], sample.places[rows, link + 1]
+    places = front[:, None] + fractions * (back - front)[:, None]
+    distance = np.where(places >= 0.0, field.signed_distance(points), -np.inf)
+    worst = np.argmax(distance, axis=1)
+    result: NDArray[np.float64] = np.maximum(places[rows, worst], 0.0)
+    return result
+
+
+def _locate_joints(
+    plan: Plan, joints: NDArray[np.float64], head: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the arc length nearest to each joint, each searched a little behind the one before.
+
+    A chain cuts corners, so counting link lengths back from the head drifts; looking for the
+    nearest point of the whole path could jump to a neighbouring limb.
+    """
+    length = find_link_length(plan)
+    spacing = length / 10.0
+    first = min(0.0, float(head.min())) - length * (joints.shape[1] + 2)
+    arc = np.arange(first, float(plan.path_arc_length[-1]) + spacing, spacing)
+    curve = np.stack(
+        [np.interp(arc, plan.path_arc_length, plan.path[:, k]) for k in range(3)], axis=-1
+    )
+    behind = arc < plan.path_arc_length[0]
+    curve[behind] = plan.path[0] + np.outer(
+        plan.path_arc_length[0] - arc[behind], _find_entry_direction(plan, length)
+    )
+    window = np.arange(-30, 1)  # up to three link lengths back
+    places = np.empty(joints.shape[:2])
+    places[:, 0] = head
+    last = np.clip(np.rint((head - first) / spacing).astype(np.int64), 0, len(arc) - 1)
+    for k in range(1, joints.shape[1]):
+        candidates = np.maximum(last[:, None] + window, 0)
+        gap = ((curve[candidates] - joints[:, k, None, :]) ** 2).sum(axis=-1)
+        last = candidates[np.arange(len(last)), np.argmin(gap, axis=1)]
+        places[:, k] = arc[last]
+    return places
+
+
+def _find_entry_direction(plan: Plan, length: float) -> NDArray[np.float64]:
+    """Return the unit vector out of the tract along the introducer."""
+    outward = plan.joints[0, -1] - plan.path[0]
+    if plan.head_arc_length[0] > length or not np.linalg.norm(outward) > 0.0:
+        outward = plan.path[0] - plan.path[1]
+    norm = float(np.linalg.norm(outward))
+    return outward / norm if norm > 0.0 else np.array([0.0, 0.0, 1.0])
+
+
+# What is claimed for a plan: proved or estimated, against which wall, and with what contact.
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoftWall:
+    """A wall that may give way.
+
+    Parameters
+    ----------
+    allowed, used : float
+        How far the wall may be displaced, and how far it was for the motion to be proved [mm].
+    contact : float
+        Deepest contact: how far the body stands beyond the wall at rest [mm], 0 if nowhere.
+    place : float or None
+        Arc length along the tract of the deepest contact [mm].
+    """
+
+    allowed: float
+    used: float
+    contact: float
+    place: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """What may be said about the clearance of a plan.
+
+    Parameters
+    ----------
+    certified : bool
+        Whether it is proved that the body keeps off the wall at all times.
+    proved : float or None
+        Proved lower bound of the clearance [mm]; None where nothing is proved.
+    estimate : float or None
+        Smallest clearance at sampled points and recorded steps, to the wall at rest [mm].
+    place : float or None
+        Arc length along the tract of the estimate [mm].
+    inflation : float
+        How far the wall was moved outwards for all of this [mm].
+    soft : SoftWall or None
+        Set where the wall was allowed to give way and had to.
+    """
+
+    certified: bool
+    proved: float | None
+    estimate: float | None
+    place: float | None
+    inflation: float
+    soft: SoftWall | None
+
+    @property
+    def headline(self) -> float | None:
+        """The clearance to quote first [mm]: the proved one where there is one."""
+        return self.proved if self.certified and self.proved is not None else self.estimate
+
+
+def read_claim(plan: Plan, summary: Mapping[str, Any]) -> Claim:
+    """Return what a plan's certificate, summary and arrays allow to be said.
+
+    Parameters
+    ----------
+    plan : Plan
+    summary : mapping
+        The summary of the run; what it lacks is taken from the plan.
+    """
+    certified = bool(summary.get("certified", plan.meta.get("certified", False)))
+    proved = read_number(summary, "clearance_certified_mm")
+    certificate = plan.meta.get("certificate")
+    if proved is None and isinstance(certificate, Mapping):
+        proved = read_number(certificate, "clearance_mm")
+    estimate = read_number(summary, "clearance_min_mm")
+    place = read_number(summary, "clearance_where_mm")
+    if estimate is None:
+        sample = sample_motion(plan, count=400, worst_between=True)
+        row, link = sample.find_tightest()
+        if sample.in_tract[row, link]:
+            estimate = float(sample.clearance[row, link])
+            place = max(0.0, float(sample.places[row, link : link + 2].mean()))
+    soft = _read_soft_wall(plan, summary, estimate, place)
+    inflation = read_number(summary, "inflation_mm")
+    field = plan.meta.get("field")
+    if inflation is None and isinstance(field, Mapping):
+        inflation = read_number(field, "inflation_mm") or 0.0
+        inflation -= 0.0 if soft is None else soft.used  # planned in the displaced wall
+    return Claim(
+        certified=certified,
+        proved=proved if certified else None,
+        estimate=estimate,
+        place=place,
+        inflation=max(0.0, inflation or 0.0),
+        soft=soft,
+    )
+
+
+def _read_soft_wall(
+    plan: Plan, summary: Mapping[str, Any], estimate: float | None, place: float | None
+) -> SoftWall | None:
+    record = summary.get("soft_wall") or plan.meta.get("soft_wall")
+    if not isinstance(record, Mapping):
+        return None
+    allowed = read_number(record, "allowed_mm") or 0.0
+    used = read_number(record, "used_mm")
+    used = allowed if used is None else used
+    if used <= 0.0:  # the rigid wall was enough, or none of what was allowed helped
+        return None
+    contact = read_number(record, "contact_max_mm")
+    if contact is None:
+        contact = -min(0.0, estimate or 0.0)
+    where = read_number(record, "contact_where_mm")
+    return SoftWall(
+        allowed=allowed,
+        used=used,
+        contact=max(0.0, contact),
+        place=place if where is None else where,
+    )
+
+
+# Methods side by side: one row of numbers for each, as records and as an HTML table.
+
+METHOD_NAMES = {
+    "tube": "tube (default)",
+    "follow": "follow the leader",
+    "thesis": "thesis, section 5.3",
+}
+"""Methods in words."""
+
+_MINUS = "\N{MINUS SIGN}"
+
+
+def list_methods(
+    plans: Sequence[Plan], records: Sequence[Mapping[str, Any]] = ()
+) -> list[dict[str, Any]]:
+    """Return one record for each method, with the keys of the summary's `comparison`.
+
+    Parameters
+    ----------
+    plans : sequence of Plan
+        What the records lack is computed from these.
+    records : sequence of mapping
+        Records already made; they come first and are kept as they are.
+    """
+    rows = [dict(record) for record in records if isinstance(record, Mapping)]
+    by_method = {str(row.get("method")): row for row in rows}
+    for plan in plans:
+        row = by_method.setdefault(plan.method, {"method": plan.method})
+        if row not in rows:
+            rows.append(row)
+        for key, value in _describe(plan, skip=row).items():
+            row.setdefault(key, value)
+    return rows
+
+
+def _describe(plan: Plan, *, skip: Mapping[str, Any]) -> dict[str, Any]:
+    measures = plan.meta.get("measures")
+    measures = measures if isinstance(measures, Mapping) else {}
+    certificate = plan.meta.get("certificate")
+    certified = bool(plan.meta.get("certified", False))
+    proved = None
+    if certified and isinstance(certificate, Mapping):
+        proved = read_number(certificate, "clearance_mm")
+    smallest = float(plan.clearance.min())
+    estimate = read_number(measures, "clearance_min_mm")
+    return {
+        "status": plan.status,
+        "reason": plan.reason,
+        "reason_code": plan.reason_code,
+        "certified": certified,
+        "clearance_certified_mm": proved,
+        "clearance_min_mm": smallest if estimate is None and math.isfinite(smallest) else estimate,
+        "inserted_mm": plan.inserted,
+        "centreline_length_mm": find_way(plan).length,
+        "joint_step_ratio_max": read_number(measures, "joint_step_ratio_max"),
+        "joint_angle_max_rad": read_number(measures, "joint_angle_max_rad"),
+        "displacement_ratio": None
+        if skip.get("displacement_ratio") is not None
+        else _measure_displacement(plan),
+    }
+
+
+def _measure_displacement(plan: Plan) -> dict[str, float] | None:
+    try:
+        return measure_displacement(plan)
+    except (InputError, KeyError, TypeError):  # the plan does not say where its introducer is
+        return None
+
+
+def render_methods(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return an HTML table, one row a method; every text is escaped."""
+    heads = [
+        "Method", "Result", "Clearance", "Joint step<br>per head step", "Largest<br>angle",
+        "Joint movement,<br>of a free chain's", "… of follow-<br>the-leader's", "Seconds",
+    ]  # fmt: skip
+    table = [_render_cells(row) for row in rows]
+    shown = [k for k in range(len(heads)) if any(cells[k] != "–" for cells in table)]
+    body = "".join(
+        f'<tr><th scope="row">{cells[0]}</th>'
+        + "".join(f"<td>{cells[k]}</td>" for k in shown[1:])
+        + "</tr>"
+        for cells in table
+    )
+    head = "".join(f'<th scope="col">{heads[k]}</th>' for k in shown)
+    return (
+        '<div class="wide"><table class="methods"><thead><tr>'
+        f"{head}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+
+
+def read_movement(row: Mapping[str, Any]) -> dict[str, float | None]:
+    """Return `step`, `tractrix` and `follow`: how joints move; None where not known."""
+    moved = row.get("displacement_ratio")
+    moved = moved if isinstance(moved, Mapping) else {}
+    if row.get("inserted_mm") == 0.0:  # a scope that does not enter moves no joint
+        return {"step": None, "tractrix": None, "follow": None}
+    return {
+        "step": read_number(row, "joint_step_ratio_max"),
+        "tractrix": read_number(moved, "tractrix"),
+        "follow": read_number(moved, "follow"),
+    }
+
+
+def _render_cells(row: Mapping[str, Any]) -> list[str]:
+    method = str(row.get("method", "?"))
+    moved = read_movement(row)
+    angle = read_number(row, "joint_angle_max_rad")
+    return [
+        escape(METHOD_NAMES.get(method, method)),
+        _render_result(row),
+        _render_clearance(row),
+        _show(moved["step"], 2, "×"),
+        _show(None if angle is None else math.degrees(angle), 1, "°"),
+        _show(moved["tractrix"], 2, "×"),
+        _show(moved["follow"], 2, "×"),
+        _show(read_number(row, "seconds"), 2, " s"),
+    ]
+
+
+def _render_result(row: Mapping[str, Any]) -> str:
+    if row.get("status") == "complete":
+        return "reaches the far end"
+    code = str(row.get("reason_code") or "")
+    title = f' title="{escape(str(row.get("reason") or ""), quote=True)}"'
+    stop = _show(read_number(row, "inserted_mm"), 0, " mm")
+    return f'<b class="bad"{title}>stops at {stop}</b> {escape(code)}'
+
+
+def _render_clearance(row: Mapping[str, Any]) -> str:
+    proved, estimate = (
+        read_number(row, key) for key in ("clearance_certified_mm", "clearance_min_mm")
+    )
+    if row.get("certified"):
+        if proved is None:
+            return "proved to stay inside"
+        return f"at least {floor_mm(proved).replace('-', _MINUS)} mm, <b>proved</b>"
+    if estimate is None:
+        return "–"
+    if estimate < 0.0:
+        return f'<b class="bad">{_show(estimate, 2, " mm")}</b>, through the wall'
+    return f"{_show(estimate, 2, ' mm')}, estimated"
+
+
+def _show(value: float | None, digits: int, unit: str) -> str:
+    return "–" if value is None else f"{value:.{digits}f}{unit}".replace("-", _MINUS)

@@ -1,0 +1,474 @@
+"""The report: one HTML file that stands alone and says whether the scope fits.
+
+Pictures, data and the small script are all inside the file; nothing is loaded from anywhere.
+Every text that comes from outside (file names, reasons, findings) is escaped.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from functools import cache
+from html import escape
+from importlib.resources import files as package_files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..io.files import write_text
+from ..motion.plan import Plan
+from ..plot.fluoroscopy import Projection, render_fluoroscopy
+from ..plot.palette import (
+    AMBER,
+    GREEN,
+    RED,
+    ClearanceScale,
+    choose_clearance_scale,
+    color_lumen,
+    list_clearance_colors,
+)
+from ..plot.plan_data import (
+    Claim,
+    MotionSample,
+    Way,
+    check_plan,
+    find_radius,
+    find_refusal,
+    find_way,
+    place_tightest,
+    read_claim,
+    sample_motion,
+    share_centreline,
+)
+from ..plot.scope import MARK, REST, choose_bar_length, find_violations, list_marks
+from .text import (
+    list_limitations,
+    list_rows,
+    render_cards,
+    render_ends,
+    render_findings,
+    render_notes,
+    render_table,
+)
+from .verdict import judge_plan
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..anatomy.tract import Finding
+    from ..duct.field import SampledField
+
+# What the report's slider needs: a thinned plan, packed small, and the pictures behind it.
+
+JOINT_STEP = 0.1
+CLEARANCE_STEP = 0.01
+IN_INTRODUCER = -32768
+_PICTURE_PIXELS = 900
+
+
+def encode_picture(picture: Projection) -> str:
+    """Return a projection as a ``data:`` address of a PNG, enlarged smoothly."""
+    from PIL import Image
+
+    zoom = _PICTURE_PIXELS / max(picture.width, picture.height)
+    size = (max(1, round(zoom * picture.width)), max(1, round(zoom * picture.height)))
+    levels = Image.fromarray(np.rint(255.0 * picture.image).astype(np.uint8))
+    indexed = levels.resize(size, Image.Resampling.BICUBIC)
+    colors = np.rint(255.0 * color_lumen(np.linspace(0.0, 1.0, 256))).astype(np.uint8)
+    indexed.putpalette(colors.tobytes())
+    stream = io.BytesIO()
+    indexed.save(stream, format="PNG", compress_level=6)
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+
+
+def pack_viewer(
+    sample: MotionSample,
+    pictures: Sequence[Projection],
+    *,
+    places: NDArray[np.float64],
+    scale: ClearanceScale,
+    radius: float,
+) -> dict[str, Any]:
+    """Return a JSON-able object for the report's script.
+
+    `places` says where along the tract each step is tightest [mm]. Joints are given per picture
+    from its upper left corner, right and down, in steps of 0.1 mm; clearances in steps of
+    0.01 mm, with -32768 for links still in the introducer. Both are little-endian 16-bit
+    integers in base64.
+    """
+    views = []
+    for picture in pictures:
+        place = picture.project(sample.joints)
+        corner = np.array([picture.extent[0], picture.extent[3]])
+        views.append(
+            {
+                "width": round(picture.width, 3),
+                "height": round(picture.height, 3),
+                "joints": _pack((place - corner) * [1.0, -1.0] / JOINT_STEP),
+            }
+        )
+    clearance = np.where(sample.in_tract, sample.clearance / CLEARANCE_STEP, IN_INTRODUCER)
+    return {
+        "count": len(sample.steps),
+        "joints": int(sample.joints.shape[1]),
+        "radius": radius,
+        "steps": [int(step) for step in sample.steps],
+        "insertion": [round(float(value), 2) for value in sample.insertion],
+        "smallest": [
+            round(float(value), 3) if np.isfinite(value) else None for value in sample.smallest
+        ],
+        "place": [round(float(value), 1) for value in places],
+        "spots": [find_violations(row) for row in sample.visible],
+        "clearance": _pack(clearance),
+        "views": views,
+        "scale": {
+            "low": scale.low,
+            "high": scale.high,
+            "colors": list_clearance_colors(scale),
+        },
+    }
+
+
+def _pack(values: NDArray[np.float64]) -> str:
+    whole = np.clip(np.rint(values), -32768, 32767).astype("<i2")
+    return base64.b64encode(whole.tobytes()).decode("ascii")
+
+
+# Parts of the report that are drawn: the slider's pictures, contact, methods side by side.
+
+
+def render_panel(picture: Projection, plan: Plan, way: Way, summary: Mapping[str, Any]) -> str:
+    """Return one picture of the slider, with the way not reached, its scale bar and letters."""
+    left, right, bottom, top = picture.labels
+    bar = choose_bar_length(picture.width)
+    return (
+        f'<div class="panel" style="flex:{picture.width:.3f} 1 0">'
+        f'<img src="{encode_picture(picture)}" alt="{picture.axis} view of the lumen">'
+        f'<span class="name">{picture.axis}</span><span class="l">{left}</span>'
+        f'<span class="r">{right}</span><span class="t">{top}</span><span class="b">{bottom}</span>'
+        f'<span class="bar" style="width:{100.0 * bar / picture.width:.2f}%">{bar:g} mm</span>'
+        f"{_render_marks(picture, plan)}{_render_rest(picture, plan, way, summary)}"
+        "<canvas></canvas></div>"
+    )
+
+
+def _render_marks(picture: Projection, plan: Plan) -> str:
+    """Return the ends of the tract as numbered rings, "" where the plan records none."""
+    marks = list_marks(plan)
+    if not marks:
+        return ""
+    corner = np.array([picture.extent[0], picture.extent[3]])
+    size = 0.012 * picture.height
+    parts = [
+        f'<svg viewBox="0 0 {picture.width:.2f} {picture.height:.2f}" fill="none" '
+        f'stroke="{MARK}" stroke-width="{0.25 * size:.2f}" aria-hidden="true">'
+    ]
+    for mark in marks:
+        u, v = (picture.project(mark.point) - corner) * [1.0, -1.0]
+        parts.append(
+            f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{size:.2f}"/><text x="{u + 1.4 * size:.1f}" '
+            f'y="{v + 0.8 * size:.1f}" fill="{MARK}" stroke="none" font-size="{2.4 * size:.1f}">'
+            f"{mark.number}</text>"
+        )
+    return "".join(parts) + "</svg>"
+
+
+def _render_rest(picture: Projection, plan: Plan, way: Way, summary: Mapping[str, Any]) -> str:
+    """Return the way that was not reached, and the refusal's place, as an overlay."""
+    if plan.status != "stopped":
+        return ""
+    reached = max(0.0, float(way.place(plan.head_arc_length).max()))
+    corner = np.array([picture.extent[0], picture.extent[3]])
+    size = 0.018 * picture.height
+    parts = [
+        f'<svg viewBox="0 0 {picture.width:.2f} {picture.height:.2f}" fill="none" '
+        f'stroke="{REST}" stroke-linecap="round" aria-hidden="true">'
+    ]
+    rest = way.cut_rest(reached)
+    if len(rest):
+        place = (picture.project(rest) - corner) * [1.0, -1.0]
+        points = " ".join(f"{u:.1f},{v:.1f}" for u, v in place)
+        parts.append(
+            f'<polyline points="{points}" stroke-width="{0.4 * size:.2f}" '
+            f'stroke-dasharray="0 {1.1 * size:.2f}"/>'
+        )
+    mark = find_refusal(plan, summary)
+    if mark is not None:
+        u, v = (picture.project(way.locate(mark.at)) - corner) * [1.0, -1.0]
+        cross = (
+            f"M{u - size:.1f} {v - size:.1f}l{2 * size:.1f} {2 * size:.1f}"
+            f"m0 {-2 * size:.1f}l{-2 * size:.1f} {2 * size:.1f}"
+        )
+        parts.append(f'<path d="{cross}" stroke="#05080c" stroke-width="{1.1 * size:.2f}"/>')
+        parts.append(f'<path d="{cross}" stroke-width="{0.6 * size:.2f}"/>')
+    return "".join(parts) + "</svg>"
+
+
+def render_contact(plan: Plan, field: SampledField, claim: Claim) -> str:
+    """Return the section on contact with a soft wall, "" where the wall is rigid."""
+    if claim.soft is None:
+        return ""
+    from ..plot.contact import draw_contact, measure_contact
+
+    contact = measure_contact(plan, field)
+    share = 100.0 * contact.touched / contact.length
+    image = encode_figure(
+        draw_contact(plan, field, used=claim.soft.used, allowed=claim.soft.allowed), dpi=130.0
+    )
+    return (
+        "<h2>Contact</h2><p>Where the body stands beyond the wall at rest, and by how much: left "
+        "at every moment, right the deepest at each place. About "
+        f"{contact.touched:.0f} mm of the tract ({share:.0f} %) are touched at some time.</p>"
+        f'<figure><img src="{image}" alt="Depth of contact along the tract"></figure>'
+    )
+
+
+def render_comparison(plan: Plan, summary: Mapping[str, Any], comparison: Sequence[Plan]) -> str:
+    """Return the section that puts methods side by side, "" where there is nothing to compare."""
+    from ..plot.comparison import draw_comparison
+    from ..plot.plan_data import list_methods, render_methods
+
+    records = summary.get("comparison") or ()
+    if not isinstance(records, Sequence) or isinstance(records, str):
+        records = ()
+    if not comparison and not records:
+        return ""
+    soft = read_claim(plan, summary).soft is not None
+    first, *plans = share_centreline([plan, *comparison])
+    if not soft and plan.method not in (other.method for other in plans):
+        plans.insert(0, first)
+    rows = list_methods(plans, records)
+    figure = ""
+    if comparison:
+        image = encode_figure(draw_comparison(plans, records=rows), dpi=130.0)
+        figure = f'<figure><img src="{image}" alt="Clearance and movement by method"></figure>'
+    rigid = " against the wall at rest, taken as rigid" if soft else ""
+    return (
+        f"<h2>Methods side by side</h2><p>The same scope and tract, planned by each method{rigid}. "
+        "A clearance is proved or an estimate, as it says; joint movement is the sum over all "
+        "joints and steps, against a chain pulled freely along the same head path (no wall "
+        "holds it back) and one whose joints all follow that path.</p>"
+        f"{render_methods(rows)}{figure}"
+    )
+
+
+def encode_figure(figure: Figure, *, dpi: float) -> str:
+    """Return a figure as a ``data:`` address of a PNG."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=dpi, facecolor=figure.get_facecolor())
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+
+
+_TONES = {"green": GREEN, "amber": AMBER, "red": RED}
+_VIEWER_JOINTS = 60_000
+_VIEWER_STEPS = 300
+_NOTE_REST = "Orange dots are the way not reached, an orange cross the place that was refused."
+
+
+def write_report(
+    path: str | os.PathLike[str],
+    *,
+    plan: Plan,
+    field: SampledField,
+    summary: Mapping[str, Any],
+    findings: Sequence[Finding] = (),
+    comparison: Sequence[Plan] = (),
+) -> Path:
+    """Write the report of a plan as one HTML file and return its path.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to write.
+    plan : Plan
+        The motion. Of its `meta`, the keys scope, certified, certificate, centreline, refusal,
+        soft_wall, input, versions, command and attribution are used where they are present.
+    field : SampledField
+        The lumen that the plan was made in; for a soft wall, the lumen at rest.
+    summary : mapping
+        The object that ``bozzini plan --json`` prints; its numbers are the ones quoted.
+    findings : sequence of Finding
+        What was noticed about the input.
+    comparison : sequence of Plan
+        Plans by other methods for the same scope and tract, to be put side by side.
+
+    Raises
+    ------
+    InputError
+        If plan, field and summary do not belong together.
+    OutputError
+        If the file cannot be written.
+    """
+    from ..plot.clearance import draw_clearance
+    from ..plot.figures import draw_depths
+
+    check_plan(plan)
+    _check_summary(plan, summary)
+    _check_field(plan, field)
+    for other in comparison:
+        check_plan(other)
+        _check_field(other, field)
+    claim, way = read_claim(plan, summary), find_way(plan)
+    error = float(getattr(field, "error", 0.0))
+    verdict = judge_plan(plan, summary, error=error)
+    count = int(np.clip(_VIEWER_JOINTS // plan.joints.shape[1], 2, _VIEWER_STEPS))
+    sample = sample_motion(plan, count=count)
+    scale = choose_clearance_scale(sample.visible)
+    pictures = [render_fluoroscopy(field, axis=axis) for axis in ("coronal", "sagittal")]
+    depths = min(5, plan.steps)
+    motion = pack_viewer(
+        sample,
+        pictures,
+        places=place_tightest(sample, field),
+        scale=scale,
+        radius=find_radius(plan),
+    )
+    title = _find_title(plan)
+    colors = list_clearance_colors(scale)
+    page = _fill(
+        _read_package_text("report_template.html"),
+        {
+            "title": escape(title),
+            "tone_color": _TONES[verdict.tone],
+            "label": escape(verdict.label),
+            "sentence": escape(verdict.sentence),
+            "basis": escape(_describe_basis(claim, plan, field)),
+            "notes": render_notes(verdict.notes),
+            "ends": render_ends(plan, summary),
+            "cards": render_cards(plan, summary),
+            "panels": "".join(render_panel(picture, plan, way, summary) for picture in pictures),
+            "below": "pushing the wall" if claim.soft is not None else "through the wall",
+            "below_long": "pushes the wall outwards"
+            if claim.soft is not None
+            else "is through the wall",
+            "rest_note": _NOTE_REST if plan.status == "stopped" else "",
+            "panels_shape": f"{sum(p.width for p in pictures) / pictures[0].height:.4f}",
+            "gradient": ",".join(
+                f"{color} {100.0 * k / len(colors):.2f}% {100.0 * (k + 1) / len(colors):.2f}%"
+                for k, color in enumerate(colors)
+            ),
+            "scale_low": f"{scale.low:g} mm".replace("-", "&minus;"),
+            "scale_high": f"{scale.high:g} mm",
+            "depths_image": encode_figure(draw_depths(plan, field, depths=depths), dpi=100.0),
+            "depths_alt": f"Two views of the scope in the tract at {depths} insertion depths",
+            "depths_text": f"{depths} depths up to {plan.inserted:.0f} mm",
+            "frame_note": escape(_describe_frame(pictures, field.frame)),
+            "clearance_image": encode_figure(draw_clearance(plan, summary=summary), dpi=130.0),
+            "clearance_alt": escape(verdict.sentence),
+            "contact": render_contact(plan, field, claim),
+            "comparison": render_comparison(plan, summary, comparison),
+            "rows": render_table(list_rows(plan, field, summary)),
+            "findings": render_findings(findings),
+            "limitations": "".join(
+                f"<li>{escape(text)}</li>" for text in list_limitations(plan, field, summary)
+            ),
+            "provenance": _render_provenance(plan, summary),
+            "motion": _embed_json(motion),
+            "script": _read_package_text("report_viewer.js"),
+        },
+    )
+    return write_text(path, page)
+
+
+def _check_summary(plan: Plan, summary: Mapping[str, Any]) -> None:
+    if not isinstance(summary, Mapping):
+        raise InputError(f"summary is a {type(summary).__name__}: it must be a mapping")
+    facts = {"steps": plan.steps, "links": plan.links, "status": plan.status, "method": plan.method}
+    for key, value in facts.items():
+        if key in summary and summary[key] != value:
+            raise InputError(
+                f"summary and plan do not belong together: {key} is {summary[key]!r} in the "
+                f"summary and {value!r} in the plan"
+            )
+
+
+def _check_field(plan: Plan, field: SampledField) -> None:
+    size = (np.array(field.values.shape) - 1) * np.asarray(field.spacing)
+    grid = field.to_grid(plan.path)
+    inside = np.all((grid > -1e-6) & (grid < size + 1e-6), axis=-1)
+    if inside.mean() < 0.5:
+        raise InputError(
+            f"field and plan do not belong together: {int((~inside).sum())} of {len(inside)} "
+            "path points lie outside the field's grid"
+        )
+
+
+def _find_title(plan: Plan) -> str:
+    source = plan.meta.get("input")
+    name = source
+    if isinstance(source, Mapping):
+        name = next((source[k] for k in ("source", "path", "name", "file") if source.get(k)), None)
+    return f"Insertion plan: {Path(str(name)).name}" if name else "Insertion plan"
+
+
+def _describe_basis(claim: Claim, plan: Plan, field: SampledField) -> str:
+    wall = str(plan.meta.get("wall") or field.wall)
+    if claim.certified:
+        parts = [f"Certified for the whole body at all times. The wall is: {wall}."]
+    else:
+        parts = ["The clearance is an estimate at the recorded steps, not certified."]
+    if field.inflation > 0.0:
+        parts.append(f"The wall was moved outwards by {field.inflation:g} mm first.")
+    return " ".join(parts)
+
+
+def _describe_frame(pictures: Sequence[Projection], frame: str | None) -> str:
+    known = (
+        f"follow the file's frame, {frame}"
+        if frame
+        else "take the file's frame for RAS, because the file does not state one"
+    )
+    text = f"Directions (R right, L left, A front, P back, S head, I feet of the patient) {known}."
+    tilt = max(np.degrees(picture.tilt) for picture in pictures)
+    if tilt > 2.0:
+        text += f" The views follow the grid, up to {tilt:.0f}° off the body's axes."
+    return text
+
+
+def _render_provenance(plan: Plan, summary: Mapping[str, Any]) -> str:
+    parts = []
+    if plan.meta.get("command"):
+        parts.append(f"<pre>{escape(str(plan.meta['command']))}</pre>")
+    rows = []
+    for key in ("input", "scope", "introducer", "field", "versions"):
+        value = plan.meta.get(key)
+        if isinstance(value, Mapping):
+            rows += [(f"{key}: {name}".replace("_", " "), _show(v)) for name, v in value.items()]
+        elif value:
+            rows.append((key, _show(value)))
+    if rows:
+        parts.append(f"<table>{render_table(rows)}</table>")
+    if plan.meta.get("attribution"):
+        parts.append(f"<p><b>Data:</b> {escape(str(plan.meta['attribution']))}</p>")
+    text = json.dumps(dict(summary), indent=2, default=str, ensure_ascii=False)
+    parts.append(
+        f"<details><summary>The whole summary</summary><pre>{escape(text)}</pre></details>"
+    )
+    return "".join(parts)
+
+
+def _show(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
+
+
+def _embed_json(value: Any) -> str:
+    """Return JSON that no browser takes for the end of its script element."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _fill(template: str, values: Mapping[str, str]) -> str:
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: values[match.group(1)], template)
+
+
+@cache
+def _read_package_text(name: str) -> str:
+    return package_files(__package__).joinpath(name).read_text(encoding="utf-8")

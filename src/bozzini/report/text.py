@@ -1,0 +1,359 @@
+"""The words and numbers of the report, as escaped HTML fragments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from ..motion.plan import Plan
+from ..motion.refusal import floor_mm
+from ..plot.plan_data import (
+    Claim,
+    SoftWall,
+    ceil_mm,
+    find_link_length,
+    find_radius,
+    find_way,
+    read_claim,
+    read_number,
+)
+from ..plot.scope import list_marks
+from .verdict import list_unreached
+
+if TYPE_CHECKING:
+    from ..anatomy.tract import Finding
+    from ..duct.field import SampledField
+
+# What a report says about its own numbers: what is proved, for which wall, and what is not.
+
+
+def list_limitations(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> list[str]:
+    """Return what the reader must know before believing the numbers."""
+    claim = read_claim(plan, summary)
+    wall = str(plan.meta.get("wall") or field.wall)
+    below = "pushes the wall outwards" if claim.soft is not None else "is through the wall"
+    texts = [
+        "Clearance is the distance from the scope's round surface to the wall, the smallest over "
+        f"the whole body in the tract; below zero the body {below} by that much. "
+        "What is still in the introducer does not count.",
+        f"The wall is: {wall}."
+        + (
+            f" It was moved outwards by {field.inflation:g} mm, as insufflation would; "
+            "limbs of the tract closer than twice that merge. That no link passes between them was "
+            "seen at samples of the motion, it is not proved."
+            if field.inflation > 0.0
+            else ""
+        ),
+    ]
+    texts += _describe_proof(claim) if claim.certified else _describe_estimate(field)
+    passage = read_number(summary, "passage_mm")
+    if passage is not None:
+        texts.append(
+            f"Proved, whatever the motion: no scope with a radius above "
+            f"{ceil_mm(passage)} mm passes inside the stated wall."
+        )
+    if claim.soft is not None:
+        texts.append(
+            f"The wall may give way by up to {claim.soft.allowed:g} mm and was taken as displaced "
+            f"by {claim.soft.used:g} mm all round. Depths of contact are against the wall at "
+            "rest, from sampled points at the recorded steps; no force is computed."
+        )
+    wall_error = getattr(field, "wall_error", None)
+    if wall_error is None:
+        texts.append("How far the true wall of the body lies from the stated one is not known.")
+    elif wall_error > 0.0:
+        texts.append(
+            f"The true wall of the body may lie up to {wall_error:.2f} mm from the stated one, "
+            "by the resolution of the scan alone; how well it was drawn is not known here."
+        )
+    if plan.method == "thesis":
+        texts.append(
+            "The method 'thesis' keeps the joints inside the wall, not the links between them: "
+            "links can cut through the wall at bends."
+        )
+    soft = "gives way all round alike" if claim.soft is not None else "is rigid"
+    texts += [
+        f"The wall {soft} and is at rest: no friction, gravity or breathing.",
+        "Research software, not a medical device.",
+    ]
+    return texts
+
+
+def _describe_proof(claim: Claim) -> list[str]:
+    bound = "stays inside it"
+    if claim.proved is not None and claim.proved >= 0.01:
+        bound = f"stays at least {floor_mm(claim.proved)} mm from it"
+    wall = "the displaced wall" if claim.soft is not None else "the wall stated here"
+    return [
+        f"Proved, for {wall}: every point of the scope's surface that is in the tract {bound}, at "
+        "the recorded steps and between them, where each joint moves along a straight line from "
+        "step to step. The proof bounds the distance in whole cells of body and time, the error "
+        "between grid nodes included; it was made after planning, on the motion itself.",
+        "Not proved: anything about the real anatomy, whose wall differs from the stated one, "
+        "or about a scope that does not follow these joints.",
+        "The clearances in pictures and plots are estimates at sampled points, for seeing where it "
+        "is tight; the proved bound is the one number given as proved.",
+    ]
+
+
+def _describe_estimate(field: SampledField) -> list[str]:
+    texts = [
+        "The clearance is estimated: from sampled points of the body at the recorded steps. "
+        "It is not a proof, and what happens between steps is not covered."
+    ]
+    error = float(getattr(field, "error", 0.0))
+    if error > 0.0:
+        texts.append(
+            f"The distance is sampled on a grid: between its nodes it may be wrong by up to "
+            f"{error:.2f} mm. A clearance smaller than that decides nothing."
+        )
+    return texts
+
+
+_MINUS = "\N{MINUS SIGN}"
+
+
+def _show(value: Any, digits: int, unit: str = "") -> str:
+    """Return a number for reading, or a dash where there is none."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        return "–"
+    text = f"{value:.{digits}f}".replace("-", _MINUS)
+    return f"{text} {unit}".strip()
+
+
+def _show_or_unknown(value: float | None, digits: int, unit: str) -> str:
+    return "unknown" if value is None else _show(value, digits, unit)
+
+
+def _read_step_ratio(summary: Mapping[str, Any]) -> float | None:
+    ratio = read_number(summary, "joint_step_ratio_max")
+    joint, head = read_number(summary, "joint_step_max_mm"), read_number(summary, "head_step_mm")
+    if ratio is None and joint is not None and head is not None and head > 0.0:
+        return joint / head
+    return ratio
+
+
+def _read_part(summary: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    part = summary.get(key)
+    return part if isinstance(part, Mapping) else {}
+
+
+def _show_angle(summary: Mapping[str, Any]) -> str:
+    angle = read_number(summary, "joint_angle_max_rad")
+    return "–" if angle is None else f"{_show(math.degrees(angle), 1)}°"
+
+
+def _show_lower(value: float | None, unit: str = "mm") -> str:
+    """Return a proved lower bound, rounded down."""
+    return "–" if value is None else f"{floor_mm(value).replace('-', _MINUS)} {unit}"
+
+
+def _show_upper(values: Mapping[str, Any], key: str, digits: int) -> str:
+    """Return an upper bound, rounded up."""
+    value = read_number(values, key)
+    return "–" if value is None else f"{ceil_mm(value, digits)} mm"
+
+
+def render_cards(plan: Plan, summary: Mapping[str, Any]) -> str:
+    """Return the few numbers that matter most."""
+    claim = read_claim(plan, summary)
+    way = find_way(plan)
+    whole = summary.get("centreline_length_mm", way.length)
+    stopped = plan.status == "stopped"
+    reached = whole if not stopped else float(way.place(plan.head_arc_length).max())
+    if claim.soft is not None:
+        first = (_show(claim.soft.contact, 2, "mm"), "deepest contact: wall pushed outwards", False)
+    elif claim.certified and claim.proved is not None:
+        first = (_show_lower(claim.proved), "proved clearance, whole body, all times", False)
+    else:
+        bad = claim.estimate is not None and claim.estimate < 0.0
+        first = (
+            _show(claim.estimate, 2, "mm"),
+            "smallest clearance, wall to scope surface, estimated",
+            bad,
+        )
+    cards = [
+        first,
+        (
+            _show(reached, 1, "mm"),
+            f"of the centreline's {_show(whole, 1, 'mm')} reached; "
+            f"{_show(plan.inserted, 1, 'mm')} inserted along the head's path",
+            stopped,
+        ),
+        (_show_angle(summary), "largest angle at a joint", False),
+        (_show_times(_read_step_ratio(summary)), "largest joint step per step of the head", False),
+    ]
+    moved = read_number(_read_part(summary, "displacement_ratio"), "tractrix")
+    if moved is not None:
+        cards.append((_show_times(moved), "joint movement, of a freely pulled chain's", False))
+    return "".join(
+        f'<div class="card{" bad" if red else ""}"><b>{escape(value)}</b>'
+        f"<span>{escape(name)}</span></div>"
+        for value, name, red in cards
+    )
+
+
+def _show_times(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}×"
+
+
+def list_rows(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the table of numbers as (name, value) texts."""
+    radius = find_radius(plan)
+    claim = read_claim(plan, summary)
+    rows = [
+        ("Method", plan.method),
+        ("Status", plan.status),
+        ("Reason", plan.reason + (f" ({plan.reason_code})" if plan.reason_code else "") or "–"),
+        ("Clearance certified", "yes" if claim.certified else "no: estimated"),
+        ("Centreline, its length", _show(summary.get("centreline_length_mm"), 1, "mm")),
+        ("Inserted, along the head's path", _show(plan.inserted, 1, "mm")),
+        ("Stopped at, along the head's path", _show(summary.get("stopped_at_mm"), 1, "mm")),
+        ("Scope diameter", _show(2.0 * radius if radius > 0.0 else None, 2, "mm")),
+        ("Link length", _show(find_link_length(plan), 2, "mm")),
+        ("Links", str(plan.links)),
+        ("Recorded steps", str(plan.steps)),
+        ("Proved clearance, at least", _show_lower(claim.proved)),
+        ("… so the proof holds for a wall wrong by at most", _show_lower(claim.proved)),
+        ("Stated error of the wall", _show(summary.get("label_error_mm"), 2, "mm")),
+        ("Smallest clearance, estimated", _show(claim.estimate, 3, "mm")),
+        ("… at this place of the centreline", _show(claim.place, 1, "mm")),
+        *_list_fit(summary),
+        *_list_contact(claim.soft),
+        ("Largest angle at a joint", _show_angle(summary)),
+        ("Largest joint step", _show(summary.get("joint_step_max_mm"), 3, "mm")),
+        ("Head step", _show(summary.get("head_step_mm"), 3, "mm")),
+        ("Largest joint step per head step", _show(_read_step_ratio(summary), 2)),
+    ]
+    moved = _read_part(summary, "displacement_ratio")
+    for key, name in (("tractrix", "a freely pulled chain"), ("follow", "follow-the-leader")):
+        rows.append((f"Joint movement, of that of {name}", _show(moved.get(key), 3)))
+    rows += [
+        ("Wall", str(plan.meta.get("wall") or field.wall)),
+        ("Wall moved outwards (inflation)", _show(float(field.inflation), 2, "mm")),
+        (
+            "Error of the distance between grid nodes, at most",
+            _show(getattr(field, "error", None), 2, "mm"),
+        ),
+        (
+            "True wall may differ from the stated one by",
+            _show_or_unknown(getattr(field, "wall_error", None), 2, "mm"),
+        ),
+        ("Grid spacing", " × ".join(f"{float(step):.3g}" for step in field.spacing) + " mm"),
+    ]
+    seconds = summary.get("seconds")
+    if isinstance(seconds, Mapping):
+        text = ", ".join(f"{name} {_show(value, 2)}" for name, value in seconds.items())
+        rows.append(("Seconds by stage", text))
+    return [row for row in rows if row[1] != "–"]
+
+
+def _list_fit(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what stands in the way, and what would fit."""
+    refusal, largest = _read_part(summary, "refusal"), _read_part(summary, "largest")
+    return [
+        ("Refused at this place of the centreline", _show(refusal.get("at_mm"), 1, "mm")),
+        ("… needs, from the axis to the wall", _show(refusal.get("needs_mm"), 2, "mm")),
+        ("… offers", _show_lower(read_number(refusal, "offers_mm"))),
+        ("Would fit: diameter of at most", _show_lower(read_number(refusal, "diameter_max_mm"))),
+        ("Would fit: links of at most", _show_lower(read_number(refusal, "link_max_mm"))),
+        ("Would fit: wall inflated by about", _show_upper(refusal, "inflate_mm", 1)),
+        ("Proved: none passes of a radius above", _show_upper(summary, "passage_mm", 2)),
+        (
+            "Largest diameter found to fit"
+            + _describe_tested(largest, "diameter_tested_link_mm", "link_tested_mm", "links"),
+            _show_lower(read_number(largest, "diameter_mm")),
+        ),
+        (
+            "Longest link found to fit"
+            + _describe_tested(
+                largest, "link_tested_diameter_mm", "diameter_tested_mm", "diameter"
+            ),
+            _show_lower(read_number(largest, "link_mm")),
+        ),
+    ]
+
+
+def _describe_tested(largest: Mapping[str, Any], key: str, other: str, name: str) -> str:
+    value = read_number(largest, key)
+    value = read_number(largest, other) if value is None else value
+    return "" if value is None else f", at {value:g} mm {name}"
+
+
+def _list_contact(soft: SoftWall | None) -> list[tuple[str, str]]:
+    if soft is None:
+        return []
+    return [
+        ("Wall may give way by", _show(soft.allowed, 2, "mm")),
+        ("Wall taken as displaced by", _show(soft.used, 2, "mm")),
+        ("Deepest contact, estimated", _show(soft.contact, 2, "mm")),
+        ("… contact at this place of the centreline", _show(soft.place, 1, "mm")),
+    ]
+
+
+def render_table(rows: Sequence[tuple[str, str]]) -> str:
+    """Return rows of a two-column table; wrapped in ``<table>`` by the caller's template."""
+    return "".join(
+        f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>'
+        for name, value in rows
+    )
+
+
+def render_findings(findings: Sequence[Finding]) -> str:
+    """Return the findings: warnings as a list, notes folded behind it."""
+    parts = []
+    warnings = [item for item in findings if item.severity == "warning"]
+    notes = [item for item in findings if item.severity != "warning"]
+    if warnings:
+        parts.append(_render_list(warnings))
+    if notes:
+        count = f"{len(notes)} notes" if len(notes) > 1 else "1 note"
+        parts.append(
+            f"<details><summary>{count} about the input</summary>{_render_list(notes)}</details>"
+        )
+    return "".join(parts) or '<p class="small">Nothing unusual was found in the input.</p>'
+
+
+def _render_list(findings: Sequence[Finding]) -> str:
+    return (
+        "<ul>"
+        + "".join(
+            f'<li><span class="tag{" warning" if item.severity == "warning" else ""}">'
+            f"{escape(item.severity)}</span>{escape(item.message)} "
+            f'<span class="note">({escape(item.code)})</span></li>'
+            for item in findings
+        )
+        + "</ul>"
+    )
+
+
+def render_notes(notes: Sequence[str]) -> str:
+    """Return what belongs to a verdict, a line each."""
+    return "".join(f'<div class="note">{escape(note)}</div>' for note in notes)
+
+
+def render_ends(plan: Plan, summary: Mapping[str, Any]) -> str:
+    """Return the section on the ends of the tract and what is not reached, "" without a record."""
+    marks = list_marks(plan)
+    if not marks:
+        return ""
+    rows = "".join(
+        f'<tr><th scope="row">{mark.number}</th><td>{escape(mark.role or "–")}</td>'
+        f"<td>{escape(mark.name)}</td><td>{escape(mark.place)}</td>"
+        f"<td>{_show(mark.radius, 1, 'mm')}</td><td>{_show(mark.length, 0, 'mm')}</td></tr>"
+        for mark in marks
+    )
+    entry = _read_part(summary, "entry")
+    basis = f"The entry is this end because {entry['basis']}. " if entry.get("basis") else ""
+    parts = "".join(f"<li>{escape(str(part['text']))}</li>" for part in list_unreached(summary))
+    rest = f"<p>Not reached, or missing:</p><ul>{parts}</ul>" if parts else ""
+    return (
+        f"<h2>Ends of the tract</h2><p>{escape(basis)}Every place where the way could begin or "
+        "end; the numbers are those in the pictures. Choose with --start, --end, --via or "
+        '--reverse.</p><div class="wide"><table class="methods"><thead><tr><th>No.</th>'
+        "<th>Taken for</th><th>What it is</th><th>x, y, z [mm]</th><th>Radius of the opening</th>"
+        "<th>Centreline from the opposite end</th></tr></thead>"
+        f"<tbody>{rows}</tbody></table></div>{rest}"
+    )

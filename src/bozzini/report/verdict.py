@@ -1,0 +1,276 @@
+"""The verdict: one sentence that says whether the scope gets there, and how close to the wall."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..motion.plan import Plan
+from ..motion.refusal import floor_mm
+from ..plot.plan_data import Claim, SoftWall, find_radius, find_way, read_claim, read_number
+
+CUT_OFF = ("component", "beyond")
+"""Kinds of parts not reached of which a way without given ends was to reach the end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What a plan comes to.
+
+    Parameters
+    ----------
+    tone : {"green", "amber", "red"}
+        Green: reaches the end, clear of the wall. Amber: reaches the end, but the wall is nearer
+        than the error of an estimate or than its own error, or has to give way; or lumen is missing
+        or not reached, or something that the scope may meet was not checked. Red: through the wall,
+        or stopped.
+    label : str
+        The same in a word or two.
+    sentence : str
+        The verdict: one or two sentences.
+    notes : tuple of str
+        What belongs to it, a sentence each: what was not reached where the sentence does not
+        state it, up to which error of the wall the proof holds.
+    """
+
+    tone: str
+    label: str
+    sentence: str
+    notes: tuple[str, ...] = ()
+
+
+def judge_plan(plan: Plan, summary: Mapping[str, Any], *, error: float = 0.0) -> Verdict:
+    """Return the verdict on a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    summary : mapping
+        The summary of the run; its clearances and their places are quoted, and taken from the
+        plan where it lacks them.
+    error : float
+        Largest error of the distance to the wall [mm]. A clearance below it that is not
+        certified is too close to call.
+    """
+    claim = read_claim(plan, summary)
+    radius = find_radius(plan)
+    scope = f"The {2.0 * radius:.1f} mm scope" if radius > 0.0 else "The scope"
+    verdict = _judge(plan, summary, claim, scope, error)
+    verdict = _add_unreached(verdict, plan, summary)
+    verdict = _add_unchecked(verdict, plan, summary)
+    return _add_wall_error(verdict, claim, summary)
+
+
+def _judge(
+    plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str, error: float
+) -> Verdict:
+    if plan.status == "stopped":
+        return _judge_stopped(plan, summary, claim, scope)
+    reaches = (
+        f"{scope} reaches {_read_goal(summary)} "
+        f"({_read_length(plan, summary):.0f} mm of centreline)"
+    )
+    if claim.soft is not None:
+        return _judge_contact(reaches, claim, claim.soft)
+    if claim.certified:
+        return Verdict(
+            tone="green",
+            label="Fits, proved",
+            sentence=f"{reaches}; proved to {_promise(claim)} at all times.",
+        )
+    where = _at(claim.place)
+    if claim.estimate is None:
+        return Verdict(tone="amber", label="Clearance unknown", sentence=f"{reaches}.")
+    if claim.estimate < 0.0:
+        return Verdict(
+            tone="red",
+            label="Through the wall",
+            sentence=f"{reaches}, but its body passes through the wall{where} "
+            f"by {-claim.estimate:.2f} mm.",
+        )
+    if claim.estimate < error:
+        return Verdict(
+            tone="amber",
+            label="Too close to call",
+            sentence=f"{reaches}, but comes within {claim.estimate:.2f} mm of the wall{where}: "
+            f"less than the {error:.2f} mm by which the distance may be wrong.",
+        )
+    return Verdict(
+        tone="green",
+        label="Fits",
+        sentence=f"{reaches} and keeps {claim.estimate:.2f} mm from the wall (nearest{where}).",
+    )
+
+
+def _add_unreached(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> Verdict:
+    """Say what of the lumen is not reached: a plan fits only to the end that it reaches."""
+    parts = [part for part in list_unreached(summary) if part.get("stated")]
+    if not parts:
+        return verdict
+    lacks = [str(part["text"]) for part in parts if part.get("kind") == "missing"]
+    rest = [part for part in parts if part.get("kind") != "missing"]
+    texts = [*lacks, *([f"not reached: {join_words([str(p['text']) for p in rest])}"] * bool(rest))]
+    text = "; ".join(texts)
+    text = f"{text[0].upper()}{text[1:]}."
+    if plan.status == "stopped":
+        return replace(verdict, notes=(*verdict.notes, text))
+    label, tone = verdict.label, verdict.tone
+    if label.startswith("Fits") and _is_goal_given(summary):
+        label = label.replace("Fits", f"Fits to {_read_goal(summary)}", 1)
+    elif label.startswith("Fits"):
+        share = sum(read_number(part, "share") or 0.0 for part in rest)
+        if not _are_ends_given(summary) and any(part.get("kind") in CUT_OFF for part in rest):
+            label = label.replace("Fits", "Reaches the end of a part", 1)
+        if share > 0.0:
+            label += f"; {max(1.0, 100.0 * share):.0f} % of the lumen not reached"
+        if lacks:
+            label += "; lumen is missing in the file"
+        if share > 0.0 or lacks:
+            tone = "amber"
+    return replace(verdict, label=label, tone=tone, sentence=f"{verdict.sentence} {text}")
+
+
+UNCHECKED = {
+    "introducer-crosses": "the introducer crosses the organ",
+    "parts-cross": "parts left out reach into the lumen",
+}
+"""Findings of what the scope may meet that the proof does not cover, and each in a few words."""
+
+
+def _add_unchecked(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> Verdict:
+    """Say what the scope may meet that nothing was proved of."""
+    for item in summary.get("findings") or ():
+        words = UNCHECKED.get(str(item.get("code"))) if isinstance(item, Mapping) else None
+        if words is None:
+            continue
+        message = str(item.get("message", words)).strip().rstrip(".")
+        text = f"{message[:1].upper()}{message[1:]}."
+        if plan.status == "stopped":
+            verdict = replace(verdict, notes=(*verdict.notes, text))
+            continue
+        verdict = replace(
+            verdict,
+            label=f"{verdict.label}; {words}",
+            tone="amber" if verdict.tone == "green" else verdict.tone,
+            sentence=f"{verdict.sentence} {text}",
+        )
+    return verdict
+
+
+def _add_wall_error(verdict: Verdict, claim: Claim, summary: Mapping[str, Any]) -> Verdict:
+    """Say up to which error of the given wall the proof holds."""
+    if not claim.certified or claim.proved is None:
+        return verdict
+    covered, voxel = claim.proved, read_number(summary, "wall_error_mm")
+    text = f"The proof holds as long as the given wall is wrong by at most {floor_mm(covered)} mm"
+    if voxel:
+        relation = "more" if covered >= voxel else "less"
+        text += f", {relation} than the {voxel:.2f} mm by which its resolution may displace it"
+        if covered < voxel and ", proved" in verdict.label:
+            label = verdict.label.replace(", proved", ", proved for the stated wall", 1)
+            verdict = replace(verdict, label=label, tone="amber")
+    stated = read_number(summary, "label_error_mm")
+    if stated is None:
+        return replace(verdict, notes=(*verdict.notes, f"{text}."))
+    if covered >= stated:
+        text += f"; it covers the stated error of {stated:g} mm"
+        return replace(verdict, notes=(*verdict.notes, f"{text}."))
+    label, tone = verdict.label, verdict.tone
+    if verdict.tone != "red":
+        label, tone = f"{label}; not for a wall wrong by {stated:g} mm", "amber"
+    text += f"; it does not cover the stated error of {stated:g} mm"
+    return replace(verdict, label=label, tone=tone, notes=(*verdict.notes, f"{text}."))
+
+
+def list_unreached(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return what a summary lists as not reached, largest first."""
+    parts = summary.get("unreached") or ()
+    if isinstance(parts, str) or not isinstance(parts, Sequence):
+        return []
+    return [part for part in parts if isinstance(part, Mapping) and part.get("text")]
+
+
+def join_words(words: Sequence[str]) -> str:
+    """Return words as a list for people: ``a, b and c``."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _are_ends_given(summary: Mapping[str, Any]) -> bool:
+    """Whether an end of the way was given; a summary that does not say so counts as if it was."""
+    goal = summary.get("goal")
+    return not isinstance(goal, Mapping) or goal.get("given") is not False
+
+
+def _read_goal(summary: Mapping[str, Any]) -> str:
+    goal = summary.get("goal")
+    named = goal.get("name") if isinstance(goal, Mapping) else None
+    return str(named or "the far end")
+
+
+def _is_goal_given(summary: Mapping[str, Any]) -> bool:
+    goal = summary.get("goal")
+    return isinstance(goal, Mapping) and bool(goal.get("chosen"))
+
+
+def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str) -> Verdict:
+    reason = plan.reason.strip().rstrip(".") or plan.reason_code or "no reason was recorded"
+    place = float(find_way(plan).place(plan.head_arc_length).max())
+    whole = _read_length(plan, summary)
+    if place <= 0.0:
+        sentence = f"{scope} does not enter: {reason}."
+        return Verdict(tone="red", label="Stopped", sentence=sentence)
+    sentence = f"{scope} stops at {place:.0f} mm of {whole:.0f} mm of centreline: {reason}."
+    estimate, where = claim.estimate, _at(claim.place)
+    note = ""
+    if claim.soft is not None:
+        note = f"Up to there {_describe_contact(claim, claim.soft)}."
+    elif claim.certified:
+        note = f"Up to there it is proved to {_promise(claim)} at all times."
+    elif estimate is not None and estimate < 0.0:
+        note = f"Before that its body passes through the wall{where} by {-estimate:.2f} mm."
+    elif estimate is not None:
+        note = f"Up to there it keeps {estimate:.2f} mm from the wall (nearest{where})."
+    notes = (note,) if note else ()
+    return Verdict(tone="red", label="Stopped", sentence=sentence, notes=notes)
+
+
+def _judge_contact(reaches: str, claim: Claim, soft: SoftWall) -> Verdict:
+    if not claim.certified and soft.contact > soft.used:
+        return Verdict(
+            tone="red",
+            label="Through the wall",
+            sentence=f"{reaches}, but its body stands up to {soft.contact:.2f} mm beyond the wall"
+            f"{_at(soft.place)}, which gives way by at most {soft.used:g} mm.",
+        )
+    return Verdict(
+        tone="amber",
+        label="Fits with contact",
+        sentence=f"{reaches} if the wall gives way: {_describe_contact(claim, soft)}.",
+    )
+
+
+def _describe_contact(claim: Claim, soft: SoftWall) -> str:
+    if soft.contact > 0.0:
+        text = f"it pushes the wall outwards by up to {soft.contact:.2f} mm{_at(soft.place)}"
+    else:
+        text = "no contact was found at the recorded steps"
+    proof = "it is proved" if claim.certified else "it is not proved"
+    return f"{text}; {proof} that the wall never has to give way by more than {soft.used:g} mm"
+
+
+def _promise(claim: Claim) -> str:
+    """Say what is proved, as what follows "proved to"; rounded down, as a lower bound must be."""
+    wall = f"the wall inflated by {claim.inflation:g} mm" if claim.inflation > 0.0 else "the wall"
+    if claim.proved is None or claim.proved < 0.01:
+        return f"stay inside {wall}"
+    return f"stay at least {floor_mm(claim.proved)} mm from {wall}"
+
+
+def _at(place: float | None) -> str:
+    return "" if place is None else f" at {place:.0f} mm of the centreline"
+
+
+def _read_length(plan: Plan, summary: Mapping[str, Any]) -> float:
+    stated = read_number(summary, "centreline_length_mm")
+    return find_way(plan).length if stated is None else stated

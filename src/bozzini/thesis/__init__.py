@@ -1,0 +1,1 @@
+"""The printed formulations of the thesis, kept as references for tests and benchmarks."""
