@@ -302,10 +302,10 @@ class Section:
     disc_positions : sequence of float
         Their places from the section's start [mm], for uneven spacing; the last is `length`.
     bending_stiffness : float
-        EI of the backbone, in [1e-9, 1e15] [N mm^2]. It does not change what tendon displacements
+        EI of the backbone, from 1e-9 to 1e15 [N mm^2]. It does not change what tendon displacements
         do to one section of parallel tendons; sections share a bend by it.
     torsional_stiffness : float
-        GJ, in [1e-10, 1e15] [N mm^2]; 0 for that of a round rod with Poisson's ratio 0.3,
+        GJ, from 1e-10 to 1e15 [N mm^2]; 0 for that of a round rod with Poisson's ratio 0.3,
         ``EI / 1.3``.
     max_bend : float
         Largest bend angle [rad].
