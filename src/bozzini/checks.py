@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from numbers import Real
 from typing import Any
@@ -14,6 +15,7 @@ from .errors import InputError
 __all__ = [
     "broadcast",
     "check_array",
+    "check_fields",
     "check_integer",
     "check_number",
     "check_points",
@@ -85,6 +87,33 @@ def check_integer(name: str, value: int, *, low: int, high: int | None = None) -
     if number < low or (high is not None and number > high):
         raise InputError(f"{name} is {number}: it must lie in {legal}")
     return number
+
+
+def check_fields(item: Any) -> None:
+    """Check the fields of a dataclass by the `bozzini.units.Quantity` in their metadata.
+
+    A field whose default is None may be None.
+
+    Raises
+    ------
+    InputError
+        If a number is outside its legal range, or a text is none of the legal words.
+    """
+    for field in dataclasses.fields(item):
+        known, value = field.metadata.get("quantity"), getattr(item, field.name)
+        if known is None or (value is None and field.default is None):
+            continue
+        name = known.name or field.name.replace("_", " ")
+        if known.words and isinstance(value, str) and value not in known.words:
+            raise InputError(f"{name} is {value!r}: it must be one of {', '.join(known.words)}")
+        if known.kind == "integer":
+            high = None if math.isinf(known.high) else int(known.high)
+            check_integer(name, value, low=int(known.low), high=high)
+        elif not known.words and known.kind not in ("text", "flag", "file", "end", "labels"):
+            check_number(
+                name, value, low=known.low, high=known.high, low_open=known.low_open,
+                unit=known.unit,
+            )  # fmt: skip
 
 
 def check_array(name: str, values: ArrayLike) -> NDArray[np.float64]:

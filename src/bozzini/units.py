@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 import re
 import sys
+from dataclasses import MISSING, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .errors import UnitError
 
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["INTERNAL_UNITS", "parse_quantity", "parse_vector"]
+__all__ = ["INTERNAL_UNITS", "Quantity", "parse_quantity", "parse_vector", "quantity"]
 
 INTERNAL_UNITS = {
     "length": "mm",
@@ -32,6 +33,45 @@ INTERNAL_UNITS = {
     "dimensionless": "",
 }
 """The unit that each kind of quantity has inside Bozzini."""
+
+
+class Quantity(NamedTuple):
+    """What is known of a field of a dataclass, once: checks, options, fits and tables read it here.
+
+    `bozzini.checks.check_fields` checks the fields of a dataclass by it, and
+    `bozzini.cli.common.options_of` makes options of the command line.
+    """
+
+    kind: str
+    """Kind of quantity, a key of `INTERNAL_UNITS`; else "integer", "text", "flag", "file", "end"
+    or "labels"."""
+    help: str
+    """What it is, in a few words."""
+    scale: float | None = None
+    """How much of it matters to a fit; None for a tenth of where the fit starts."""
+    low: float = -math.inf
+    """Lower end of the legal range."""
+    high: float = math.inf
+    """Upper end of the legal range."""
+    low_open: bool = False
+    """Whether the lower end is illegal."""
+    words: tuple[str, ...] = ()
+    """The legal words, where it is one of a few."""
+    name: str = ""
+    """What messages call it, if not the name of the field."""
+    option: str = ""
+    """Its option of the command line, if not ``--`` and the name of the field."""
+
+    @property
+    def unit(self) -> str:
+        """The unit, empty for none."""
+        return INTERNAL_UNITS.get(self.kind, "")
+
+
+def quantity(kind: str, text: str, *, default: Any = MISSING, **known: Any) -> Any:
+    """Return a field of a dataclass that carries a `Quantity` in its metadata."""
+    return field(default=default, metadata={"quantity": Quantity(kind, text, **known)})
+
 
 LARGEST = {"length": 1e6}
 """What a quantity may be at most, in either direction: a length of 1 km [mm]."""

@@ -5,17 +5,17 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_integer, check_number, check_range
 from ..errors import InputError
-from ..units import INTERNAL_UNITS
+from ..units import Quantity, quantity
 
 __all__ = [
     "BRAID_ANGLES",
@@ -364,26 +364,6 @@ def _take_stress(name: str, values: ArrayLike) -> NDArray[np.float64]:
 # The design of a miniature pneumatic muscle: a tube, a braid round it, and their materials.
 
 
-class Quantity(NamedTuple):
-    """What is known of a field of a design, once: checks, options, fits and tables read it here."""
-
-    kind: str
-    """Kind of quantity, a key of `bozzini.units.INTERNAL_UNITS`."""
-    help: str
-    """What it is, in a few words."""
-    scale: float | None = None
-    """How much of it matters to a fit; None for a tenth of where the fit starts."""
-
-    @property
-    def unit(self) -> str:
-        """The unit, empty for none."""
-        return "" if self.kind == "dimensionless" else INTERNAL_UNITS[self.kind]
-
-
-def _quantity(kind: str, text: str, *, default: Any = MISSING, scale: float | None = None) -> Any:
-    return field(default=default, metadata={"quantity": Quantity(kind, text, scale)})
-
-
 @dataclass(frozen=True, kw_only=True)
 class Muscle:
     """A miniature pneumatic muscle at rest (thesis 3.2), in mm, MPa and rad.
@@ -427,33 +407,33 @@ class Muscle:
         If a value is outside its `legal_range`.
     """
 
-    length: float = _quantity("length", "Free length between the fittings.")
-    outer_radius: float = _quantity("length", "Outer radius of the tube.")
-    inner_radius: float = _quantity("length", "Inner radius of the tube.", default=0.25)
-    braid_angle: float = _quantity(
+    length: float = quantity("length", "Free length between the fittings.")
+    outer_radius: float = quantity("length", "Outer radius of the tube.")
+    inner_radius: float = quantity("length", "Inner radius of the tube.", default=0.25)
+    braid_angle: float = quantity(
         "angle",
         "Angle between strands and axis at rest.",
         default=math.radians(36.0),
         scale=0.03,
     )
-    gap: float = _quantity("length", "Gap between tube and braid.", default=0.04, scale=0.02)
-    strands: int = _quantity("dimensionless", "Number of strands.", default=30)
-    strand_radius: float = _quantity("length", "Radius of a strand.", default=0.04)
-    end_length: float = _quantity("length", "Length of each conical end (thesis).", default=5.0)
-    dead_length: float = _quantity(
+    gap: float = quantity("length", "Gap between tube and braid.", default=0.04, scale=0.02)
+    strands: int = quantity("dimensionless", "Number of strands.", default=30)
+    strand_radius: float = quantity("length", "Radius of a strand.", default=0.04)
+    end_length: float = quantity("length", "Length of each conical end (thesis).", default=5.0)
+    dead_length: float = quantity(
         "length", "Length that does not contract (energy).", default=0.0, scale=2.0
     )
-    modulus: float = _quantity("pressure", "Young's modulus of the tube.", default=0.35, scale=0.1)
-    poisson_ratio: float = _quantity(
+    modulus: float = quantity("pressure", "Young's modulus of the tube.", default=0.35, scale=0.1)
+    poisson_ratio: float = quantity(
         "dimensionless", "Poisson's ratio of the tube (thesis).", default=0.499, scale=0.01
     )
-    strand_modulus: float = _quantity(
+    strand_modulus: float = quantity(
         "pressure", "Young's modulus of a strand (thesis).", default=3000.0
     )
-    mooney_ratio: float = _quantity(
+    mooney_ratio: float = quantity(
         "dimensionless", "C01 / (C10 + C01) of the wall (energy).", default=0.0, scale=0.3
     )
-    friction_length: float = _quantity(
+    friction_length: float = quantity(
         "length", "Friction at the crossings (energy).", default=0.0, scale=0.02
     )
 
@@ -467,14 +447,12 @@ class Muscle:
     def __post_init__(self) -> None:
         strands = check_integer("muscle strands", self.strands, low=2, high=10000)
         object.__setattr__(self, "strands", strands)
-        for name, quantity in self.quantities().items():
+        for name, known in self.quantities().items():
             if name == "strands":
                 continue
             words = f"muscle {name.replace('_', ' ')}"
             low, high = self.legal_range(name)
-            number = check_number(
-                words, getattr(self, name), low=low, high=high, unit=quantity.unit
-            )
+            number = check_number(words, getattr(self, name), low=low, high=high, unit=known.unit)
             object.__setattr__(self, name, number)
 
     def legal_range(self, name: str) -> tuple[float, float]:
