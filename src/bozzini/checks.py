@@ -246,22 +246,18 @@ class Quantity:
         """The unit, empty for none."""
         return INTERNAL_UNITS.get(self.kind, "")
 
-    def check(self, name: str, value: Any, item: Any = None) -> Any:
-        """Return a legal value, a number as a plain one, or raise `InputError`.
+    def check(self, name: str, value: Any, item: Any = None) -> float:
+        """Return a legal value as a plain number, or raise `InputError`.
 
         Parameters
         ----------
         name : str
             What messages call it.
-        value : object
+        value : float
             The value received.
         item : object, optional
             The dataclass, for limits that depend on its other fields.
         """
-        if self.words and isinstance(value, str) and value not in self.words:
-            raise InputError(f"{name} is {value!r}: it must be one of {', '.join(self.words)}")
-        if self.words or self.kind not in INTERNAL_UNITS:
-            return value
         low, high = (end(item) if callable(end) else end for end in (self.low, self.high))
         if self.whole:
             most = None if math.isinf(high) else int(high)
@@ -323,6 +319,10 @@ def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> 
             continue
         words = known.label or prefix + name.replace("_", " ")
         value, default = getattr(item, name), defaults[name]
+        if known.words and isinstance(value, str) and value not in known.words:
+            raise InputError(f"{words} is {value!r}: it must be one of {', '.join(known.words)}")
+        if known.words or known.kind not in INTERNAL_UNITS:
+            continue
         fixed = not callable(known.low) and not callable(known.high)
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         given = not (fixed and is_number and value == default)
