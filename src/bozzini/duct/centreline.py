@@ -14,8 +14,7 @@ from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
 from ..numeric.polylines import measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
-from .base import Duct, count_dimensions
-from .field import SampledField
+from .base import Duct, SampledField
 
 # The nodes of a lumen as a graph: ends located, ways found, tips measured.
 
@@ -416,7 +415,7 @@ class Centreline:
         GeometryError
             If the way leaves the duct, with the place.
         """
-        dim = count_dimensions(duct)
+        dim = duct.dim
         given = check_points("points", points, dim=dim)
         check_number("spacing", spacing, low=0.0, low_open=True, unit="mm")
         if given.ndim != 2 or len(given) < 2:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_number
-from ..duct.build import INFLATION_MAX
+from ..duct.field import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Scope
 from ..motion.insertion import check_options as check_planner_options

@@ -18,10 +18,9 @@ from ..duct import (
     SampledField,
     build_field,
     find_centreline,
-    to_field,
 )
-from ..duct.build import INFLATION_MAX
 from ..duct.chain_line import follow_chain, widen_line
+from ..duct.field import INFLATION_MAX
 from ..duct.shape_files import FITS
 from ..duct.shapes.cylinders import ConnectedCylinders
 from ..errors import InputError
@@ -214,8 +213,6 @@ def _prepare_duct(
                 "point"
             )
     if inflate > 0.0:
-        if not hasattr(duct, "inflate"):
-            raise InputError(f"inflation is {inflate:g} mm: this duct's wall cannot be moved")
         duct = duct.inflate(inflate)
     if voxel is None and isinstance(duct, (RoundCones, ConnectedCylinders)):
         return duct, follow_chain(duct, (start, end))
@@ -226,7 +223,7 @@ def _prepare_duct(
         raise InputError(
             f"voxel is {voxel:g} mm: it must not exceed the duct's smallest side, {size.min():g} mm"
         )
-    field = to_field(duct, voxel)
+    field = duct.sample(voxel)
     if not isinstance(field, SampledField):
         raise InputError("the duct is planar: its centreline must be given (find_link_limits)")
     line = find_centreline(field, (start, end), progress=progress)

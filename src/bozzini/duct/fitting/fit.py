@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import check_integer, check_number
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
-from ..base import Duct, count_dimensions
+from ..base import Duct
 from ..centreline import Centreline
 from ..shape_files import count_pieces
 from ..shapes.cones import RoundCones
@@ -194,7 +194,7 @@ def fit_duct(
     check_number("max error", max_error, low=0.0, low_open=True, unit="mm")
     if pieces is not None:
         check_integer("pieces", pieces, low=1, high=PIECES_MAX)
-    if count_dimensions(duct) != 3:
+    if duct.dim != 3:
         raise InputError("the duct has 2 dimensions: it must have 3")
     cuts = cut_sections(duct, centreline)
     if not inside:

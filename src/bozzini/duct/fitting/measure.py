@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import check_array, check_integer, check_number, check_range
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
-from ..base import Duct, count_dimensions
+from ..base import Duct
 from ..centreline import Centreline
 from ..shapes.quads import Polygon
 from .planar import fit_circle
@@ -276,7 +276,7 @@ def measure_fit(
     """
     check_number("max error", max_error, low=0.0, unit="mm")
     for name, one in (("fitted duct", fitted), ("duct", duct)):
-        if count_dimensions(one) != 3:
+        if one.dim != 3:
             raise InputError(f"the {name} has 2 dimensions: it must have 3")
     progress("measure", 0.0)
     cuts = cut_sections(duct, centreline) if sections is None else sections
@@ -537,7 +537,7 @@ def cut_sections(
     GeometryError
         If the centreline leaves the duct, with the place.
     """
-    if count_dimensions(duct) != 3:
+    if duct.dim != 3:
         raise InputError("the duct has 2 dimensions: sections are cut of one that has 3")
     check_number("spacing", spacing, low=0.0, low_open=True, unit="mm")
     check_integer("rays", rays, low=8, high=10_000)

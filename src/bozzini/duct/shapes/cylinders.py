@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import GeometryError, InputError
-from ..base import (
+from ..checks import (
     check_counts,
     check_places,
     check_radii,
@@ -19,7 +19,7 @@ from ..base import (
     scale_to_unit_normals,
     set_fields,
 )
-from .common import ShapeUnion, Slices
+from .base import ShapeUnion
 
 TOLERANCE = 1e-7
 """How much nearer than it is the wall may be said to be, as a fraction of the largest radius."""
@@ -96,6 +96,11 @@ class ConnectedCylinders(ShapeUnion):
     inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="connected cylinders, ends closed by discs", kw_only=True)
     wall_error: float = field(default=0.0, kw_only=True)
+
+    name = "cylinders"
+    code = 11
+    dim = 3
+    columns = {"centre": ("centres", 3), "normal": ("normals", 3), "radius": ("radii", 1)}
 
     def __post_init__(self) -> None:
         centres = freeze_places("centres", self.centres, 3, least=2)
@@ -212,14 +217,13 @@ class ConnectedCylinders(ShapeUnion):
     def _numbers(self) -> NDArray[np.float64]:
         return pack_chain(self.centres, self.normals, self.radii, self._axes)
 
-    def _slice(self) -> Slices:
-        from ..kernels.family import CYLINDER_SEGMENT
-
+    def numbers(self) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """Return the numbers of the chain, and its bounding ball [mm]."""
         low = (self.centres - self.radii[:, None]).min(axis=0)
         high = (self.centres + self.radii[:, None]).max(axis=0)
         middle = 0.5 * (low + high)
         reach = float((np.linalg.norm(self.centres - middle, axis=1) + self.radii).max())
-        return Slices(CYLINDER_SEGMENT, [self._numbers], np.array([[*middle, reach]]))
+        return [self._numbers], np.array([[*middle, reach]])
 
 
 def pack_chain(
@@ -228,7 +232,7 @@ def pack_chain(
     radii: NDArray[np.float64],
     axes: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the numbers of a chain for `_cylinder_kernels`."""
+    """Return the numbers of a chain for `kernels.cylinders`."""
     count = len(centres) - 1
     rows = [
         np.array([count, TOLERANCE * radii.max()]),

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array
 from ...errors import GeometryError, InputError
-from ..base import check_places, check_wall, freeze_places, set_fields
-from .common import ROUNDING, AnalyticDuct
-
-if TYPE_CHECKING:
-    from ..kernels.clearance import PolygonData
+from ..base import Kind, PackedDuct
+from ..checks import check_places, check_wall, freeze_places, set_fields
+from ..packed import ShapesData
+from .base import ShapeUnion
 
 # A simple polygon: the planar duct, with exact signed distance.
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon(AnalyticDuct):
+class Polygon(ShapeUnion):
     """The inside of a closed polygon that does not cross itself.
 
     Parameters
@@ -54,7 +52,10 @@ class Polygon(AnalyticDuct):
     wall: str = field(default="polygon", kw_only=True)
     wall_error: float = field(default=0.0, kw_only=True)
 
+    name = "polygon"
+    code = 3
     dim = 2
+    exact_outside = True
 
     def __post_init__(self) -> None:
         vertices = freeze_places("vertices", self.vertices, 2, least=3)
@@ -68,14 +69,9 @@ class Polygon(AnalyticDuct):
         set_fields(self, vertices=vertices)
 
     @property
-    def kind(self) -> str:
-        """Exact; with inflation a lower bound of the room."""
+    def kind(self) -> Kind:
+        """Exact; with inflation a lower bound of the clearance."""
         return "bound" if self.inflation > 0.0 else "exact"
-
-    @property
-    def exact_outside(self) -> bool:
-        """Outside it is the distance, before inflation."""
-        return True
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -88,19 +84,28 @@ class Polygon(AnalyticDuct):
         """Area before inflation [mm^2]."""
         return measure_area(self.vertices)
 
-    def pack(self) -> PolygonData:
-        """Return the polygon for compiled kernels."""
-        return self._data
+    def numbers(self) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """Return the numbers of the polygon, and its bounding ball [mm].
 
-    @cached_property
-    def _data(self) -> PolygonData:
-        from ..kernels.clearance import PolygonData
-
+        How many edges, then start (2), end (2) and 1 / length squared of each.
+        """
         start, stop = self.vertices, np.roll(self.vertices, -1, axis=0)
         square = np.sum((stop - start) ** 2, axis=1, keepdims=True)
         edges = np.concatenate([start, stop, 1.0 / square], axis=1)
-        size = float(np.abs(self.vertices).max())
-        return PolygonData(edges, float(self.inflation), ROUNDING * size)
+        middle = 0.5 * (start.min(axis=0) + start.max(axis=0))
+        reach = float(np.linalg.norm(start - middle, axis=1).max())
+        row = np.concatenate([[float(len(edges))], edges.reshape(-1)])
+        return [row], np.array([[*middle, 0.0, reach]])
+
+    @staticmethod
+    def move(
+        row: NDArray[np.float64], rotation: NDArray[np.float64], shift: NDArray[np.float64]
+    ) -> bool:
+        """Move the ends of the edges."""
+        edges = row[1:].reshape(-1, 5)
+        for ends in (edges[:, :2], edges[:, 2:4]):
+            ends[:] = ends @ rotation[:2, :2].T + shift[:2]
+        return True
 
 
 def measure_area(vertices: NDArray[np.float64]) -> float:
@@ -173,7 +178,7 @@ class QuadCoordinates:
 
 
 @dataclass(frozen=True, eq=False)
-class StitchedQuads(AnalyticDuct):
+class StitchedQuads(PackedDuct):
     """Convex quadrilaterals, each sharing a rung with the next.
 
     Quad k has the corners ``left[k], left[k + 1], right[k + 1], right[k]``.
@@ -212,7 +217,9 @@ class StitchedQuads(AnalyticDuct):
     wall: str = field(default="stitched quadrilaterals", kw_only=True)
     wall_error: float = field(default=0.0, kw_only=True)
 
+    name = "quads"
     dim = 2
+    exact_outside = True
 
     def __post_init__(self) -> None:
         left = freeze_places("left", self.left, 2, least=2)
@@ -236,14 +243,9 @@ class StitchedQuads(AnalyticDuct):
             ) from None
 
     @property
-    def kind(self) -> str:
-        """Exact; with inflation a lower bound of the room."""
+    def kind(self) -> Kind:
+        """Exact; with inflation a lower bound of the clearance."""
         return self.outline.kind
-
-    @property
-    def exact_outside(self) -> bool:
-        """Outside it is the distance, before inflation."""
-        return True
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -256,7 +258,12 @@ class StitchedQuads(AnalyticDuct):
         corners = np.concatenate([self.left, self.right[::-1]])
         return Polygon(corners, inflation=self.inflation, wall=self.wall)
 
-    def pack(self) -> PolygonData:
+    @property
+    def family_shapes(self) -> ShapesData:
+        """The outline as kernels see it."""
+        return self.pack()
+
+    def pack(self) -> ShapesData:
         """Return the duct for compiled kernels."""
         return self.outline.pack()
 
