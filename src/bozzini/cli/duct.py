@@ -253,7 +253,7 @@ def fit_command(
     """
     from ..checks import check_integer, check_number
     from ..duct.fitting.fit import PIECES_MAX
-    from ..duct.shape_files import check_shapes_target, save_shapes
+    from ..duct.shape_files import check_shapes_target
     from ..study.shapes import run_fit
 
     if out is not None:
@@ -276,11 +276,10 @@ def fit_command(
     count_notes(study.findings, "--json")
     if out is not None:
         note = f"{study.fitted.report.pieces} {kind} fitted to {source.name}"
-        fit = "least squares" if least_squares else "inscribed"
-        save_shapes(study.fitted.duct, out, fit=fit, note=note, force=force)
+        study.fitted.save(out, note=note, force=force)
     result = study.summarise() | {"input": source.name, "file": out}
     emit(result, as_json=as_json, text=_describe_fit(study, out))
-    if not study.fitted.reached:
+    if not study.fitted.converged:
         run_exit(EXIT_NEGATIVE)
 
 
@@ -401,8 +400,8 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
     share = 100.0 / report.volume_true
     gained = share * report.volume_gained
     lines = [
-        f"{report.pieces} {fitted.kind} keep {share * report.volume_kept:.1f} % of the volume "
-        f"({share * report.volume_lost:.1f} % lost, {gained:.2f} % gained, "
+        f"{report.pieces} {fitted.options.kind} keep {share * report.volume_kept:.1f} % of the "
+        f"volume ({share * report.volume_lost:.1f} % lost, {gained:.2f} % gained, "
         f"+-{share * report.volume_error:.2f} %)",
         f"  no point is more than {_ceil(report.outside_bound)} mm outside the wall (proved); "
         f"found {report.outside:.2f} mm",
@@ -410,7 +409,7 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
         f"{report.room_loss[-1]:.2f} mm at most, at {report.room_loss_place:.0f} mm; at least "
         f"{floor_mm(_find_least_clearance(study))} mm is left",
     ]
-    if not fitted.reached:
+    if not fitted.converged:
         lines.append(f"Not reached: {fitted.reason}")
     if out is not None:
         lines.append(f"Shapes: {out}")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from .base import Duct, Eroded, PackedDuct, PlanarField, SampledField
+from .base import Duct, Eroded, PackedDuct, PlanarField, SampledField, Shape
 from .centreline import Centreline, find_centreline
 from .compose import Moved, Union, Without, union, without
 from .field import RefinedField, build_field, field_from_mask, field_from_mesh, refine_field
+from .fitting.fit import FitOptions, FittedDuct, fit
+from .shape_files import load_shapes as load
+from .shape_files import save_shapes as save
 from .shapes import SHAPES
 from .shapes.cones import Circles, RoundCones
 from .shapes.curves import BetweenCurves
@@ -25,6 +28,8 @@ __all__ = [
     "ConvexPolyhedra",
     "Duct",
     "Eroded",
+    "FitOptions",
+    "FittedDuct",
     "Moved",
     "PackedDuct",
     "PlanarField",
@@ -33,6 +38,7 @@ __all__ = [
     "RefinedField",
     "RoundCones",
     "SampledField",
+    "Shape",
     "StitchedQuads",
     "SuperEllipses",
     "SuperEllipsoids",
@@ -43,7 +49,10 @@ __all__ = [
     "field_from_mask",
     "field_from_mesh",
     "find_centreline",
+    "fit",
+    "load",
     "refine_field",
+    "save",
     "union",
     "without",
 ]

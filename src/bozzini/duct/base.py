@@ -45,11 +45,11 @@ PLOT_CELLS = 160, 72
 class Duct(ABC):
     """A lumen, as planners see it: a signed distance to its wall, negative inside [mm].
 
-    A shape of one's own derives from this class and brings `bounds` and `signed_distance`; it is
-    best a frozen dataclass. All else follows, and a shape that knows better overrides it:
+    A shape of one's own derives from this class, or from `Shape`, as a frozen dataclass, and brings
+    `bounds` and `signed_distance`. All else follows, and a shape that knows better overrides it:
     the clearance bound from the distance, the gradient by differences, and what compiled kernels
     see from a sampled field, whose error is stated. With kernels of its own it derives from
-    `PackedDuct`. A class-level `name` is its name in files.
+    `PackedDuct` too. A class-level `name` is its name in files.
 
     The signed distance changes by at most 1 mm per mm (1-Lipschitz), the interpolant of a sampled
     duct by at most sqrt(3). `signed_distance` must never promise more clearance than there is by
@@ -58,7 +58,13 @@ class Duct(ABC):
     """
 
     columns: ClassVar[dict[str, tuple[str, int]]] = {}
-    """What a file holds of each piece: the field it is from, and how many numbers."""
+    """What a file holds of each piece: the field it is from, and how many numbers.
+
+    Nine are a rotation. Without columns a file holds all fields of the dataclass, as one piece.
+    """
+
+    joined: ClassVar[bool] = False
+    """Whether the shapes lie between two pieces of a file each, like cones between balls."""
 
     @property
     def kind(self) -> Kind:
@@ -286,6 +292,26 @@ def count_dimensions(duct: Duct) -> int:
 
 def _list_fields(duct: Duct) -> set[str]:
     return {item.name for item in fields(duct) if item.init} if is_dataclass(duct) else set()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shape(Duct):
+    """A duct that is given by numbers of its own, and not by other ducts.
+
+    Parameters
+    ----------
+    inflation : float
+        The wall is moved outwards by this much [mm].
+    wall : str
+        What the wall is, in words.
+    wall_error : float or None
+        How far the true wall may be from the stated one [mm]; 0 if the shape is the lumen itself,
+        None where it is not known.
+    """
+
+    inflation: float = 0.0
+    wall: str = ""
+    wall_error: float | None = 0.0
 
 
 class PackedDuct(Duct):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -188,20 +189,100 @@ def link_gauges(
     return (total >= 1.0) & legal, away * (1.0 - total)
 
 
-CROWD = 1000
-"""Fewer points than this are asked as they come."""
+# The highest value of a 1-Lipschitz function over a region, by branch and bound.
+
+CUBES_MAX = 1_000_000
+"""The search ends when it would ask more cubes than this at once."""
+
+PLACES_MAX = 5_000
+
+Values = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-def order_points(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the order (n,) in which points (n, 3) lie near to each other: by cubes, in rows.
+@dataclass(frozen=True, kw_only=True)
+class Highest:
+    """What `find_highest` found.
 
-    Searches from one to the next then find what they need in the cache, or start near the goal.
+    Attributes
+    ----------
+    value : float
+        The highest value found; -inf if no point of the region was.
+    place : (dim,) float
+        Where.
+    bound : float
+        No point of the region has a value above this; at least `value`.
+    places : (k, dim) float
+        Points of the region with values above the ceiling, where there are any.
     """
-    if len(points) < CROWD:
-        return np.arange(len(points))
-    size = max(float(np.ptp(points, axis=0).max()), 1e-300)
-    cubes = ((points - points.min(axis=0)) * (63.0 / size)).astype(np.int64)
-    cubes[:, 1] = np.where(cubes[:, 0] % 2, 63 - cubes[:, 1], cubes[:, 1])
-    row = (cubes[:, 0] << 6) | cubes[:, 1]
-    last = np.where(row % 2, 63 - cubes[:, 2], cubes[:, 2])
-    return np.argsort((row << 6) | last, kind="stable")
+
+    value: float
+    place: NDArray[np.float64]
+    bound: float
+    places: NDArray[np.float64]
+
+
+def find_highest(
+    value: Callable[[NDArray[np.float64]], Values],
+    region: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    bounds: NDArray[np.float64],
+    *,
+    ceiling: float,
+    tolerance: float,
+    slack: float = 0.0,
+) -> Highest:
+    """Return the highest value of a function over a region, with a bound that nothing exceeds.
+
+    Parameters
+    ----------
+    value : callable
+        Takes points (n, dim), returns estimates (n,) and upper bounds (n,) of a function that
+        changes no faster than 1.
+    region : callable
+        Takes points (n, dim), returns a signed distance (n,) of the region, negative inside,
+        that is never more than the true one.
+    bounds : (2, dim) float
+        Corners of a box that holds the region.
+    ceiling : float
+        Values below this need not be told apart.
+    tolerance : float
+        How far the bound may be above the value, where that is above the ceiling. Farther, but
+        a bound still, if there are more cubes than `CUBES_MAX` before: where the function is
+        nearly highest over a wide surface.
+    slack : float
+        Error of `region`.
+    """
+    low, high = bounds
+    dim = len(low)
+    half = 0.5 * float((high - low).max()) / 16.0
+    counts = np.maximum(np.ceil((high - low) / (2.0 * half)).astype(int), 1)
+    axes = [low[k] + half * (2.0 * np.arange(counts[k]) + 1.0) for k in range(dim)]
+    cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
+    parts = np.stack(np.meshgrid(*[[-0.5, 0.5]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    best, place, settled = -np.inf, cells[0], -np.inf
+    places = [np.empty((0, dim))]
+    while len(cells):
+        reach = half * dim**0.5 * (1.0 + 1e-9)
+        side = region(cells)
+        near = side <= reach + slack
+        cells, side = cells[near], side[near]
+        if len(cells) == 0:
+            break
+        found, most = value(cells)
+        inside = side <= 0.0
+        if inside.any():
+            index = int(np.argmax(np.where(inside, found, -np.inf)))
+            if found[index] > best:
+                best, place = float(found[index]), cells[index]
+            places.append(cells[inside & (found > ceiling)])
+        most = most + reach
+        done = most <= (ceiling if best <= ceiling else best + tolerance)
+        if done.any():
+            settled = max(settled, float(most[done].max()))
+        cells, most = cells[~done], most[~done]
+        if len(cells) * len(parts) > CUBES_MAX:
+            settled = max(settled, float(most.max()))
+            break
+        half *= 0.5
+        cells = (cells[:, None] + 2.0 * half * parts).reshape(-1, dim)
+    above = np.concatenate(places)[-PLACES_MAX:]
+    return Highest(value=best, place=place, bound=max(best, settled), places=above)

@@ -22,13 +22,12 @@ from .fluoroscopy import VIEWS, Projection, render_fluoroscopy
 from .palette import AMBER, GREEN, INK, RED, color_lumen
 
 if TYPE_CHECKING:
-    from ..duct import Centreline, RoundCones, SampledField
+    from ..duct import Centreline, Duct, SampledField
     from ..duct.fitting.measure import SectionCircles, Sections
-    from ..duct.shapes.cylinders import ConnectedCylinders
     from ..duct.shapes.super_ellipses import SuperEllipsoids
     from ..motion.traverse import LinkLimits
 
-    Shapes = RoundCones | ConnectedCylinders | SuperEllipsoids
+    Shapes = Duct
     from matplotlib.axes import Axes
 
 # The figure of how long a link may be along a duct.

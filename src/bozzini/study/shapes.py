@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..checks import check_integer, check_number
+from ..checks import check_number
 from ..duct import Centreline, SampledField, build_field
-from ..duct.fitting.fit import FittedDuct, fit_duct, mesh_from_mask
+from ..duct.fitting.fit import FitOptions, FittedDuct, Kind, fit_duct, mesh_from_tract
 from ..duct.fitting.measure import PERCENTS, SectionCircles, Sections, cut_sections
 from ..duct.shapes.mesh import TriangleMesh
 from ..progress import Progress, no_progress
@@ -47,11 +47,11 @@ class FitStudy:
         """Return JSON-able values."""
         fitted, report = self.fitted, self.fitted.report
         return {
-            "kind": fitted.kind,
+            "kind": fitted.options.kind,
             "pieces": report.pieces,
-            "inside": fitted.inside,
-            "max_error_mm": fitted.max_error,
-            "reached": fitted.reached,
+            "inside": fitted.options.inside,
+            "max_error_mm": fitted.options.max_error,
+            "reached": fitted.converged,
             "reason": fitted.reason,
             "outside_found_mm": report.outside,
             "outside_proved_mm": report.outside_bound,
@@ -135,7 +135,7 @@ def run_fit(
     ----------
     tract : LabelTract or SurfaceTract
     kind, max_error, pieces, inside
-        See `bozzini.duct.fitting.fit.fit_duct`.
+        See `FitOptions`.
     start, end, via, reverse, voxel, inflate, progress
         See `run_insertion`.
 
@@ -144,25 +144,11 @@ def run_fit(
     BozziniError
         If an input is not legal, or no shapes follow the centreline.
     """
-    check_number("max error", max_error, low=0.0, low_open=True, unit="mm")
-    if pieces is not None:
-        check_integer("pieces", pieces, low=1)
+    options = FitOptions(kind=cast(Kind, kind), max_error=max_error, pieces=pieces, inside=inside)
     field, way = _find_line(tract, (start, end, via), reverse, voxel, inflate, progress)
     with explain_scale(tract):
-        if isinstance(tract, LabelTract):
-            mesh = mesh_from_mask(tract.mask, tract.affine, inflation=inflate)
-        else:
-            mesh = TriangleMesh(tract.vertices, tract.faces, inflation=inflate)
-        fitted = fit_duct(
-            mesh,
-            way.line,
-            kind,
-            max_error=max_error,
-            pieces=pieces,
-            inside=inside,
-            draft=field,
-            progress=progress,
-        )
+        mesh = mesh_from_tract(tract, inflation=inflate)
+        fitted = fit_duct(mesh, way.line, options, draft=field, progress=progress)
     return FitStudy(
         mesh=mesh,
         field=field,

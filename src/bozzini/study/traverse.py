@@ -19,7 +19,7 @@ from ..duct import (
     build_field,
     find_centreline,
 )
-from ..duct.chain_line import follow_chain, widen_line
+from ..duct.centreline import follow_chain, widen_line
 from ..duct.field import INFLATION_MAX
 from ..duct.shape_files import FITS
 from ..duct.shapes.cylinders import ConnectedCylinders

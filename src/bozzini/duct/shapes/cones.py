@@ -33,12 +33,8 @@ class Circles(ShapeUnion):
         Of the discs [mm].
     radii : (n,) float
         Of the discs [mm].
-    inflation : float
-        The wall is moved outwards by this much [mm].
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -54,9 +50,7 @@ class Circles(ShapeUnion):
 
     centres: NDArray[np.float64]
     radii: NDArray[np.float64]
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="union of discs", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
     name = "circles"
     code = 2
@@ -120,12 +114,8 @@ class RoundCones(ShapeUnion):
         Of the balls, along the tube [mm].
     radii : (n,) float
         Of the balls [mm]. Between two centres the radius changes linearly.
-    inflation : float
-        The wall is moved outwards by this much [mm]: all radii count as larger by it.
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm]; 0 if the cones are the tube itself.
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -143,12 +133,11 @@ class RoundCones(ShapeUnion):
 
     centres: NDArray[np.float64]
     radii: NDArray[np.float64]
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="chain of round cones, ends closed by balls", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
     name = "cones"
     code = 14
+    joined = True
     dim = 3
     columns = {"centre": ("centres", 3), "radius": ("radii", 1)}
     exact_outside = True

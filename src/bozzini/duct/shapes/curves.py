@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import broadcast, check_array, check_number, check_points
 from ...errors import GeometryError, InputError
-from ..base import Kind, PackedDuct
+from ..base import Kind, PackedDuct, Shape
 from ..checks import check_places, check_wall, freeze_places, set_fields
 from ..packed import ShapesData
 from .quads import StitchedQuads
@@ -173,7 +173,7 @@ class CurveCoordinates:
 
 
 @dataclass(frozen=True, eq=False)
-class BetweenCurves(PackedDuct):
+class BetweenCurves(Shape, PackedDuct):
     """All points ``(1 - v) first(u) + v second(u)``, v in [0, 1] (thesis eq. 5.26).
 
     Parameters
@@ -189,12 +189,8 @@ class BetweenCurves(PackedDuct):
         An upper bound of both curves' second derivatives, |d^2 x / du^2| [mm]. Chords over a
         step h of u then err by at most ``curvature * h^2 / 8``. Without it the error is estimated:
         twice the largest found at seven places in each chord.
-    inflation : float
-        The wall is moved outwards by this much [mm].
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -218,9 +214,7 @@ class BetweenCurves(PackedDuct):
     span: tuple[float, float] | None = field(default=None, kw_only=True)
     tolerance: float = field(default=0.01, kw_only=True)
     curvature: float | None = field(default=None, kw_only=True)
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="region between two curves", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
     name = "curves"
     dim = 2

@@ -59,12 +59,8 @@ class ConnectedCylinders(ShapeUnion):
         Of the circles' planes, of any length. Their sign is free: they are turned along the duct.
     radii : (n,) float
         Of the circles [mm].
-    inflation : float
-        The wall is moved outwards by this much [mm].
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -93,12 +89,11 @@ class ConnectedCylinders(ShapeUnion):
     centres: NDArray[np.float64]
     normals: NDArray[np.float64]
     radii: NDArray[np.float64]
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="connected cylinders, ends closed by discs", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
     name = "cylinders"
     code = 11
+    joined = True
     dim = 3
     columns = {"centre": ("centres", 3), "normal": ("normals", 3), "radius": ("radii", 1)}
 
@@ -278,19 +273,27 @@ def _turn_normals(centres: NDArray[np.float64], normals: NDArray[np.float64]) ->
             )
 
 
+def measure_gaps(
+    centres: NDArray[np.float64], normals: NDArray[np.float64], radii: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (n - 1,) how far circles stay from the planes of their neighbours, at least [mm]."""
+    d = np.diff(centres, axis=0)
+    sine = np.linalg.norm(np.cross(normals[:-1], normals[1:]), axis=1)
+    ahead = np.einsum("ij,ij->i", normals[:-1], d) - radii[1:] * sine
+    return np.asarray(np.minimum(ahead, np.einsum("ij,ij->i", normals[1:], d) - radii[:-1] * sine))
+
+
 def _check_apart(
     centres: NDArray[np.float64], normals: NDArray[np.float64], radii: NDArray[np.float64]
 ) -> None:
     """Raise `GeometryError` if a circle reaches through the plane of the one before or after."""
-    for i in range(len(centres) - 1):
-        d = centres[i + 1] - centres[i]
+    meet = measure_gaps(centres, normals, radii) <= 0.0
+    if meet.any():
+        i = int(np.argmax(meet))
         n1, n2 = normals[i], normals[i + 1]
-        sine = float(np.linalg.norm(np.cross(n1, n2)))
-        room = (float(n1 @ d) - radii[i + 1] * sine, float(n2 @ d) - radii[i] * sine)
-        if min(room) <= 0.0:
-            angle = np.degrees(np.arctan2(sine, float(n1 @ n2)))
-            raise GeometryError(
-                f"circles {i} and {i + 1} overlap: the spacing {np.linalg.norm(d):.3g} mm is too "
-                f"short for a bend of {angle:.3g} deg and radii {radii[i]:g} and "
-                f"{radii[i + 1]:g} mm"
-            )
+        angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(n1, n2)), float(n1 @ n2)))
+        raise GeometryError(
+            f"circles {i} and {i + 1} overlap: the spacing "
+            f"{np.linalg.norm(centres[i + 1] - centres[i]):.3g} mm is too short for a bend of "
+            f"{angle:.3g} deg and radii {radii[i]:g} and {radii[i + 1]:g} mm"
+        )

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import GeometryError, InputError
-from ..base import Duct, SampledField
+from ...numeric.vectors import order_points
+from ..base import SampledField, Shape
 from ..checks import check_places, check_wall, freeze_places, set_fields
 from ..field import MeshWall, field_from_mesh, find_parts
-from ..search import order_points
 
 # Which side of a mesh's triangles is inside: parts that are turned inside out are found.
 
@@ -75,7 +75,7 @@ THIN_MM = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleMesh(Duct):
+class TriangleMesh(Shape):
     """The inside of a closed triangle mesh.
 
     Parameters
@@ -84,12 +84,8 @@ class TriangleMesh(Duct):
         World frame [mm].
     faces : (m, 3) int
         Triangles that agree in their turn. Kept outward.
-    inflation : float
-        The wall is moved outwards by this much [mm].
-    wall : str
-        What the wall is, in words.
-    wall_error : float or None
-        How far the true wall may be from the triangles [mm]; None where it is not known.
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -112,7 +108,6 @@ class TriangleMesh(Duct):
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="triangles of a mesh", kw_only=True)
     wall_error: float | None = field(default=None, kw_only=True)
 

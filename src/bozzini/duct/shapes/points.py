@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_number
 from ...errors import GeometryError, InputError
+from ...numeric.vectors import order_points
 from ..base import Duct
 from ..checks import (
     check_counts,
@@ -20,7 +21,6 @@ from ..checks import (
     freeze_places,
     set_fields,
 )
-from ..search import order_points
 
 # Which places a cloud of wall samples keeps apart: balls about them, by their Delaunay cells.
 #

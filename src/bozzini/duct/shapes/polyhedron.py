@@ -39,14 +39,10 @@ class ConvexPolyhedra(ShapeUnion):
         For each polyhedron its planes: outward normal and offset, a point x is on the inner side
         where ``normal . x + offset <= 0`` (thesis eq. 5.33). Normals of any length; kept as unit
         vectors.
-    inflation : float
-        The wall is moved outwards by this much [mm].
     connected : bool
         Whether pieces that are not all connected are refused.
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -64,10 +60,8 @@ class ConvexPolyhedra(ShapeUnion):
     """
 
     pieces: Sequence[NDArray[np.float64]]
-    inflation: float = field(default=0.0, kw_only=True)
     connected: bool = field(default=True, kw_only=True)
     wall: str = field(default="union of convex polyhedra, ends closed", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
     name = "polyhedra"
     code = 12

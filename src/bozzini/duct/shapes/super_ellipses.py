@@ -29,7 +29,7 @@ from .base import ShapeUnion
 Array = NDArray[np.float64]
 
 
-def join_norm(a: Array, b: Array, power: Array) -> Array:
+def join_norm(a: Array, b: Array, power: Array | float) -> Array:
     """Return (a^p + b^p)^(1/p) of numbers >= 0, without overflow."""
     big = np.maximum(a, b)
     ratio = np.minimum(a, b) / np.where(big > 0.0, big, 1.0)
@@ -87,14 +87,10 @@ class SuperEllipses(ShapeUnion):
         and 2 / e of a super-ellipsoid's exponents.
     angles : (n,) float
         From the x axis to a shape's first axis [rad].
-    inflation : float
-        The wall is moved outwards by at most this much [mm].
     connected : bool
         Whether shapes that are not all connected are refused; obstacles need not.
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -116,10 +112,8 @@ class SuperEllipses(ShapeUnion):
     half_axes: NDArray[np.float64]
     powers: NDArray[np.float64] = field(kw_only=True)
     angles: NDArray[np.float64] = field(kw_only=True)
-    inflation: float = field(default=0.0, kw_only=True)
     connected: bool = field(default=True, kw_only=True)
     wall: str = field(default="union of super-ellipses", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
     name = "superellipses"
     code = 0
@@ -304,14 +298,10 @@ class SuperEllipsoids(ShapeUnion):
         cylinder. They are n and e of thesis eq. 5.30.
     rotations : (n, 3, 3) float
         Columns are the shape's axes.
-    inflation : float
-        The wall is moved outwards by this much [mm].
     connected : bool
         Whether shapes that are not all connected are refused.
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -334,10 +324,8 @@ class SuperEllipsoids(ShapeUnion):
     e1: NDArray[np.float64] = field(kw_only=True)
     e2: NDArray[np.float64] = field(kw_only=True)
     rotations: NDArray[np.float64] = field(kw_only=True)
-    inflation: float = field(default=0.0, kw_only=True)
     connected: bool = field(default=True, kw_only=True)
     wall: str = field(default="union of super-ellipsoids", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
     name = "superellipsoids"
     code = 10
