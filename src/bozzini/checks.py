@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
-from .units import INTERNAL_UNITS
+from .units import INTERNAL_UNITS, add_unit
 
 _NO_NUMBERS = (str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating)
 
@@ -259,6 +259,17 @@ def list_quantities(kind: type) -> Mapping[str, Quantity]:
     return _KNOWN[kind]
 
 
+def check_quantity(name: str, value: Any, known: Quantity, item: object = None) -> float:
+    """Return a value of a field as a plain number, or raise `InputError`.
+
+    `item` is what ends of the range that are functions take.
+    """
+    low, high = (end(item) if callable(end) else end for end in (known.low, known.high))
+    if known.whole:
+        return check_integer(name, value, low=int(low), high=int(high))
+    return check_number(name, value, low=low, high=high, low_open=known.low_open, unit=known.unit)
+
+
 def legal_range(item: Any, name: str) -> tuple[float, float]:
     """Return the legal range of a field, the other fields of the object being as they are."""
     known = list_quantities(type(item))[name]
@@ -283,21 +294,7 @@ def check_fields(item: Any, prefix: str = "") -> None:
     """
     for name, known in list_quantities(type(item)).items():
         words = known.label or prefix + name.replace("_", " ")
-        (low, high), value = legal_range(item, name), getattr(item, name)
-        number: float = (
-            check_integer(words, value, low=int(low), high=int(high))
-            if known.whole
-            else check_number(
-                words, value, low=low, high=high, low_open=known.low_open, unit=known.unit
-            )
-        )
-        object.__setattr__(item, name, number)
-
-
-def add_unit(name: str, unit: str) -> str:
-    """Return a name with its unit, as columns and JSON keys have it: ``length_mm``."""
-    words = unit.replace(" ", "").replace("^", "").replace("/", "_per_")
-    return f"{name}_{words}" if words else name
+        object.__setattr__(item, name, check_quantity(words, getattr(item, name), known, item))
 
 
 def describe_fields(item: Any) -> dict[str, float]:

@@ -14,19 +14,14 @@ from click.shell_completion import CompletionItem
 
 from ..checks import list_quantities
 from ..muscle.design import Muscle
-from .common import QuantityType, check_target, emit, force_option, json_option
+from .common import QuantityType, check_target, emit, force_option, format_csv, json_option
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..muscle.data import Measurements
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
-
-# What the commands of ``bozzini muscle`` share: the options of a design, models, targets.
-
-
-if TYPE_CHECKING:
-    from ..muscle.design import Muscle
-    from ..muscle.model import MuscleModel
 
     _NameType = click.ParamType[str]  # generic in newer versions of click only
 else:
@@ -89,6 +84,19 @@ class Answer:
     def is_table(self) -> bool:
         """Whether the file is a table."""
         return self.out is not None and self.out.suffix.lower() == ".csv"
+
+    def write(self, columns: Mapping[str, Any], draw: Callable[[], Figure]) -> None:
+        """Write the file that is asked for: a table of columns, or the picture `draw` makes."""
+        if self.out is None:
+            return
+        if self.is_table:
+            from ..io.files import write_text
+
+            write_text(self.out, format_csv(columns))
+        else:
+            from ..plot import write_figure
+
+            write_figure(draw(), self.out)
 
     def give(self, result: Mapping[str, Any], text: str) -> None:
         """Write the answer on stdout."""

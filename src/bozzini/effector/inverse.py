@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, check_points, check_range
 from ..errors import InputError
 from ..muscle import MuscleModel
-from ..results import Result, take_axes
+from ..results import Result, measured, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .kernels import inverse as kernels
@@ -419,16 +419,16 @@ class EffectorInverse(Result):
         Where the pressures come from; "cubic" by `steer` only.
     """
 
-    target: Floats
-    pressures: Floats
-    displacements: Floats
-    contraction: Floats
-    force: Floats
+    target: Floats = measured("mm")
+    pressures: Floats = measured("MPa")
+    displacements: Floats = measured("mm")
+    contraction: Floats = measured("mm")
+    force: Floats = measured("N")
     pair: NDArray[np.int64]
-    delivered: Floats
+    delivered: Floats = measured("mm")
     share: Floats
     reachable: NDArray[np.bool_]
-    residual: Floats
+    residual: Floats = measured("mm")
     converged: NDArray[np.bool_]
     iterations: NDArray[np.int64]
     code: NDArray[np.int64]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points
 from ..errors import GeometryError, InputError
-from ..results import Result, take_axes
+from ..results import Result, measured, take_axes
 from .equilibrium import Settled, describe, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
@@ -192,22 +192,22 @@ class EffectorPose(Result):
     """
 
     names: tuple[str, ...]
-    pressures: Floats
-    contraction: Floats
-    force: Floats
+    pressures: Floats = measured("MPa")
+    contraction: Floats = measured("mm")
+    force: Floats = measured("N")
     iterations: NDArray[np.int64]
-    lateral_vector: Floats
-    lateral: Floats
-    azimuth: Floats
-    demanded_lateral: Floats
-    tip: Floats
-    holder_tip: Floats
+    lateral_vector: Floats = measured("mm")
+    lateral: Floats = measured("mm")
+    azimuth: Floats = measured("rad")
+    demanded_lateral: Floats = measured("mm")
+    tip: Floats = measured("mm")
+    holder_tip: Floats = measured("mm")
     direction: Floats
-    backbone: Floats
+    backbone: Floats = measured("mm")
     saturated: NDArray[np.bool_]
     converged: NDArray[np.bool_]
     reason: NDArray[np.str_]
-    length_error: Floats
+    length_error: Floats = measured("mm")
 
     @property
     def residual(self) -> Floats:

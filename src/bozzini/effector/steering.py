@@ -75,6 +75,18 @@ class CubicFit:
     rms_error: float
     largest_error: float
 
+    def describe(self) -> dict[str, object]:
+        """Return the cubic as plain values, with units in the names."""
+        return {
+            "coefficients": self.coefficients.tolist(),
+            "from_MPa": self.start,
+            "to_MPa": self.limit,
+            "saturated": self.saturated,
+            "rms_error_mm": self.rms_error,
+            "largest_error_mm": self.largest_error,
+            "monotone": self.monotone,
+        }
+
     @property
     def monotone(self) -> bool:
         """Whether it rises all the way from `start` to `limit`."""
@@ -349,13 +361,15 @@ class Trace(Result):
         """Distance from the targets [mm], `error`."""
         return self.error
 
-    def list_columns(self) -> dict[str, NDArray[np.float64]]:
+    def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns of `to_frame`, a row for each target."""
-        columns = {f"target_{axis}_mm": self.targets[:, k] for k, axis in enumerate("xy")}
+        columns: dict[str, NDArray[np.generic]] = {
+            f"target_{axis}_mm": self.targets[:, k] for k, axis in enumerate("xy")
+        }
         for k, name in enumerate(self.names):
             columns[f"pressure_{name}_MPa"] = self.pressures[:, k]
         columns |= {f"achieved_{axis}_mm": self.achieved[:, k] for k, axis in enumerate("xy")}
-        return {**columns, "error_mm": self.error}
+        return {**columns, "error_mm": self.error, "reachable": self.reachable}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw targets and achieved places, seen along the axis, and return the axes."""
