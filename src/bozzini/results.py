@@ -66,6 +66,16 @@ class Result:
             if not isinstance(value, (dict, list))
         }
 
+    def list_measured(self) -> dict[str, Any]:
+        """Return the fields that have a unit as columns, a value of the batch each row."""
+        import numpy
+
+        return {
+            add_unit(field.name, field.metadata["unit"]): numpy.ravel(getattr(self, field.name))
+            for field in dataclasses.fields(self)  # type: ignore[arg-type]
+            if "unit" in field.metadata
+        }
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
         from html import escape

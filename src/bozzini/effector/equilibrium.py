@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number
 from ..errors import InputError
 from ..muscle import MuscleModel
-from ..results import Result, take_axes
+from ..results import Result, measured, take_axes
 from .kernels import balance as kernels
 from .linkage import describe_end, lateral_deflection, measure_laterals
 from .section import Section
@@ -196,10 +196,10 @@ class Balance(Result):
     """
 
     name: str
-    pressure: Floats
-    contraction: Floats
-    lateral: Floats
-    force: Floats
+    pressure: Floats = measured("MPa")
+    contraction: Floats = measured("mm")
+    lateral: Floats = measured("mm")
+    force: Floats = measured("N")
     iterations: NDArray[np.int64]
     converged: NDArray[np.bool_]
     saturated: NDArray[np.bool_]
@@ -210,12 +210,7 @@ class Balance(Result):
 
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each pressure."""
-        return {
-            "pressure_MPa": np.atleast_1d(self.pressure).ravel(),
-            "contraction_mm": np.atleast_1d(self.contraction).ravel(),
-            "lateral_mm": np.atleast_1d(self.lateral).ravel(),
-            "force_N": np.atleast_1d(self.force).ravel(),
-        }
+        return self.list_measured()
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the deflection over the pressure, and return the axes."""

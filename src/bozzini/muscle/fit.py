@@ -544,8 +544,10 @@ class Calibration(Result):
         Name of the model.
     free : tuple of str
         The parameters that were fitted, the order of `correlations`.
+    units : dict
+        Their units: mm, MPa, rad, or those on the model's card.
     estimates : dict
-        Their values, in mm, MPa, rad, or the unit on the model's card.
+        Their values.
     standard_errors : dict
         Standard deviations of the estimates, linearised.
     intervals : dict
@@ -576,6 +578,7 @@ class Calibration(Result):
 
     model: str
     free: tuple[str, ...]
+    units: dict[str, str]
     estimates: dict[str, float]
     standard_errors: dict[str, float]
     intervals: dict[str, tuple[float, float]]
@@ -606,10 +609,26 @@ class Calibration(Result):
         return {
             "parameter": list(self.free),
             "estimate": [self.estimates[name] for name in self.free],
+            "unit": [self.units[name] for name in self.free],
             "standard_error": [self.standard_errors[name] for name in self.free],
             "low_95": [self.intervals[name][0] for name in self.free],
             "high_95": [self.intervals[name][1] for name in self.free],
         }
+
+    def format_table(self) -> str:
+        """Return the estimates as a table of text, with what is to be known of them."""
+        wide = max(16, *(len(name) + 1 for name in self.free))
+        lines = [
+            f"{name:<{wide}}{self.estimates[name]:10.4g} {self.units[name]:<4} "
+            "95 %: {:.4g} to {:.4g}".format(*self.intervals[name])
+            for name in self.free
+        ]
+        lines.append(
+            f"residuals {self.sigma:.3g} mm, condition {self.condition:.1f}; "
+            f"{'converged' if self.converged else 'not converged'}: {self.reason}"
+        )
+        lines += [f"{name}: {reason}" for name, reason in self.held.items()]
+        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the residuals in the order of the rows, and return the axes."""
@@ -706,6 +725,7 @@ def calibrate(
         answered=answered,
         fitted=model,
         held=held,
+        units={name: own[name].unit if name in own else PARAMETER_UNITS[name] for name in names},
     )
 
 
@@ -750,6 +770,7 @@ def _conclude(
     answered: bool,
     fitted: MuscleModel,
     held: dict[str, str],
+    units: dict[str, str],
 ) -> Calibration:
     """Put the statistics together from the residuals and the Jacobian at the minimum."""
     from scipy.stats import t as student
@@ -772,6 +793,7 @@ def _conclude(
     return Calibration(
         model=fitted.name,
         free=free,
+        units=units,
         estimates=estimates,
         standard_errors=errors,
         intervals={

@@ -74,17 +74,29 @@ class ModelScore:
     largest: float
     predicted: NDArray[np.float64]
 
+    def describe(self) -> dict[str, Any]:
+        """Return the score as plain values, with units in the names."""
+        return {
+            "model": self.name,
+            "standard_error_mm": self.standard_error,
+            "standard_error_percent": self.standard_error_percent,
+            "rmse_mm": self.rmse,
+            "bias_mm": self.bias,
+            "largest_error_mm": self.largest,
+        }
 
-def list_scores(scores: Sequence[ModelScore]) -> dict[str, list[Any]]:
-    """Return scores as columns, units in their names."""
-    return {
-        "model": [score.name for score in scores],
-        "standard_error_mm": [score.standard_error for score in scores],
-        "standard_error_percent": [score.standard_error_percent for score in scores],
-        "rmse_mm": [score.rmse for score in scores],
-        "bias_mm": [score.bias for score in scores],
-        "largest_error_mm": [score.largest for score in scores],
-    }
+    def format_row(self, wide: int) -> str:
+        """Return the score as a row of a table whose first column is so wide."""
+        return (
+            f"{self.name:<{wide}}  {self.standard_error:6.3f} mm"
+            f"{self.standard_error_percent:5.1f} %{self.rmse:7.3f} mm{self.bias:+7.3f} mm{self.largest:7.3f} mm"
+        )
+
+
+def list_columns(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
+    """Return rows as columns; what only some rows have is None in the others."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row.get(name) for row in rows] for name in names}
 
 
 def _draw_bars(ax: Axes | None, scores: Sequence[ModelScore]) -> Axes:
@@ -114,12 +126,7 @@ class Comparison(Result):
         """Return the scores as a table of text."""
         wide = max([5, *(len(score.name) for score in self.scores)])
         lines = [f"{'model':<{wide}}  standard error      RMSE      bias   largest"]
-        lines += [
-            f"{score.name:<{wide}}  {score.standard_error:6.3f} mm"
-            f"{score.standard_error_percent:5.1f} %{score.rmse:7.3f} mm"
-            f"{score.bias:+7.3f} mm{score.largest:7.3f} mm"
-            for score in self.scores
-        ]
+        lines += [score.format_row(wide) for score in self.scores]
         lines += [f"{name}: no answer: {reason}" for name, reason in self.refusals.items()]
         return "\n".join(lines)
 
@@ -140,7 +147,7 @@ class Comparison(Result):
 
     def list_columns(self) -> dict[str, list[Any]]:
         """Return the columns of `to_frame`, a row for each model."""
-        return list_scores(self.scores)
+        return list_columns([score.describe() for score in self.scores])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the models' root mean squares as bars, and return the axes."""
@@ -467,6 +474,31 @@ class RankedModel:
         found = self.validation
         return math.inf if found is None or found.reason else found.error
 
+    def describe(self) -> dict[str, Any]:
+        """Return the entry as plain values, with units in the names."""
+        left_out, found = self.validation, self.calibration
+        fit: dict[str, Any] = {"fitted": {}}
+        if found is not None:
+            fit = {
+                "fitted": found.estimates,
+                "fit_warnings": found.warnings,
+                "fit_converged": found.converged,
+                "fit_reason": found.reason,
+            }
+        return {
+            **self.score.describe(),
+            "aicc": self.aicc,
+            "bic": self.bic,
+            "weight": self.weight,
+            "parameters": self.parameters,
+            "left_out_mm": self.validation_error,
+            "left_out_reason": "" if left_out is None else left_out.reason,
+            "left_out_not_converged": 0 if left_out is None else left_out.unsettled,
+            "same_as": self.same_as,
+            "held": self.held,
+            **fit,
+        }
+
     @property
     def doubt(self) -> str:
         """Which fits did not converge, in words; empty if all did."""
@@ -537,12 +569,7 @@ class Ranking(Result):
                 for name in ("aicc", "bic")}  # fmt: skip
         counts = {entry.name: entry.parameters for entry in self.models}
         for entry in self.models:
-            score = entry.score
-            line = (
-                f"{score.name:<{wide}}  {score.standard_error:6.3f} mm"
-                f"{score.standard_error_percent:5.1f} %{score.rmse:7.3f} mm"
-                f"{score.bias:+7.3f} mm{score.largest:7.3f} mm"
-            )
+            line = entry.score.format_row(wide)
             if self.folds:
                 error = entry.validation_error
                 line += f"{error:7.3f} mm" if math.isfinite(error) else f"{'none':>10}"
@@ -573,15 +600,13 @@ class Ranking(Result):
 
     def list_columns(self) -> dict[str, list[Any]]:
         """Return the columns of `to_frame`, a row for each model, the best first."""
-        return {
-            **list_scores([entry.score for entry in self.models]),
-            "left_out_mm": [entry.validation_error for entry in self.models],
-            "parameters": [entry.parameters for entry in self.models],
-            "aicc": [entry.aicc for entry in self.models],
-            "bic": [entry.bic for entry in self.models],
-            "weight": [entry.weight for entry in self.models],
-            "same_as": [entry.same_as for entry in self.models],
-        }
+        rows = [entry.describe() for entry in self.models]
+        return list_columns(
+            [
+                {name: value for name, value in row.items() if not isinstance(value, (dict, tuple))}
+                for row in rows
+            ]
+        )
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the models' root mean squares as bars, the best first, and return the axes."""
