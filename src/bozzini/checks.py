@@ -152,6 +152,28 @@ def name_at(name: str, values: NDArray[Any], index: int) -> str:
     return f"{name}[{place}]"
 
 
+def refuse_first(
+    wrong: NDArray[np.bool_],
+    name: str,
+    values: NDArray[np.float64],
+    must: str | Callable[[int], str],
+    *,
+    unit: str = "",
+) -> None:
+    """Raise `InputError` that names the first of `values` where `wrong` is true.
+
+    `must` is what it must be; a function takes the flat index. A ``{}`` in the name is where the
+    index stands.
+    """
+    if np.any(wrong):
+        index = int(np.argmax(wrong))
+        text = must if isinstance(must, str) else must(index)
+        stem, _, rest = name.partition("{}")
+        suffix = f" {unit}" if unit else ""
+        value = f"{values.flat[index]:g}{suffix}"
+        raise InputError(f"{name_at(stem, values, index)}{rest} is {value}: {text}")
+
+
 def broadcast(*named: tuple[str, NDArray[np.float64]]) -> tuple[NDArray[np.float64], ...]:
     """Return the arrays, contiguous and of one shape, or raise `InputError`.
 

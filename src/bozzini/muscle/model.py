@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
@@ -390,16 +390,3 @@ def parse_direction(direction: ArrayLike | None) -> Floats:
             f"direction is '{error.args[0]}': it must be 'inflating', 'deflating' or empty"
         ) from None
     return np.asarray(signs, dtype=np.float64).reshape(words.shape)
-
-
-def bisect(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return where an increasing `function` crosses zero in `[low, high]`, to the last bits."""
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        if not low < middle < high:
-            break
-        if function(middle) > 0.0:
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high) if math.isfinite(low + high) else low

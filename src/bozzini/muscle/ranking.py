@@ -89,7 +89,8 @@ class ModelScore:
         """Return the score as a row of a table whose first column is so wide."""
         return (
             f"{self.name:<{wide}}  {self.standard_error:6.3f} mm"
-            f"{self.standard_error_percent:5.1f} %{self.rmse:7.3f} mm{self.bias:+7.3f} mm{self.largest:7.3f} mm"
+            f"{self.standard_error_percent:5.1f} %{self.rmse:7.3f} mm"
+            f"{self.bias:+7.3f} mm{self.largest:7.3f} mm"
         )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import broadcast, check_array, check_range, name_at
 from ...errors import InputError
+from ...numeric.roots import bisect
 from ..design import Muscle
 from ..hysteresis import Hysteresis
 from ..kernels import interface
@@ -22,7 +23,6 @@ from ..model import (
     CompiledMuscle,
     MuscleModel,
     MuscleState,
-    bisect,
     check_hysteresis,
     demand_convergence,
     describe_stop,
