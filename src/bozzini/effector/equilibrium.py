@@ -19,9 +19,6 @@ from .section import Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Equilibria of any muscle model on the section, in batches: contraction, deflection, codes.
-
-
 Floats = NDArray[np.float64]
 
 MAX_ITERATIONS = 200
@@ -39,13 +36,7 @@ class Settled:
 
 
 def settle_muscles(effector: Section, pressures: Floats) -> Settled:
-    """Return the equilibria of each muscle alone, at pressures (k, m) [MPa].
-
-    Raises
-    ------
-    InputError
-        If a model has no answer at a pressure.
-    """
+    """Return the equilibria of each muscle alone, at pressures (k, m) [MPa]."""
     packed = effector.packed
     out = np.empty((3, *pressures.shape))
     iterations = np.empty(pressures.shape, dtype=np.int64)
@@ -147,9 +138,6 @@ def _settle_model(
         pull = model.force(pressures[moved], out[0, moved])
         out[2, moved] = pull - out[1, moved] / packed.compliance
     return out, iterations, codes
-
-
-# One muscle on the section: contraction, pull and deflection at a pressure (thesis 4.4).
 
 
 BalanceMethod = Literal["root", "fixed-point"]

@@ -24,9 +24,6 @@ from .section import PackedEffector, Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Sectors of the lateral plane: between one muscle and the next, by angle (thesis 4.5).
-
-
 HALF_TURN = math.pi - 1e-9
 """Gap from which two muscles no longer cover the directions between them [rad]."""
 
@@ -84,9 +81,6 @@ def find_sectors(design: EffectorDesign) -> Sectors:
         cosines=np.cos(angles),
         sines=np.sin(angles),
     )
-
-
-# The inverse in the projected workspace: a lateral target to displacements of two muscles.
 
 
 INVERSE_OUTCOMES = ("reached", "muscle limit", "largest deflection", "gap")
@@ -239,9 +233,6 @@ def split(
     )
 
 
-# How far each muscle alone takes the tip at the pressure limit.
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reach:
     """What the muscles of an end-effector can do, each alone.
@@ -310,9 +301,6 @@ def find_reach(effector: Section) -> Reach:
     return found
 
 
-# The pressure at which any muscle model pulls so much at a contraction.
-
-
 Floats = NDArray[np.float64]
 
 MAX_ITERATIONS = 200
@@ -375,9 +363,6 @@ def _measure(model: MuscleModel, pressure: Floats, contraction: Floats, force: F
     if np.any(enough):
         miss[enough] = model.force(pressure[enough], contraction[enough]) - force[enough]
     return miss
-
-
-# The exact inverse: from a lateral target of the tip to the pressures of the muscles.
 
 
 TOLERANCE = 1e-6

@@ -21,9 +21,6 @@ from .section import Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Two muscles pressed one after the other: the thesis's direction cosines and eight steps.
-
-
 Floats = NDArray[np.float64]
 
 
@@ -63,13 +60,7 @@ def find_resultant(angles: ArrayLike, forces: ArrayLike) -> Floats:
 
 
 def take_order(effector: Section, order: Sequence[str] | None) -> NDArray[np.int64]:
-    """Return the places of the muscles in the order of pressing; the ones not named come after.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown or there twice.
-    """
+    """Return the places of the muscles in the order of pressing; the ones not named come after."""
     if order is not None and not isinstance(order, Sequence):
         raise InputError(f"order is {order!r:.60}: it must be a sequence of names")
     named = [effector.design.index(name) for name in order or ()]
@@ -89,22 +80,6 @@ def combine_bends(
     place along the turned ``D2`` until the plane of the resultant is met. What is printed and not
     taken: step 7 says "step 4" for step 6, and the axis (4.9) is no unit vector and not defined
     where the section is straight. Where both displacements lie in the plane they are added.
-
-    Parameters
-    ----------
-    effector : Effector
-        Section and muscles.
-    contractions, forces : (k, m) ndarray
-        Of each muscle alone [mm, N].
-    order : (m,) ndarray of int
-        Places of the muscles in the order of pressing.
-
-    Raises
-    ------
-    InputError
-        If more than two muscles of a case are contracted: the steps are for two.
-    GeometryError
-        If a turned displacement is parallel to the plane and does not lie in it.
     """
     packed = effector.packed
     pressed = contractions[:, order] > 0.0
@@ -142,9 +117,6 @@ def combine_bends(
             "method='superposition' has one"
         )
     return backbones
-
-
-# The pose of the end-effector under a pressure for each muscle.
 
 
 PoseMethod = Literal["superposition", "thesis"]

@@ -30,9 +30,6 @@ from .section import Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# A cubic from pressure to deflection, as the thesis uses in its controller (Fig. 4.16).
-
-
 MOST_SAMPLES = 1_000_000
 
 
@@ -287,9 +284,6 @@ def find_rise(coefficients: NDArray[np.float64], start: float, limit: float, nam
     return turning if math.isfinite(turning) else start
 
 
-# Traces: the tip along a line or round a circle (as in thesis Figs 4.23-4.24).
-
-
 MOST_STEPS = 1_000_000
 
 
@@ -495,9 +489,6 @@ def trace_circle(
     ring = middle + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     ring[-1] = ring[0]
     return trace_path(effector, ring, cubics=cubics, kind="circle")
-
-
-# Thumb-stick: two raw axes to a lateral target of the tip (thesis 4.6).
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -376,9 +376,6 @@ def _try_design(effector: Effector, changes: Changes, deflection: float) -> Swee
     )
 
 
-# The design that reaches a deflection with the least pressure.
-
-
 MOST_GRID_DESIGNS = 10_000
 """Designs that a grid may have."""
 

@@ -23,9 +23,6 @@ from .section import Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Workspace of the tip: in the plane across the section, and the surface that it is in space.
-
-
 Floats = NDArray[np.float64]
 
 
@@ -269,9 +266,6 @@ def _measure_surface(design: EffectorDesign, boundary: Floats) -> float:
     )
     value = np.interp(np.hypot(x, y), lateral, swept)
     return float(np.sum(0.5 * (value[first] + value[second]) * turn))
-
-
-# What the tip withstands and what it can press with, across the section.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

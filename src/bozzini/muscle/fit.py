@@ -59,22 +59,7 @@ GAP_SPAN = 3.0
 def judge_parameters(
     free: Sequence[str], data: Measurements, *, contact_pressure: float = 0.0
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return which of these parameters such data cannot determine, before a fit.
-
-    Parameters
-    ----------
-    free : sequence of str
-    data : Measurements
-    contact_pressure : float
-        Pressure at which the tube meets the braid [MPa].
-
-    Returns
-    -------
-    never : tuple of str
-        Sets that must not be fitted together: on one curve their effects are the same.
-    doubts : tuple of str
-        Parameters that the data hardly determine.
-    """
+    """Return sets that must not be fitted together, and what the data hardly determine."""
     never, doubts = [], []
     if "braid_angle" in free and not data.has_load:
         reason = "needs rows at a second load, or forces of the blocked muscle"
@@ -102,16 +87,7 @@ def judge_parameters(
 def judge_fit(
     free: Sequence[str], correlations: NDArray[np.float64], condition: float
 ) -> list[str]:
-    """Return warnings on what a fit could not determine.
-
-    Parameters
-    ----------
-    free : sequence of str
-    correlations : ndarray, shape (k, k)
-        Of the estimates.
-    condition : float
-        Of the Jacobian with columns of length 1.
-    """
+    """Return warnings on what a fit could not determine."""
     warnings = []
     if condition > CONDITION_LIMIT:
         warnings.append(
@@ -133,14 +109,6 @@ def judge_repeats(
     """Return a warning if a fit misses the data by more than the data miss each other.
 
     The F-test of lack of fit at 0.1 %: it needs rows that repeat a state.
-
-    Parameters
-    ----------
-    data : Measurements
-    residuals : ndarray, shape (n,)
-        Of the fit [mm].
-    parameters : int
-        How many parameters were fitted.
     """
     from scipy.stats import f as fisher
 
@@ -183,15 +151,7 @@ _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 def find_minimum(
     problem: Problem, start: NDArray[np.float64], *, limit: int = EVALUATIONS
 ) -> OptimizeResult:
-    """Return SciPy's result of the best search; `nfev` counts all of them.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : ndarray, shape (k,)
-    limit : int
-        Largest number of evaluations of one search.
-    """
+    """Return SciPy's result of the best search; `nfev` counts all of them."""
     best = _search(problem, start, limit)
     evaluations = best.nfev
     if "gap" in problem.free:
@@ -217,16 +177,6 @@ def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
     """Return the best of searches from several starts, and the problem it began with.
 
     A search that ends with an answer at all rows is better than any that does not.
-
-    Parameters
-    ----------
-    starts : sequence of Problem
-        One problem, with several starts.
-
-    Raises
-    ------
-    InputError
-        If none of the searches ends with an answer at all rows.
     """
     tries = [(find_minimum(one, one.choose_start(), limit=_FIRST), one) for one in starts]
     tries.sort(key=_judge)
@@ -344,18 +294,7 @@ _LEAST_STIFFNESS_N_PER_MM = 1e-12  # keeps a weight finite where the model has n
 def find_starts(
     problem: Problem, *, linear: tuple[str, ...], seed: int = 0, count: int = 6
 ) -> list[Problem]:
-    """Return the problem with a few starts, the most promising first.
-
-    Parameters
-    ----------
-    problem : Problem
-    linear : tuple of str
-        Those of the unknowns that the force is linear in.
-    seed : int
-        Of the trials.
-    count : int
-        Largest number of starts.
-    """
+    """Return the problem with a few starts, the most promising first."""
     random = np.random.default_rng(seed)
     points = [problem.choose_start()]
     points += [draw_point(problem, random) for _ in range(_TRIALS - 1)]
@@ -442,9 +381,6 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
     return best
 
 
-# What is free in a fit, and where the constants of a model start.
-
-
 def choose_free(
     free: Sequence[str] | None,
     model_class: Callable[..., MuscleModel],
@@ -503,9 +439,6 @@ def choose_constants(
             value = check_number(f"start of {name}", guess.get(name, middle), unit=own[name].unit)
             constants[name] = float(np.clip(value, low, high))
     return constants
-
-
-# The fit: bounded least squares in contraction, of fields of the muscle and constants of a model.
 
 
 @dataclass(frozen=True, kw_only=True)

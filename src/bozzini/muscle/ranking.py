@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 
     from .model import MuscleModel
 
-# Compare models on one set of measurements: standard error, RMSE, bias.
-
-
 _LEAST_CONTRACTION_MM = 1e-3  # largest contraction that errors can be a percentage of [mm]
 
 
@@ -217,17 +214,7 @@ def check_largest(data: Measurements) -> None:
 def score_model(
     name: str, predicted: NDArray[np.float64], data: Measurements, *, fitted: int
 ) -> ModelScore:
-    """Return how near predicted contractions [mm] of shape (n,) come to the measured ones.
-
-    Parameters
-    ----------
-    name : str
-        Name of the model.
-    predicted : ndarray, shape (n,)
-    data : Measurements
-    fitted : int
-        How many parameters were fitted to these data, less than n.
-    """
+    """Return how near predicted contractions [mm] of shape (n,) come to the measured ones."""
     error = predicted - data.contraction
     squares = float(error @ error)
     standard = float(np.sqrt(squares / (len(data) - fitted)))
@@ -255,22 +242,7 @@ def score_model(
 
 
 def compute_aicc(squares: float, rows: int, parameters: int) -> float:
-    """Return Akaike's criterion, corrected for few rows.
-
-    Parameters
-    ----------
-    squares : float
-        Sum of the squared residuals.
-    rows : int
-        How many residuals, at least `parameters` + 3.
-    parameters : int
-        How many parameters were fitted, the variance not counted.
-
-    Raises
-    ------
-    InputError
-        If a number is outside its range.
-    """
+    """Return Akaike's criterion, corrected for few rows."""
     count = check_integer("number of fitted parameters", parameters, low=0) + 1
     check_integer("number of rows", rows, low=count + 2)
     return (
@@ -279,31 +251,14 @@ def compute_aicc(squares: float, rows: int, parameters: int) -> float:
 
 
 def compute_bic(squares: float, rows: int, parameters: int) -> float:
-    """Return the Bayesian (Schwarz's) criterion; the arguments are those of `compute_aicc`.
-
-    Raises
-    ------
-    InputError
-        If a number is outside its range; 1 row is enough.
-    """
+    """Return the Bayesian (Schwarz's) criterion; the arguments are those of `compute_aicc`."""
     count = check_integer("number of fitted parameters", parameters, low=0) + 1
     check_integer("number of rows", rows, low=1)
     return _weigh_misfit(squares, rows) + count * math.log(rows)
 
 
 def weigh_models(criteria: Sequence[float] | ArrayLike) -> NDArray[np.float64]:
-    """Return Akaike's weights, ``exp(-difference / 2)`` made to sum to 1.
-
-    Parameters
-    ----------
-    criteria : array_like, shape (m,)
-        Values of one criterion for models of the same rows.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return Akaike's weights, ``exp(-difference / 2)`` made to sum to 1."""
     values = np.atleast_1d(check_array("criteria", criteria))
     if not values.size:
         raise InputError("there are 0 models to weigh: give 1 or more")
@@ -314,9 +269,6 @@ def weigh_models(criteria: Sequence[float] | ArrayLike) -> NDArray[np.float64]:
 def _weigh_misfit(squares: float, rows: int) -> float:
     number = check_number("sum of squares", squares, low=0.0, low_open=True)
     return rows * math.log(number / rows)
-
-
-# Cross-validation: how far off a model is at rows that it was not fitted to.
 
 
 _TOLERANCE = 1e-6  # difference of pressures that counts as none [MPa]
@@ -345,18 +297,7 @@ class CrossValidation:
 
 
 def split_rows(data: Measurements, *, folds: int, seed: int = 0) -> tuple[NDArray[np.bool_], ...]:
-    """Deal the rows into folds at random; rows that repeat a state stay in one.
-
-    Returns
-    -------
-    tuple of ndarray of bool, shape (n,)
-        For each fold the rows that are left out.
-
-    Raises
-    ------
-    InputError
-        If there are fewer states than folds.
-    """
+    """Deal the rows into folds at random; rows that repeat a state stay in one."""
     states, of_row = _find_states(data)
     if folds > states:
         raise InputError(f"folds is {folds}: there are {states} different state(s) to deal")
@@ -390,16 +331,7 @@ def cross_validate(
     data: Measurements,
     parts: tuple[NDArray[np.bool_], ...],
 ) -> CrossValidation:
-    """Return the error at rows left out, each part in turn.
-
-    Parameters
-    ----------
-    fit : callable
-        From some rows to the model fitted to them, and whether that fit converged.
-    data : Measurements
-    parts : tuple of ndarray of bool, shape (n,)
-        The rows left out in each turn.
-    """
+    """Return the error at rows left out, each part in turn."""
     squares, reason, unsettled = [], "", 0
     for part in parts:
         rows = data.select(part)
@@ -419,9 +351,6 @@ def cross_validate(
         reason=reason,
         unsettled=unsettled,
     )
-
-
-# The result of a ranking, and its table.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -612,9 +541,6 @@ class Ranking(Result):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the models' root mean squares as bars, the best first, and return the axes."""
         return _draw_bars(ax, [entry.score for entry in self.models])
-
-
-# Fit all models that can be fitted to one set of measurements, and rank them.
 
 
 _FOLDS = 5

@@ -410,14 +410,7 @@ class Loops:
 
     @classmethod
     def take(cls, history: ArrayLike, response: ArrayLike, skip: int) -> Loops:
-        """Return loops, checked.
-
-        Raises
-        ------
-        InputError
-            If they are not finite arrays of one shape, the history does not move, or nothing is
-            left to fit.
-        """
+        """Return loops, checked."""
         inputs = take_history("history", history)
         outputs = take_history("response", response)
         if inputs.shape != outputs.shape:
