@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass
 from numbers import Real
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
-
-__all__ = [
-    "broadcast",
-    "check_array",
-    "check_integer",
-    "check_number",
-    "check_points",
-    "check_range",
-    "name_at",
-]
+from .units import INTERNAL_UNITS
 
 _NO_NUMBERS = (str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating)
 
@@ -199,3 +194,115 @@ def _show(value: object) -> str:
     except ValueError:  # an integer of more digits than Python writes
         return f"a huge {type(value).__name__}"
     return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+Limit = float | Callable[[Any], float]
+"""An end of a legal range: a number, or a function of the object whose field it is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """What is known of a field of a dataclass: checks, options, fits and tables read it here.
+
+    Attributes
+    ----------
+    kind : str
+        A key of `bozzini.units.INTERNAL_UNITS`.
+    help : str
+        What it is, in a few words.
+    low, high : float or callable
+        Legal range; a callable takes the object, whose fields before this one are checked.
+    low_open : bool
+        Whether `low` itself is illegal.
+    whole : bool
+        Whether it is a whole number.
+    scale : float, optional
+        How much of it matters to a fit; None for a tenth of where the fit starts.
+    label : str
+        What messages call it; by default the field's name with blanks.
+    """
+
+    kind: str = "dimensionless"
+    help: str = ""
+    low: Limit = -math.inf
+    high: Limit = math.inf
+    low_open: bool = False
+    whole: bool = False
+    scale: float | None = None
+    label: str = ""
+
+    @property
+    def unit(self) -> str:
+        """The unit, empty for none."""
+        return INTERNAL_UNITS[self.kind]
+
+
+def quantity(kind: str = "dimensionless", help: str = "", **known: Any) -> Any:
+    """Return a dataclass field that is a number; see `Quantity` for the keywords.
+
+    ``default`` and ``kw_only`` are those of `dataclasses.field`.
+    """
+    own = {name: known.pop(name) for name in ("default", "kw_only") if name in known}
+    own.setdefault("default", MISSING)
+    metadata = {"quantity": Quantity(kind=kind, help=help, **known)}
+    return dataclasses.field(**own, metadata=metadata)
+
+
+_KNOWN: dict[type, Mapping[str, Quantity]] = {}
+
+
+def list_quantities(kind: type) -> Mapping[str, Quantity]:
+    """Return what is known of the fields of a dataclass that are made by `quantity`."""
+    if kind not in _KNOWN:
+        known = {item.name: item.metadata.get("quantity") for item in dataclasses.fields(kind)}
+        _KNOWN[kind] = MappingProxyType({name: item for name, item in known.items() if item})
+    return _KNOWN[kind]
+
+
+def legal_range(item: Any, name: str) -> tuple[float, float]:
+    """Return the legal range of a field, the other fields of the object being as they are."""
+    known = list_quantities(type(item))[name]
+    low, high = (end(item) if callable(end) else end for end in (known.low, known.high))
+    return low, high
+
+
+def check_fields(item: Any, prefix: str = "") -> None:
+    """Check the fields of a dataclass made by `quantity`, and turn them into plain numbers.
+
+    Parameters
+    ----------
+    item : object
+        A dataclass, frozen or not, in its ``__post_init__``.
+    prefix : str
+        Put before the names of fields in messages.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its legal range.
+    """
+    for name, known in list_quantities(type(item)).items():
+        words = known.label or prefix + name.replace("_", " ")
+        (low, high), value = legal_range(item, name), getattr(item, name)
+        number: float = (
+            check_integer(words, value, low=int(low), high=int(high))
+            if known.whole
+            else check_number(
+                words, value, low=low, high=high, low_open=known.low_open, unit=known.unit
+            )
+        )
+        object.__setattr__(item, name, number)
+
+
+def add_unit(name: str, unit: str) -> str:
+    """Return a name with its unit, as columns and JSON keys have it: ``length_mm``."""
+    words = unit.replace(" ", "").replace("^", "").replace("/", "_per_")
+    return f"{name}_{words}" if words else name
+
+
+def describe_fields(item: Any) -> dict[str, float]:
+    """Return the fields of a dataclass made by `quantity`, with their units in the names."""
+    return {
+        add_unit(name, known.unit): getattr(item, name)
+        for name, known in list_quantities(type(item)).items()
+    }

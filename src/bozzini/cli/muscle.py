@@ -56,8 +56,6 @@ if TYPE_CHECKING:
     from ..muscle.models import Card, Parameter
     from ..muscle.ranking import Criterion, ModelScore, RankedModel, RankOptions
 
-__all__ = ["command", "compare_command", "fit_command", "models_command"]
-
 # ``bozzini muscle models``: what models there are, and the card of one.
 
 
