@@ -369,7 +369,7 @@ def test_a_septum_that_closes_the_lumen_is_no_fit() -> None:
     labels = np.where((centres > 29.0) & (centres < 31.0) & (whole.labels > 0), 0, whole.labels)
     closed = replace(tract_from_labels(labels, whole.affine, source="tube"), organ="colon")
     study = run_insertion(closed, scope=SCOPE, method="follow", head_step=2.0)
-    assert study.plan.status == "complete" and study.plan.meta["certified"]
+    assert study.plan.status == "complete" and study.plan.certified
     assert not study.fits and not study.summarise()["fits"]
     verdict = judge_plan(study.plan, study.summarise())
     assert verdict.label.startswith("Reaches the end of a part, proved")
@@ -412,9 +412,9 @@ def test_an_introducer_through_the_wall_is_stated(options, crosses) -> None:
     assert verdict.tone == "amber"
     # The place that is named is on the introducer, and at a wall of the lumen.
     place = np.array([float(v) for v in found[0].message.split("(")[1].split(")")[0].split(",")])
-    tube = study.plan.meta["introducer"]
-    off = np.cross(place - tube["entry_mm"], tube["outward"])
-    assert np.linalg.norm(off) <= tube["bore_mm"]
+    tube = study.plan.introducer
+    off = np.cross(place - tube.entry, tube.outward)
+    assert np.linalg.norm(off) <= tube.bore
     assert abs(float(study.field.signed_distance(place))) < VOXEL
 
 

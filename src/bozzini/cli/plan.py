@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..motion.planners import PLANNERS
 from ._tract_options import (
     choose_scope,
     count_notes,
@@ -39,10 +40,6 @@ ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
 """What ``--route`` means: fractions of the way that the head goes to in turn."""
 
 
-METHODS = ("best", "tube", "follow", "thesis")
-# As `bozzini.motion.METHODS`, which is not imported for --help; a test compares them.
-
-
 @click.command(name="plan")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
 @tract_options
@@ -59,7 +56,7 @@ METHODS = ("best", "tube", "follow", "thesis")
 )
 @click.option(
     "--method",
-    type=click.Choice(METHODS),
+    type=click.Choice(tuple(PLANNERS)),
     default="best",
     show_default=True,
     help="The planner: best (of the next two and some between), tube (whole body, proved), follow "

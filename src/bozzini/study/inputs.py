@@ -10,7 +10,8 @@ from ..checks import check_number
 from ..duct.build import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Scope
-from ..motion.insertion import check_options as check_planner_options
+from ..motion.plan import PlannerOptions
+from ..motion.planner import make_planner
 
 __all__ = ["check_field_options", "check_options", "explain_scale"]
 
@@ -33,14 +34,10 @@ def check_options(
 ) -> None:
     """Raise `InputError` for any option that is not legal for every tract."""
     check_field_options(voxel=voxel, inflate=inflate)
-    check_planner_options(
-        scope=scope,
-        method=method,
-        head_step=head_step,
-        slip=slip,
-        angle_limit=angle_limit,
-        route=route,
+    options = PlannerOptions(
+        head_step=head_step, slip=slip, angle_limit=angle_limit, route=tuple(route)
     )
+    make_planner(method).check(scope, options)
     check_number("soft wall", soft_wall, low=0.0, high=100.0, unit="mm")
     if label_error is not None:
         check_number("label error", label_error, low=0.0, high=100.0, unit="mm")

@@ -23,12 +23,13 @@ from ..duct import Centreline, SampledField, build_field
 from ..duct.refined import RefinedField, refine_field
 from ..io.files import new_directory, write_atomically, write_text
 from ..motion import (
-    METHODS,
+    PLANNERS,
+    FreeSpace,
     Largest,
     Passage,
     Plan,
+    PlannerOptions,
     Scope,
-    TubeOptions,
     find_largest,
     find_passage,
     plan_insertion,
@@ -37,6 +38,7 @@ from ..motion import (
 from ..motion.actuate.actuate import actuate_plan
 from ..motion.actuate.actuation import Actuation
 from ..motion.measures import measure_displacement
+from ..motion.plan import TractInput
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
 from .ends import End, Way, find_introducer_crossing, find_way, resolve_places, turn_way
@@ -85,7 +87,8 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
     line : Centreline
         The way to the goal.
     """
-    measures, certificate = plan.meta["measures"], plan.meta["certificate"]
+    meta = plan.meta
+    measures = meta["measures"]
     inside = bool(np.isfinite(plan.clearance).any())
     narrow = int(np.argmin(line.radius))
     summary: dict[str, Any] = {
@@ -93,9 +96,9 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
         "status": plan.status,
         "reason": plan.reason,
         "reason_code": plan.reason_code,
-        "certified": bool(plan.meta["certified"]),
+        "certified": plan.certified,
         # A bound below zero proves nothing, and is loose outside the lumen: no number to quote.
-        "clearance_certified_mm": certificate["clearance_mm"] if plan.meta["certified"] else None,
+        "clearance_certified_mm": plan.proved,
         "stopped_at_mm": plan.inserted if plan.status == "stopped" else None,
         "centreline_length_mm": line.length,
         "inserted_mm": plan.inserted,
@@ -104,24 +107,24 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
         "clearance_min_mm": measures["clearance_min_mm"] if inside else None,
         "clearance_where_mm": measures["clearance_where_mm"] if inside else None,
         "clearance_insertion_mm": measures["clearance_insertion_mm"] if inside else None,
-        "clearance_error_mm": plan.meta["field"]["clearance_error_mm"],
+        "clearance_error_mm": meta["field"]["clearance_error_mm"],
         "joint_step_max_mm": measures["joint_step_max_mm"],
         "joint_step_ratio_max": measures["joint_step_ratio_max"],
-        "head_step_mm": plan.meta["head_step_mm"],
+        "head_step_mm": meta["head_step_mm"],
         "joint_angle_max_rad": measures["joint_angle_max_rad"],
         "joint_travel_mm": measures["joint_travel_mm"],
         "displacement_ratio": measure_displacement(plan),
         "radius_min_mm": float(line.radius[narrow]),
         "radius_min_where_mm": float(line.arc_length[narrow]),
-        "wall": plan.meta["wall"],
+        "wall": plan.wall,
         "wall_error_mm": field.wall_error,
         "voxel_mm": [float(h) for h in field.spacing],
         "inflation_mm": field.inflation,
-        "scope": plan.meta["scope"],
+        "scope": meta["scope"],
     }
     for key in ("refusal", "soft_wall", "candidates", "input"):
-        if key in plan.meta and plan.meta[key] is not None:
-            summary[key] = plan.meta[key]
+        if meta.get(key) is not None:
+            summary[key] = meta[key]
     return summary
 
 
@@ -318,13 +321,12 @@ class InsertionStudy:
             return False
         if self.robot is not None:
             return self.plan.status == "complete" and self.robot.fits
-        return self.plan.status == "complete" and bool(self.plan.meta["certified"])
+        return self.plan.status == "complete" and self.plan.certified
 
     def _covers_label_error(self) -> bool:
         if self.label_error is None:
             return True
-        proof = self.plan.meta.get("certificate") or {}
-        return bool(self.plan.meta["certified"]) and proof["clearance_mm"] >= self.label_error
+        return self.plan.proved is not None and self.plan.proved >= self.label_error
 
     def summarise(self) -> dict[str, Any]:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
@@ -449,7 +451,7 @@ class InsertionStudy:
 
     def _draw_diameter(self) -> float:
         if self.robot is None:
-            return float(self.plan.meta["scope"]["diameter_mm"])
+            return self.plan.get_scope().diameter
         return 2.0 * self.robot.robot.radius
 
     def _draw_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -546,12 +548,9 @@ def run_insertion(
         label_error=label_error,
     )
     places = resolve_places(tract, start, end, via)
-    options: dict[str, Any] = {
-        "head_step": head_step,
-        "slip": slip,
-        "angle_limit": angle_limit,
-        "route": tuple(route),
-    }
+    options = PlannerOptions(
+        head_step=head_step, slip=slip, angle_limit=angle_limit, route=tuple(route)
+    )
     with explain_scale(tract):
         with _clock(times, "distance"):
             field = build_field(
@@ -562,13 +561,12 @@ def run_insertion(
 
         def make_plan(along: Centreline, duct: SampledField | RefinedField = field) -> Plan:
             return plan_with_soft_wall(
-                duct,  # type: ignore[arg-type]
-                along,
-                scope=scope,
+                FreeSpace(duct, along),
+                scope,
                 soft_wall=soft_wall,
                 method=method,
+                options=options,
                 progress=progress,
-                **options,
             )
 
         entries: tuple[dict[str, Any], ...] = ()
@@ -594,8 +592,7 @@ def run_insertion(
     moved = None
     if robot is not None:
         with _clock(times, "robot"):
-            soft = plan.meta.get("soft_wall") or {}
-            lumen = field.inflate(float(soft.get("used_mm", 0.0)))
+            lumen = field.inflate(plan.displaced)
             moved = actuate_plan(plan, robot, lumen, progress=progress)
         findings = (*findings, *find_robot_trouble(moved))
     with _clock(times, "passage"):
@@ -607,22 +604,19 @@ def run_insertion(
                 field,
                 line,
                 scope=scope,
-                options=TubeOptions(
-                    head_step=head_step,
-                    freedom=0.0 if method == "follow" else 1.0,
-                    slip=slip,
-                    angle_limit=angle_limit,
-                    route=tuple(route),
-                ),
+                options=options,
+                freedom=0.0 if method == "follow" else 1.0,
                 progress=progress,
             )
     comparison: list[Plan] = []
     if compare:
         with _clock(times, "compare"):
-            others = [name for name in METHODS if name != "best"]
+            others = [name for name in PLANNERS if name != "best"]
             for other in others:
-                plain = {"head_step": head_step} if other == "thesis" else options
-                comparison.append(plan_insertion(field, line, scope=scope, method=other, **plain))
+                plain = PlannerOptions(head_step=head_step) if other == "thesis" else options
+                comparison.append(
+                    plan_insertion(field, line, scope=scope, method=other, options=plain)
+                )
                 progress("compare", len(comparison) / len(others))
     given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
     for name, place in (("start", places[0]), ("end", places[1])):
@@ -630,25 +624,28 @@ def run_insertion(
             given[name] = place.given
     if places[2]:
         given["via"] = [place.given for place in places[2]]
-    shared = {
-        "input": given,
-        "ends": [candidate.describe() for candidate in way.candidates],
-        "findings": [f"{item.severity}: {item.message}" for item in findings],
-        "centreline": {
-            "points_mm": _round(line.points).tolist(),
-            "arc_length_mm": np.round(line.arc_length, 3).tolist(),
-            "radius_mm": np.round(line.radius, 3).tolist(),
-        },
-    }
+    rounded = Centreline(
+        points=_round(line.points), arc_length=_round(line.arc_length), radius=_round(line.radius)
+    )
+
+    def state(each: Plan) -> Plan:
+        return replace(
+            each,
+            input=TractInput.read(given),
+            centreline=rounded,
+            findings=tuple(f"{item.severity}: {item.message}" for item in findings),
+            more={"ends": [candidate.describe() for candidate in way.candidates]},
+        )
+
     return InsertionStudy(
         tract=tract,
         field=field,
         way=way,
-        plan=replace(plan, meta=plan.meta | shared),
+        plan=state(plan),
         seconds=times,
         passage=passage,
         largest=found,
-        comparison=tuple(replace(other, meta=other.meta | shared) for other in comparison),
+        comparison=tuple(map(state, comparison)),
         robot=moved,
         findings=findings,
         unreached=unreached,
@@ -672,10 +669,9 @@ def _may_profit(plan: Plan, field: SampledField) -> bool:
     """Whether a plan fails by so little that a finer grid may show that it fits."""
     if plan.status == "complete" or plan.method == "thesis" or field.spacing.max() <= FINE:
         return False
-    refusal = plan.meta.get("refusal") or {}
     if plan.reason_code not in GRID_CODES:
         return False
-    lack = float(refusal.get("needs_mm", 0.0)) - float(refusal.get("offers_mm", 0.0))
+    lack = 0.0 if plan.refusal is None else plan.refusal.needs - plan.refusal.offers
     return plan.reason_code == "CERTIFICATE_UNRESOLVED" or lack <= field.error
 
 
@@ -683,11 +679,11 @@ def _choose_finer(plan: Plan, fine: Plan) -> tuple[Plan, tuple[Finding, ...]]:
     """Return the better of a plan and its repetition on a finer grid, and a note on that."""
     near = f"a grid of {FINE:g} mm within {CORRIDOR:g} mm of the centreline"
     if _is_better(fine, plan):
-        grid = {**fine.meta["field"], "fine_spacing_mm": FINE, "fine_distance_mm": CORRIDOR}
         note = f"planned and proved on {near}: on the coarser one it ended: {plan.reason}"
-        return replace(fine, meta={**fine.meta, "field": grid}), (
-            Finding("finer-grid", "note", note),
-        )
+        if fine.field is not None:
+            grid = replace(fine.field, fine_spacing=FINE, fine_distance=CORRIDOR)
+            fine = replace(fine, field=grid)
+        return fine, (Finding("finer-grid", "note", note),)
     note = f"tried again on {near}, which did not help"
     return plan, (Finding("finer-grid", "note", note),)
 
@@ -725,10 +721,8 @@ def _try_both_ends(
         {
             "point_mm": np.round(each.line.points[0], 3).tolist(),
             "status": result.status,
-            "certified": bool(result.meta["certified"]),
-            "clearance_certified_mm": result.meta["certificate"]["clearance_mm"]
-            if result.meta["certified"]
-            else None,
+            "certified": result.certified,
+            "clearance_certified_mm": result.proved,
             "inserted_mm": result.inserted,
             "reason": result.reason,
         }
@@ -739,14 +733,12 @@ def _try_both_ends(
 
 
 def _judge(plan: Plan) -> tuple[bool, float, float]:
-    certified = bool(plan.meta["certified"])
-    clearance = plan.meta["certificate"]["clearance_mm"] if certified else None
     # A path along which links pass is a few mm longer or shorter from the one end or the other.
     inserted = np.inf if plan.status == "complete" else 10.0 * round(0.1 * plan.inserted)
     return (
-        plan.status == "complete" and certified,
+        plan.status == "complete" and plan.certified,
         inserted,
-        round(-1.0 if clearance is None else clearance, 1),
+        round(-1.0 if plan.proved is None else plan.proved, 1),
     )
 
 
