@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from .largest import Largest, find_largest
     from .link import LinkPlacement, move_free_chain, place_tail
     from .moving import plan_with_soft_wall, replan
-    from .plan import Plan, PlannerOptions
+    from .plan import Plan
     from .planner import Motion, Planner, plan_insertion
-    from .planners import PLANNERS
+    from .planners import PLANNERS, PlannerOptions
     from .refusal import REASON_CODES, Refusal
     from .scope import Introducer, Scope
     from .space import FreeSpace, Passage, find_passage
@@ -55,9 +55,9 @@ _PLACES = {
     "certify": ("Certificate", "certify_motion"),
     "largest": ("Largest", "find_largest"),
     "link": ("LinkPlacement", "move_free_chain", "place_tail"),
-    "plan": ("Plan", "PlannerOptions"),
+    "plan": ("Plan",),
     "planner": ("Motion", "Planner", "plan_insertion"),
-    "planners": ("PLANNERS",),
+    "planners": ("PLANNERS", "PlannerOptions"),
     "refusal": ("REASON_CODES", "Refusal"),
     "moving": ("plan_with_soft_wall", "replan"),
     "scope": ("Introducer", "Scope"),

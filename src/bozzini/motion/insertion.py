@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from ..progress import Progress, no_progress
 from .largest import find_advice
-from .plan import PlannerOptions
 from .planner import Planner
+from .planners import PlannerOptions
 from .scope import Scope
 from .space import FreeSpace
 from .tube import Job, Style, TubeMotion, plan_in_tube

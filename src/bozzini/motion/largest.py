@@ -15,8 +15,8 @@ from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..errors import BozziniError
 from ..progress import Progress, no_progress
-from .plan import PlannerOptions
 from .planner import check_size
+from .planners import PlannerOptions
 from .refusal import Refusal
 from .scope import SIZE_MIN_MM, Scope
 from .shape import SHORTEST_MM
@@ -160,18 +160,14 @@ def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
 def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
     """Return a small inflation, all of it, for which the whole way is planned [mm]."""
     duct = job.duct
-    inflate = getattr(duct, "inflate", None)
-    if inflate is None or not getattr(duct, "exact_outside", True):
-        return None
     # Beyond its reach a field does not know how far the wall is outside the lumen.
-    last = min(float(getattr(duct, "inflation_max", math.inf)), duct.inflation + INFLATION_MORE_MM)
-
+    last = min(duct.inflation_max, duct.inflation + INFLATION_MORE_MM)
     refused = duct.inflation + INFLATION_SPARE_MM
     if last <= refused:
         return None
 
     def pass_once(value: float) -> bool:
-        wider = job.space.moved_to(inflate(value - duct.inflation))
+        wider = job.space.moved_to(duct.inflate(value - duct.inflation))
         other = _Trials(wider, job.options, job.style)
         other.count, other.progress = trials.count, trials.progress
         done = other.pass_with(job.scope)

@@ -16,14 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points
 from ..duct.base import Duct, count_dimensions
 from ..duct.centreline import Centreline
-from ..duct.field import SampledField
-from ..duct.refined import RefinedField
+from ..duct.field import RefinedField, SampledField
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .measures import measure_body
-from .plan import Plan, PlannerOptions, Replanned, SoftWall
+from .plan import Plan, Replanned, SoftWall
 from .planner import check_link, finish_plan, make_planner, plan_insertion
+from .planners import PlannerOptions
 from .scope import Introducer, Scope, measure_bore
 from .shape import HOPELESS_MM
 from .space import FreeSpace

@@ -20,8 +20,8 @@ from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .measures import measure_motion
-from .plan import Candidate, FieldSummary, Plan, PlannerOptions
-from .planners import PLANNERS
+from .plan import Candidate, FieldSummary, Plan
+from .planners import PLANNERS, PlannerOptions
 from .refusal import Refusal
 from .scope import Scope
 from .space import FreeSpace, grid_of

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number, legal_range, quantity
+from ..checks import check_fields, quantity
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 
@@ -21,20 +20,6 @@ DIAMETER_MAX_MM = 500.0
 
 LENGTH_MAX_MM = 10_000.0
 """Longest scope: more than the whole bowel."""
-
-
-def check_given(item: object) -> None:
-    """Check the fields of a dataclass made by `quantity`; None is legal where it is the default."""
-    for each in dataclasses.fields(item):  # type: ignore[arg-type]
-        known, value = each.metadata.get("quantity"), getattr(item, each.name)
-        if known is None or (value is None and each.default is None):
-            continue
-        low, high = legal_range(item, each.name)
-        words = known.label or each.name.replace("_", " ")
-        number = check_number(
-            words, value, low=low, high=high, low_open=known.low_open, unit=known.unit
-        )
-        object.__setattr__(item, each.name, number)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +65,7 @@ class Scope:
     )
 
     def __post_init__(self) -> None:
-        check_given(self)
+        check_fields(self)
 
     @property
     def radius(self) -> float:

@@ -19,8 +19,8 @@ from ..duct.base import count_dimensions
 from ..duct.centreline import Centreline
 from ..progress import Progress, no_progress
 from .link import bound_slope
-from .plan import PlannerOptions
 from .planner import Motion, Planner
+from .planners import PlannerOptions
 from .refusal import floor_mm
 from .scope import Scope
 from .space import FreeSpace

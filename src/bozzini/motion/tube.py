@@ -21,8 +21,9 @@ from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .measures import Crossing, find_crossing, measure_angles, measure_step_ratio
-from .plan import Candidate, PlannerOptions
+from .plan import Candidate
 from .planner import Motion
+from .planners import PlannerOptions
 from .refusal import Refusal, floor_mm
 from .scope import Scope
 from .shape import Band, ShapedPath, cut_path, measure_folds
