@@ -182,7 +182,7 @@ def run(ducts):
         line = make_line(duct)
         heads, tails = move_link(duct, line)
         plan = plan_insertion(duct, line, scope=CHAIN, method="thesis", head_step=STEP)
-        proved = plan.meta["certificate"]["clearance_mm"]
+        proved = plan.certificate.clearance
         room = -duct.signed_distance(tails).max()
         print(
             f"{name:18s}  link: {len(tails):3d} steps, tail {room:.2f} mm from the wall   chain: "

@@ -159,13 +159,10 @@ def find_refusal(plan: Plan, summary: Record | None = None) -> RefusalMark | Non
 
 def share_centreline(plans: Sequence[Plan]) -> list[Plan]:
     """Give plans without a centreline that of the others, so that places mean the same."""
-    lines = [plan.meta["centreline"] for plan in plans if plan.meta.get("centreline")]
+    lines = [plan.centreline for plan in plans if plan.centreline is not None]
     if not lines:
         return list(plans)
-    return [
-        replace(plan, meta={**plan.meta, "centreline": plan.meta.get("centreline") or lines[0]})
-        for plan in plans
-    ]
+    return [replace(plan, centreline=plan.centreline or lines[0]) for plan in plans]
 
 
 def read_centreline(plan: Plan) -> PlanCentreline:

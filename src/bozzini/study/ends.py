@@ -23,7 +23,6 @@ from ..duct import Centreline, SampledField, find_centreline
 from ..duct.field import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Plan
-from ..motion.introducer import Introducer
 from ..progress import Progress, no_progress
 
 __all__ = [
@@ -278,7 +277,7 @@ def find_introducer_crossing(
     Rays along it are sampled in the lumen before inflation; each may leave it once. An entry that
     was given must lie at an end of the lumen.
     """
-    tube = Introducer.from_description(plan.meta["introducer"])
+    tube = plan.get_introducer()
     rest = field.inflate(-field.inflation)
     step = 0.5 * float(rest.spacing.min())
     box = np.array(rest.values.shape) * rest.spacing

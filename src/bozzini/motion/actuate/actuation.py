@@ -196,7 +196,7 @@ class Actuation:
     status: str
     reason_code: str = ""
     reason: str = ""
-    meta: dict[str, Any] = field(default_factory=dict)
+    meta: dict[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, array in check_arrays(self).items():

@@ -1,33 +1,35 @@
-"""The passage: how much room any way from the entry to the goal can have, proved.
+"""The free space of a scope: a duct, the introducer before it, and the ways through.
 
-If a scope of radius r came through at all, its centre would have r of room everywhere. Where its
-way crosses from cell to cell, through a face, the nearest corner of that face is at most half a
-face's diagonal away and so has at least r minus that; corners of faces of one cell are
-neighbours. So if the widest way on the grid has less, nothing passes, whatever its links.
+The passage bounds how wide any way from the entry to the goal can be, proved. If a scope of radius
+r came through at all, its centre would have a clearance of r everywhere. Where its way crosses
+from cell to cell, through a face, the nearest corner of that face is at most half a face's
+diagonal away and so has at least r minus that; corners of faces of one cell are neighbours. So if
+the widest way on the grid has less, nothing passes, whatever its links.
 
-With inflation the field answers a lower bound of the room inside the moved wall, which proves
+With inflation the field answers a lower bound of the clearance of the moved wall, which proves
 nothing here. A node at least the inflation away from the lumen is in the moved wall, so the
-distance to the nearest such node bounds the room of a node from above. Node distances are never
-above the exact ones, so a node that has at least the inflation is known to be that far away.
+distance to the nearest such node bounds the clearance of a node from above. Node distances are
+never above the exact ones, so a node that has at least the inflation is known to be that far away.
 
-An analytic duct is put on a grid for this. Its distance inside may be less than the true room, so
-there the room of a node is bounded from above, by the distance to points that are known to lie on
-the wall: outside, the distance is exact, and its foot point is one.
+An analytic duct is put on a grid for this. Its distance inside may be less than the true one, so
+there the clearance of a node is bounded from above, by the distance to points that are known to
+lie on the wall: outside, the distance is exact, and its foot point is one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..duct.base import Duct
+from ..duct.centreline import Centreline, find_roomy_path
 from ..duct.field import SampledField
 from ..errors import InputError
-
-__all__ = ["Passage", "find_passage"]
+from .scope import Introducer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +53,7 @@ class Passage:
 
 
 REMEMBERED = 8
-"""So many answers are kept with a sampled field."""
+"""This many answers are kept with a sampled field."""
 
 _KNOWN: WeakKeyDictionary[SampledField, dict[object, Passage]] = WeakKeyDictionary()
 
@@ -193,3 +195,135 @@ def _bound_inflated_room(duct: SampledField, nodes: NDArray[np.int64]) -> NDArra
         places = np.stack(np.unravel_index(part, shape), axis=1) * duct.spacing
         room[begin : begin + len(part)] = tree.query(places)[0]
     return room
+
+
+ROOMY_STEP_MM = 0.5
+"""Ways along nodes are found for clearances that are multiples of this."""
+
+
+def grid_of(duct: Duct) -> SampledField | None:
+    """Return the grid that a duct can be searched on: itself, its coarse part, or none."""
+    if isinstance(duct, SampledField):
+        return duct
+    coarse = getattr(duct, "coarse", None)
+    return coarse if isinstance(coarse, SampledField) else None
+
+
+class Ways:
+    """The ways through one duct between two ends: what any scope's plan there can share.
+
+    Parameters
+    ----------
+    duct, line
+        As for `FreeSpace`.
+    before : Ways, optional
+        Of the same duct, inflated by less: its widest way is this one's, and so are its ways
+        along nodes. How wide any way can be at most is then not bounded.
+    """
+
+    def __init__(self, duct: Duct, line: Centreline, *, before: Ways | None = None) -> None:
+        self.grid = grid_of(duct)
+        self.duct: Duct = duct if self.grid is None else self.grid
+        self.ends = line.points[0], line.points[-1]
+        self.bound = np.asarray(duct.clearance_bound(line.points))
+        self._roomy: dict[float, NDArray[np.float64] | None] = {}
+        if before is not None and before.passage.level > 0.0:
+            self._roomy = before._roomy
+            more = self.duct.inflation - before.duct.inflation
+            self.passage = replace(before.passage, level=before.passage.level + more, bound=np.inf)
+
+    @cached_property
+    def passage(self) -> Passage:
+        """The widest way between the ends."""
+        return find_passage(self.duct, *self.ends)
+
+    def find_roomy(self, clearance: float) -> NDArray[np.float64] | None:
+        """Return a way along nodes that all have this clearance, or a little more [mm]."""
+        grid = self.grid
+        if grid is None:
+            return None
+        # Few different ways serve all scopes and inflations.
+        level = np.ceil((clearance - grid.inflation) / ROOMY_STEP_MM - 1e-6) * ROOMY_STEP_MM
+        level = min(level, self.passage.level - grid.inflation - 1e-6)
+        level = round(float(max(level, clearance - grid.inflation)), 6)
+        if level not in self._roomy:
+            self._roomy[level] = find_roomy_path(grid, *self.ends, room=level + grid.inflation)
+        return self._roomy[level]
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpace:
+    """Where a scope may be: the lumen of a duct and the bore of an introducer.
+
+    Planners, certificate and checks share it: duct and introducer are packed once for compiled
+    code, and the ways through are found once.
+
+    Parameters
+    ----------
+    duct : Duct
+        The lumen, 2-D or 3-D.
+    line : Centreline, optional
+        The way from the entry to the goal; only a certificate does without it.
+    introducer : Introducer, optional
+        The straight tube before the entry.
+    """
+
+    duct: Duct
+    line: Centreline | None = None
+    introducer: Introducer | None = None
+
+    @classmethod
+    def at_entry(cls, duct: Duct, line: Centreline, *, along: float) -> FreeSpace:
+        """Return the space with an introducer in line with the first `along` mm of `line`."""
+        return cls(duct, line, Introducer.at_entry(duct, line, along=along))
+
+    @property
+    def way(self) -> Centreline:
+        """The line; without one `InputError` is raised."""
+        if self.line is None:
+            raise InputError("this free space has no line from the entry to the goal: give one")
+        return self.line
+
+    @property
+    def tube(self) -> Introducer:
+        """The introducer; without one `InputError` is raised."""
+        if self.introducer is None:
+            raise InputError("this free space has no introducer: give one")
+        return self.introducer
+
+    @cached_property
+    def data(self) -> object:
+        """The duct as compiled code takes it."""
+        return self.duct.pack()
+
+    @cached_property
+    def intro(self) -> NDArray[np.float64]:
+        """The introducer as compiled code takes it, (7,); zeros without one."""
+        return np.zeros(7) if self.introducer is None else self.introducer.pack(self.duct)
+
+    @cached_property
+    def ways(self) -> Ways:
+        """The ways from the entry to the goal."""
+        return Ways(self.duct, self.way)
+
+    @cached_property
+    def pitch(self) -> float:
+        """Distance between the samples along a link at which clearances are estimated [mm]."""
+        grid = grid_of(self.duct)
+        return BODY_PITCH_MM if grid is None else 0.5 * float(np.min(grid.spacing))
+
+    def for_link(self, length: float) -> FreeSpace:
+        """Return the same space for another link length: its introducer, with the ways shared."""
+        other = FreeSpace.at_entry(self.duct, self.way, along=length)
+        other.__dict__["ways"] = self.ways
+        return other
+
+    def moved_to(self, duct: Duct) -> FreeSpace:
+        """Return the space of the same lumen inflated by more, without an introducer."""
+        other = FreeSpace(duct, self.way)
+        other.__dict__["ways"] = Ways(duct, self.way, before=self.ways)
+        return other
+
+
+BODY_PITCH_MM = 0.25
+"""`FreeSpace.pitch` of an analytic duct."""
