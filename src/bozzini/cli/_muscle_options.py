@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from ..checks import list_quantities
 from ..muscle.design import Muscle
 from .common import QuantityType, check_target, emit, force_option, json_option
 
@@ -37,7 +38,7 @@ CHOICES = {"ends": ("energy", ("none", "trellis")), "load_path": ("thesis", ("no
 They are those of `MuscleModel.choices`, which is not loaded to write a help text.
 """
 
-FIELDS = Muscle.quantities()
+FIELDS = list_quantities(Muscle)
 """The fields of a muscle: kind of quantity, unit, and the help of the option."""
 
 _Function = Callable[..., Any]

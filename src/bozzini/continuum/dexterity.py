@@ -12,8 +12,8 @@ from ..checks import check_integer, check_number
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from ._bend_limits import find_limits
-from ._common import check_cell, check_values
 from .arc import jacobian
+from .checks import check_cell, check_values
 from .inverse import solve_tip
 from .robot import ContinuumRobot
 from .workspace import WorkspaceSample

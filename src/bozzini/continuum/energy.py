@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number
 from ..errors import GeometryError, InputError
 from ._batch import check_limits, check_numbers, explain_contrast
-from ._common import check_limit
+from .checks import check_limit
 from .coupling import check_displacements
 from .kernels import energy as kernels
 from .kernels.energy import ARC, CHANNEL, CHORD, CONVERGED, FOLDED, measure_lengths, solve_commands

@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number
 from ..errors import GeometryError, InputError
 from ._bend_limits import BendLimits, find_limits
-from ._common import check_directions, check_frame, check_places, check_values
 from .arc import arc_frames
+from .checks import check_directions, check_frame, check_places, check_values
 from .kernels.inverse import REACHED, SETTLED, improve, move_inside, rank_starts, search
 from .robot import ContinuumRobot
 from .section import GRAIN

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number, check_points
 from ..errors import InputError
 from ._batch import check_limits, check_numbers, explain_contrast
-from ._common import check_limit
+from .checks import check_limit
 from .coupling import check_displacements
 from .energy import place_stations
 from .kernels.energy import solve_bounded

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
 from ..errors import InputError
-from ._common import FARTHEST, check_values
+from .checks import FARTHEST, check_values
 
 __all__ = ["LARGEST_RATIO", "SectionResult", "bend_for_ratio", "solve_section"]
 

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number
 from ..errors import InputError
 from ._bend_limits import find_limits
-from ._common import FARTHEST, check_places
 from .arc import displacements_for
+from .checks import FARTHEST, check_places
 from .coupling import require_arcs
 from .kernels.arc import fill_tip_jacobians
 from .kernels.inverse import move_inside

@@ -16,15 +16,6 @@ from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle import preset as muscle_preset
 
-__all__ = [
-    "BEAM_FACTORS",
-    "EffectorDesign",
-    "PRESETS",
-    "PlacedMuscle",
-    "effector_preset",
-    "rigidity_from_test",
-]
-
 # The design of a flexible end-effector: muscles round a backbone, and how stiff it is.
 
 

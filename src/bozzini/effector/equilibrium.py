@@ -19,8 +19,6 @@ from .section import Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["BALANCE_METHODS", "Balance", "Settled", "balance", "describe", "settle_muscles"]
-
 # Equilibria of any muscle model on the section, in batches: contraction, deflection, codes.
 
 

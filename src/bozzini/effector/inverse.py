@@ -24,20 +24,6 @@ from .section import PackedEffector, Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "EffectorInverse",
-    "HALF_TURN",
-    "INVERSE_OUTCOMES",
-    "ProjectedInverse",
-    "Reach",
-    "Sectors",
-    "find_model_pressures",
-    "find_reach",
-    "find_sectors",
-    "project_inverse",
-    "solve_inverse",
-]
-
 # Sectors of the lateral plane: between one muscle and the next, by angle (thesis 4.5).
 
 

@@ -17,22 +17,6 @@ from ..muscle.design import LOCKING_ANGLE
 from .design import EffectorDesign
 from .kernels import linkage as kernels
 
-__all__ = [
-    "LinkageBend",
-    "Peak",
-    "bend",
-    "contraction_for_lateral",
-    "describe_end",
-    "find_conflicts",
-    "find_peak",
-    "lateral_deflection",
-    "lateral_slope",
-    "measure_laterals",
-    "place_curve",
-    "raise_open",
-    "take_linkage",
-]
-
 # Forward kinematics of one muscle: where the section is at a contraction (thesis 4.3).
 
 

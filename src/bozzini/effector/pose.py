@@ -21,16 +21,6 @@ from .section import Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "EffectorPose",
-    "POSE_METHODS",
-    "PoseMethod",
-    "combine_bends",
-    "find_resultant",
-    "pose",
-    "take_order",
-]
-
 # Two muscles pressed one after the other: the thesis's direction cosines and eight steps.
 
 

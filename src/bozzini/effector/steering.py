@@ -30,19 +30,6 @@ from .section import Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "CubicFit",
-    "Stick",
-    "Trace",
-    "find_stick_scale",
-    "fit_cubic",
-    "look_up_pressures",
-    "steer",
-    "trace_circle",
-    "trace_line",
-    "trace_path",
-]
-
 # A cubic from pressure to deflection, as the thesis uses in its controller (Fig. 4.16).
 
 

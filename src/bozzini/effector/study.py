@@ -24,20 +24,6 @@ from .workspace import workspace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "Optimum",
-    "Sweep",
-    "SweepRow",
-    "change_design",
-    "check_parameter",
-    "check_value",
-    "find_needed_pressure",
-    "is_of_muscle",
-    "list_values",
-    "optimise_design",
-    "sweep",
-]
-
 Changes = dict[str, Any]
 """Parameters of a design and their values, as in `change_design`."""
 

@@ -23,16 +23,6 @@ from .section import Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "TipForce",
-    "Workspace",
-    "passive_stiffness",
-    "place_tips",
-    "tip_force",
-    "tip_stiffness",
-    "workspace",
-]
-
 # Workspace of the tip: in the plane across the section, and the surface that it is in space.
 
 

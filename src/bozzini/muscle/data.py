@@ -29,18 +29,6 @@ if TYPE_CHECKING:
 
     from .design import Muscle
 
-__all__ = [
-    "Measurements",
-    "RepeatStatistics",
-    "average_directions",
-    "read_measurements",
-    "read_table",
-    "summarise_repeats",
-    "take_measurements",
-    "write_measurements",
-    "write_table",
-]
-
 # The columns of a table of measurements as read-only arrays, and its rows by mask or index.
 
 

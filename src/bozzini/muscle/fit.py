@@ -39,25 +39,6 @@ if TYPE_CHECKING:
     from .model import MuscleModel
     from .models.card import Parameter
 
-__all__ = [
-    "CONDITION_LIMIT",
-    "CORRELATION_LIMIT",
-    "Calibration",
-    "EVALUATIONS",
-    "FitOptions",
-    "GAP_PRESSURES",
-    "GAP_SPAN",
-    "calibrate",
-    "choose_constants",
-    "choose_free",
-    "find_constants",
-    "find_minimum",
-    "find_starts",
-    "judge_fit",
-    "judge_parameters",
-    "judge_repeats",
-]
-
 # Which parameters of a muscle can be determined from which data.
 #
 # The rules were found by fits to synthetic data of `EnergyMuscle`, where the truth is known: 20

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import broadcast, check_array, check_range, name_at
+from ..checks import check_array, check_range, name_at
 from ..errors import BozziniError, InputError
 from ..results import Result, take_axes
 from .design import Muscle
@@ -22,24 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from .models.card import Card
-
-__all__ = [
-    "CompiledMuscle",
-    "ConvergenceError",
-    "DIRECTIONS",
-    "LOAD_LIMIT",
-    "MuscleModel",
-    "MuscleState",
-    "broadcast",
-    "check_array",
-    "check_hysteresis",
-    "check_range",
-    "demand_convergence",
-    "describe_stop",
-    "is_as_defined",
-    "name_at",
-    "parse_direction",
-]
 
 Floats = NDArray[np.float64]
 

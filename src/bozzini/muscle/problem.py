@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number
+from ..checks import check_number, list_quantities
 from ..errors import BozziniError, InputError
 from .data import Measurements
 from .design import BRAID_ANGLES, Muscle
@@ -124,7 +124,7 @@ def _take_direction(data: Measurements) -> NDArray[np.str_] | None:
 
 PARAMETER_UNITS = {
     name: quantity.unit
-    for name, quantity in Muscle.quantities().items()
+    for name, quantity in list_quantities(Muscle).items()
     if name not in ("length", "strands")
 }
 """The parameters of a `Muscle` that may be fitted, and their units.
@@ -146,7 +146,7 @@ def choose_scale(name: str, start: float, *, own: bool) -> float:
         Whether it is a constant of the model, not a field of the muscle.
     """
     scale = 0.1 * abs(start) or 0.1
-    known = None if own else Muscle.quantities()[name].scale
+    known = None if own else list_quantities(Muscle)[name].scale
     return scale if known is None else known
 
 

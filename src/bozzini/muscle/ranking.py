@@ -33,26 +33,6 @@ if TYPE_CHECKING:
 
     from .model import MuscleModel
 
-__all__ = [
-    "CRITERIA",
-    "Comparison",
-    "CrossValidation",
-    "ModelScore",
-    "RankOptions",
-    "RankedModel",
-    "Ranking",
-    "check_largest",
-    "compare_models",
-    "compute_aicc",
-    "compute_bic",
-    "count_states",
-    "cross_validate",
-    "rank",
-    "score_model",
-    "split_rows",
-    "weigh_models",
-]
-
 # Compare models on one set of measurements: standard error, RMSE, bias.
 
 

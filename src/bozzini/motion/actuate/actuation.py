@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_number, check_range
-from ...continuum._common import check_frame
+from ...continuum.checks import check_frame
 from ...continuum.coupling import coupling_matrix
 from ...continuum.robot import ContinuumRobot, check_robot
 from ...errors import FileFormatError, InputError, MissingExtraError

@@ -12,8 +12,6 @@ from ...errors import InputError
 from ..kernels import hysteresis as kernels
 from .operator import LIMIT, HysteresisFit, Loops, Operator, search
 
-__all__ = ["BoucWen"]
-
 Floats = NDArray[np.float64]
 
 _HIGHEST = 20.0

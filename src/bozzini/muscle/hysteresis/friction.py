@@ -24,8 +24,6 @@ from .operator import (
 )
 from .prandtl_ishlinskii import PrandtlIshlinskii, default_thresholds
 
-__all__ = ["FrictionBand", "MaxwellSlip"]
-
 # Maxwell slip: springs in series with sliders, and the same by return points, (2.51).
 
 

@@ -14,22 +14,6 @@ from ...checks import check_array, check_integer, check_number, check_range
 from ...errors import InputError
 from ...results import Result
 
-__all__ = [
-    "EVALUATIONS",
-    "Hysteresis",
-    "HysteresisFit",
-    "HysteresisState",
-    "LIMIT",
-    "LinearFit",
-    "Loops",
-    "Operator",
-    "fit_linear",
-    "search",
-    "take_ladder",
-    "take_numbers",
-    "take_same_count",
-]
-
 # What a model asks of a hysteresis operator.
 
 

@@ -29,17 +29,6 @@ from .operator import (
     take_same_count,
 )
 
-__all__ = [
-    "AsymmetricPrandtlIshlinskii",
-    "PlaySum",
-    "Plays",
-    "PrandtlIshlinskii",
-    "SteppedPlaySum",
-    "UnparallelPrandtlIshlinskii",
-    "default_thresholds",
-    "trace_plays",
-]
-
 # Sums of plays: what the three Prandtl-Ishlinskii operators share.
 
 

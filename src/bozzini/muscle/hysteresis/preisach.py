@@ -23,8 +23,6 @@ from .operator import (
     take_numbers,
 )
 
-__all__ = ["Preisach", "PreisachForce"]
-
 # Preisach: a weighted sum of relays, the W of (2.50).
 
 

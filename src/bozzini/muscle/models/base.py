@@ -28,20 +28,6 @@ from ..model import (
 )
 from .card import Card, describe_card, take_keywords
 
-__all__ = [
-    "ANGLES",
-    "CatalogueModel",
-    "ExplicitModel",
-    "MAX_ITERATIONS",
-    "PRESSURE_LIMIT",
-    "Roots",
-    "STEPS",
-    "TYPICAL_PRESSURE",
-    "find_between",
-    "find_roots",
-    "find_slope",
-]
-
 # Where a force falls to a load: the equilibrium that a muscle at its free length moves to.
 
 

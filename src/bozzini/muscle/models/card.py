@@ -10,22 +10,6 @@ from typing import Any, TypeVar
 from ...checks import check_number
 from ...errors import InputError, MissingLawError
 
-__all__ = [
-    "BRAID_FIELDS",
-    "Card",
-    "Choice",
-    "Law",
-    "Parameter",
-    "SHAPE_FIELDS",
-    "SOURCES",
-    "STATUSES",
-    "WALL_FIELDS",
-    "count_statuses",
-    "describe_card",
-    "make_friction",
-    "take_keywords",
-]
-
 # What is known of a model of the catalogue: source, equation, constants, errata.
 
 

@@ -15,20 +15,6 @@ from .base import ANGLES, TYPICAL_PRESSURE, CatalogueModel
 from .card import BRAID_FIELDS, SHAPE_FIELDS, Card, Choice, Parameter, make_friction
 from .ideal import bracket, pull_by_strain
 
-__all__ = [
-    "Andrikopoulos",
-    "AndrikopoulosThermal",
-    "DavisCaldwell",
-    "FRICTION_PARAMETERS",
-    "IttoDoubled",
-    "IttoExponential",
-    "Meller",
-    "StrainCorrected",
-    "TONDU_PARAMETERS",
-    "TonduLopez",
-    "find_tondu_factor",
-]
-
 # Gaylord's pull with corrections: of the strain, of the force, for friction (thesis 2.2.2).
 
 

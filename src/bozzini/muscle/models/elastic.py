@@ -23,21 +23,6 @@ from .ideal import (
     pull_ideal,
 )
 
-__all__ = [
-    "ConstantThickness",
-    "Delson",
-    "Ferraresi",
-    "HyperelasticModel",
-    "KotheraBalance",
-    "KotheraEnergy",
-    "MooneyRivlin",
-    "Schulte",
-    "Stretches",
-    "Trivedi",
-    "Wang",
-    "find_stretches",
-]
-
 # Muscles with a linear elastic bladder, all from the balance of forces (thesis 2.2.3).
 
 

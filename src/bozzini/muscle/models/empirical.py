@@ -13,8 +13,6 @@ from .base import TYPICAL_PRESSURE, CatalogueModel
 from .card import SHAPE_FIELDS, WALL_FIELDS, Card, Law, Parameter
 from .ideal import Chou
 
-__all__ = ["DampedStrain", "Doric", "LinearStrain", "QuadraticStrain", "QuarticStrain", "Takosoglu"]
-
 # Gaylord's and Chou's pull with fitted shapes (thesis 2.2.9).
 
 

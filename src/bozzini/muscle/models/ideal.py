@@ -16,21 +16,6 @@ from ..model import bisect
 from .base import CatalogueModel
 from .card import BRAID_FIELDS, WALL_FIELDS, Card
 
-__all__ = [
-    "Chou",
-    "ForceBalanceModel",
-    "GaylordAngle",
-    "GaylordStrain",
-    "Wall",
-    "WalledModel",
-    "balance_forces",
-    "bracket",
-    "find_contact_pressure",
-    "find_radius",
-    "pull_by_strain",
-    "pull_ideal",
-]
-
 # The balance of forces on a thick-walled bladder in a braid, which a family of models shares.
 #
 # A bladder of outer radius ``r`` and thickness ``t`` bears an axial stress ``s_z`` and a hoop

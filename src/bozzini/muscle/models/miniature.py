@@ -17,21 +17,6 @@ from .base import ANGLES, PRESSURE_LIMIT, CatalogueModel
 from .card import SHAPE_FIELDS, WALL_FIELDS, Card, Choice, Law, Parameter
 from .ideal import ForceBalanceModel, Wall, find_radius, pull_ideal
 
-__all__ = [
-    "DeVolder",
-    "HockingBase",
-    "HockingFriction",
-    "HockingPolynomial",
-    "MODULI",
-    "ORDERS",
-    "PressureStiffening",
-    "Sangian",
-    "StrainFit",
-    "StrainStress",
-    "correct_length",
-    "sum_powers",
-]
-
 # Miniature muscles: Gaylord's pull with dead band, threshold and a thin bladder (2.2.8).
 
 

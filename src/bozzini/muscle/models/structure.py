@@ -14,8 +14,6 @@ from .base import CatalogueModel
 from .card import BRAID_FIELDS, WALL_FIELDS, Card, Law, Parameter, make_friction
 from .ideal import Wall, WalledModel, find_radius, pull_ideal
 
-__all__ = ["Ball", "BraidTension", "Chen", "Doumit", "EllipticEnds", "Liu"]
-
 # Muscles whose ends are no cylinders (thesis 2.2.5).
 
 

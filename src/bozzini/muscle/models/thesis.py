@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...checks import broadcast, check_array, check_range, name_at
 from ...errors import InputError
 from ..design import Muscle
 from ..hysteresis import Hysteresis
@@ -22,25 +23,12 @@ from ..model import (
     MuscleModel,
     MuscleState,
     bisect,
-    broadcast,
-    check_array,
     check_hysteresis,
-    check_range,
     demand_convergence,
     describe_stop,
     is_as_defined,
-    name_at,
     parse_direction,
 )
-
-__all__ = [
-    "ANGLE_LIMIT",
-    "LOAD_PATHS",
-    "PRESSURE_LIMIT",
-    "ThesisMuscle",
-    "find_contact_pressure",
-    "meet_braid",
-]
 
 # Where the thesis's tube meets its braid, and what its second phase starts from.
 

@@ -1,10 +1,10 @@
-"""Checks of places, directions and other arrays that the inverse is given."""
+"""Checks of what robots are built from, and of places, directions and frames."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,13 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, check_points
 from ..errors import InputError
 
-# Checks on what robots and models are built from: pass it on, or raise one clear line.
-
-STIFFNESSES = (1e-9, 1e15)
-"""Least and largest EI [N mm^2]."""
-
-TORSIONS = (1e-10, 1e15)
-"""Least and largest GJ [N mm^2]."""
+_Item = TypeVar("_Item")
 
 
 def check_limit(name: str, value: Any, *, unit: str) -> float:
@@ -40,18 +34,26 @@ def check_name(what: str, name: Any) -> str:
     return str(name)
 
 
+def check_text(what: str, given: Any) -> str:
+    """Return a text as a plain one."""
+    if not isinstance(given, str):
+        raise InputError(f"{what} is {given!r}: it must be a text")
+    return str(given)
+
+
 def check_travel(name: str, travel: Any) -> tuple[float, float]:
-    """Return the smallest and largest displacement; -inf and inf where there is no limit."""
-    pair = take_items(f"{name} travel", travel, "(smallest, largest) displacement in mm")
+    """Return the smallest and largest displacement; None, -inf and inf are no limit."""
+    limits = (-math.inf, math.inf)
+    pair = limits if travel is None else take_items(f"{name} travel", travel, "a pair in mm")
     if len(pair) != 2:
         raise InputError(
             f"{name} travel is {travel!r}: it must be (smallest, largest) displacement in mm"
         )
     low, high = (
-        value
-        if isinstance(value, float) and value == free
+        free
+        if value is None or (isinstance(value, float) and value == free)
         else check_number(f"{name} travel[{index}]", value, unit="mm")
-        for index, (value, free) in enumerate(zip(pair, (-math.inf, math.inf), strict=True))
+        for index, (value, free) in enumerate(zip(pair, limits, strict=True))
     )
     if not low <= high:
         raise InputError(
@@ -65,6 +67,15 @@ def take_items(name: str, items: Any, what: str) -> tuple[Any, ...]:
     if isinstance(items, (str, bytes, dict)) or not isinstance(items, Iterable):
         raise InputError(f"{name} is {items!r}: it must be {what}")
     return tuple(items)
+
+
+def check_items(name: str, items: Any, kind: type[_Item]) -> tuple[_Item, ...]:
+    """Return a sequence as a tuple of one kind."""
+    found = take_items(name, items, f"a sequence of {kind.__name__}")
+    for item in found:
+        if not isinstance(item, kind):
+            raise InputError(f"{name} hold {item!r}: each must be a {kind.__name__}")
+    return found
 
 
 Floats = NDArray[np.float64]
