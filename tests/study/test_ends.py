@@ -18,6 +18,7 @@ from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
 from bozzini.anatomy.write import write_tract
 from bozzini.duct import build_field, find_centreline
+from bozzini.duct.field import INFLATION_MAX
 from bozzini.duct.fitting.fit import KINDS
 from bozzini.errors import GeometryError, InputError
 from bozzini.motion import METHODS, Scope

@@ -36,7 +36,7 @@ VOXEL_MIN = 0.01
 """Finest grid [mm]: a hundredth of the smallest tract."""
 
 INFLATION_MAX = 30.0
-"""As `bozzini.duct.build.INFLATION_MAX` [mm]."""
+"""As `bozzini.duct.field.INFLATION_MAX` [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..checks import check_number
 from ..duct import Centreline, SampledField, build_field
-from ..duct.fitting.fit import FitOptions as DuctFit
-from ..duct.fitting.fit import FittedDuct, Kind, fit_duct, mesh_from_tract
+from ..duct.fitting.fit import FittedDuct, ShapeFitOptions, fit_duct, mesh_from_tract
 from ..duct.fitting.measure import PERCENTS, SectionCircles, Sections, cut_sections
 from ..duct.shapes.mesh import TriangleMesh
 from ..progress import Progress, no_progress
@@ -189,16 +188,16 @@ def run_fit(
         If an input is not legal, or no shapes follow the centreline.
     """
     options = FitOptions() if options is None else options
-    wanted = DuctFit(
-        kind=cast(Kind, options.kind),
+    field, ends = find_line(tract, options, progress)
+    how = ShapeFitOptions(
+        kind=options.kind,  # type: ignore[arg-type]  # which it checks
         max_error=options.max_error,
         pieces=options.pieces,
         inside=not options.least_squares,
     )
-    field, ends = find_line(tract, options, progress)
     with explain_scale(tract):
         mesh = mesh_from_tract(tract, inflation=options.inflate)
-        fitted = fit_duct(mesh, ends.line, wanted, draft=field, progress=progress)
+        fitted = fit_duct(mesh, ends.line, how, draft=field, progress=progress)
     findings = (*tract.findings, *ends.findings)
     return FitStudy(mesh=mesh, field=field, line=ends.line, fitted=fitted, findings=findings)
 
