@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_integer, check_number, check_points, check_range
-from ...continuum.robot import ContinuumRobot
+from ...continuum import ContinuumRobot
 from ...duct.base import Duct, count_dimensions
 from ...errors import InputError
 from .. import Introducer, certify_motion
