@@ -210,7 +210,8 @@ class Quantity:
     Attributes
     ----------
     kind : str
-        A key of `bozzini.units.INTERNAL_UNITS`.
+        A key of `bozzini.units.INTERNAL_UNITS`; for what is no number "text", "flag", "file",
+        "end" or "labels".
     help : str
         What it is, in a few words.
     low, high : float or callable
@@ -223,6 +224,10 @@ class Quantity:
         How much of it matters to a fit; None for a tenth of where the fit starts.
     label : str
         What messages call it; by default the field's name with blanks.
+    words : tuple of str
+        The legal words, where it is one of a few.
+    option : str
+        Its option of the command line, if not ``--`` and the field's name.
     """
 
     kind: str = "dimensionless"
@@ -233,11 +238,13 @@ class Quantity:
     whole: bool = False
     scale: float | None = None
     label: str = ""
+    words: tuple[str, ...] = ()
+    option: str = ""
 
     @property
     def unit(self) -> str:
         """The unit, empty for none."""
-        return INTERNAL_UNITS[self.kind]
+        return INTERNAL_UNITS.get(self.kind, "")
 
     def check(self, name: str, value: Any, item: Any = None) -> float:
         """Return a legal value as a plain number, or raise `InputError`.
@@ -253,12 +260,13 @@ class Quantity:
         """
         low, high = (end(item) if callable(end) else end for end in (self.low, self.high))
         if self.whole:
-            return check_integer(name, value, low=int(low), high=int(high))
+            most = None if math.isinf(high) else int(high)
+            return check_integer(name, value, low=int(low), high=most)
         return check_number(name, value, low=low, high=high, low_open=self.low_open, unit=self.unit)
 
 
 def quantity(kind: str = "dimensionless", help: str = "", **known: Any) -> Any:
-    """Return a dataclass field that is a number; see `Quantity` for the keywords.
+    """Return a dataclass field that carries a `Quantity`; see `Quantity` for the keywords.
 
     ``default`` and ``kw_only`` are those of `dataclasses.field`.
     """
@@ -307,10 +315,14 @@ def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> 
     """
     defaults = {field.name: field.default for field in dataclasses.fields(item)}
     for name, known in list_quantities(type(item)).items():
-        if name in skip:
+        if name in skip or (getattr(item, name) is None and defaults[name] is None):
             continue
         words = known.label or prefix + name.replace("_", " ")
         value, default = getattr(item, name), defaults[name]
+        if known.words and isinstance(value, str) and value not in known.words:
+            raise InputError(f"{words} is {value!r}: it must be one of {', '.join(known.words)}")
+        if known.words or known.kind not in INTERNAL_UNITS:
+            continue
         fixed = not callable(known.low) and not callable(known.high)
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         given = not (fixed and is_number and value == default)

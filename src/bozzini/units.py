@@ -17,7 +17,6 @@ from .errors import UnitError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["INTERNAL_UNITS", "parse_quantity", "parse_vector"]
 
 INTERNAL_UNITS = {
     "length": "mm",
@@ -33,6 +32,7 @@ INTERNAL_UNITS = {
     "dimensionless": "",
 }
 """The unit that each kind of quantity has inside Bozzini."""
+
 
 LARGEST = {"length": 1e6}
 """What a quantity may be at most, in either direction: a length of 1 km [mm]."""

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 
 from bozzini import motion
-from bozzini.cli.plan import METHODS
+from bozzini.study.options import METHODS
 from tests.cli.plan_cases import SCOPE, Outcome, Run, Tracts, list_all, write_volume
 
 NOTES = b"These are my notes.\n" * 20

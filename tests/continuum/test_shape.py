@@ -11,11 +11,11 @@ import pytest
 from bozzini.continuum import (
     CONTINUUM_MODELS,
     ArcModel,
+    ContinuumModel,
     ContinuumRobot,
     LinkageModel,
     Section,
     Shape,
-    ShapeModel,
     Tendon,
 )
 from bozzini.errors import GeometryError, InputError
@@ -53,7 +53,7 @@ def test_tendons_run_at_their_offset_in_the_cross_sections_to_their_end(shape: S
 def test_models_answer_the_same_way(name: str) -> None:
     robot = make_robot(THIRD, THIRD)
     model = CONTINUUM_MODELS[name](robot)
-    assert isinstance(model, ShapeModel)
+    assert isinstance(model, ContinuumModel)
     assert model.name == name
     assert model.robot is robot
     shape = model.shape(PULLED)

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bozzini import view
+from bozzini import plot, report, scene
 from bozzini.anatomy import Finding
 from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import LabelTract, SurfaceTract
 from bozzini.errors import GeometryError, InputError, OutputError
 from bozzini.motion import Scope
-from bozzini.study import InsertionStudy, run_insertion
+from bozzini.study import InsertionOptions, InsertionStudy, run_insertion
 from tests.shapes import bend_curve, curve_distance
 
 VOXEL = 1.5
@@ -57,14 +57,20 @@ def surface() -> SurfaceTract:
     return tract_from_surface(vertices + low, faces, source="tube")
 
 
-def run(tract: LabelTract | SurfaceTract, **options: object) -> InsertionStudy:
-    given = {"scope": SCOPE, "start": START, "end": END, "head_step": 1.0, **options}
-    return run_insertion(tract, **given)
+def run(
+    tract: LabelTract | SurfaceTract,
+    *,
+    scope: Scope = SCOPE,
+    inputs: dict[str, object] | None = None,
+    **options: object,
+) -> InsertionStudy:
+    given = InsertionOptions(**{"start": START, "end": END, "head_step": 1.0, **options})
+    return run_insertion(tract, scope, given, inputs=inputs)
 
 
 @pytest.fixture(scope="module")
 def study(labels: LabelTract) -> InsertionStudy:
-    return run(labels, seconds={"read": 0.5}, inputs={"file": "tube.nii"})
+    return run(labels, inputs={"file": "tube.nii"})
 
 
 def test_labels_and_surface_of_one_tube_agree_within_their_errors(
@@ -112,7 +118,7 @@ def test_inflation_adds_its_room_along_the_same_centreline(
     wide = run(labels, inflate=2.0)
     assert wide.line.points == pytest.approx(study.line.points, abs=1e-6)
     assert wide.line.radius == pytest.approx(study.line.radius + 2.0, abs=1e-5)
-    assert wide.summarise()["inflation_mm"] == 2.0
+    assert wide.to_dict()["inflation_mm"] == 2.0
     assert wide.plan.clearance_min > study.plan.clearance_min
 
 
@@ -145,12 +151,12 @@ def test_findings_are_carried_to_plan_and_summary() -> None:
     finding = Finding("odd", "warning", "something odd")
     found = run(make_labels(findings=[finding]))
     shown = {"code": "odd", "severity": "warning", "message": "something odd"}
-    assert shown in found.summarise()["findings"]
+    assert shown in found.to_dict()["findings"]
     assert "warning: something odd" in found.plan.meta["findings"]
 
 
 def test_summary_is_json_and_says_what_the_plan_says(study: InsertionStudy) -> None:
-    summary = study.summarise()
+    summary = study.to_dict()
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     assert summary["clearance_min_mm"] == pytest.approx(study.plan.clearance_min)
     assert summary["radius_min_mm"] == study.line.radius.min()
@@ -162,7 +168,6 @@ def test_summary_is_json_and_says_what_the_plan_says(study: InsertionStudy) -> N
 
 
 def test_seconds_by_stage(study: InsertionStudy, tmp_path: Path) -> None:
-    assert study.seconds["read"] == 0.5
     assert {"distance", "centreline", "plan"} <= set(study.seconds)
     summary = study.write(tmp_path / "plan")
     stages = {key: value for key, value in summary["seconds"].items() if key != "total"}
@@ -183,7 +188,8 @@ def test_a_stage_that_fails_leaves_nothing_behind(
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr(view, stage, fail)
+    place = {"write_scene": scene, "draw_overview": plot, "write_report": report}[stage]
+    monkeypatch.setattr(place, stage, fail)
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "summary.json").write_text(own := '{"files": ["summary.json"]}')
     for place, force in ((tmp_path / "plan", False), (tmp_path / "kept", True)):
@@ -260,7 +266,7 @@ def test_another_end_is_a_finding(labels: LabelTract, monkeypatch: pytest.Monkey
     )
     forth, back = run(labels), run(labels, reverse=True)
     for found, name in ((forth, "end"), (back, "start")):
-        (item,) = (entry for entry in found.summarise()["findings"] if entry["code"] == "branches")
+        (item,) = (entry for entry in found.to_dict()["findings"] if entry["code"] == "branches")
         assert item["severity"] == "warning"
         assert "(1, 2, 3) mm" in item["message"] and f"--{name} " in item["message"]
         assert f"warning: {item['message']}" in found.plan.meta["findings"]

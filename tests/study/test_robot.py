@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bozzini.continuum import ContinuumRobot
 from bozzini.motion import Introducer, Scope
 from bozzini.motion.actuate.actuation import Actuation
 from bozzini.motion.actuate.executed import certify_arcs
-from bozzini.study import InsertionStudy, run_insertion
+from bozzini.study import InsertionOptions, InsertionStudy, run_insertion
 from tests.continuum.motions import make_robot
 from tests.study.test_insertion import END, START, make_labels
 
@@ -20,9 +21,9 @@ SCOPE = Scope(diameter=5.0, link_length=8.0)
 ROBOT_FILES = {"tendons.csv", "tendons.parquet", "robot.npz", "robot.png"}
 
 
-def run(**options: object) -> InsertionStudy:
-    given = {"scope": SCOPE, "start": START, "end": END, "head_step": 1.0, **options}
-    return run_insertion(make_labels(), **given)
+def run(*, robot: ContinuumRobot, scope: Scope = SCOPE, **options: object) -> InsertionStudy:
+    given = InsertionOptions(start=START, end=END, head_step=1.0, **options)
+    return run_insertion(make_labels(), scope, given, robot=robot)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +60,7 @@ def test_without_parquet_there_is_csv(
 def test_a_robot_that_does_not_get_there_is_a_finding(tmp_path: Path) -> None:
     short = run(robot=make_robot(15.0, 3, radius=2.5))
     assert short.plan.status == "complete" and short.plan.meta["certified"]
-    assert not short.fits and not short.summarise()["fits"]
+    assert not short.fits and not short.to_dict()["fits"]
     (finding,) = (item for item in short.findings if item.code == "robot")
     assert finding.severity == "warning" and "more section(s)" in finding.message
     summary = short.write(tmp_path / "out")

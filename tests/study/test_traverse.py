@@ -11,7 +11,7 @@ from bozzini.duct import RoundCones
 from bozzini.duct.shapes.cylinders import ConnectedCylinders
 from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import InputError
-from bozzini.study import traverse
+from bozzini.study import PathOptions, traverse
 from bozzini.study.traverse import run_limits
 
 TURN = np.linspace(0.0, 0.8, 13)
@@ -63,7 +63,7 @@ def test_the_way_along_a_chain_is_that_of_its_centres(tight):
     assert np.linalg.norm(tight.line.points[:, None] - BEND, axis=-1).min(axis=1).max() <= 2.1
     assert tight.line.length == pytest.approx(48.0, rel=0.01)
     # On a grid, as with a voxel, there is no more room.
-    grid = run_limits(make_waist(), diameter=4.0, voxel=1.5)
+    grid = run_limits(make_waist(), PathOptions(voxel=1.5), diameter=4.0)
     assert grid.diameters.low <= tight.diameters.low * 1.05
 
 
@@ -89,7 +89,7 @@ def test_super_ellipsoids_keep_the_room_that_balls_have(monkeypatch):
 
 
 def test_bounds_of_fitted_shapes_are_told_to_be_of_the_shapes(tight):
-    assert tight.fit == tight.summarise()["fit"] == "inscribed"
+    assert tight.fit == tight.to_dict()["fit"] == "inscribed"
     (found,) = tight.findings
     assert found.severity == "warning" and "upper bounds do not hold" in found.message
     (other,) = traverse._explain_fit("least squares", tight.duct)
@@ -101,6 +101,6 @@ def test_what_is_wrong_is_said():
     with pytest.raises(InputError, match="fit is 'tight': it must be one of inscribed"):
         run_limits(make_waist(), diameter=9.0, fit="tight")
     with pytest.raises(InputError, match=r"voxel is 1e\+09 mm: it must not exceed"):
-        run_limits(make_waist(), diameter=9.0, voxel=1e9)
+        run_limits(make_waist(), PathOptions(voxel=1e9), diameter=9.0)
     with pytest.raises(InputError, match="start is label 3, but shapes have no labels"):
-        run_limits(make_waist(), diameter=9.0, start=3)
+        run_limits(make_waist(), PathOptions(start=3), diameter=9.0)

@@ -19,7 +19,7 @@ from .labels import write_label_table
 from .surfaces import MARK
 from .tract import LabelTract, SurfaceTract
 
-__all__ = ["check_target", "encode_labels", "write_tract"]
+__all__ = ["check_target", "encode_volume", "write_tract"]
 
 _LABELS = (".nii", ".nii.gz")
 _SURFACES = (".stl", ".ply", ".obj", ".glb")
@@ -82,7 +82,7 @@ def write_tract(
         raise InputError(f"{path} holds a {kind} tract, but the tract given is {tract.kind}")
     if isinstance(tract, LabelTract):
         affine, frame, names = tract.affine, tract.frame, tract.label_names
-        data = encode_labels(path, tract.labels, affine=affine, frame=frame, names=names)
+        data = encode_volume(path, tract.labels, affine=affine, frame=frame, names=names)
     else:
         data = _encode(path, tract)
     return write_atomically(path, lambda temporary: _put(temporary, data))
@@ -113,22 +113,36 @@ def _mark_frame(tree: dict[str, Any], frame: str | None) -> None:
     tree["asset"]["extras"] = {MARK: {"frame": frame}}
 
 
-def encode_labels(
+def encode_volume(
     path: str | os.PathLike[str],
-    labels: NDArray[np.uint16],
+    values: NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32],
     *,
     affine: NDArray[np.float64],
     frame: str | None,
-    names: Mapping[int, str],
+    names: Mapping[int, str] | None = None,
 ) -> bytes:
-    """Return labels as the bytes of a NIfTI file, compressed if its name ends in ``.gz``."""
+    """Return a volume as the bytes of a NIfTI file, compressed if its name ends in ``.gz``.
+
+    Parameters
+    ----------
+    path : path-like
+        Its suffix decides on the compression.
+    values : ndarray, shape (nx, ny, nz)
+        Labels, which take 8 bits where these are enough, or numbers.
+    affine : ndarray, shape (4, 4)
+        Voxel index to world [mm].
+    frame : str or None
+        Where the world axes point; NIfTI has one frame, RAS, and axes of another are turned.
+    names : mapping of int to str, optional
+        Names of the labels, which are kept in the file.
+    """
     import nibabel
 
     nifti: Any = nibabel
-    small = np.uint8 if labels.max() < 256 else np.uint16
-    # NIfTI has one frame, RAS: labels of a known other frame are written in that.
+    if values.dtype == np.uint16 and values.max() < 256:
+        values = values.astype(np.uint8)
     affine = affine if frame is None else convert_frame(affine, frame)
-    image: Any = nifti.Nifti1Image(labels.astype(small), affine)
+    image: Any = nifti.Nifti1Image(values, affine)
     image.header.set_xyzt_units("mm")
     image.set_sform(affine, code="scanner")
     image.set_qform(affine, code="scanner")
@@ -137,5 +151,5 @@ def encode_labels(
         image.header.extensions.append(nifti.nifti1.Nifti1Extension(0, table))
     data: bytes = image.to_bytes()
     if os.fspath(path).lower().endswith(".gz"):
-        return gzip.compress(data, compresslevel=6, mtime=0)
+        return gzip.compress(data, compresslevel=4, mtime=0)
     return data

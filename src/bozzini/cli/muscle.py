@@ -706,12 +706,11 @@ def _draw_curve(
     options: dict[str, Any] = {"pressure": pressure, "load": load, "direction": direction}
     options["lowest"] = _find_lowest(model, pressure, load, direction)
     if kind == "angle":
-        figure = figures.draw_braid_angle(models, **options)
+        write_figure(figures.draw_braid_angle(models, **options), out)
     elif kind == "phases":
-        figure = figures.draw_phases(model, **options)
+        write_figure(figures.draw_phases(model, **options), out)
     else:
-        figure = figures.draw_contraction(models, **options)
-    write_figure(figure, out)
+        write_figure(figures.draw_contraction(models, **options), out)
 
 
 def _one(value: Any) -> Any:

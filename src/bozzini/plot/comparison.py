@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..motion.plan import Plan
-from .palette import INK, RED
 from .plan_data import (
     METHOD_NAMES,
-    find_way,
+    Record,
     list_methods,
+    read_centreline,
     read_movement,
     sample_motion,
     share_centreline,
 )
+from .style import INK, RED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +34,7 @@ _STYLES = {
 _SPARE = (("#009e73", "-"), ("#a06c00", (0, (4, 1, 1, 1))), ("#56707f", (0, (3, 3))))
 
 
-def draw_comparison(plans: Sequence[Plan], *, records: Sequence[Mapping[str, Any]] = ()) -> Figure:
+def draw_comparison(plans: Sequence[Plan], *, records: Sequence[Record] = ()) -> Figure:
     """Return a figure of several plans for the same tract and scope.
 
     Left: smallest clearance of the whole body over the insertion. Right: largest joint step per
@@ -88,7 +89,7 @@ def _draw_clearances(
     ends, low, high = [], 0.0, 0.5
     for plan, sample, name, (color, dash) in zip(plans, samples, names, styles, strict=True):
         if forward:
-            over = np.maximum(find_way(plan).place(sample.insertion), 0.0)
+            over = np.maximum(read_centreline(plan).to_centreline(sample.insertion), 0.0)
         else:
             over = 100.0 * sample.steps / max(plan.steps - 1, 1)
         height = sample.smallest

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.plot.plan_data import find_refusal, find_way, sample_motion, share_centreline
-from tests.view.fake_motion import make_line, make_plan, make_stopped
+from bozzini.plot.plan_data import find_refusal, read_centreline, sample_motion, share_centreline
+from tests.plot.fake_motion import make_line, make_plan, make_stopped
 
 
 def follow(path, line, **meta):
@@ -35,10 +35,10 @@ def follow(path, line, **meta):
 
 def test_without_a_centreline_the_path_is_the_way():
     plan = make_plan()
-    way = find_way(plan)
-    assert not way.is_centreline and way.length == 80.0
+    centreline = read_centreline(plan)
+    assert not centreline.is_centreline and centreline.length == 80.0
     arc = np.array([-12.0, 0.0, 3.3, 80.0])
-    np.testing.assert_allclose(way.place(arc), arc)
+    np.testing.assert_allclose(centreline.to_centreline(arc), arc)
 
 
 @given(wave=st.floats(0.0, 2.0), share=st.floats(0.2, 1.0))
@@ -47,14 +47,14 @@ def test_a_bent_path_is_placed_beside_the_line(wave, share):
     path = line[: int(200 * share) + 1].copy()
     path[:, 1] = wave * np.sin(path[:, 0] / 3.0)
     plan = follow(path, line)
-    way = find_way(plan)
-    places = way.place(plan.path_arc_length)
+    centreline = read_centreline(plan)
+    places = centreline.to_centreline(plan.path_arc_length)
     assert (np.diff(places) >= 0.0).all()
     np.testing.assert_allclose(places, path[:, 0], atol=0.3 + 0.7 * wave)
-    assert way.place(-7.0) == pytest.approx(-7.0)
-    rest = way.cut_rest(float(places[-1]))
+    assert centreline.to_centreline(-7.0) == pytest.approx(-7.0)
+    rest = centreline.points_beyond(float(places[-1]))
     length = np.linalg.norm(np.diff(rest, axis=0), axis=-1).sum() if len(rest) else 0.0
-    assert places[-1] + length == pytest.approx(way.length)
+    assert places[-1] + length == pytest.approx(centreline.length)
 
 
 def test_a_path_beside_the_other_limb_does_not_jump_to_it():
@@ -71,15 +71,15 @@ def test_a_path_beside_the_other_limb_does_not_jump_to_it():
     path = line.copy()
     middle = (path[:, 0] > 20.0) & (path[:, 0] < 40.0)
     path[middle, 1] *= -0.5  # nearer to the other limb than to its own
-    way = find_way(follow(path, line))
-    back = way.place(follow(path, line).path_arc_length)
-    np.testing.assert_allclose(back, way.arc_length, atol=4.5)
+    centreline = read_centreline(follow(path, line))
+    back = centreline.to_centreline(follow(path, line).path_arc_length)
+    np.testing.assert_allclose(back, centreline.arc_length, atol=4.5)
 
 
 def test_long_paths_are_matched_in_parts():
     line = np.stack([np.linspace(0.0, 900.0, 5001), np.zeros(5001), np.zeros(5001)], axis=-1)
     plan = follow(line[:3001], line)
-    assert find_way(plan).place(540.0) == pytest.approx(540.0, abs=1.5)
+    assert read_centreline(plan).to_centreline(540.0) == pytest.approx(540.0, abs=1.5)
 
 
 @pytest.mark.parametrize(
@@ -96,8 +96,8 @@ def test_long_paths_are_matched_in_parts():
     ],
 )
 def test_a_spoilt_centreline_is_left_aside(spoil):
-    assert find_way(make_plan(meta={"centreline": make_line()})).is_centreline
-    assert not find_way(make_plan(meta={"centreline": spoil(make_line())})).is_centreline
+    assert read_centreline(make_plan(meta={"centreline": make_line()})).is_centreline
+    assert not read_centreline(make_plan(meta={"centreline": spoil(make_line())})).is_centreline
 
 
 def test_joints_stand_on_the_centreline_too():
@@ -115,7 +115,7 @@ def test_joints_stand_on_the_centreline_too():
 
 def test_plans_without_a_centreline_take_that_of_the_others():
     bare, full = make_plan(), make_plan(meta={"centreline": make_line(70.0)})
-    assert [find_way(plan).length for plan in share_centreline([bare, full])] == [70.0, 70.0]
+    assert [read_centreline(plan).length for plan in share_centreline([bare, full])] == [70.0, 70.0]
     assert share_centreline([bare]) == [bare] and "centreline" not in bare.meta
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from bozzini.plot.contact import draw_contact, measure_contact
 from bozzini.plot.figures import write_figure
-from tests.view.fake_motion import make_field, make_plan
+from tests.plot.fake_motion import make_field, make_plan
 
 
 def push(side: float, *, radius: float = 4.0):

@@ -1,13 +1,18 @@
-"""Colours of pictures and reports: one scale for clearance, readable by colour-blind people.
+"""The style of figures: colours, panels, and one scale for clearance.
 
-Red is through the wall, yellow is just clear, blue is well clear. The break at zero is sharp on
-purpose, and every place that is through the wall is marked by shape as well as by colour.
+All of it can be read by colour-blind people. Figures are drawn with matplotlib's objects only (no
+pyplot), so that no window, backend or global state is touched; `bozzini.plot.write_figure` writes
+them.
+
+On the scale of clearance red is through the wall, yellow is just clear, blue is well clear. The
+break at zero is sharp on purpose, and every place that is through the wall is marked by shape as
+well as by colour.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,13 +20,25 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.colors import Colormap, Normalize
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 
 INK = "#17212b"
 NIGHT = "#0b1118"
 GREEN = "#0f7b6c"
 AMBER = "#b26a00"
 RED = "#b3261e"
+BLUE = "#1f5fa8"
+GRID = "#e3e8ed"
+LUMEN = "#d7e3ee"
+
+COLORS = (BLUE, AMBER, GREEN, RED, "#6f4fa8", "#45b5d9", "#7a6a58", INK)
+"""Colours of lines, in turn."""
+
+DASHES: tuple[Any, ...] = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
+"""Styles of lines, in turn."""
 
 _NEGATIVE = ("#7a0a2e", "#f2453d")
 _POSITIVE = ("#ffe066", "#8fd6a8", "#45b5d9", "#2f7fd0")
@@ -100,3 +117,56 @@ def list_clearance_colors(scale: ClearanceScale, count: int = 120) -> list[str]:
     step = (scale.high - scale.low) / count
     rows = np.rint(255 * scale.color(scale.low + step * (np.arange(count) + 0.5))).astype(int)
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in rows]
+
+
+def style_axes(axes: Axes, *, grid: bool = True) -> Axes:
+    """Give a panel the common spines and, unless not wanted, the grid; return it."""
+    if grid:
+        axes.grid(color=GRID, linewidth=0.8)
+        axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return axes
+
+
+def make_panels(
+    rows: int = 1, columns: int = 1, *, size: tuple[float, float] | None = None, **grid: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and its panels in the common style, row by row.
+
+    Parameters
+    ----------
+    rows, columns : int
+    size : (width, height), optional
+        [in]; by default that of one panel, or of two side by side.
+    **grid
+        For `matplotlib.figure.Figure.subplots`, such as ``width_ratios``.
+    """
+    figure = make_figure(size or (5.8 if rows * columns == 1 else 9.6, 4.2))
+    panels = list(figure.subplots(rows, columns, squeeze=False, **grid).flat)
+    return figure, [style_axes(axes) for axes in panels]
+
+
+def make_figure(size: tuple[float, float]) -> Figure:
+    """Return an empty white figure, its size in inches."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=size, facecolor="white", layout="constrained")
+
+
+def take_panel(ax: Axes | None) -> Axes:
+    """Return the axes to draw into: those given, or the only panel of a new figure."""
+    return make_panels()[1][0] if ax is None else ax
+
+
+def fit_space(space: Axes3D, points: NDArray[np.float64], *, least: float, zoom: float) -> None:
+    """Give a 3-D panel equal scales around points (n, 3), and sides of at least `least` mm."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.5 * np.maximum(1.04 * (high - low), least)
+    for k, name in enumerate("xyz"):
+        getattr(space, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
+        axis = getattr(space, f"{name}axis")
+        axis.get_major_locator().set_params(nbins=5)
+        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
+    space.set_box_aspect(2.0 * half, zoom=zoom)
+    space.tick_params(labelsize=8.5)
+    space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")

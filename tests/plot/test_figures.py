@@ -11,10 +11,10 @@ import pytest
 from bozzini.errors import InputError, OutputError
 from bozzini.plot.clearance import draw_clearance, map_clearance
 from bozzini.plot.figures import draw_depths, draw_overview, write_figure
-from bozzini.plot.palette import ClearanceScale, choose_clearance_scale, list_clearance_colors
 from bozzini.plot.plan_data import place_tightest, sample_motion
 from bozzini.plot.scope import choose_bar_length, find_violations
-from tests.view.fake_motion import make_field, make_line, make_plan, make_stopped
+from bozzini.plot.style import ClearanceScale, choose_clearance_scale, list_clearance_colors
+from tests.plot.fake_motion import make_field, make_line, make_plan, make_stopped
 
 PLANS = {
     "clear": {},

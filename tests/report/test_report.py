@@ -14,7 +14,7 @@ import pytest
 from bozzini.anatomy.tract import Finding
 from bozzini.errors import InputError, OutputError
 from bozzini.report.report import write_report
-from tests.view.fake_motion import make_field, make_plan, make_stopped, make_summary
+from tests.plot.fake_motion import make_field, make_plan, make_stopped, make_summary
 
 VOID = {"meta", "link", "img", "input", "br", "hr"}
 
@@ -151,7 +151,7 @@ def test_a_refusal_is_shown_where_it_is_and_in_numbers(tmp_path):
     page = read_report(tmp_path, plan, summary=summary)
     for words in (
         "Refused at this place of the centreline 70.0 mm", "diameter of at most 1.99 mm",
-        "inflated by about 1.1 mm", "Orange dots are the way not reached",
+        "inflated by about 1.1 mm", "Orange dots are the centreline not reached",
     ):  # fmt: skip
         assert words in page.text
     assert count(page, "svg") == count(page, "polyline") == 2 and count(page, "path") == 4

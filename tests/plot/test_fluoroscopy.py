@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from bozzini.anatomy.frame import find_axis
 from bozzini.errors import GeometryError, InputError
 from bozzini.plot.fluoroscopy import VIEWS, render_fluoroscopy
-from tests.view.fake_motion import END, START, make_field
+from tests.plot.fake_motion import END, START, make_field
 
 SIGNED_PERMUTATIONS = [
     np.eye(3)[:, order] * signs

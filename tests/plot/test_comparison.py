@@ -14,8 +14,9 @@ from matplotlib.text import Text
 from bozzini.errors import InputError
 from bozzini.plot.comparison import draw_comparison, spread
 from bozzini.plot.figures import write_figure
-from bozzini.plot.plan_data import list_methods, render_methods
-from tests.view.fake_motion import make_plan, make_stopped
+from bozzini.plot.plan_data import list_methods
+from bozzini.report.text import render_methods
+from tests.plot.fake_motion import make_plan, make_stopped
 
 INTRODUCER_FREE = {"certified": True, "certificate": {"clearance_mm": 1.5}}
 

@@ -94,22 +94,22 @@ def test_a_muscle_without_a_gap_has_phases_too():
 def test_figures_of_one_direction(direction):
     rubbing = EnergyMuscle(preset("effector-45", friction_length=0.05))
     options = {"pressure": 0.6, "direction": direction}
-    (line,) = find_lines(draw_contraction({"a": rubbing}, **options).axes[0])
+    (line,) = find_lines(draw_contraction({"a": rubbing}, **options))
     assert line.get_ydata()[-1] == pytest.approx(
         float(rubbing.contraction(0.6, direction=direction))
     )
-    (line,) = find_lines(draw_braid_angle({"a": rubbing}, **options).axes[0])
+    (line,) = find_lines(draw_braid_angle({"a": rubbing}, **options))
     assert math.radians(line.get_ydata()[-1]) == pytest.approx(
         float(rubbing.solve(0.6, direction=direction).braid_angle)
     )
-    (line,) = find_lines(draw_force(rubbing, [0.6], direction=direction).axes[0])
+    (line,) = find_lines(draw_force(rubbing, [0.6], direction=direction))
     assert line.get_ydata()[0] == pytest.approx(float(rubbing.force(0.6, 0.0, direction=direction)))
     assert line.get_ydata()[-1] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_contraction_has_a_line_a_model():
     models = {f"{n} mm": EnergyMuscle(preset("thesis-40", length=float(n))) for n in (40, 45, 60)}
-    (axes,) = draw_contraction(models, pressure=0.8).axes
+    axes = draw_contraction(models, pressure=0.8)
     lines = find_lines(axes)
     assert [line.get_label() for line in lines] == list(models)
     ends = [line.get_ydata()[-1] for line in lines]
@@ -118,8 +118,16 @@ def test_contraction_has_a_line_a_model():
     assert ends == sorted(ends)
 
 
+def test_a_figure_of_one_panel_is_drawn_into_axes_that_are_given():
+    first = draw_contraction({"energy": ENERGY}, pressure=0.5)
+    assert draw_contraction({"again": ENERGY}, pressure=0.5, ax=first) is first
+    assert [line.get_label() for line in find_lines(first)] == ["energy", "again"]
+    assert draw_force(ENERGY, [0.5], ax=first) is first
+    assert draw_braid_angle({"energy": ENERGY}, pressure=0.5, ax=first) is first
+
+
 def test_force_runs_from_blocked_to_free():
-    (axes,) = draw_force(ENERGY, [0.6, 0.3]).axes
+    axes = draw_force(ENERGY, [0.6, 0.3])
     lines = find_lines(axes)
     assert [line.get_label() for line in lines] == ["300 kPa", "600 kPa"]
     for line, pressure in zip(lines, (0.3, 0.6), strict=True):
@@ -129,7 +137,7 @@ def test_force_runs_from_blocked_to_free():
 
 
 def test_braid_angle_comes_to_locking_from_below():
-    (axes,) = draw_braid_angle({"energy": ENERGY}, pressure=50.0).axes
+    axes = draw_braid_angle({"energy": ENERGY}, pressure=50.0)
     (line,) = find_lines(axes)
     locking = math.degrees(math.atan(math.sqrt(2.0)))
     assert axes.get_xscale() == "log"

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.report.verdict import judge_plan
-from tests.view.fake_motion import make_plan, make_stopped, make_summary
+from tests.plot.fake_motion import make_plan, make_stopped, make_summary
 
 
 @pytest.mark.parametrize(
