@@ -11,7 +11,6 @@ import nibabel
 import numpy as np
 import pytest
 import trimesh
-from bozzini.duct.build import INFLATION_MAX
 
 from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface

@@ -15,13 +15,6 @@ from ..errors import InputError
 _Item = TypeVar("_Item")
 
 
-def check_limit(name: str, value: Any, *, unit: str) -> float:
-    """Return a positive number, or infinity where there is no limit."""
-    if isinstance(value, float) and value == math.inf:
-        return math.inf
-    return check_number(name, value, low=0.0, low_open=True, unit=unit)
-
-
 def check_name(what: str, name: Any) -> str:
     """Return a name as plain text that tables and the command line can hold."""
     if not isinstance(name, str) or not name.strip():

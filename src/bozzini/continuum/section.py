@@ -13,11 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import Quantity, check_array, check_fields, check_number, list_quantities, quantity
 from ..errors import InputError
-from .checks import check_items, check_name, check_text, check_travel, take_items
+from .checks import Floats, check_items, check_name, check_text, check_travel, take_items
 
 # A quantity along the robot: one number, or knots of arc length and value.
-
-Floats = NDArray[np.float64]
 
 ArcLength = Annotated[float, Quantity(kind="length", help="Arc length from the base.", low=0.0)]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
-from bozzini.continuum._bend_limits import find_limits
+from bozzini.continuum.coupling import find_limits
 from bozzini.errors import FileFormatError, GeometryError, InputError
 from bozzini.motion import FreeSpace
 from bozzini.motion.actuate.actuate import FitJob, actuate_plan, check_robot

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import check_number
+from ...continuum import ContinuumRobot
 from ...continuum.coupling import Coupling, require_arcs
-from ...continuum.robot import ContinuumRobot
 from ...duct.base import Duct, count_dimensions
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
