@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number, check_points
 from ..errors import InputError
 from ..io.files import write_atomically
+from ..results import Json
 from .gltf import ARRAY_BUFFER, UPRIGHT_QUATERNION, GlbDocument, add_scope, choose_keys
 
 # The tract's wall made ready for viewing: checked, decimated, turned outwards, with normals.
@@ -341,7 +342,7 @@ def _add_tract(document: GlbDocument, tract: TractMesh) -> list[int]:
         tract.vertices.astype(np.float32), target=ARRAY_BUFFER, bounds=True
     )
     nodes = []
-    sides: list[tuple[str, Floats, NDArray[np.int64], dict[str, Any]]] = [
+    sides: list[tuple[str, Floats, NDArray[np.int64], Json]] = [
         ("tract_inside", -tract.normals, tract.faces[:, ::-1], {}),
         ("tract_outside", tract.normals, tract.faces, {"alphaMode": "BLEND"}),
     ]

@@ -12,9 +12,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..checks import check_fields, quantity
+from ..results import Json
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -108,7 +109,7 @@ class ReadOptions:
         )
         return tract if self.organ is None else replace(tract, organ=self.organ)  # type: ignore[arg-type]
 
-    def describe(self, source: str | os.PathLike[str]) -> dict[str, Any]:
+    def describe(self, source: str | os.PathLike[str]) -> Json:
         """Return what the tract was read with as JSON-able values: enough to read it again."""
         from ..anatomy.read import hash_input
 
@@ -123,7 +124,7 @@ class ReadOptions:
         }
 
     @staticmethod
-    def _shorten(parts: Sequence[str]) -> Any:
+    def _shorten(parts: Sequence[str]) -> str | list[str] | None:
         """Return no part as None, one as itself, several as a list."""
         return (parts[0] if len(parts) == 1 else list(parts)) if parts else None
 
@@ -292,7 +293,7 @@ class InsertionOptions(PathOptions):
         return ROUTES[self.route] if isinstance(self.route, str) else tuple(self.route)
 
     @property
-    def motion(self) -> dict[str, Any]:
+    def motion(self) -> Json:
         """What every planner but the thesis's takes."""
         return {
             "head_step": self.head_step,
