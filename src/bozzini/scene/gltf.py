@@ -1,7 +1,7 @@
 """A small writer of binary glTF 2.0 files (``.glb``): arrays in, one file out.
 
-It packs NumPy arrays into the file's one buffer and keeps the JSON lists beside it. It knows
-nothing of scopes or tracts; `bozzini.scene.scene` does.
+It packs NumPy arrays into the file's one buffer and keeps the JSON lists beside it. trimesh writes
+GLB too, but neither skins nor animations.
 
 Source: Khronos Group, glTF 2.0 Specification (ISO/IEC 12113:2022), sections 3.6 (binary data),
 3.11 (animations) and 4 (GLB container).
@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from ..results import Json
@@ -191,13 +192,8 @@ def compute_bone_rotations(joints: Floats) -> Floats:
 
 def convert_to_matrices(rotations: Floats) -> Floats:
     """Return the rotation matrices of unit quaternions, shape (..., 4) to (..., 3, 3)."""
-    x, y, z, w = np.moveaxis(rotations, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    matrices = Rotation.from_quat(rotations.reshape(-1, 4)).as_matrix()
+    return np.asarray(matrices.reshape(*rotations.shape[:-1], 3, 3))
 
 
 def _orient_head(back: Floats) -> Floats:

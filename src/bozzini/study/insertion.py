@@ -21,7 +21,7 @@ from ..anatomy.write import encode_volume
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
 from ..duct.refined import RefinedField, refine_field
-from ..io.files import new_directory, write_atomically, write_text
+from ..io.files import new_directory, write_bytes, write_text
 from ..motion import (
     METHODS,
     Largest,
@@ -221,14 +221,7 @@ def write_volumes(
         volumes["labels"] = {"values": inside, "affine": axes}
     for name, volume in volumes.items():
         path = folder / f"{name}.nii.gz"
-        _write_bytes(path, encode_volume(path, **volume, frame=frame))
-
-
-def _write_bytes(path: Path, data: bytes) -> None:
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(data)
-
-    write_atomically(path, write)
+        write_bytes(path, encode_volume(path, **volume, frame=frame))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -206,6 +206,7 @@ class FitOptions(PathOptions):
         default=1.0,
         low=0.0,
         low_open=True,
+        label="--max-error",
     )
     pieces: int | None = quantity(
         help="How many shapes at most (default: so many that no more clearance than --max-error is "
@@ -214,6 +215,7 @@ class FitOptions(PathOptions):
         default=None,
         low=1,
         high=500,
+        label="--pieces",
     )
     least_squares: bool = quantity(
         "flag",
