@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
+Json = dict[str, Any]
+"""Values by name that JSON takes."""
+
 SHOWN_ROWS = 20
 """Rows of a table that a notebook shows."""
 

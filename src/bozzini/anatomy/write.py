@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, OutputError
-from ..io.files import write_atomically
+from ..io.files import write_bytes
 from ._reading import quiet_libraries
 from .frame import convert_frame
 from .labels import write_label_table
@@ -85,11 +85,7 @@ def write_tract(
         data = encode_volume(path, tract.labels, affine=affine, frame=frame, names=names)
     else:
         data = _encode(path, tract)
-    return write_atomically(path, lambda temporary: _put(temporary, data))
-
-
-def _put(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
+    return write_bytes(path, data)
 
 
 def _encode(path: str | os.PathLike[str], tract: SurfaceTract) -> bytes:

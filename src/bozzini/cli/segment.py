@@ -97,26 +97,7 @@ def command(
         write_figure(drawing, picture)
 
     write_atomically(target, write)
-    found = {
-        "file": str(target),
-        "picture": str(picture),
-        "source": result.source,
-        "frame": result.frame,
-        "threshold_hu": result.threshold,
-        "segments": [
-            {
-                "label": item.label,
-                "volume_ml": item.volume / 1000.0,
-                "fluid_ml": item.fluid / 1000.0,
-                "point_mm": item.point,
-                "at_border": item.at_border,
-            }
-            for item in result.segments
-        ],
-        "lungs_ml": result.lungs / 1000.0,
-        "findings": [str(item) for item in result.findings],
-        "limits": LIMITS,
-    }
+    found = {"file": str(target), "picture": str(picture), **result.to_dict(), "limits": LIMITS}
     answer.give(found, _describe(result, target, picture))
 
 
