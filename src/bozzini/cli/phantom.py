@@ -44,7 +44,7 @@ def command(target: Path, seed: int, voxel: float, force: bool, as_json: bool) -
     the head.
     """
     from ..anatomy.phantom import REGIONS, make_phantom
-    from ..anatomy.write import check_target, write_tract
+    from ..anatomy.files import check_target, write_tract
     from ..checks import check_number
 
     check_number("voxel", voxel, low=0.5, high=4.0, unit="mm")

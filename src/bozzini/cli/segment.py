@@ -74,7 +74,7 @@ def command(
     """
     from ..anatomy.segment import segment_gas
     from ..anatomy.volumes import read_volume
-    from ..anatomy.write import check_target, encode_labels
+    from ..anatomy.files import check_target, encode_labels
     from ..errors import InputError
     from ..io.files import check_new_file, write_atomically
     from ..plot.figures import write_figure
