@@ -19,7 +19,7 @@ import numpy as np
 
 from bozzini.anatomy import LabelTract, make_phantom, read_tract
 from bozzini.duct import build_field, find_centreline
-from bozzini.motion import Introducer, Scope, plan_insertion, replan
+from bozzini.motion import Scope, plan_insertion, replan
 from bozzini.motion.insertion import measure_body
 
 AMPLITUDE = 6.0  # of the sideways wave [mm]
@@ -56,7 +56,7 @@ def follow_breath(tract, scope, *, frames=8, voxel=2.0):
     """Plan in every frame of one breath; return a row of results per frame."""
     field = build_field(move_tract(tract, 0.0), voxel=voxel)
     plan = still = plan_insertion(field, find_centreline(field), scope=scope)
-    introducer = Introducer.from_description(still.meta["introducer"])
+    introducer = still.introducer
     # Once, to have everything compiled before anything is timed.
     replan(plan, field)
     rows = []
@@ -75,7 +75,7 @@ def follow_breath(tract, scope, *, frames=8, voxel=2.0):
                 "field": field,
                 "field_s": built - begin,
                 "replan_ms": 1e3 * (done - built),
-                "certified_mm": plan.meta["certificate"]["clearance_mm"],
+                "certified_mm": plan.certificate.clearance,
                 "first_plan_mm": measure_body(
                     field, still.joints, scope=scope, introducer=introducer
                 )[0].min(),

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
+
+from .units import add_unit
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-__all__ = ["Result", "take_axes", "to_plain"]
+Json = dict[str, Any]
+"""Values by name that JSON takes."""
 
 SHOWN_ROWS = 20
 """Rows of a table that a notebook shows."""
@@ -39,9 +43,15 @@ class Result:
         residual: Any
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain values, which JSON takes; not finite numbers are None."""
-        fields = dataclasses.fields(self)  # type: ignore[arg-type]
-        values = {field.name: getattr(self, field.name) for field in fields if field.repr}
+        """Return the result as plain values, which JSON takes; not finite numbers are None.
+
+        Fields made by `measured` have their units in their names.
+        """
+        fields = [field for field in dataclasses.fields(self) if field.repr]  # type: ignore[arg-type]
+        values = {
+            add_unit(field.name, field.metadata.get("unit", "")): getattr(self, field.name)
+            for field in fields
+        }
         for name in ("converged", "reason", "residual"):
             values.setdefault(name, getattr(self, name))
         return {name: to_plain(value) for name, value in values.items()}
@@ -60,6 +70,16 @@ class Result:
             if not isinstance(value, (dict, list))
         }
 
+    def list_measured(self) -> dict[str, Any]:
+        """Return the fields that have a unit as columns, a value of the batch each row."""
+        import numpy
+
+        return {
+            add_unit(field.name, field.metadata["unit"]): numpy.ravel(getattr(self, field.name))
+            for field in dataclasses.fields(self)  # type: ignore[arg-type]
+            if "unit" in field.metadata
+        }
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
         from html import escape
@@ -72,27 +92,35 @@ class Result:
         return f"<p>{escape(': '.join(words))}</p>{table}"
 
 
-def to_plain(value: Any) -> Any:
+def measured(unit: str) -> Any:
+    """Return a dataclass field of a result that has a unit."""
+    return dataclasses.field(metadata={"unit": unit})
+
+
+def to_plain(value: Any, *, unknown: Callable[[Any], Any] = repr) -> Any:
     """Return a value made of plain types: numbers, texts, lists, dictionaries with text as keys.
 
-    A number that is not finite becomes None, and what has no plain form its representation.
+    A number that is not finite becomes None, and what has no plain form `unknown` of it: by
+    default its representation.
     """
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        return float(value) if math.isfinite(value) else None
     if isinstance(value, Result):
-        return value.to_dict()
+        return to_plain(value.to_dict(), unknown=unknown)
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tolist"):  # NumPy arrays and numbers
+        return to_plain(value.tolist(), unknown=unknown)
+    if isinstance(value, (list, tuple)):
+        return [to_plain(item, unknown=unknown) for item in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = dataclasses.fields(value)
-        return {field.name: to_plain(getattr(value, field.name)) for field in fields if field.repr}
+        value = {field.name: getattr(value, field.name) for field in fields if field.repr}
     if isinstance(value, Mapping):
-        return {str(key): to_plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [to_plain(item) for item in value]
-    if hasattr(value, "tolist"):  # NumPy arrays and numbers
-        return to_plain(value.tolist())
-    return repr(value)
+        return {str(key): to_plain(item, unknown=unknown) for key, item in value.items()}
+    return unknown(value)
 
 
 def _flatten(value: Any) -> list[Any]:

@@ -17,7 +17,6 @@ from .errors import UnitError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["INTERNAL_UNITS", "parse_quantity", "parse_vector"]
 
 INTERNAL_UNITS = {
     "length": "mm",
@@ -29,9 +28,11 @@ INTERNAL_UNITS = {
     "line force": "N/mm",
     "moment": "N mm",
     "rigidity": "N mm^2",
+    "angle in turns": "turn",
     "dimensionless": "",
 }
 """The unit that each kind of quantity has inside Bozzini."""
+
 
 LARGEST = {"length": 1e6}
 """What a quantity may be at most, in either direction: a length of 1 km [mm]."""
@@ -47,6 +48,7 @@ _EXAMPLES = {
     "line force": "0.001N/mm, 1N/m",
     "moment": "5Nmm, 0.02 N m",
     "rigidity": "200Nmm^2, 2e-4 N m^2",
+    "angle in turns": "0.5, 180deg",
     "dimensionless": "0.5",
 }
 # One number, then at most one unit. The number is not left to pint, which reads 5,0mm as 50 mm.
@@ -179,3 +181,9 @@ def parse_vector(text: str, kind: str, *, size: int = 3) -> tuple[float, ...]:
     if len(parts) != size:
         raise UnitError(f"'{text}' has {len(parts)} part(s): give {size}, separated by commas")
     return tuple(parse_quantity(part, kind) for part in parts)
+
+
+def add_unit(name: str, unit: str) -> str:
+    """Return a name with its unit, as columns and JSON keys have it: ``length_mm``."""
+    words = unit.replace(" ", "").replace("^", "").replace("/", "_per_")
+    return f"{name}_{words}" if words else name

@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from bozzini.continuum import Section, Shape, Tendon
+from bozzini.continuum import ContinuumRobot, Section, Shape, Tendon
 from bozzini.continuum.coupling import Coupling
 from bozzini.continuum.energy import SEGMENTS, EnergyModel
 from bozzini.continuum.kernels import energy as kernels
 from bozzini.continuum.kernels.energy import ARC, CHANNEL, CHORD, solve_bounded
-from bozzini.continuum.robot import ContinuumRobot
 from bozzini.continuum.rod import RodModel
 from bozzini.errors import GeometryError, InputError
 from tests.continuum.rods import (

@@ -201,7 +201,7 @@ def test_points_are_those_of_the_frames_and_batch_is_pointwise() -> None:
     for model in (LinkageModel(robot), LinkageModel(robot, segments=(7, 20))):
         shape, points = model.shape(pulled), model.points(pulled)
         assert np.allclose(points, shape.points, atol=1e-12)
-        assert points.shape == (4, 5, sum(model.segments) + 1, 3)
+        assert points.shape == (4, 5, sum(model.counts) + 1, 3)
         for place in np.ndindex(4, 5):
             assert np.allclose(model.points(pulled[place]), points[place], atol=1e-12)
 

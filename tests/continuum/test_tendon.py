@@ -111,7 +111,7 @@ def test_bad_field_is_refused_in_one_line(fields: dict[str, Any], words: str) ->
 
 
 def test_a_helix_checks_its_angle() -> None:
-    with pytest.raises(InputError, match="'h' angle is 'x'"):
+    with pytest.raises(InputError, match="helix start is 'x'"):
         Tendon.helix("h", 4.0, turns=1.0, end=60.0, angle="x")  # type: ignore[arg-type]
 
 

@@ -11,14 +11,16 @@ from hypothesis import strategies as st
 
 from bozzini.continuum import ContinuumRobot, Section, Tendon
 from bozzini.continuum.arc import arc_frames, displacements_for, jacobian
-from bozzini.continuum.dexterity import (
+from bozzini.continuum.inverse import solve_tip
+from bozzini.continuum.workspace import (
     manipulability,
     map_dexterity,
     measure_dexterity,
+    measure_volume,
+    sample_workspace,
     spread_directions,
+    tendon_travel,
 )
-from bozzini.continuum.inverse import solve_tip
-from bozzini.continuum.workspace import measure_volume, sample_workspace, tendon_travel
 from bozzini.errors import GeometryError, InputError
 
 

@@ -23,7 +23,6 @@ from bozzini.duct import (
     SuperEllipses,
     SuperEllipsoids,
     TriangleMesh,
-    to_field,
     union,
 )
 from bozzini.errors import GeometryError, InputError
@@ -157,7 +156,7 @@ def test_points_that_no_duct_is_asked_at(name):
         (lambda: union(3), "part 0 is a int: it must be a duct"),
         (lambda: Eroded(3, 1.0), "duct is a int: it must be a duct"),
         (lambda: Moved("x"), "duct is a str: it must be a duct"),
-        (lambda: to_field("x", 1.0), "duct is a str: it must be a duct"),
+        (lambda: Eroded("x", 1.0), "duct is a str: it must be a duct"),
         (lambda: tube().sample(0.5).inflate("a"), "distance is 'a'"),
         (lambda: ELL.sample(0.5).inflate("a"), "distance is 'a'"),
         (lambda: tube().sample(1e-300), r"voxel is 1e-300 mm: .* at least about 0\.023 mm"),
@@ -193,7 +192,7 @@ def test_erosion_that_leaves_nothing_is_refused(make, most, place):
     assert -4.0 * slack <= thin.signed_distance(place) <= 0.0
     box = 0.5 * float(np.ptp(duct.bounds, axis=0).min())
     if most + 2.0 * slack < box:
-        with pytest.raises(GeometryError, match="nothing is left, the most room found is"):
+        with pytest.raises(GeometryError, match="nothing is left, the largest clearance found is"):
             duct.erode(most + 2.0 * slack)
     with pytest.raises(InputError, match="nothing is left of a duct whose box is"):
         duct.erode(2.0 * box)

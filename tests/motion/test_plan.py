@@ -26,7 +26,8 @@ def make_plan(steps=4, count=3, **changes):
         "status": "stopped",
         "reason_code": "LINK_LOCKED",
         "reason": "link 2 locks",
-        "meta": {"scope": {"diameter_mm": 5.0}, "text": "naïve µm"},
+        "scope": Scope(diameter=5.0, link_length=2.0),
+        "more": {"text": "naïve µm"},
     }
     return Plan(**{**values, **changes})
 
@@ -40,7 +41,7 @@ def test_a_saved_plan_comes_back_whole(tmp_path_factory, steps, joints):
     for name in ("joints", "head_arc_length", "clearance", "path", "path_radius"):
         assert np.array_equal(getattr(back, name), getattr(plan, name))
     assert (back.status, back.reason, back.method) == (plan.status, plan.reason, plan.method)
-    assert back.meta["text"] == "naïve µm"
+    assert back.more["text"] == "naïve µm"
     assert (back.steps, back.links) == (steps, joints - 1)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+from bozzini.checks import list_quantities
 from bozzini.errors import InputError
 from bozzini.muscle import PRESETS, Muscle, preset
 from tests.muscle.strategies import muscles
@@ -90,11 +91,11 @@ def test_a_field_is_described_once():
     from bozzini.units import INTERNAL_UNITS
 
     options = {option.name: option for option in solve_command.params}
-    for name, quantity in Muscle.quantities().items():
+    for name, quantity in list_quantities(Muscle).items():
         assert options[name].help == quantity.help
         assert options[name].type.kind == quantity.kind
         assert quantity.unit == INTERNAL_UNITS[quantity.kind]
         if name not in ("length", "strands"):
             assert PARAMETER_UNITS[name] == quantity.unit
             assert choose_scale(name, 3.0, own=False) == (quantity.scale or pytest.approx(0.3))
-    assert set(Muscle.quantities()) == set(vars(preset("thesis-45")))
+    assert set(list_quantities(Muscle)) == set(vars(preset("thesis-45")))

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FileFormatError
+from ..results import Json
 from .files import FRAME_KEY, explain, has_suffix, quiet_libraries
 from .tract import Finding, Organ, Point, Tract, to_point
 
@@ -30,8 +31,6 @@ SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".off", ".vtk", ".vtp")
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int64]
 Mesh = tuple[Vertices, Faces]
-Json = Any
-"""What a JSON file holds, before it is checked."""
 
 
 class SurfaceFile(NamedTuple):

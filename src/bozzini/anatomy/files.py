@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BozziniError, FileFormatError, InputError, OutputError
-from ..io.files import write_atomically
+from ..io.files import write_bytes
 from .frame import convert_frame
 from .tract import LabelTract, SurfaceTract
 
@@ -159,14 +159,10 @@ def write_tract(path: PathLike, tract: LabelTract | SurfaceTract, *, force: bool
         raise InputError(f"{path} holds a {kind} tract, but the tract given is {tract.kind}")
     if isinstance(tract, LabelTract):
         affine, frame, names = tract.affine, tract.frame, tract.label_names
-        data = encode_labels(path, tract.labels, affine=affine, frame=frame, names=names)
+        data = encode_volume(path, tract.labels, affine=affine, frame=frame, names=names)
     else:
         data = _encode_surface(Path(path).suffix.lower().lstrip("."), tract)
-    return write_atomically(path, lambda temporary: _put(temporary, data))
-
-
-def _put(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
+    return write_bytes(path, data)
 
 
 def _encode_surface(kind: str, tract: SurfaceTract) -> bytes:
@@ -185,25 +181,39 @@ def _encode_surface(kind: str, tract: SurfaceTract) -> bytes:
     return data.encode("utf-8") if isinstance(data, str) else bytes(data)
 
 
-def encode_labels(
+def encode_volume(
     path: PathLike,
-    labels: NDArray[np.uint16],
+    values: NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32],
     *,
     affine: NDArray[np.float64],
     frame: str | None,
-    names: Mapping[int, str],
+    names: Mapping[int, str] | None = None,
 ) -> bytes:
-    """Return labels as the bytes of a NIfTI file, compressed if its name ends in ``.gz``."""
+    """Return a volume as the bytes of a NIfTI file, compressed if its name ends in ``.gz``.
+
+    Parameters
+    ----------
+    path : path-like
+        Its suffix decides on the compression.
+    values : ndarray, shape (nx, ny, nz)
+        Labels, which take 8 bits where these are enough, or numbers.
+    affine : ndarray, shape (4, 4)
+        Voxel index to world [mm].
+    frame : str or None
+        Where the world axes point; NIfTI has one frame, RAS, and axes of another are turned.
+    names : mapping of int to str, optional
+        Names of the labels, which are kept in the file.
+    """
     from nibabel.nifti1 import Nifti1Extension, Nifti1Image
 
-    small = np.uint8 if labels.max() < 256 else np.uint16
-    # NIfTI has one frame, RAS: labels of a known other frame are written in that.
+    if values.dtype == np.uint16 and values.max() < 256:
+        values = values.astype(np.uint8)
     affine = affine if frame is None else convert_frame(affine, frame)
-    image = Nifti1Image(labels.astype(small), affine)
+    image = Nifti1Image(values, affine)
     image.header.set_xyzt_units("mm")
     image.set_sform(affine, code="scanner")
     image.set_qform(affine, code="scanner")
     if names:
         image.header.extensions.append(Nifti1Extension(0, _write_label_table(names).encode()))
-    data = image.to_bytes()
-    return gzip.compress(data, compresslevel=6, mtime=0) if has_suffix(path, (".gz",)) else data
+    data: bytes = image.to_bytes()
+    return gzip.compress(data, compresslevel=4, mtime=0) if has_suffix(path, (".gz",)) else data

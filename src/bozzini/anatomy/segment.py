@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
+from ..results import Json, Result
 from .frame import find_axis
 from .labels import Runs, Volume, Voxels, check_affine, measure_voxel
 from .tract import Finding, Point, count_noun, show_volume, to_point
@@ -80,7 +81,7 @@ class GasSegment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Segmentation:
+class Segmentation(Result):
     """What was found in a CT.
 
     Attributes
@@ -109,6 +110,39 @@ class Segmentation:
     findings: tuple[Finding, ...]
     frame: str | None
     source: str
+
+    reason = ""
+    residual = 0.0
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is any gas."""
+        return bool(self.segments)
+
+    def to_dict(self) -> Json:
+        """Return the segments and how they were found, as JSON-able values."""
+        return {
+            "source": self.source,
+            "frame": self.frame,
+            "threshold_hu": self.threshold,
+            "segments": [
+                {
+                    "label": item.label,
+                    "volume_ml": item.volume / 1000.0,
+                    "fluid_ml": item.fluid / 1000.0,
+                    "point_mm": list(item.point),
+                    "at_border": item.at_border,
+                }
+                for item in self.segments
+            ],
+            "lungs_ml": self.lungs / 1000.0,
+            "findings": [str(item) for item in self.findings],
+        }
+
+    def list_columns(self) -> Json:
+        """Return the columns of `to_frame`: one row a segment."""
+        rows = self.to_dict()["segments"]
+        return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
 
 
 def segment_gas(

@@ -111,13 +111,14 @@ def _read_nifti_header(stream: BinaryIO, path: PathLike) -> tuple[Nifti1Header, 
     from nibabel.nifti2 import Nifti2Header
 
     start = stream.read(4)
-    kinds = {348: Nifti1Header, 540: Nifti2Header}
-    size = next((n for n in kinds if start in (n.to_bytes(4, "little"), n.to_bytes(4, "big"))), 0)
+    size = next(
+        (n for n in (348, 540) if start in (n.to_bytes(4, "little"), n.to_bytes(4, "big"))), 0
+    )
     if not size:
         raise FileFormatError(f"{path} is not a NIfTI volume: its header has no known size")
     block = start + stream.read(size - 4)
     with quiet_libraries():
-        header = kinds[size](block)
+        header = Nifti1Header(block) if size == 348 else Nifti2Header(block)
         header.get_xyzt_units()
     if bytes(header["magic"].tobytes())[:3] not in (b"n+1", b"n+2"):
         raise FileFormatError(f"{path} is not a NIfTI volume: it is not of one file (.nii)")

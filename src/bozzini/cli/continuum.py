@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..continuum import ContinuumRobot, Shape, ShapeModel
-    from ..continuum.dexterity import DexterityMap
-    from ..continuum.inverse import InverseResult
+    from ..continuum.inverse import ContinuumInverse
+    from ..continuum.workspace import DexterityMap
 
 # A shape in words and as plain values.
 
@@ -630,8 +630,13 @@ def workspace_command(
     The sections are arcs; the tendons have to be parallel to the backbone. Shapes are drawn
     evenly in the bends, within the limits of sections and tendons.
     """
-    from ..continuum.dexterity import map_dexterity, measure_dexterity
-    from ..continuum.workspace import measure_volume, sample_workspace, tendon_travel
+    from ..continuum.workspace import (
+        map_dexterity,
+        measure_dexterity,
+        measure_volume,
+        sample_workspace,
+        tendon_travel,
+    )
 
     check_target(out, (".csv", *PICTURES), force=force)
     robot = read_parallel_robot(robot_file, "workspace")
@@ -712,7 +717,7 @@ def workspace_command(
 
 
 def _check_cell(cell: float, length: float) -> float:
-    from ..continuum.dexterity import check_cell
+    from ..continuum.workspace import check_cell
 
     try:
         return check_cell(cell, length)
@@ -928,7 +933,7 @@ def _write_shape(shape: Shape, out: Path) -> None:
 
 def _write_reach(
     robot: ContinuumRobot,
-    found: InverseResult,
+    found: ContinuumInverse,
     target: tuple[float, ...],
     direction: tuple[float, ...] | None,
     out: Path,
@@ -947,7 +952,7 @@ def _write_reach(
     write_figure(draw_shape(shape, target=target, direction=direction), out)
 
 
-def _format_reach(robot: ContinuumRobot, found: InverseResult, reason: str) -> str:
+def _format_reach(robot: ContinuumRobot, found: ContinuumInverse, reason: str) -> str:
     place = ", ".join(f"{value:z.3f}" for value in found.tip)
     head = f"reached: tip at {place} mm, {found.iterations} iterations in {found.starts} start(s)"
     if not found.success:

@@ -10,10 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points
+from ..checks import check_points, quantity
 from ..errors import InputError
-from ._batch import check_limits, check_numbers, explain_contrast
-from ._common import check_limit
+from .checks import Floats
 from .coupling import check_displacements
 from .energy import place_stations
 from .kernels.energy import solve_bounded
@@ -24,7 +23,8 @@ from .kernels.rod import (
     measure_unloaded,
     turn_quaternion,
 )
-from .robot import ContinuumRobot, check_robot
+from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
+from .robot import RobotDesign
 from .section import GRAIN
 from .shape import Shape
 
@@ -38,7 +38,7 @@ NUDGE = 1e-9
 class RodGrid:
     """Steps of a robot, at least `steps` of them, and how its tendons pass them."""
 
-    robot: ContinuumRobot
+    robot: RobotDesign
     between: int
     steps: int
 
@@ -707,7 +707,6 @@ def find_play(rod: Rod, target: Target, loose: float, found: Shot) -> str:
     return f"{what} the tip is {play:.2g} mm elsewhere; give a tendon_stiffness"
 
 
-Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -726,7 +725,7 @@ ROUND_OFF = 1e-6
 
 
 @dataclass(frozen=True)
-class RodModel:
+class RodModel(ContinuumModel):
     """Kirchhoff rod with frictionless tendons in smooth channels, under loads.
 
     After Rucker and Webster (2011), for a rod that neither shears nor stretches and is straight at
@@ -750,7 +749,7 @@ class RodModel:
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         The robot; its sections' EI and GJ matter here. It may be without tendons.
     tip_force : (3,) array_like
         Force on the robot's end, in the base frame [N].
@@ -775,29 +774,46 @@ class RodModel:
         If an option is outside its legal range.
     """
 
-    robot: ContinuumRobot
-    tip_force: Vector = field(default=ZERO, kw_only=True)
-    tip_moment: Vector = field(default=ZERO, kw_only=True)
-    distributed_force: Vector = field(default=ZERO, kw_only=True)
-    tendon_stiffness: float = field(default=math.inf, kw_only=True)
-    between: int = field(default=0, kw_only=True)
-    steps: int = field(default=200, kw_only=True)
-    tolerance: float = field(default=1e-6, kw_only=True)
+    tip_force: Vector = quantity("force", "Force on the tip.", default=ZERO, kw_only=True)
+    tip_moment: Vector = quantity("moment", "Moment on the tip.", default=ZERO, kw_only=True)
+    distributed_force: Vector = quantity(
+        "line force", "Force per length of backbone.", default=ZERO, kw_only=True
+    )
+    tendon_stiffness: float = quantity(
+        "force",
+        "EA of every tendon (default: they do not stretch).",
+        low=0.0,
+        low_open=True,
+        default=math.inf,
+        kw_only=True,
+    )
+    between: int = quantity(
+        help="Further stations between two discs.",
+        low=0,
+        high=1000,
+        whole=True,
+        default=0,
+        kw_only=True,
+    )
+    steps: int = quantity(
+        help="Least number of steps along the robot.",
+        low=10,
+        high=100_000,
+        whole=True,
+        default=200,
+        kw_only=True,
+    )
 
     name = "rod"
+    checked_by_class = ("tip_force", "tip_moment", "distributed_force")
 
     def __post_init__(self) -> None:
-        check_robot(self.robot)
-        for name in ("tip_force", "tip_moment", "distributed_force"):
+        super().__post_init__()
+        for name in self.checked_by_class:
             vector = check_points(name, getattr(self, name))
             if vector.shape != (3,):
                 raise InputError(f"{name} has shape {vector.shape}: it must be (3,)")
             object.__setattr__(self, name, tuple(vector.tolist()))
-        stiffness = check_limit("tendon_stiffness", self.tendon_stiffness, unit="N")
-        object.__setattr__(self, "tendon_stiffness", stiffness)
-        check_integer("between", self.between, low=0, high=1000)
-        check_integer("steps", self.steps, low=10, high=100000)
-        check_number("tolerance", self.tolerance, low=0.0, high=1.0, low_open=True, unit="mm")
 
     @property
     def arc_length(self) -> Floats:
@@ -810,18 +826,7 @@ class RodModel:
         return self._grid.natural_lengths
 
     def shape(self, displacements: ArrayLike) -> Shape:
-        """Return the shapes under tendon displacements and the loads.
-
-        Parameters
-        ----------
-        displacements : array_like, shape (..., t)
-            How much each tendon is pulled [mm], negative where it is let out.
-
-        Raises
-        ------
-        InputError
-            If the displacements are not finite numbers of that shape.
-        """
+        """Return the shapes under displacements and the loads; see `ContinuumModel.shape`."""
         commands = check_displacements(self.robot, displacements)
         shots = [self._shoot(command=command) for command in _rows(commands)]
         return self._answer(commands, shots)
@@ -916,7 +921,8 @@ class RodModel:
         return follow(self._rod, target, convex=self._convex)
 
     def _answer(self, commands: Floats, shots: list[Shot], *, given: bool = False) -> Shape:
-        batch, tendons = commands.shape[:-1], len(self.robot.tendons)
+        """Shapes of shots; `commands` are displacements, or tensions if `given`."""
+        tendons = len(self.robot.tendons)
         places, ends = self._grid.places, self.robot.section_ends
         index = np.searchsorted(places, self.arc_length - EDGE)
         frames = np.zeros((len(shots), len(index), 4, 4))
@@ -938,47 +944,37 @@ class RodModel:
             turns = np.hypot(*np.diff(turned[:, :2], axis=0).T)
             bends[row] = np.add.reduceat(turns, edges[:-1])
             curvatures[row] = np.maximum.reduceat(turns / np.diff(places), edges[:-1])
-        if not self._bends_evenly:
-            sums = sums[:, :0]
-        displacements = self.natural_lengths - lengths
-        if not given:
-            displacements = _rows(commands)
-        shares = np.asarray([s.share for s in shots]).reshape(-1, 1)
-        followed = self.natural_lengths - shares * displacements
-        slack = ~self._pushes & (lengths < followed - self.tolerance)
-        if given:
-            slack = ~self._pushes & (_rows(commands) == 0.0)
         tensions = np.asarray([s.tensions for s in shots], dtype=np.float64)
         tensions = tensions.reshape(len(shots), tendons)
-        asked = self.natural_lengths - displacements
-        if not given:
-            asked = asked + self._compliances * tensions
-        missed = np.where(slack, 0.0, lengths - asked)
-        residual = np.abs(missed).max(axis=1, initial=0.0)
+        if given:
+            displacements = self.natural_lengths - lengths
+            slack = ~self._pushes & (_rows(commands) == 0.0)
+            asked = lengths
+        else:
+            displacements = _rows(commands)
+            shares = np.asarray([s.share for s in shots]).reshape(-1, 1)
+            followed = self.natural_lengths - shares * displacements
+            slack = ~self._pushes & (lengths < followed - self.tolerance)
+            asked = self.natural_lengths - displacements + self._compliances * tensions
+        residual = np.abs(np.where(slack, 0.0, lengths - asked)).max(axis=1, initial=0.0)
         words = [f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in shots]
         verdict = (
             np.asarray([not s.reason for s in shots], dtype=np.bool_),
             np.asarray(words, dtype=np.str_),
         )
-        verdict = check_numbers(self.robot, frames, residual, self.tolerance, verdict)
-        converged, reason = check_limits(
-            self.robot, displacements, bends, verdict, curvatures=curvatures, round_off=ROUND_OFF
-        )
-        return Shape(
-            robot=self.robot,
-            model=self.name,
+        verdict = check_numbers(self, frames, residual, verdict)
+        measure = BendMeasure(bends=bends, curvatures=curvatures, round_off=ROUND_OFF)
+        return self.make_shape(
+            displacements.reshape(commands.shape),
             arc_length=self.arc_length,
-            frames=frames.reshape(*batch, *frames.shape[1:]),
-            displacements=displacements.reshape(commands.shape).copy(),
-            tendon_lengths=lengths.reshape(commands.shape),
-            section_parameters=sums.reshape(*batch, *sums.shape[1:]),
-            tensions=tensions.reshape(commands.shape),
-            slack=slack.reshape(commands.shape),
-            residual=residual.reshape(batch),
-            iterations=np.asarray([s.iterations for s in shots], dtype=np.int64).reshape(batch),
-            converged=converged.reshape(batch),
-            reason=reason.reshape(batch),
-            disc_arc_length=self.robot.disc_arc_length,
+            frames=frames,
+            tendon_lengths=lengths,
+            section_parameters=sums if self._bends_evenly else sums[:, :0],
+            tensions=tensions,
+            slack=slack,
+            residual=residual,
+            iterations=np.asarray([s.iterations for s in shots], dtype=np.int64),
+            verdict=check_limits(self.robot, displacements, measure, verdict),
         )
 
     @cached_property

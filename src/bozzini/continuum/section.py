@@ -6,35 +6,65 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number
+from ..checks import Quantity, check_array, check_fields, check_number, list_quantities, quantity
 from ..errors import InputError
-from ._common import STIFFNESSES, TORSIONS, check_limit, check_name, check_travel, take_items
+from .checks import Floats, check_items, check_name, check_text, check_travel, take_items
 
 # A quantity along the robot: one number, or knots of arc length and value.
 
-Floats = NDArray[np.float64]
+ArcLength = Annotated[float, Quantity(kind="length", help="Arc length from the base.", low=0.0)]
 
-Knots = tuple[tuple[float, float], ...]
+Knots = tuple[tuple[ArcLength, float], ...]
+
+INTERPOLATION = Literal["linear", "cubic"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Helix:
+    """A clocking angle that grows evenly from the robot's base to the tendon's end.
+
+    Parameters
+    ----------
+    start : float
+        Angle at the base [rad].
+    turns : float
+        Turns about +z from base to end; negative the other way round.
+
+    Raises
+    ------
+    InputError
+        If one is not a finite number.
+    """
+
+    start: float = quantity("angle", "Angle at the base.", default=0.0)
+    turns: float = quantity("angle in turns", "Turns from base to end.")
+
+    def __post_init__(self) -> None:
+        check_fields(self, "helix ")
+
+    def knots(self, end: float) -> Knots:
+        """Return the same as knots of arc length [mm] and angle [rad]."""
+        return ((0.0, self.start), (end, self.start + 2.0 * math.pi * self.turns))
+
+
 Profile = float | Knots
 
-INTERPOLATIONS = ("linear", "cubic")
 
-
-def read_profile(name: str, given: Any, *, low: float, low_open: bool, unit: str) -> Profile:
+def check_profile(name: str, given: Any, known: Quantity) -> Profile:
     """Return `given` as a float or as checked knots, or raise `InputError`."""
     if not _is_row(given):
-        return check_number(name, given, low=low, low_open=low_open, unit=unit)
+        return known.check(name, given)
     knots: list[tuple[float, float]] = []
     for index, pair in enumerate(given):
         if not _is_row(pair) or len(pair) != 2:
             raise InputError(f"{name} knot {index} is {pair!r}: it must be (arc length, value)")
         place = check_number(f"{name} knot {index} arc length", pair[0], low=0.0, unit="mm")
-        value = check_number(f"{name} knot {index}", pair[1], low=low, low_open=low_open, unit=unit)
+        value = known.check(f"{name} knot {index}", pair[1])
         if knots and place <= knots[-1][0]:
             raise InputError(
                 f"{name} knot {index} stands at {place:g} mm, not after the one before it "
@@ -90,9 +120,9 @@ class Tendon:
         Name, one of a kind in the robot; without ``,`` and ``=``.
     offset : float or sequence of (arc length, offset)
         Distance from the backbone [mm], positive; one number, or knots.
-    angle : float or sequence of (arc length, angle)
-        Clocking angle from +x about +z of the cross-section [rad]; one number, or knots. Two
-        knots one full turn apart make a helix.
+    angle : float or sequence of (arc length, angle) or Helix
+        Clocking angle from +x about +z of the cross-section [rad]; one number, knots, or an angle
+        that grows evenly up to `end`.
     end : float, optional
         Arc length where it ends [mm]; without it, where its section ends.
     pushes : bool
@@ -110,34 +140,44 @@ class Tendon:
     """
 
     name: str
-    offset: Profile | Sequence[Sequence[float]]
-    angle: Profile | Sequence[Sequence[float]] = 0.0
-    end: float | None = None
+    offset: Profile | Sequence[Sequence[float]] = quantity(
+        "length", "Distance from the backbone.", low=0.0, low_open=True
+    )
+    angle: Profile | Helix | Sequence[Sequence[float]] = quantity(
+        "angle", "Clocking angle.", default=0.0
+    )
+    end: float | None = quantity(
+        "length", "Arc length of the end.", low=0.0, low_open=True, default=None
+    )
     pushes: bool = False
-    travel: tuple[float, float] = (-math.inf, math.inf)
-    interpolation: str = "linear"
+    travel: tuple[float | None, float | None] | None = quantity(
+        "length", "Smallest and largest displacement.", default=(-math.inf, math.inf)
+    )
+    interpolation: INTERPOLATION = "linear"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
-        label = f"tendon '{self.name}'"
-        if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
+        label, known = f"tendon '{self.name}'", list_quantities(Tendon)
+        legal = get_args(INTERPOLATION)
+        if not isinstance(self.interpolation, str) or self.interpolation not in legal:
             raise InputError(
-                f"{label} interpolation is {self.interpolation!r}: choose one of {INTERPOLATIONS}"
+                f"{label} interpolation is {self.interpolation!r}: choose one of {legal}"
             )
         if not isinstance(self.pushes, bool):
             raise InputError(f"{label} pushes is {self.pushes!r}: it must be true or false")
-        offset = read_profile(f"{label} offset", self.offset, low=0.0, low_open=True, unit="mm")
-        angle = read_profile(
-            f"{label} angle", self.angle, low=-math.inf, low_open=False, unit="rad"
-        )
-        object.__setattr__(self, "offset", offset)
-        object.__setattr__(self, "angle", angle)
         object.__setattr__(self, "travel", check_travel(label, self.travel))
         if self.end is not None:
-            end = check_number(f"{label} end", self.end, low=0.0, low_open=True, unit="mm")
+            end = known["end"].check(f"{label} end", self.end)
             object.__setattr__(self, "end", end)
-            for what, knots in self._knots():
-                _check_span(f"{label} {what}", knots, end)
+            if isinstance(self.angle, Helix):
+                object.__setattr__(self, "angle", self.angle.knots(end))
+        for name in ("offset", "angle"):
+            given = getattr(self, name)
+            if not isinstance(given, Helix):
+                given = check_profile(f"{label} {name}", given, known[name])
+                object.__setattr__(self, name, given)
+            if self.end is not None and not isinstance(given, float):
+                _check_span(f"{label} {name}", given, self.end)
 
     @classmethod
     def helix(
@@ -159,10 +199,8 @@ class Tendon:
         InputError
             As `Tendon` does.
         """
-        check_number(f"tendon '{name}' turns", turns)
-        check_number(f"tendon '{name}' angle", angle, unit="rad")
-        last = angle + 2.0 * math.pi * turns
-        return cls(name=name, offset=offset, angle=((0.0, angle), (end, last)), end=end, **other)
+        turning = Helix(start=angle, turns=turns)
+        return cls(name=name, offset=offset, angle=turning, end=end, **other)
 
     @property
     def is_parallel(self) -> bool:
@@ -280,6 +318,7 @@ def _check_span(name: str, knots: Knots, end: float) -> None:
 
 
 DISCS = 10
+"""Discs of a section whose discs are not given."""
 
 POISSON_RATIO = 0.3
 """Of a backbone whose torsional stiffness is not given."""
@@ -318,64 +357,44 @@ class Section:
         If a value is outside its legal range.
     """
 
-    length: float
-    radius: float
+    length: float = quantity("length", "Length.", low=0.0, high=1e5, low_open=True)
+    radius: float = quantity("length", "Radius with discs.", low=0.0, high=1e4, low_open=True)
     tendons: tuple[Tendon, ...] = ()
-    discs: int = 0
-    disc_positions: tuple[float, ...] = ()
-    bending_stiffness: float = 200.0
-    torsional_stiffness: float = 0.0
-    max_bend: float = math.inf
+    discs: int = quantity(
+        "dimensionless", "Number of guide discs.", low=1, high=10000, whole=True, default=0
+    )
+    disc_positions: tuple[float, ...] = quantity("length", "Places of the discs.", default=())
+    bending_stiffness: float = quantity(
+        "rigidity", "EI of the backbone.", low=1e-9, high=1e15, default=200.0
+    )
+    torsional_stiffness: float = quantity(
+        "rigidity", "GJ of the backbone.", low=1e-10, high=1e15, default=0.0
+    )
+    max_bend: float = quantity(
+        "angle", "Largest bend angle.", low=0.0, low_open=True, default=math.inf
+    )
     name: str = ""
 
     def __post_init__(self) -> None:
-        length = check_number(
-            "section length", self.length, low=0.0, high=1e5, low_open=True, unit="mm"
-        )
-        radius = check_number(
-            "section radius", self.radius, low=0.0, high=1e4, low_open=True, unit="mm"
-        )
-        low, high = STIFFNESSES
-        bending = check_number(
-            "section bending_stiffness", self.bending_stiffness, low=low, high=high, unit="N mm^2"
-        )
-        least, most = TORSIONS
-        torsion = check_number(
-            "section torsional_stiffness",
-            self.torsional_stiffness,
-            low=0.0,
-            high=most,
-            unit="N mm^2",
-        )
+        check_fields(self, "section ", skip=("disc_positions",))
         # A round rod of Poisson's ratio nu has GJ = EI / (1 + nu).
-        torsion = torsion or bending / (1.0 + POISSON_RATIO)
-        if torsion < least:
+        torsion = self.torsional_stiffness or self.bending_stiffness / (1.0 + POISSON_RATIO)
+        list_quantities(Section)["torsional_stiffness"].check(
+            "section torsional stiffness", torsion
+        )
+        places = _check_places(self.disc_positions, self.length)
+        if places and self.discs not in (0, len(places)):
             raise InputError(
-                f"section torsional_stiffness is {torsion:g} N mm^2: it must be 0, for that of a "
-                f"round rod, or lie in [{least:g}, {most:g}] N mm^2"
+                f"section discs is {self.discs} but disc_positions has {len(places)}: leave one out"
             )
-        largest = check_limit("section max_bend", self.max_bend, unit="rad")
-        if not isinstance(self.name, str):
-            raise InputError(f"section name is {self.name!r}: it must be a text")
-        places = _check_places(self.disc_positions, length)
-        discs = check_integer("section discs", self.discs, low=0, high=10000)
-        if places and discs not in (0, len(places)):
-            raise InputError(
-                f"section discs is {discs} but disc_positions has {len(places)}: leave one out"
-            )
-        tendons = take_items("section tendons", self.tendons, "a sequence of Tendon")
-        for tendon in tendons:
-            if not isinstance(tendon, Tendon):
-                raise InputError(f"section tendons holds {tendon!r}: each must be a Tendon")
-        object.__setattr__(self, "disc_positions", places)
-        object.__setattr__(self, "discs", discs or len(places) or DISCS)
-        object.__setattr__(self, "tendons", tendons)
-        object.__setattr__(self, "name", str(self.name))
-        object.__setattr__(self, "length", length)
-        object.__setattr__(self, "radius", radius)
-        object.__setattr__(self, "bending_stiffness", bending)
-        object.__setattr__(self, "torsional_stiffness", torsion)
-        object.__setattr__(self, "max_bend", largest)
+        for name, value in (
+            ("torsional_stiffness", torsion),
+            ("disc_positions", places),
+            ("discs", self.discs or len(places) or DISCS),
+            ("tendons", check_items("section tendons", self.tendons, Tendon)),
+            ("name", check_text("section name", self.name)),
+        ):
+            object.__setattr__(self, name, value)
 
     @property
     def disc_places(self) -> NDArray[np.float64]:

@@ -16,8 +16,6 @@ from .workspace import Workspace, workspace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["Effector"]
-
 
 @dataclass(frozen=True)
 class Effector(Section):

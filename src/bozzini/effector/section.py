@@ -16,8 +16,6 @@ from ..muscle.model import NUMBERS_LIMIT
 from .design import EffectorDesign
 from .linkage import Peak, find_peak, take_linkage
 
-__all__ = ["PackedEffector", "Section", "pack_effector"]
-
 
 @dataclass(frozen=True, eq=False)
 class PackedEffector:

@@ -4,32 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field
-from functools import cache
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import broadcast, check_array, check_integer, check_number, check_range
+from ..checks import (
+    broadcast,
+    check_array,
+    check_fields,
+    check_range,
+    legal_range,
+    list_quantities,
+    quantity,
+)
 from ..errors import InputError
-from ..units import INTERNAL_UNITS
-
-__all__ = [
-    "BRAID_ANGLES",
-    "Braid",
-    "LOCKING_ANGLE",
-    "Muscle",
-    "PRESETS",
-    "Tube",
-    "TubeState",
-    "preset",
-]
-
-# The braid: strands that cannot stretch, wound both ways round a cylinder.
-
 
 LOCKING_ANGLE = math.atan(math.sqrt(2.0))
 """The angle at which a braid of given strands holds the largest volume [rad]: 54.7356 degrees."""
@@ -61,19 +51,12 @@ class Braid:
         If a value is outside its legal range.
     """
 
-    length: float
-    radius: float
-    angle: float
+    length: float = quantity("length", low=1e-6, high=1e6)
+    radius: float = quantity("length", low=1e-6, high=1e6)
+    angle: float = quantity("angle", low=BRAID_ANGLES[0], high=BRAID_ANGLES[1])
 
     def __post_init__(self) -> None:
-        low, high = BRAID_ANGLES
-        taken = {
-            "length": check_number("braid length", self.length, low=1e-6, high=1e6, unit="mm"),
-            "radius": check_number("braid radius", self.radius, low=1e-6, high=1e6, unit="mm"),
-            "angle": check_number("braid angle", self.angle, low=low, high=high, unit="rad"),
-        }
-        for name, number in taken.items():
-            object.__setattr__(self, name, number)
+        check_fields(self, "braid ")
 
     @property
     def strand_length(self) -> float:
@@ -172,9 +155,6 @@ class Braid:
         return lengths
 
 
-# The tube: a thick-walled cylinder of a linear elastic material (Lamé).
-
-
 STRESS_LIMIT = 1e6
 """Largest legal pressure or stress on a tube [MPa], either way: a limit of the arithmetic."""
 
@@ -263,31 +243,16 @@ class Tube:
         If a value is outside its legal range.
     """
 
-    length: float
-    inner_radius: float
-    outer_radius: float
-    modulus: float
-    poisson_ratio: float = 0.499
+    length: float = quantity("length", low=1e-6, high=1e6)
+    inner_radius: float = quantity("length", low=1e-6, high=1e6)
+    outer_radius: float = quantity(
+        "length", low=lambda tube: LEAST_RADIUS_RATIO * tube.inner_radius, high=1e6
+    )
+    modulus: float = quantity("pressure", low=1e-12, high=1e6)
+    poisson_ratio: float = quantity(low=0.0, high=0.499999, default=0.499, label="Poisson's ratio")
 
     def __post_init__(self) -> None:
-        inner = check_number("tube inner radius", self.inner_radius, low=1e-6, high=1e6, unit="mm")
-        taken = {
-            "length": check_number("tube length", self.length, low=1e-6, high=1e6, unit="mm"),
-            "inner_radius": inner,
-            "outer_radius": check_number(
-                "tube outer radius",
-                self.outer_radius,
-                low=LEAST_RADIUS_RATIO * inner,
-                high=1e6,
-                unit="mm",
-            ),
-            "modulus": check_number("tube modulus", self.modulus, low=1e-12, high=1e6, unit="MPa"),
-            "poisson_ratio": check_number(
-                "Poisson's ratio", self.poisson_ratio, low=0.0, high=0.499999
-            ),
-        }
-        for name, number in taken.items():
-            object.__setattr__(self, name, number)
+        check_fields(self, "tube ")
 
     @property
     def lame_constants(self) -> tuple[float, float]:
@@ -361,29 +326,6 @@ def _take_stress(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return stresses
 
 
-# The design of a miniature pneumatic muscle: a tube, a braid round it, and their materials.
-
-
-class Quantity(NamedTuple):
-    """What is known of a field of a design, once: checks, options, fits and tables read it here."""
-
-    kind: str
-    """Kind of quantity, a key of `bozzini.units.INTERNAL_UNITS`."""
-    help: str
-    """What it is, in a few words."""
-    scale: float | None = None
-    """How much of it matters to a fit; None for a tenth of where the fit starts."""
-
-    @property
-    def unit(self) -> str:
-        """The unit, empty for none."""
-        return "" if self.kind == "dimensionless" else INTERNAL_UNITS[self.kind]
-
-
-def _quantity(kind: str, text: str, *, default: Any = MISSING, scale: float | None = None) -> Any:
-    return field(default=default, metadata={"quantity": Quantity(kind, text, scale)})
-
-
 @dataclass(frozen=True, kw_only=True)
 class Muscle:
     """A miniature pneumatic muscle at rest (thesis 3.2), in mm, MPa and rad.
@@ -427,55 +369,87 @@ class Muscle:
         If a value is outside its `legal_range`.
     """
 
-    length: float = _quantity("length", "Free length between the fittings.")
-    outer_radius: float = _quantity("length", "Outer radius of the tube.")
-    inner_radius: float = _quantity("length", "Inner radius of the tube.", default=0.25)
-    braid_angle: float = _quantity(
+    length: float = quantity("length", "Free length between the fittings.", low=1e-3, high=1e4)
+    outer_radius: float = quantity("length", "Outer radius of the tube.", low=1e-3, high=1e3)
+    inner_radius: float = quantity(
+        "length",
+        "Inner radius of the tube.",
+        default=0.25,
+        low=lambda muscle: 0.05 * muscle.outer_radius,
+        high=lambda muscle: 0.99 * muscle.outer_radius,
+    )
+    braid_angle: float = quantity(
         "angle",
         "Angle between strands and axis at rest.",
         default=math.radians(36.0),
         scale=0.03,
+        low=BRAID_ANGLES[0],
+        high=BRAID_ANGLES[1],
     )
-    gap: float = _quantity("length", "Gap between tube and braid.", default=0.04, scale=0.02)
-    strands: int = _quantity("dimensionless", "Number of strands.", default=30)
-    strand_radius: float = _quantity("length", "Radius of a strand.", default=0.04)
-    end_length: float = _quantity("length", "Length of each conical end (thesis).", default=5.0)
-    dead_length: float = _quantity(
-        "length", "Length that does not contract (energy).", default=0.0, scale=2.0
+    # Across a wider gap the tube would balloon before it meets the braid.
+    gap: float = quantity(
+        "length",
+        "Gap between tube and braid.",
+        default=0.04,
+        scale=0.02,
+        low=0.0,
+        high=lambda muscle: 0.5 * muscle.inner_radius,
     )
-    modulus: float = _quantity("pressure", "Young's modulus of the tube.", default=0.35, scale=0.1)
-    poisson_ratio: float = _quantity(
-        "dimensionless", "Poisson's ratio of the tube (thesis).", default=0.499, scale=0.01
+    strands: int = quantity(help="Number of strands.", default=30, low=2, high=10_000, whole=True)
+    # Strands of one family lie 4 pi r cos(angle) / strands apart.
+    strand_radius: float = quantity(
+        "length",
+        "Radius of a strand.",
+        default=0.04,
+        low=1e-6,
+        high=lambda muscle: (
+            2.0 * math.pi * muscle.braid_radius * math.cos(muscle.braid_angle) / muscle.strands
+        ),
     )
-    strand_modulus: float = _quantity(
-        "pressure", "Young's modulus of a strand (thesis).", default=3000.0
+    end_length: float = quantity(
+        "length",
+        "Length of each conical end (thesis).",
+        default=5.0,
+        low=0.0,
+        high=lambda muscle: 0.499 * muscle.length,
     )
-    mooney_ratio: float = _quantity(
-        "dimensionless", "C01 / (C10 + C01) of the wall (energy).", default=0.0, scale=0.3
+    dead_length: float = quantity(
+        "length",
+        "Length that does not contract (energy).",
+        default=0.0,
+        scale=2.0,
+        low=0.0,
+        high=lambda muscle: 0.99 * muscle.length,
     )
-    friction_length: float = _quantity(
-        "length", "Friction at the crossings (energy).", default=0.0, scale=0.02
+    modulus: float = quantity(
+        "pressure", "Young's modulus of the tube.", default=0.35, scale=0.1, low=1e-9, high=1e3
     )
-
-    @classmethod
-    @cache
-    def quantities(cls) -> Mapping[str, Quantity]:
-        """Return what is known of each field."""
-        known = {item.name: item.metadata["quantity"] for item in dataclasses.fields(cls)}
-        return MappingProxyType(known)
+    poisson_ratio: float = quantity(
+        help="Poisson's ratio of the tube (thesis).",
+        default=0.499,
+        scale=0.01,
+        low=0.0,
+        high=0.499999,
+    )
+    strand_modulus: float = quantity(
+        "pressure", "Young's modulus of a strand (thesis).", default=3000.0, low=1e-9, high=1e6
+    )
+    # Above 0.5 an inflated free tube gets shorter.
+    mooney_ratio: float = quantity(
+        help="C01 / (C10 + C01) of the wall (energy).", default=0.0, scale=0.3, low=0.0, high=0.5
+    )
+    # With more friction a thick tube has several contractions at one load.
+    friction_length: float = quantity(
+        "length",
+        "Friction at the crossings (energy).",
+        default=0.0,
+        scale=0.02,
+        low=0.0,
+        high=lambda muscle: min(0.25 * muscle.braid_radius, 0.5 * muscle.inner_radius),
+    )
 
     def __post_init__(self) -> None:
-        strands = check_integer("muscle strands", self.strands, low=2, high=10000)
-        object.__setattr__(self, "strands", strands)
-        for name, quantity in self.quantities().items():
-            if name == "strands":
-                continue
-            words = f"muscle {name.replace('_', ' ')}"
-            low, high = self.legal_range(name)
-            number = check_number(
-                words, getattr(self, name), low=low, high=high, unit=quantity.unit
-            )
-            object.__setattr__(self, name, number)
+        check_fields(self, "muscle ")
 
     def legal_range(self, name: str) -> tuple[float, float]:
         """Return the smallest and largest legal value of a field, the others being as they are.
@@ -485,36 +459,10 @@ class Muscle:
         InputError
             If `name` is not a field that takes any number.
         """
-        names = [known for known in self.quantities() if known != "strands"]
+        names = [known for known in list_quantities(Muscle) if known != "strands"]
         if name not in names:
             raise InputError(f"'{name}' has no legal range: choose one of {names}")
-        match name:
-            case "length":
-                return 1e-3, 1e4
-            case "outer_radius":
-                return 1e-3, 1e3
-            case "inner_radius":
-                return 0.05 * self.outer_radius, 0.99 * self.outer_radius
-            case "braid_angle":
-                return BRAID_ANGLES
-            case "gap":  # across a wider one the tube would balloon before it meets the braid
-                return 0.0, 0.5 * self.inner_radius
-            case "friction_length":  # with more, a thick tube has several contractions at one load
-                return 0.0, min(0.25 * self.braid_radius, 0.5 * self.inner_radius)
-            case "strand_radius":  # strands of one family lie 4 pi r cos(angle) / strands apart
-                spacing = 2.0 * math.pi * self.braid_radius * math.cos(self.braid_angle)
-                return 1e-6, spacing / self.strands
-            case "end_length":
-                return 0.0, 0.499 * self.length
-            case "dead_length":
-                return 0.0, 0.99 * self.length
-            case "modulus":
-                return 1e-9, 1e3
-            case "poisson_ratio":
-                return 0.0, 0.499999
-            case "strand_modulus":
-                return 1e-9, 1e6
-        return 0.0, 0.5  # of mooney_ratio: above, an inflated free tube gets shorter
+        return legal_range(self, name)
 
     @property
     def braid_radius(self) -> float:
@@ -550,14 +498,11 @@ class Muscle:
         InputError
             If a field is not one of a muscle's, or a value is outside its legal range.
         """
-        names = [field.name for field in dataclasses.fields(self)]
+        names = list(list_quantities(Muscle))
         for name in changes:
             if name not in names:
                 raise InputError(f"a muscle has no field '{name}': its fields are {names}")
         return dataclasses.replace(self, **changes)
-
-
-# Muscles that others have described, by name.
 
 
 PRESETS: dict[str, Muscle] = {

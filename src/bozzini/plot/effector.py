@@ -1,4 +1,7 @@
-"""Figures of the end-effector: pose, workspace, curves, forces, sweeps."""
+"""Figures of the end-effector: pose, workspace, curves, forces, sweeps.
+
+Lengths are in mm, pressure is shown in kPa, angles in degrees.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +10,30 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_points
 from ..errors import InputError
-from .palette import AMBER, GREEN, INK, RED
+from .style import (
+    AMBER,
+    BLUE,
+    COLORS,
+    DASHES,
+    GREEN,
+    GRID,
+    INK,
+    RED,
+    Look,
+    fit_space,
+    make_figure,
+    make_panels,
+    style_axes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
     from ..effector import (
@@ -30,20 +47,13 @@ if TYPE_CHECKING:
         Workspace,
     )
 
-# Curves of the effector: deflection over pressure, iteration, traces.
-#
-# `bozzini.plot.effector` has all figures of the effector in one place.
-
-
 Floats = NDArray[np.float64]
 
-BLUE = "#1f5fa8"
-PALETTE = (BLUE, AMBER, GREEN, RED, "#6f4fa8", "#45b5d9", "#7a6a58", INK)
 _OWN = {"R": RED, "G": GREEN, "B": BLUE}
-DASHES = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
-GRID = "#e3e8ed"
 _RISING, _FALLING = (0, (4, 1.5)), (0, (1, 1.5))
-_CUBIC: dict[str, Any] = {"color": INK, "linewidth": 1.1}
+_CUBIC: Look = {"color": INK, "linewidth": 1.1}
+LEAST_SIDE = 26.0
+"""Shortest side of a 3-D panel [mm]."""
 _SMALL = 1e-6  # an error of the trace that is round-off [mm]
 _PRESSURE = "pressure [kPa]"
 
@@ -52,14 +62,7 @@ def pick_colors(names: Sequence[str]) -> dict[str, str]:
     """Return a colour for each muscle: R, G and B as they are called, others in a fixed order."""
     if set(names) <= set(_OWN):
         return {name: _OWN[name] for name in names}
-    return {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(names)}
-
-
-def style_axes(axes: Axes) -> None:
-    """Give a panel the common grid and spines."""
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    return {name: COLORS[k % len(COLORS)] for k, name in enumerate(names)}
 
 
 def draw_deflection(
@@ -93,14 +96,14 @@ def draw_deflection(
 
     points = check_integer("points", points, low=2, high=1_000_000)
     fits = dict(cubics or {})
-    figure, panels = make_panels(2 if fits else 1)
+    figure, panels = make_panels(1, 2 if fits else 1)
     axes, limit = panels[0], effector.design.pressure_limit
     over = np.linspace(0.0, limit, points)
     colors = pick_colors(effector.design.names)
     curves = {name: balance(effector, name, over) for name in colors}
     lines = {name: np.asarray(curve.lateral) for name, curve in curves.items()}
     for k, names in enumerate(_group_lines(lines)):
-        line, style = lines[names[0]], DASHES[k % len(DASHES)]
+        line, style = lines[names[0]], DASHES[k % 4]
         axes.plot(
             1e3 * over, line, color=colors[names[0]], linewidth=1.9, linestyle=style,
             label=", ".join(names),
@@ -157,7 +160,7 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
     """
     if not balances:
         raise InputError("there are 0 iterations to draw: give 1 or more")
-    figure, (left, right) = make_panels(2)
+    figure, (left, right) = make_panels(1, 2)
     for k, (name, found) in enumerate(balances.items()):
         table = np.asarray(found.table, dtype=np.float64)
         if table.ndim != 2 or not len(table):
@@ -166,8 +169,8 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
                 "pressure with method='fixed-point'"
             )
         force, _, lateral, following = table[:, :4].T
-        style: dict[str, Any] = {
-            "color": PALETTE[k % len(PALETTE)],
+        style: Look = {
+            "color": COLORS[k % len(COLORS)],
             "markersize": 4.5,
             "linewidth": 1.5,
         }
@@ -180,8 +183,9 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
     for axes in (left, right):
         axes.set_xlabel("row of the table")
         axes.set_xlim(0.5, rows + 0.5)
-        axes.xaxis.get_major_locator().set_params(integer=True)
-    if not any(len(line.get_xdata()) for line in right.lines):
+        locator: Any = axes.xaxis.get_major_locator()
+        locator.set_params(integer=True)
+    if not any(np.size(line.get_xdata()) for line in right.lines):
         right.set_yscale("linear")
         right.set_yticks([])
         right.text(0.5, 0.5, "nothing changes: no muscle pulls", transform=right.transAxes,
@@ -214,7 +218,7 @@ def draw_trace(trace: Trace, names: Sequence[str], *, outline: ArrayLike | None 
     pressures = np.asarray(trace.pressures)
     if len(names) != pressures.shape[1]:
         raise InputError(f"there are {len(names)} names: give {pressures.shape[1]}, one a muscle")
-    figure, (plane, axes) = make_panels(2, ratios=(1.0, 1.25))
+    figure, (plane, axes) = make_panels(1, 2, width_ratios=(1.0, 1.25))
     if outline is not None:
         edge = check_points("outline", outline, dim=2)
         plane.fill(*edge.T, facecolor="#eef2f6", edgecolor="#a9b4bf", linewidth=1.0)
@@ -239,7 +243,7 @@ def draw_trace(trace: Trace, names: Sequence[str], *, outline: ArrayLike | None 
     for k, (name, color) in enumerate(pick_colors(names).items()):
         axes.plot(
             steps, 1e3 * pressures[:, k], color=color, linewidth=1.7, label=name,
-            linestyle=DASHES[k % len(DASHES)],
+            linestyle=DASHES[k % 4],
         )  # fmt: skip
     for begin, end in _find_runs(lost):
         axes.axvspan(begin - 0.5, end - 0.5, color="#f6e0de", lw=0, zorder=0)
@@ -272,22 +276,6 @@ def _find_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     padded = np.concatenate([[False], flags, [False]]).astype(np.int8)
     edges = np.flatnonzero(np.diff(padded))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def make_panels(count: int, *, ratios: tuple[float, ...] | None = None) -> tuple[Figure, list[Any]]:
-    """Return a figure and its panels side by side."""
-    figure = Figure(
-        figsize=(5.8 if count == 1 else 9.6, 4.2), facecolor="white", layout="constrained"
-    )
-    panels = list(figure.subplots(1, count, squeeze=False, width_ratios=ratios or [1.0] * count)[0])
-    for axes in panels:
-        style_axes(axes)
-    return figure, panels
-
-
-# Figure of what the effector's tip presses with and withstands, over the direction.
-#
-# `bozzini.plot.effector` has all figures of the effector in one place.
 
 
 _FAINT = "#8a97a5"
@@ -333,7 +321,7 @@ def draw_force(
     if matrix.shape != (2, 2):
         raise InputError(f"pressures are a batch of shape {matrix.shape[:-2]}: give one set")
     passive = tip_stiffness(effector, np.zeros(len(effector.design.muscles)))
-    figure = Figure(figsize=(9.6, 4.6), facecolor="white", layout="constrained")
+    figure = make_figure((9.6, 4.6))
     polar: list[Any] = [figure.add_subplot(1, 2, k, projection="polar") for k in (1, 2)]
     force, stiff = polar
     force.plot(angle, found.force, color=INK, linewidth=1.8)
@@ -353,7 +341,7 @@ def draw_force(
     force.set_title(
         f"largest force [N], tip held at {place[0]:g}, {place[1]:g} mm", fontsize=10, loc="left"
     )
-    shown: list[tuple[Any, str, dict[str, Any]]] = [
+    shown: list[tuple[Floats, str, Look]] = [
         (passive, "without pressure", {"color": _FAINT, "linestyle": DASHES[1]})
     ]
     if not np.array_equal(matrix, passive):
@@ -381,9 +369,6 @@ def _find_free_angle(effector: Effector) -> float:
     gaps = np.diff(angles, append=angles[0] + 2.0 * math.pi)
     widest = int(np.argmax(gaps))
     return math.degrees(angles[widest] + 0.5 * gaps[widest])
-
-
-# Figure of a sweep over designs of the effector; see `bozzini.plot.effector`.
 
 
 UNITS = {
@@ -416,7 +401,7 @@ def draw_sweep(sweep: Sweep) -> Figure:
     for index, row in enumerate(sweep.rows):
         name = ", ".join(f"{key} {_format(row.changes[key])}" for key in others)
         groups.setdefault(name, []).append(index)
-    figure, (left, right) = make_panels(2)
+    figure, (left, right) = make_panels(1, 2)
     wanted = sweep.deflection > 0.0
     failed = over[[not row.feasible for row in sweep.rows]]
     for k, (name, members) in enumerate(groups.items()):
@@ -435,7 +420,7 @@ def draw_sweep(sweep: Sweep) -> Figure:
             heights = np.where(some, values, np.nan)
             axes.plot(
                 place[shown], heights[shown], marker="o", linestyle=dash, markersize=3.5,
-                color=PALETTE[k % len(PALETTE)], linewidth=1.5,
+                color=COLORS[k % len(COLORS)], linewidth=1.5,
                 label=name if axes is right else None,
             )  # fmt: skip
     for axes in (left, right):
@@ -461,7 +446,7 @@ def draw_sweep(sweep: Sweep) -> Figure:
     return figure
 
 
-def _number(values: list[Any]) -> tuple[Any, list[str]]:
+def _number(values: list[object]) -> tuple[Floats, list[str]]:
     """Return places on an axis, and labels if the values are no numbers."""
     if all(isinstance(value, (int, float)) for value in values):
         return np.array(values, dtype=np.float64), []
@@ -475,15 +460,9 @@ def _format(value: object) -> str:
     return f"{value:g}" if isinstance(value, (int, float)) else str(value)
 
 
-def _take(rows: list[SweepRow], quantity: str) -> Any:
+def _take(rows: list[SweepRow], quantity: str) -> Floats:
     scale = 1e3 if quantity == "needed_pressure" else 1.0
     return scale * np.array([getattr(row, quantity) for row in rows])
-
-
-# Figures of the effector: a pose, and the workspace.
-#
-# Drawn with matplotlib's objects only (no pyplot). Every function returns a `Figure`, which
-# `bozzini.plot.write_figure` writes. Lengths are in mm, angles shown in degrees.
 
 
 _FILL = "#dfe8f1"
@@ -524,7 +503,7 @@ def draw_pose(
     if tip.shape != (3,):
         raise InputError(f"the pose has a tip of shape {tip.shape}: one pose is drawn, shape (3,)")
     design = effector.design
-    figure = Figure(figsize=(10.4, 5.0), facecolor="white", layout="constrained")
+    figure = make_figure((10.4, 5.0))
     grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     space: Axes3D = figure.add_subplot(grid[0], projection="3d")
     plane = figure.add_subplot(grid[1])
@@ -544,7 +523,7 @@ def draw_pose(
     for frame in (lines[:, 0], lines[:, -1]):
         ring = np.concatenate([frame, frame[:1]])
         space.plot(*ring.T, color=_PALE, linewidth=0.9)
-    _fit_box(space, np.concatenate([backbone, end[None], *lines]))
+    fit_space(space, np.concatenate([backbone, end[None], *lines]), least=LEAST_SIDE, zoom=1.0)
     space.view_init(elev=20.0, azim=_turn_view(math.degrees(float(pose.azimuth)) - 65.0))
     _name_lines(space)
 
@@ -617,20 +596,6 @@ def _name_lines(space: Axes3D) -> None:
     legend.set_in_layout(False)
 
 
-def _fit_box(space: Axes3D, points: Floats, *, least: float = 26.0, zoom: float = 1.0) -> None:
-    """Give a 3-D panel equal scales, and sides of at least `least` mm."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, half = 0.5 * (low + high), 0.5 * np.maximum(1.04 * (high - low), least)
-    for k, name in enumerate("xyz"):
-        getattr(space, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
-        axis = getattr(space, f"{name}axis")
-        axis.get_major_locator().set_params(nbins=5)
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-    space.set_box_aspect(2.0 * half, zoom=zoom)
-    space.tick_params(labelsize=8.5)
-    space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-
-
 def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     """Return a figure of the workspace: seen from the tip with its sectors, and in space.
 
@@ -642,7 +607,7 @@ def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     """
     from ..effector import place_tips
 
-    figure = Figure(figsize=(10.4, 4.9), facecolor="white", layout="constrained")
+    figure = make_figure((10.4, 4.9))
     grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.1))
     plane = figure.add_subplot(grid[0])
     space: Axes3D = figure.add_subplot(grid[1], projection="3d")
@@ -682,7 +647,7 @@ def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     length = effector.design.backbone_length
     ends = np.array([length, length + effector.design.holder_length])
     space.plot(0.0 * ends, 0.0 * ends, ends, color=INK, linewidth=3.0, label="holder at rest")
-    _fit_box(space, np.concatenate([*surfaces]).reshape(-1, 3), zoom=1.2)
+    fit_space(space, np.concatenate([*surfaces]).reshape(-1, 3), least=LEAST_SIDE, zoom=1.2)
     space.view_init(elev=28.0, azim=-60.0)
     _name_lines(space)
     return figure

@@ -9,27 +9,28 @@ from __future__ import annotations
 import os
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..checks import check_integer
+from ..errors import InputError
 from ..io.files import write_atomically
 from .clearance import choose_abscissa, fill_clearance
 from .fluoroscopy import render_fluoroscopy
-from .palette import NIGHT, ClearanceScale, choose_clearance_scale
 from .plan_data import (
     MotionSample,
+    PlanCentreline,
     RefusalMark,
-    Way,
     find_radius,
     find_refusal,
-    find_way,
-    read_claim,
+    read_centreline,
+    read_clearance,
     sample_motion,
 )
 from .scope import REST, draw_color_bar, draw_marks, draw_panel, draw_rest, draw_scope, list_marks
+from .style import NIGHT, ClearanceScale, choose_clearance_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,8 +41,16 @@ if TYPE_CHECKING:
 _FAINT = "#8fa1b3"
 
 
-def write_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = 100.0) -> Path:
+def write_figure(drawn: Figure | Axes, path: str | os.PathLike[str], *, dpi: float = 100.0) -> Path:
     """Write a figure in the format its suffix names (.png, .svg, .pdf) and return the path.
+
+    Parameters
+    ----------
+    drawn : Figure or Axes
+        A figure, or axes of it.
+    path : path-like
+    dpi : float
+        Pixels an inch.
 
     Raises
     ------
@@ -50,6 +59,9 @@ def write_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = 1
     """
     from matplotlib.text import Text
 
+    figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
+    if figure is None:
+        raise InputError("the axes belong to no figure: draw them again")
     for text in figure.findobj(Text):  # bytes of a file name that are not UTF-8 have no glyph
         text.set_text(text.get_text().encode("utf-8", "backslashreplace").decode("utf-8"))
 
@@ -129,7 +141,7 @@ def draw_depths(
     shift = 0.0 if rest is None else 0.21 * inches
     wide = min(5.0, 0.45 * inches)
     bar = _add_axes(figure, 0.5 * inches - 0.5 * wide - shift, 0.5, wide, 0.12)
-    soft = read_claim(plan, {}).soft is not None
+    soft = read_clearance(plan, {}).soft is not None
     below = "pushing the wall" if soft else "through the wall"
     draw_color_bar(figure, bar, scale, color="white", below=below)
     if rest is not None:
@@ -212,16 +224,18 @@ def _pick_depths(sample: MotionSample, count: int) -> list[int]:
     return list(dict.fromkeys(rows))
 
 
-def _find_rest(plan: Plan, sample: MotionSample) -> tuple[Way, float, RefusalMark | None] | None:
-    """Return the way, how far along it a stopped motion got, and where it was refused."""
+def _find_rest(
+    plan: Plan, sample: MotionSample
+) -> tuple[PlanCentreline, float, RefusalMark | None] | None:
+    """Return the centreline, how far along it a stopped motion got, and where it was refused."""
     if plan.status != "stopped":
         return None
-    way = find_way(plan)
-    return way, max(0.0, float(sample.places[:, 0].max())), find_refusal(plan)
+    line = read_centreline(plan)
+    return line, max(0.0, float(sample.places[:, 0].max())), find_refusal(plan)
 
 
 def _write_rest(figure: Figure, spot: tuple[float, float], mark: RefusalMark | None) -> None:
-    words = "dotted: the way not reached"
+    words = "dotted: not reached"
     if mark is not None:
         words += f"    ✕ {mark.text}"
     figure.text(*spot, words, color=REST, fontsize=12, ha="right", va="bottom")
@@ -233,7 +247,7 @@ def _add_axes(figure: Figure, left: float, bottom: float, wide: float, tall: flo
     return figure.add_axes((left / width, bottom / height, wide / width, tall / height))
 
 
-def _draw_strip(axes: Any, sample: MotionSample, scale: ClearanceScale, rows: list[int]) -> None:
+def _draw_strip(axes: Axes, sample: MotionSample, scale: ClearanceScale, rows: list[int]) -> None:
     """Draw smallest clearance over insertion on a dark ground."""
     fill_clearance(axes, sample, scale=scale, ink="white")
     over, label = choose_abscissa(sample)

@@ -1,42 +1,47 @@
-"""Figures of muscles: curves, phases, models against measurements, rankings, loops."""
+"""Figures of muscles: curves, phases, models against measurements, rankings, loops.
+
+Functions of one panel draw into `ax` if it is given and return the axes; the others return a
+figure. Pressure is shown in kPa, angles in degrees.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
-from .palette import AMBER, GREEN, INK, RED
+from .style import (
+    AMBER,
+    BLUE,
+    COLORS,
+    DASHES,
+    INK,
+    RED,
+    Look,
+    make_panels,
+    take_panel,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from ..muscle.data import Measurements
     from ..muscle.hysteresis import Hysteresis, HysteresisFit
     from ..muscle.model import MuscleModel
     from ..muscle.ranking import Comparison, RankedModel, Ranking
 
-# Figures of muscles: phases, contraction, force, braid angle, models against measurements.
-#
-# Drawn with matplotlib's objects only (no pyplot). Every function returns a `Figure`, which
-# `bozzini.plot.write_figure` writes. Pressure is shown in kPa, angles in degrees.
-
-
 LOCKING_ANGLE = math.degrees(math.atan(math.sqrt(2.0)))
-_COLORS = ("#1f5fa8", AMBER, GREEN, RED, "#6f4fa8", "#45b5d9", "#7a6a58", INK)
-_DASHES = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
 _MARKS = {"inflating": "^", "deflating": "v", "": "o"}
-_GRID = "#e3e8ed"
 _PRESSURE = "pressure [kPa]"
 _CONTRACTION = "contraction [mm]"
 _FINE = 201
-_PHASES: tuple[dict[str, Any], ...] = (
+_PHASES: tuple[Look, ...] = (
     {"color": "#d7e3ee", "label": "gap: the tube grows alone"},
     {"color": "#fbe7c6", "label": "contact, longer than at rest"},
 )
@@ -76,7 +81,7 @@ def draw_phases(
     """
     band = float(model.dead_band())
     check_number("pressure", pressure, low=band, low_open=True, unit="MPa")
-    figure, (left, right) = _make_panels(2, ratios=(1.0, 1.5))
+    figure, (left, right) = make_panels(1, 2, width_ratios=(1.0, 1.5))
     near = min(2.5 * band, pressure) if band > 0.0 else 0.2 * pressure
     if lowest >= near:
         near = pressure
@@ -89,7 +94,7 @@ def draw_phases(
             if phase < 2:
                 axes.axvspan(1e3 * low, 1e3 * high, lw=0, **_PHASES[phase])
         axes.axhline(0.0, color=INK, linewidth=0.8)
-        axes.plot(1e3 * over, line, color=_COLORS[0], linewidth=1.8)
+        axes.plot(1e3 * over, line, color=BLUE, linewidth=1.8)
         axes.set(xlabel=_PRESSURE, xlim=(0.0, 1e3 * top))
     left.set_ylabel(_CONTRACTION)
     if right.get_legend_handles_labels()[1]:
@@ -133,8 +138,9 @@ def draw_contraction(
     load: float = 0.0,
     direction: str | None = None,
     lowest: float = 0.0,
-) -> Figure:
-    """Return a figure of contraction over pressure, a line for each model, length or angle.
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw contraction over pressure, a line for each model, length or angle.
 
     Parameters
     ----------
@@ -148,6 +154,8 @@ def draw_contraction(
         ``"inflating"`` or ``"deflating"`` for a branch of friction.
     lowest : float
         Pressure at which the line begins [MPa], for a model without an answer below it.
+    ax : Axes, optional
+        Axes to draw into.
 
     Raises
     ------
@@ -155,7 +163,7 @@ def draw_contraction(
         If there is nothing to draw, or a model has no answer.
     """
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
-    figure, (axes,) = _make_panels(1)
+    axes = take_panel(ax)
     over = np.linspace(lowest, pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         line = model.contraction(over, load, direction=direction)
@@ -164,13 +172,18 @@ def draw_contraction(
     axes.set(xlabel=_PRESSURE, ylabel=_CONTRACTION, xlim=(0.0, 1e3 * pressure))
     axes.set_title(f"load {load:g} N", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=9)
-    return figure
+    return axes
 
 
 def draw_force(
-    model: MuscleModel, pressures: ArrayLike, *, count: int = 101, direction: str | None = None
-) -> Figure:
-    """Return a figure of force over contraction, a line for each pressure, blocked to free.
+    model: MuscleModel,
+    pressures: ArrayLike,
+    *,
+    count: int = 101,
+    direction: str | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw force over contraction, a line for each pressure, blocked to free.
 
     Parameters
     ----------
@@ -181,6 +194,8 @@ def draw_force(
         Points of a line.
     direction : str, optional
         ``"inflating"`` or ``"deflating"`` for a branch of friction.
+    ax : Axes, optional
+        Axes to draw into.
 
     Raises
     ------
@@ -189,21 +204,21 @@ def draw_force(
     """
     levels = _take_levels(pressures)
     check_integer("count", count, low=2)
-    figure, (axes,) = _make_panels(1)
+    axes = take_panel(ax)
     shades = np.linspace(0.25, 1.0, len(levels))
     for level, shade in zip(levels, shades, strict=True):
         free = max(0.0, float(model.contraction(float(level), direction=direction)))
         over = np.linspace(0.0, free, count)
         force = np.asarray(model.force(float(level), over, direction=direction), dtype=np.float64)
         axes.plot(
-            over, force, color=_COLORS[0], alpha=float(shade), linewidth=1.6,
+            over, force, color=BLUE, alpha=float(shade), linewidth=1.6,
             label=f"{1e3 * level:.0f} kPa",
         )  # fmt: skip
     axes.axhline(0.0, color=INK, linewidth=0.8)
     axes.set(xlabel=_CONTRACTION, ylabel="force [N]")
     axes.set_title(model.name, fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=9)
-    return figure
+    return axes
 
 
 def draw_braid_angle(
@@ -213,8 +228,9 @@ def draw_braid_angle(
     load: float = 0.0,
     direction: str | None = None,
     lowest: float = 0.0,
-) -> Figure:
-    """Return a figure of the braid angle over a wide range of pressure, and where it locks.
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the braid angle over a wide range of pressure, and where it locks.
 
     The range may go far beyond what a muscle bears, as in Fig. 3.17 of the thesis, to show
     whether a model comes to the locking angle of 54.74 degrees, and from which side.
@@ -231,6 +247,8 @@ def draw_braid_angle(
         ``"inflating"`` or ``"deflating"`` for a branch of friction.
     lowest : float
         Pressure at which the line begins [MPa], for a model without an answer below it.
+    ax : Axes, optional
+        Axes to draw into.
 
     Raises
     ------
@@ -238,7 +256,7 @@ def draw_braid_angle(
         If there is nothing to draw, or a model has no answer.
     """
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
-    figure, (axes,) = _make_panels(1)
+    axes = take_panel(ax)
     over = np.geomspace(max(1e-4 * pressure, lowest), pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         state = model.solve(over, load, direction=direction)
@@ -251,7 +269,7 @@ def draw_braid_angle(
     )  # fmt: skip
     axes.set(xlabel=_PRESSURE, ylabel="braid angle [°]", xlim=1e3 * over[[0, -1]])
     axes.legend(frameon=False, fontsize=9, loc="lower right")
-    return figure
+    return axes
 
 
 def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Figure:
@@ -272,7 +290,7 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
         If a model of the comparison is not there.
     """
     data = comparison.data
-    figure, (left, right) = _make_panels(2, ratios=(1.5, 1.0))
+    figure, (left, right) = make_panels(1, 2, width_ratios=(1.5, 1.0))
     loads = np.unique(data.load)
     for direction, mark in _MARKS.items():
         rows = data.direction == direction
@@ -316,7 +334,7 @@ def _draw_line(
     rows: Measurements,
     *,
     predicted: NDArray[np.float64],
-    style: Mapping[str, Any],
+    style: Look,
 ) -> None:
     """Draw a model between rows of one load and direction; without an answer there, only at them.
 
@@ -348,38 +366,19 @@ def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
     return levels
 
 
-def _list_styles(names: Any) -> list[dict[str, Any]]:
+def _list_styles(names: Collection[str]) -> list[Look]:
     if not len(names):
         raise InputError("there are 0 models to draw: give 1 or more")
     return [
         {
-            "color": _COLORS[i % len(_COLORS)],
-            "linestyle": _DASHES[i % len(_DASHES)],
+            "color": COLORS[i % len(COLORS)],
+            "linestyle": DASHES[i % 4],
             "linewidth": 1.7,
         }
         for i in range(len(names))
     ]
 
 
-def _make_panels(count: int, *, ratios: tuple[float, ...] = (1.0,)) -> tuple[Figure, list[Axes]]:
-    figure = Figure(
-        figsize=(5.8 if count == 1 else 9.6, 4.2), facecolor="white", layout="constrained"
-    )
-    panels = list(figure.subplots(1, count, squeeze=False, width_ratios=ratios)[0])
-    for axes in panels:
-        axes.grid(color=_GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure, panels
-
-
-# The figure of a ranking of muscle models: how far off each is, and the curves of the best.
-#
-# Drawn with matplotlib's objects only (no pyplot); `bozzini.plot.write_figure` writes it.
-
-
-_RANK_COLORS = ("#1f5fa8", AMBER, GREEN, RED, "#6f4fa8")
-_RANK_DASHES = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
 _LEAST = 1e-3  # a percentage below is drawn there
 
 
@@ -402,20 +401,13 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     InputError
         If no model is ranked.
     """
-    check_integer("curves", curves, low=1, high=len(_RANK_COLORS))
+    check_integer("curves", curves, low=1, high=5)
     if not ranking.models:
         raise InputError("there are 0 models to draw: give 1 or more")
     height = max(4.2, 1.4 + 0.21 * len(ranking.models))
-    figure = Figure(figsize=(11.0, height), facecolor="white", layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    for axes in (left, right):
-        axes.grid(color=_GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
+    figure, (left, right) = make_panels(1, 2, size=(11.0, height), width_ratios=(1.25, 1.0))
     shown = [entry for entry in ranking.models if not entry.same_as][:curves]
-    colors = {
-        entry.name: color for entry, color in zip(shown, _RANK_COLORS[: len(shown)], strict=True)
-    }
+    colors = {entry.name: color for entry, color in zip(shown, COLORS, strict=False)}
     _draw_errors(left, ranking, colors)
     _draw_curves(right, ranking, shown)
     return figure
@@ -475,7 +467,7 @@ def _draw_curves(axes: Axes, ranking: Ranking, shown: list[RankedModel]) -> None
                 1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.0,
                 markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
             )  # fmt: skip
-    for entry, color, dash in zip(shown, _RANK_COLORS, _RANK_DASHES, strict=False):
+    for entry, color, dash in zip(shown, COLORS, DASHES, strict=False):
         label: str | None = entry.name
         for load, direction in dict.fromkeys(
             zip(data.load.tolist(), data.direction.tolist(), strict=True)
@@ -493,12 +485,6 @@ def _draw_curves(axes: Axes, ranking: Ranking, shown: list[RankedModel]) -> None
 
 
 # Figures of hysteresis: loops of operators, and a fit against the loops measured.
-#
-# Drawn with matplotlib's objects only (no pyplot). Every function returns a `Figure`, which
-# `bozzini.plot.write_figure` writes.
-
-
-_BLUE = "#1f5fa8"
 
 
 def fade_loops(
@@ -604,7 +590,7 @@ def draw_fit(
     figure, (left, right) = _make_grid(1, 2)
     left.plot(inputs, outputs, ".", color=INK, markersize=3.0, alpha=0.5, label="measured")
     name = type(fit.operator).__name__
-    left.plot(inputs, outputs - fit.residual, color=_BLUE, linewidth=1.5, label=name)
+    left.plot(inputs, outputs - fit.residual, color=BLUE, linewidth=1.5, label=name)
     right.plot(fit.residual, ".", color=RED, markersize=3.0)
     right.axhline(0.0, color=INK, linewidth=0.8)
     left.set(xlabel=input_label, ylabel=output_label)
@@ -621,7 +607,7 @@ def _draw_path(axes: Axes, inputs: NDArray[np.float64], outputs: NDArray[np.floa
     points = np.column_stack([inputs, outputs])
     pieces = np.stack([points[:-1], points[1:]], axis=1)
     shades = np.linspace(0.35, 1.0, len(pieces))
-    axes.add_collection(LineCollection(list(pieces), colors=_BLUE, alpha=shades, linewidths=1.4))
+    axes.add_collection(LineCollection(list(pieces), colors=BLUE, alpha=shades, linewidths=1.4))
     axes.autoscale_view()
     axes.margins(0.06)
 
@@ -634,12 +620,4 @@ def _find_turns(inputs: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _make_grid(rows: int, columns: int) -> tuple[Figure, list[Axes]]:
-    size = (max(4.8, 3.4 * columns), max(3.4, 2.9 * rows))
-    figure = Figure(figsize=size, layout="constrained")
-    panels = [figure.add_subplot(rows, columns, place + 1) for place in range(rows * columns)]
-    for axes in panels:
-        axes.grid(True, color=_GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-    return figure, panels
+    return make_panels(rows, columns, size=(max(4.8, 3.4 * columns), max(3.4, 2.9 * rows)))

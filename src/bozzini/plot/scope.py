@@ -12,8 +12,13 @@ from numpy.typing import NDArray
 
 from ..motion.plan import Plan
 from .fluoroscopy import Projection
-from .palette import ClearanceScale, color_lumen
-from .plan_data import MotionSample, RefusalMark, Way, read_number
+from .plan_data import (
+    MotionSample,
+    PlanCentreline,
+    RefusalMark,
+    read_number,
+)
+from .style import ClearanceScale, color_lumen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EndMark:
-    """One place where a way could begin or end.
+    """One place where a centreline could begin or end.
 
     Attributes
     ----------
@@ -245,20 +250,25 @@ def draw_scope(
 
 
 def draw_rest(
-    axes: Axes, picture: Projection, way: Way, *, reached: float, mark: RefusalMark | None
+    axes: Axes,
+    picture: Projection,
+    line: PlanCentreline,
+    *,
+    reached: float,
+    mark: RefusalMark | None,
 ) -> None:
-    """Draw the way that was not reached as dots, and a cross where the planner refused.
+    """Draw the centreline that was not reached as dots, and a cross where the planner refused.
 
     Parameters
     ----------
     axes : Axes
     picture : Projection
-    way : Way
+    line : PlanCentreline
     reached : float
-        Arc length of the way where the motion ends [mm].
+        Arc length of the centreline where the motion ends [mm].
     mark : RefusalMark or None
     """
-    rest = way.cut_rest(reached)
+    rest = line.points_beyond(reached)
     if len(rest):
         place = picture.project(rest)
         axes.plot(*place.T, color=_OUTLINE, linewidth=3.0, alpha=0.5)
@@ -266,7 +276,7 @@ def draw_rest(
             *place.T, color=REST, linewidth=2.2, linestyle=(0, (0.1, 2.2)), dash_capstyle="round"
         )
     if mark is not None:
-        spot = picture.project(way.locate(mark.at))
+        spot = picture.project(line.point_at(mark.at))
         for color, wide, size in ((_OUTLINE, 6.0, 15.0), (REST, 3.0, 13.0)):
             axes.plot(
                 *spot, marker="x", markersize=size, markeredgecolor=color, markeredgewidth=wide,

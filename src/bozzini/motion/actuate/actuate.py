@@ -11,18 +11,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import check_number
+from ...continuum import ContinuumRobot
 from ...continuum.coupling import Coupling, require_arcs
-from ...continuum.robot import ContinuumRobot
 from ...duct.base import Duct, count_dimensions
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
-from .. import Introducer, Plan
+from ..plan import Plan, write_record
+from ..space import FreeSpace
 from .actuation import Actuation, check_names
 from .executed import ArcCertificate, certify_arcs, find_base_frame, place_bodies
 
@@ -98,16 +98,15 @@ class FitJob:
         self,
         plan: Plan,
         coupling: Coupling,
-        duct: Duct,
-        introducer: Introducer,
+        space: FreeSpace,
         *,
         roll: float = 0.0,
     ) -> None:
         from ...numeric.polylines import measure_arc_length
 
-        robot = coupling.robot
-        self.robot, self.coupling, self.duct, self.roll = robot, coupling, duct, roll
-        self.introducer = introducer
+        robot, duct, introducer = coupling.robot, space.duct, space.tube
+        self.robot, self.coupling, self.space, self.roll = robot, coupling, space, roll
+        self.introducer, self.duct = introducer, duct
         self.heads = plan.head_arc_length
         self.lengths = np.array([section.length for section in robot.sections])
         # Discs meet where the curve is as tight as the body is thick.
@@ -127,7 +126,7 @@ class FitJob:
         turning = ways[:-1] + ways[1:]
         tangents = np.concatenate([ways[:1], turning, ways[-1:]])
         size = np.linalg.norm(tangents, axis=1)
-        back = size < 1e-6  # the path turns on its heel
+        back = size < 1e-6  # the path turns back
         tangents[back], size[back] = ways[np.minimum(np.flatnonzero(back), len(ways) - 1)], 1.0
         self.tangents = np.ascontiguousarray(tangents / size[:, None])
         origin = duct.to_grid(entry)
@@ -144,7 +143,7 @@ class FitJob:
         travel = self.robot.tendon_travel + TRAVEL_SLACK * np.array([1.0, -1.0])
         open_ended = np.full_like(travel, math.inf) * np.array([-1.0, 1.0])
         fit_motion(
-            self.duct.pack(),
+            self.space.data,
             self.placing,
             self.introducer.bore,
             self.lengths,
@@ -192,8 +191,7 @@ class FitJob:
                 self.robot,
                 fit.bends,
                 fit.advances,
-                self.duct,
-                introducer=self.introducer,
+                self.space,
                 roll=self.roll,
                 deviation=deviation,
             )
@@ -303,7 +301,7 @@ class Shortfall:
     offers: float | None = None
     unit: str = "mm"
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return it as JSON-able values."""
         return {
             "code": self.code,
@@ -478,10 +476,9 @@ def actuate_plan(
     check_number("roll", roll, unit="rad")
     if count_dimensions(duct) != 3 or plan.path.shape[1] != 3:
         raise InputError("the plan or the duct is planar: a robot moves in 3 dimensions")
-    if "introducer" not in plan.meta:
-        raise InputError("the plan's meta has no introducer: plan it anew")
-    introducer = Introducer.from_description(plan.meta["introducer"])
-    job = FitJob(plan, check_robot(robot), duct, introducer, roll=roll)
+    introducer = plan.get_introducer()
+    space = FreeSpace(duct, introducer=introducer)
+    job = FitJob(plan, check_robot(robot), space, roll=roll)
     options = {"roll_rad": roll}
     if robot.radius > introducer.bore:
         short = Shortfall(
@@ -576,9 +573,9 @@ def _finish(
 ) -> Actuation:
     clearance, _, _ = job.estimate_clearance(fit)
     reason = ""
-    meta: dict[str, Any] = {
+    meta: dict[str, object] = {
         "options": options,
-        "introducer": job.introducer.describe(),
+        "introducer": write_record(job.introducer),
         "iterations_max": int(fit.iterations.max()),
     }
     if shortfall is not None:

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...checks import broadcast, check_array, check_range, name_at
 from ...errors import InputError
 from ..design import Muscle
 from ..hysteresis import Hysteresis
@@ -23,21 +24,12 @@ from ..model import (
     ConvergenceError,
     MuscleModel,
     MuscleState,
-    broadcast,
-    check_array,
     check_hysteresis,
-    check_range,
     demand_convergence,
     describe_stop,
     is_as_defined,
-    name_at,
     parse_direction,
 )
-
-__all__ = ["ENDS", "EnergyMuscle", "Equilibrium", "PRESSURE_LIMIT"]
-
-# Batches of equilibria of `EnergyMuscle`: kernels in, arrays or one clear line out.
-
 
 Floats = NDArray[np.float64]
 
@@ -184,9 +176,6 @@ class Equilibrium:
                 "friction leaves the tapered ends no tension; it must be less, or the ends 'none'"
             )
         return out
-
-
-# The recommended model: one energy, from which force, contraction, stiffness and volume follow.
 
 
 Ends = Literal["none", "trellis"]
