@@ -59,9 +59,9 @@ def command(
     body of gas inside the patient becomes a label, the largest first; lungs and the air outside
     are left out. Choose among them by --seed here, or by --labels in bozzini plan.
     """
+    from ..anatomy.files import check_target, encode_volume
     from ..anatomy.segment import segment_gas
     from ..anatomy.volumes import read_volume
-    from ..anatomy.write import check_target, encode_volume
     from ..errors import InputError
     from ..io.files import check_new_file, write_atomically
     from ..plot.figures import write_figure

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..anatomy.files import encode_volume
 from ..anatomy.frame import convert_frame
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..anatomy.write import encode_volume
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, refine_field
