@@ -15,13 +15,11 @@ from dataclasses import dataclass
 from ..checks import check_integer, check_number
 from ..errors import InputError
 
-__all__ = ["Bend", "limit_by_turning"]
+SIZE_MIN_MM, SIZE_MAX_MM = 1e-6, 1e6
+"""Radius and half width of a bend lie between these."""
 
-SIZE_MIN, SIZE_MAX = 1e-6, 1e6
-"""Radius and half width of a bend lie between these [mm]."""
-
-ANGLE_MIN = 1e-6
-"""A bend by less is straight [rad]."""
+ANGLE_MIN_RAD = 1e-6
+"""A bend by less is straight."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,9 +51,9 @@ class Bend:
 
     def __post_init__(self) -> None:
         for name, size in (("radius of the bend", self.radius), ("half width", self.half_width)):
-            check_number(name, size, low=SIZE_MIN, high=SIZE_MAX, unit="mm")
+            check_number(name, size, low=SIZE_MIN_MM, high=SIZE_MAX_MM, unit="mm")
         check_number("body radius", self.body_radius, low=0.0, unit="mm")
-        check_number("angle of the bend", self.angle, low=ANGLE_MIN, high=math.pi, unit="rad")
+        check_number("angle of the bend", self.angle, low=ANGLE_MIN_RAD, high=math.pi, unit="rad")
         if self.body_radius >= self.half_width:
             raise InputError(
                 f"body radius is {self.body_radius:g} mm: it must lie in "
