@@ -64,7 +64,8 @@ def plugins(monkeypatch):
 @pytest.fixture(scope="module")
 def tubes():
     straight = np.arange(0.0, 90.0, 0.5)[:, None] * np.array([1.0, 0.0, 0.0])
-    return {"straight": tube_lumen(straight, 6.0), "bend": tube_lumen(bend_curve(14.0, 2.2, 30.0), 5.0)}
+    bend = bend_curve(14.0, 2.2, 30.0)
+    return {"straight": tube_lumen(straight, 6.0), "bend": tube_lumen(bend, 5.0)}
 
 
 def test_planners_of_other_packages_stand_beside_the_own(plugins):
