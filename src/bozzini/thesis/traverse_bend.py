@@ -128,8 +128,8 @@ class Bend:
         """Return the longest link with both joints on the centreline, body inside [mm].
 
         The sagitta is at most the clearance: ``2 sqrt((R_t - r)(2 R_c - R_t + r))``; no chord is
-        longer than ``2 R_c``. For a bend that holds the whole link. This is the number for chains that
-        follow their leader.
+        longer than ``2 R_c``. For a bend that holds the whole link. This is the number for chains
+        that follow their leader.
         """
         sagitta = min(self.clearance, self.radius)
         return 2.0 * math.sqrt(sagitta * (2.0 * self.radius - sagitta))
