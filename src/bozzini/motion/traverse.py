@@ -756,9 +756,10 @@ def find_diameter_limits(
     -----
     From below by the chords of the line (`find_link_limits`), to 1 % of the clearance. From above
     by the passage (`find_passage`), and by sections: for links of a length those that limit such
-    links most, and the thinnest body whose links are proved not to come through; for links of any length
-    the tightest, and the thinnest body for whose middle they have no place. On a grid both ends
-    know the wall to about its spacing, so that the bounds of a narrow duct lie apart by twice that.
+    links most, and the thinnest body whose links are proved not to come through; for links of any
+    length the tightest, and the thinnest body for whose middle they have no place. On a grid both
+    ends know the wall to about its spacing, so that the bounds of a narrow duct lie apart by twice
+    that.
     """
     check_number("link", link, low=0.0, unit="mm")
     points = np.asarray(line.points, dtype=np.float64)
