@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,7 @@ class FitJob:
     ) -> None:
         from ...numeric.polylines import measure_arc_length
 
-        robot = coupling.robot
+        robot = cast(ContinuumRobot, coupling.robot)  # `check_robot` made it
         self.robot, self.coupling, self.duct, self.roll = robot, coupling, duct, roll
         self.introducer = introducer
         self.heads = plan.head_arc_length
