@@ -15,12 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bozzini.duct import Centreline, Polygon, RoundCones
+from bozzini.duct import Centreline, Circles, Polygon, RoundCones
 from bozzini.duct.compose import without
 from bozzini.duct.shapes.curves import BetweenCurves
 from bozzini.duct.shapes.cylinders import ConnectedCylinders
 from bozzini.duct.shapes.mesh import TriangleMesh
-from bozzini.duct.shapes.obstacles import Circles
 from bozzini.duct.shapes.points import PointCloud
 from bozzini.duct.shapes.polyhedron import ConvexPolyhedra
 from bozzini.duct.shapes.quads import StitchedQuads

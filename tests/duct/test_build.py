@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from bozzini.anatomy import LabelTract
-from bozzini.duct import build as walls
 from bozzini.duct import build_field, field_from_mask, field_from_mesh
-from bozzini.duct.build import MAX_NODES, _divide
+from bozzini.duct import field as walls
+from bozzini.duct.field import MAX_NODES, _divide
 from bozzini.errors import GeometryError, InputError
 from tests.exact import MeshWall
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bozzini.duct import RoundCones
-from bozzini.duct.chain_line import follow_chain
+from bozzini.duct.centreline import follow_chain
 from bozzini.duct.shapes.cylinders import ConnectedCylinders
 from bozzini.errors import GeometryError, InputError
 from tests.shapes import bend_curve

@@ -14,8 +14,10 @@ from bozzini.duct import (
     Circles,
     ConnectedCylinders,
     ConvexPolyhedra,
+    Duct,
     Eroded,
     Moved,
+    PackedDuct,
     PlanarField,
     PointCloud,
     Polygon,
@@ -144,7 +146,7 @@ def measure_outside(duct, points, nodes_most=300_000):
 def test_every_duct_with_a_wall_to_move_is_here():
     kinds = {getattr(ducts, name) for name in ducts.__all__}
     movable = {kind for kind in kinds if isinstance(kind, type) and hasattr(kind, "inflate")}
-    assert movable - set(DUCTS) == {PointCloud, Eroded, Without}
+    assert movable - set(DUCTS) == {Duct, PackedDuct, PointCloud, Eroded, Without}
 
 
 @pytest.mark.parametrize("kind", list(DUCTS), ids=lambda kind: kind.__name__)

@@ -127,7 +127,7 @@ def test_planes_and_points_make_the_same():
         (
             [box((0, 0, 0), (1, 1, 1)), box((1, 0, 0), (2, 1, 1))],
             GeometryError,
-            "falls apart: piece 0 and piece 1 come nearest, and do not overlap",
+            "is not connected: piece 0 and piece 1 come nearest, and do not overlap",
         ),
     ],
 )

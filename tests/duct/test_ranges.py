@@ -23,7 +23,6 @@ from bozzini.duct import (
     SuperEllipses,
     SuperEllipsoids,
     TriangleMesh,
-    to_field,
     union,
 )
 from bozzini.errors import GeometryError, InputError
@@ -157,7 +156,7 @@ def test_points_that_no_duct_is_asked_at(name):
         (lambda: union(3), "part 0 is a int: it must be a duct"),
         (lambda: Eroded(3, 1.0), "duct is a int: it must be a duct"),
         (lambda: Moved("x"), "duct is a str: it must be a duct"),
-        (lambda: to_field("x", 1.0), "duct is a str: it must be a duct"),
+        (lambda: Eroded("x", 1.0), "duct is a str: it must be a duct"),
         (lambda: tube().sample(0.5).inflate("a"), "distance is 'a'"),
         (lambda: ELL.sample(0.5).inflate("a"), "distance is 'a'"),
         (lambda: tube().sample(1e-300), r"voxel is 1e-300 mm: .* at least about 0\.023 mm"),

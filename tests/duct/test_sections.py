@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from bozzini.duct import Centreline, Polygon, RoundCones
-from bozzini.duct.fitting.measure import carry_frames, cut_sections
+from bozzini.duct.fitting.measure import cut_sections
 from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import GeometryError, InputError
+from bozzini.numeric.polylines import carry_frames
 from tests.shapes import bend_curve
 
 BEND = bend_curve(30.0, 1.5, 20.0)

@@ -95,7 +95,7 @@ def change_shape(index, **fields):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (change_shape(1, radius=-2.5), r"shapes\[1\]\.radius is -2.5 mm: .*\(0, inf\)"),
+        (change_shape(1, radius=-2.5), r"shapes\[1\]\.radius is -2.5 mm: .*\[1e-06, 1e\+06\]"),
         (change_shape(1, radius="4"), r"shapes\[1\]\.radius is '4'"),
         (change_shape(1, radius=True), r"shapes\[1\]\.radius is True"),
         (change_shape(0, centre=[1.0, 2.0]), r"shapes\[0\]\.centre is \[1.0, 2.0\].*3 numbers"),
@@ -107,7 +107,7 @@ def change_shape(index, **fields):
         (change(shapes={"a": 1}), "it must be a list"),
         (change(version=2), r"version is 2: it must lie in \[1, 1\]"),
         (change(version=True), "version is True"),
-        (change(kind="boxes"), "kind is 'boxes': it must be one of cones"),
+        (change(kind="boxes"), "kind is 'boxes': it must be one of .*cones"),
         (change(kind=["cones"]), "kind is .*it must be one of"),
         (change(format="other"), "format is 'other'"),
         (change(units="m"), "units is 'm': it must be 'mm'"),
@@ -201,7 +201,7 @@ def test_what_a_constructor_refuses_is_named_as_in_the_file(kind, field, value):
 
 def test_one_circle_is_no_cylinder():
     data = write_shapes(make_shapes("cylinders", 3))
-    with pytest.raises(InputError, match="shapes holds 1 circle: .* 2 or more"):
+    with pytest.raises(InputError, match=r"^centres has shape \(1, 3\): .* at least 2"):
         read_shapes(data | {"shapes": data["shapes"][:1]})
 
 
@@ -241,6 +241,7 @@ def test_writing_replaces_nothing_unasked(tmp_path):
     with pytest.raises(OutputError, match=r"d\.json is a directory"):
         save_shapes(shapes, tmp_path / "d.json", force=True)
     (tmp_path / "d.json").rmdir()
-    with pytest.raises(InputError, match="a Polygon has no file form"):
-        save_shapes(Polygon([[0, 0], [1, 0], [0, 1]]), tmp_path / "p.json")
+    field = Polygon([[0, 0], [1, 0], [0, 1]]).sample(0.1)
+    with pytest.raises(InputError, match="a PlanarField has no file form"):
+        save_shapes(field, tmp_path / "p.json")
     assert sorted(item.name for item in tmp_path.iterdir()) == ["s.json"]

@@ -212,7 +212,7 @@ def test_shapes_pulled_apart_are_found_out(seed):
     SuperEllipses(centres, half_axes, **options)
     k = int(random.integers(1, count))
     centres[k:] += 200.0
-    with pytest.raises(GeometryError, match="the union falls apart"):
+    with pytest.raises(GeometryError, match="the union is not connected"):
         SuperEllipses(centres, half_axes, **options)
     SuperEllipses(centres, half_axes, connected=False, **options)
 

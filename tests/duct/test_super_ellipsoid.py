@@ -194,7 +194,7 @@ def test_shapes_that_meet_beside_the_line_of_their_centres_hang_together():
     rods = {"e1": [1.0, 1.0], "e2": [1.0, 1.0], "rotations": turn}
     duct = SuperEllipsoids(centres, [(10.0, 1.0, 1.0)] * 2, **rods)
     assert float(duct.signed_distance([0.0, 0.0, 0.0])) < 0.0
-    with pytest.raises(GeometryError, match="falls apart: shape 0 and shape 1 come nearest"):
+    with pytest.raises(GeometryError, match="is not connected: shape 0 and shape 1 come nearest"):
         SuperEllipsoids(centres * 1.2, [(10.0, 1.0, 1.0)] * 2, **rods)
 
 

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from bozzini.duct import Polygon, RoundCones
+from bozzini.duct import Circles, Polygon, RoundCones
 from bozzini.duct.compose import without
 from bozzini.duct.kernels.clearance import evaluate_estimate
-from bozzini.duct.shapes.obstacles import Circles
 from bozzini.errors import InputError
 from bozzini.motion import Introducer, place_tail
 from bozzini.motion.kernels.chain import make_frame, search_sphere

@@ -179,7 +179,7 @@ def fit_command(source: Path, reading: ReadOptions, options: FitOptions, answer:
     is farther outside than --max-error, which is proved; 1: one is, or too much clearance is lost
     (the file is written, and the output names what); 2: bad input.
     """
-    from ..duct.shape_files import check_shapes_target, save_shapes
+    from ..duct.shape_files import check_shapes_target
     from ..study.shapes import run_fit
 
     if answer.out is not None:
@@ -190,8 +190,7 @@ def fit_command(source: Path, reading: ReadOptions, options: FitOptions, answer:
     report_study(study.findings, tract.findings, "--json")
     if answer.out is not None:
         note = f"{study.fitted.report.pieces} {options.kind} fitted to {source.name}"
-        fit = "least squares" if options.least_squares else "inscribed"
-        save_shapes(study.fitted.duct, answer.out, fit=fit, note=note, force=answer.force)
+        study.fitted.save(answer.out, note=note, force=answer.force)
     result = study.to_dict() | {"input": source.name, "file": answer.out}
     answer.give(result, _describe_fit(study, answer.out))
     if not study.converged:
@@ -281,8 +280,8 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
     share = 100.0 / report.volume_true
     gained = share * report.volume_gained
     lines = [
-        f"{report.pieces} {fitted.kind} keep {share * report.volume_kept:.1f} % of the volume "
-        f"({share * report.volume_lost:.1f} % lost, {gained:.2f} % gained, "
+        f"{report.pieces} {fitted.options.kind} keep {share * report.volume_kept:.1f} % of the "
+        f"volume ({share * report.volume_lost:.1f} % lost, {gained:.2f} % gained, "
         f"+-{share * report.volume_error:.2f} %)",
         f"  no point is more than {_round_up(report.outside_bound, 2)} mm outside the wall "
         f"(proved); found {report.outside:.2f} mm",
@@ -290,7 +289,7 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
         f"{report.room_loss[-1]:.2f} mm at most, at {report.room_loss_place:.0f} mm; at least "
         f"{floor_mm(study.clearance_min)} mm is left",
     ]
-    if not fitted.reached:
+    if not fitted.converged:
         lines.append(f"Not reached: {fitted.reason}")
     if out is not None:
         lines.append(f"Shapes: {out}")

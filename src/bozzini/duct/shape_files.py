@@ -7,8 +7,8 @@ import math
 import os
 import re
 import reprlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from ..errors import FileFormatError, InputError
 from ..io.files import check_new_file, write_text
-from .shapes.cones import RoundCones
-from .shapes.cylinders import ConnectedCylinders
-from .shapes.super_ellipses import SuperEllipsoids
+from .base import Duct
+from .shapes import SHAPES
 
 # Fields of plain data as it was read: what they must be, in one line that names them.
 
@@ -175,33 +174,9 @@ FITS = ("inscribed", "least squares")
 """How shapes were fitted to a tract: inside its wall but for `wall_error`, or through it too."""
 
 FORMAT = "bozzini shapes"
-TEXTS = ("wall", "fit", "note")
-FIELDS = (
-    *("format", "version", "kind", "units", "wall", "wall_error", "inflation", "fit", "note"),
-    "shapes",
-)
+OPTIONS = ("wall", "wall_error", "inflation")
+FIELDS = ("format", "version", "kind", "units", *OPTIONS, "fit", "note", "shapes")
 NEEDED = ("format", "version", "kind", "shapes")
-
-Shapes = RoundCones | ConnectedCylinders | SuperEllipsoids
-
-SHAPE_FIELDS: dict[str, dict[str, int]] = {
-    "cones": {"centre": 3, "radius": 1},
-    "cylinders": {"centre": 3, "normal": 3, "radius": 1},
-    "superellipsoids": {"centre": 3, "half_axes": 3, "e1": 1, "e2": 1, "axes": 9},
-}
-"""What each shape of a file holds, and how many numbers."""
-
-_ARGUMENTS = {
-    "centres": "centre",
-    "normals": "normal",
-    "radii": "radius",
-    "half axes": "half_axes",
-    "half_axes": "half_axes",
-    "e1": "e1",
-    "e2": "e2",
-    "rotations": "axes",
-}
-"""What a shape's field is called where shapes are built."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -210,7 +185,8 @@ class ShapesFile:
 
     Parameters
     ----------
-    shapes : RoundCones, ConnectedCylinders or SuperEllipsoids
+    shapes : Duct
+        Of a class in `SHAPES`.
     fit : str
         How they were fitted to a tract, one of `FITS`; empty if they were not, or that is not
         known. What is proved to pass shapes that are inscribed passes the tract, but for their
@@ -219,26 +195,27 @@ class ShapesFile:
         What they are, for people.
     """
 
-    shapes: Shapes
+    shapes: Duct
     fit: str = ""
     note: str = ""
 
 
 def save_shapes(
-    duct: Shapes,
+    duct: Duct,
     path: str | os.PathLike[str],
     *,
     fit: str = "",
     note: str = "",
     force: bool = False,
 ) -> Path:
-    """Write shapes to a file; its suffix says whether as JSON or YAML.
+    """Write shapes to a file, as JSON or YAML by its suffix.
 
     Numbers are written with all their digits: `load_shapes` gives the same shapes exactly.
 
     Parameters
     ----------
-    duct : RoundCones, ConnectedCylinders or SuperEllipsoids
+    duct : Duct
+        Of a class in `SHAPES`.
     path : path-like
         Ends in ``.json``, ``.yaml`` or ``.yml``.
     fit : str
@@ -268,13 +245,15 @@ def check_shapes_target(path: str | os.PathLike[str], *, force: bool = False) ->
     check_new_file(path, SUFFIXES, force=force)
 
 
-def count_pieces(duct: Shapes) -> int:
+def count_pieces(duct: Duct) -> int:
     """Return how many shapes there are: cones and cylinders lie between two of their balls."""
-    count = len(duct.centres)
-    return count if isinstance(duct, SuperEllipsoids) else max(1, count - 1)
+    if not duct.columns:
+        return 1
+    count = len(getattr(duct, next(iter(duct.columns.values()))[0]))
+    return max(1, count - 1) if duct.joined else count
 
 
-def load_shapes(path: str | os.PathLike[str]) -> Shapes:
+def load_shapes(path: str | os.PathLike[str]) -> Duct:
     """Read shapes from a file that `save_shapes` wrote, or one like it.
 
     Raises
@@ -286,7 +265,7 @@ def load_shapes(path: str | os.PathLike[str]) -> Shapes:
 
 
 def load_shapes_file(path: str | os.PathLike[str]) -> ShapesFile:
-    """Read shapes from a file, and what it says about them.
+    """Read shapes from a file, and what it states about them.
 
     Raises
     ------
@@ -312,47 +291,43 @@ def load_shapes_file(path: str | os.PathLike[str]) -> ShapesFile:
         raise FileFormatError(f"{source}: {error}") from None
 
 
-def write_shapes(duct: Shapes, *, fit: str = "", note: str = "") -> dict[str, Any]:
+def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> dict[str, Any]:
     """Return shapes as plain data; `fit` and `note` as for `save_shapes`.
 
     Raises
     ------
     InputError
-        If the duct is not of a kind that has a file form, or `fit` is not one of `FITS`.
+        If the duct's class has no file form, or `fit` is not one of `FITS`.
     """
     _check_fit(fit)
-    if isinstance(duct, RoundCones):
-        kind, columns = "cones", {"centre": duct.centres, "radius": duct.radii}
-    elif isinstance(duct, ConnectedCylinders):
-        kind = "cylinders"
-        columns = {"centre": duct.centres, "normal": duct.normals, "radius": duct.radii}
-    elif isinstance(duct, SuperEllipsoids):
-        kind = "superellipsoids"
-        columns = {
-            "centre": duct.centres,
-            "half_axes": duct.half_axes,
-            "e1": duct.e1,
-            "e2": duct.e2,
-            # A row is an axis of the shape, in its own order x, y, z.
-            "axes": np.swapaxes(duct.rotations, 1, 2),
-        }
-    else:
-        raise InputError(
-            f"a {type(duct).__name__} has no file form: RoundCones, ConnectedCylinders and "
-            "SuperEllipsoids have"
-        )
-    data: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": kind}
-    data |= {"units": "mm", "wall": duct.wall, "wall_error": float(duct.wall_error)}
-    data["inflation"] = float(duct.inflation)
+    kind = str(getattr(duct, "name", ""))
+    if kind not in SHAPES or SHAPES[kind] is not type(duct):
+        raise InputError(f"a {type(duct).__name__} has no file form: {', '.join(SHAPES)} have")
+    data: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": kind, "units": "mm"}
+    stated = {name for name in OPTIONS if name in _list_fields(type(duct))}
+    data |= {key: _to_plain(getattr(duct, key)) for key in OPTIONS if key in stated}
     data |= {name: text for name, text in (("fit", fit), ("note", note)) if text}
-    data["shapes"] = [
-        {key: values[k].tolist() for key, values in columns.items()}
-        for k in range(len(duct.centres))
-    ]
+    data = {key: value for key, value in data.items() if value is not None}
+    if duct.columns:
+        rows = {
+            key: np.swapaxes(table, 1, 2) if count == 9 else table
+            for key, (table, count) in (
+                (key, (getattr(duct, name), count)) for key, (name, count) in duct.columns.items()
+            )
+        }
+        data["shapes"] = [
+            dict(zip(rows, (values.tolist() for values in row), strict=True))
+            for row in zip(*rows.values(), strict=True)
+        ]
+    else:
+        own = {name: _to_plain(getattr(duct, name)) for name in _list_fields(type(duct))}
+        data["shapes"] = [
+            {key: value for key, value in own.items() if value is not None and key not in stated}
+        ]
     return data
 
 
-def read_shapes(data: Any) -> Shapes:
+def read_shapes(data: Any) -> Duct:
     """Build shapes from plain data, as `write_shapes` gives it.
 
     Raises
@@ -364,56 +339,92 @@ def read_shapes(data: Any) -> Shapes:
 
 
 def _read_file(data: Any) -> ShapesFile:
-    fields = take_mapping(data, "the file", FIELDS, NEEDED)
-    if fields["format"] != FORMAT:
-        raise InputError(f"format is {show_value(fields['format'])}: it must be '{FORMAT}'")
-    version = fields["version"]
+    given = take_mapping(data, "the file", FIELDS, NEEDED)
+    if given["format"] != FORMAT:
+        raise InputError(f"format is {show_value(given['format'])}: it must be '{FORMAT}'")
+    version = given["version"]
     if isinstance(version, bool) or not isinstance(version, int) or not 1 <= version <= VERSION:
         raise InputError(f"version is {show_value(version)}: it must lie in [1, {VERSION}]")
-    kind = fields["kind"]
-    if not isinstance(kind, str) or kind not in SHAPE_FIELDS:
-        raise InputError(f"kind is {show_value(kind)}: it must be one of {', '.join(SHAPE_FIELDS)}")
-    if fields.get("units", "mm") != "mm":
-        raise InputError(f"units is {show_value(fields['units'])}: it must be 'mm'")
+    kind = given["kind"]
+    if not isinstance(kind, str) or kind not in SHAPES:
+        raise InputError(f"kind is {show_value(kind)}: it must be one of {', '.join(SHAPES)}")
+    if given.get("units", "mm") != "mm":
+        raise InputError(f"units is {show_value(given['units'])}: it must be 'mm'")
     options: dict[str, Any] = {}
     for name in ("wall_error", "inflation"):
-        if name in fields:
-            options[name] = float(take_numbers(fields[name], name, 1)[0])
-    texts = {name: fields[name] for name in TEXTS if name in fields}
+        if name in given:
+            options[name] = float(take_numbers(given[name], name, 1)[0])
+    texts = {name: given[name] for name in ("wall", "fit", "note") if name in given}
     for name, text in texts.items():
         if not isinstance(text, str):
             raise InputError(f"{name} is {show_value(text)}: it must be text")
     if "wall" in texts:
         options["wall"] = texts.pop("wall")
     _check_fit(texts.get("fit", ""))
-    items = fields["shapes"]
+    items = given["shapes"]
     if not isinstance(items, (list, tuple)) or not items:
         raise InputError(f"shapes is {show_value(items)}: it must be a list of 1 or more")
-    if kind == "cylinders" and len(items) < 2:
-        raise InputError("shapes holds 1 circle: cylinders lie between 2 or more")
-    names = SHAPE_FIELDS[kind]
-    rows: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
-    for index, item in enumerate(items):
-        field = f"shapes[{index}]"
-        shape = take_mapping(item, field, tuple(names), tuple(names))
-        for name, count in names.items():
-            values = take_numbers(shape[name], f"{field}.{name}", count)
-            if name == "radius" and values[0] <= 0.0:
-                raise InputError(f"{field}.radius is {values[0]:g} mm: it must lie in (0, inf) mm")
-            rows[name].append(values)
-    table = {name: np.array(values) for name, values in rows.items()}
+    return ShapesFile(shapes=_build(SHAPES[kind], items, options), **texts)
+
+
+def _build(kind: type[Duct], items: Sequence[Any], options: dict[str, Any]) -> Duct:
+    """Return the shapes of one kind from the pieces of a file."""
+    known = {name: None for name in _list_fields(kind)}
+    for name in options:
+        if name not in known:
+            raise InputError(f"{name} is given: a {kind.__name__} has none")
     try:
-        return ShapesFile(shapes=_build(kind, table, options), **texts)
+        if kind.columns:
+            return kind(**_read_columns(kind, items), **options)
+        if len(items) != 1:
+            raise InputError(f"shapes has {len(items)} items: a {kind.__name__} has 1")
+        own = tuple(name for name in known if name not in OPTIONS)
+        needed = tuple(item.name for item in fields(kind) if _is_needed(item))  # type: ignore[arg-type]
+        return kind(**take_mapping(items[0], "shapes[0]", own, needed), **options)
     except InputError as error:
-        raise type(error)(_name_field(str(error))) from None
+        raise type(error)(_name_field(kind, str(error))) from None
+    except (TypeError, ValueError) as error:  # a class of another package need not check
+        raise InputError(f"shapes cannot be made a {kind.__name__}: {error}") from None
 
 
-def _name_field(message: str) -> str:
+def _read_columns(kind: type[Duct], items: Sequence[Any]) -> dict[str, NDArray[np.float64]]:
+    rows: dict[str, list[NDArray[np.float64]]] = {key: [] for key in kind.columns}
+    for index, item in enumerate(items):
+        shape = take_mapping(item, f"shapes[{index}]", tuple(rows), tuple(rows))
+        for key, (_, count) in kind.columns.items():
+            rows[key].append(take_numbers(shape[key], f"shapes[{index}].{key}", count))
+    made = {}
+    for key, (name, count) in kind.columns.items():
+        table = np.array(rows[key])
+        # A row of a file is an axis of the shape, in its own order x, y, z.
+        axes = np.swapaxes(table.reshape(-1, 3, 3), 1, 2) if count == 9 else table
+        made[name] = table[:, 0] if count == 1 else axes
+    return made
+
+
+def _list_fields(kind: type[Duct]) -> list[str]:
+    return [item.name for item in fields(kind) if item.init]  # type: ignore[arg-type]
+
+
+def _is_needed(item: Field[Any]) -> bool:
+    return item.init and item.default is MISSING and item.default_factory is MISSING
+
+
+def _to_plain(value: Any) -> Any:
+    if isinstance(value, (tuple, list)):
+        return [_to_plain(item) for item in value]
+    if callable(value):
+        raise InputError("a curve that is a function has no file form: give its samples")
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _name_field(kind: type[Duct], message: str) -> str:
     """Return a constructor's message with the file's name of what it is about."""
-    names = "|".join(_ARGUMENTS)
+    keys = {name: key for key, (name, _) in kind.columns.items()}
+    keys |= {name.replace("_", " "): key for name, key in keys.items()}
     return re.sub(
-        rf"^({names})\[(\d+)(?:, (\d+))?\]",
-        lambda m: f"shapes[{m[2]}].{_ARGUMENTS[m[1]]}" + (f"[{m[3]}]" if m[3] else ""),
+        rf"^({'|'.join(keys) or '(?!)'})\[(\d+)(?:, (\d+))?\]",
+        lambda m: f"shapes[{m[2]}].{keys[m[1]]}" + (f"[{m[3]}]" if m[3] else ""),
         message,
         count=1,
     )
@@ -422,20 +433,3 @@ def _name_field(message: str) -> str:
 def _check_fit(fit: str) -> None:
     if fit not in ("", *FITS):
         raise InputError(f"fit is {show_value(fit)}: it must be one of {', '.join(FITS)}")
-
-
-def _build(kind: str, table: dict[str, NDArray[np.float64]], options: dict[str, Any]) -> Shapes:
-    if kind == "cones":
-        return RoundCones(table["centre"], table["radius"][:, 0], **options)
-    if kind == "cylinders":
-        return ConnectedCylinders(
-            table["centre"], table["normal"], table["radius"][:, 0], **options
-        )
-    return SuperEllipsoids(
-        table["centre"],
-        table["half_axes"],
-        e1=table["e1"][:, 0],
-        e2=table["e2"][:, 0],
-        rotations=np.swapaxes(table["axes"].reshape(-1, 3, 3), 1, 2),
-        **options,
-    )

@@ -165,18 +165,14 @@ def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
 def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
     """Return a small inflation, all of it, for which the whole way is planned [mm]."""
     duct = job.duct
-    inflate = getattr(duct, "inflate", None)
-    if inflate is None or not getattr(duct, "exact_outside", True):
-        return None
     # Beyond its reach a field does not know how far the wall is outside the lumen.
-    last = min(float(getattr(duct, "inflation_max", math.inf)), duct.inflation + INFLATION_MORE)
-
+    last = min(duct.inflation_max, duct.inflation + INFLATION_MORE)
     refused = duct.inflation + INFLATION_SPARE
     if last <= refused:
         return None
 
     def pass_once(value: float) -> bool:
-        wider = inflate(value - duct.inflation)
+        wider = duct.inflate(value - duct.inflation)
         ways = Ways(wider, job.line, before=job.ways)
         other = _Trials(wider, job.line, job.options, ways=ways)
         other.count, other.progress = trials.count, trials.progress

@@ -14,9 +14,7 @@ from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_number, check_points
 from ..duct.base import Duct, count_dimensions
-from ..duct.build import build_field
-from ..duct.field import SampledField
-from ..duct.refined import RefinedField, refine_field
+from ..duct.field import RefinedField, SampledField, build_field, refine_field
 from ..errors import FileFormatError, InputError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress

@@ -35,13 +35,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..duct import Centreline, Duct, RoundCones, SampledField
+    from ..duct import Centreline, Duct, SampledField
     from ..duct.fitting.measure import SectionCircles, Sections
-    from ..duct.shapes.cylinders import ConnectedCylinders
     from ..duct.shapes.super_ellipses import SuperEllipsoids
     from ..motion.traverse import LinkLimits
 
-    Shapes = RoundCones | ConnectedCylinders | SuperEllipsoids
+    Shapes = Duct
 
 
 def draw_link_limits(limits: LinkLimits, *, link: float | None = None) -> Figure:

@@ -20,7 +20,7 @@ from ..anatomy.frame import find_axis
 from ..anatomy.tract import Finding, LabelTract, Opening, SurfaceTract, name_place
 from ..checks import check_points
 from ..duct import Centreline, SampledField, find_centreline
-from ..duct.build import INFLATION_MAX
+from ..duct.field import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Plan
 from ..motion.introducer import Introducer

@@ -20,7 +20,7 @@ from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..anatomy.write import encode_volume
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
-from ..duct.refined import RefinedField, refine_field
+from ..duct.field import RefinedField, refine_field
 from ..io.files import new_directory, write_bytes, write_text
 from ..motion import (
     METHODS,

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..checks import check_number
 from ..duct import Centreline, SampledField, build_field
-from ..duct.fitting.fit import FittedDuct, fit_duct, mesh_from_mask
+from ..duct.fitting.fit import FitOptions as DuctFit
+from ..duct.fitting.fit import FittedDuct, Kind, fit_duct, mesh_from_tract
 from ..duct.fitting.measure import PERCENTS, SectionCircles, Sections, cut_sections
 from ..duct.shapes.mesh import TriangleMesh
 from ..progress import Progress, no_progress
@@ -51,7 +52,7 @@ class FitStudy(Result):
     @property
     def converged(self) -> bool:
         """Whether the shapes are as near to the wall as was asked for."""
-        return self.fitted.reached
+        return self.fitted.converged
 
     @property
     def reason(self) -> str:
@@ -76,11 +77,11 @@ class FitStudy(Result):
         """Return JSON-able values."""
         fitted, report = self.fitted, self.fitted.report
         return {
-            "kind": fitted.kind,
+            "kind": fitted.options.kind,
             "pieces": report.pieces,
-            "inside": fitted.inside,
-            "max_error_mm": fitted.max_error,
-            "reached": fitted.reached,
+            "inside": fitted.options.inside,
+            "max_error_mm": fitted.options.max_error,
+            "reached": fitted.converged,
             "reason": fitted.reason,
             "outside_found_mm": report.outside,
             "outside_proved_mm": report.outside_bound,
@@ -188,22 +189,16 @@ def run_fit(
         If an input is not legal, or no shapes follow the centreline.
     """
     options = FitOptions() if options is None else options
+    wanted = DuctFit(
+        kind=cast(Kind, options.kind),
+        max_error=options.max_error,
+        pieces=options.pieces,
+        inside=not options.least_squares,
+    )
     field, ends = find_line(tract, options, progress)
     with explain_scale(tract):
-        if isinstance(tract, LabelTract):
-            mesh = mesh_from_mask(tract.mask, tract.affine, inflation=options.inflate)
-        else:
-            mesh = TriangleMesh(tract.vertices, tract.faces, inflation=options.inflate)
-        fitted = fit_duct(
-            mesh,
-            ends.line,
-            options.kind,
-            max_error=options.max_error,
-            pieces=options.pieces,
-            inside=not options.least_squares,
-            draft=field,
-            progress=progress,
-        )
+        mesh = mesh_from_tract(tract, inflation=options.inflate)
+        fitted = fit_duct(mesh, ends.line, wanted, draft=field, progress=progress)
     findings = (*tract.findings, *ends.findings)
     return FitStudy(mesh=mesh, field=field, line=ends.line, fitted=fitted, findings=findings)
 

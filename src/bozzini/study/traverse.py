@@ -16,9 +16,8 @@ from ..duct import (
     RoundCones,
     SampledField,
     find_centreline,
-    to_field,
 )
-from ..duct.chain_line import follow_chain, widen_line
+from ..duct.centreline import follow_chain, widen_line
 from ..duct.shape_files import FITS
 from ..duct.shapes.cylinders import ConnectedCylinders
 from ..errors import InputError
@@ -222,10 +221,6 @@ def _prepare_duct(duct: Duct, options: PathOptions, progress: Progress) -> tuple
                 "point"
             )
     if options.inflate > 0.0:
-        if not hasattr(duct, "inflate"):
-            raise InputError(
-                f"inflation is {options.inflate:g} mm: this duct's wall cannot be moved"
-            )
         duct = duct.inflate(options.inflate)
     voxel = options.voxel
     if voxel is None and isinstance(duct, (RoundCones, ConnectedCylinders)):
@@ -237,7 +232,7 @@ def _prepare_duct(duct: Duct, options: PathOptions, progress: Progress) -> tuple
         raise InputError(
             f"voxel is {voxel:g} mm: it must not exceed the duct's smallest side, {size.min():g} mm"
         )
-    field = to_field(duct, voxel)
+    field = duct.sample(voxel)
     if not isinstance(field, SampledField):
         raise InputError("the duct is planar: its centreline must be given (find_link_limits)")
     line = find_centreline(field, ends, progress=progress)
