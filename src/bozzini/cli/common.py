@@ -81,7 +81,7 @@ EXIT_DONE = 0
 EXIT_NEGATIVE = 1
 """An honest negative answer, for example: the scope does not fit."""
 EXIT_BAD_INPUT = 2
-"""The input or the usage is wrong; one line on stderr says what."""
+"""The input or the usage is wrong; one line on stderr names it."""
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -347,7 +347,7 @@ class Answer:
 def answer_options(
     *suffixes: str, quiet: bool = True, name: str = "--out", **out: Any
 ) -> Callable[[_Function], _Function]:
-    """Return a decorator that adds ``--json`` and what else says where the answer goes.
+    """Return a decorator that adds ``--json`` and the other options of an answer.
 
     It arrives as the argument ``answer``.
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 import os
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..checks import check_integer
+from ..errors import InputError
 from ..io.files import write_atomically
 from .clearance import choose_abscissa, fill_clearance
 from .fluoroscopy import render_fluoroscopy
@@ -58,7 +59,9 @@ def write_figure(drawn: Figure | Axes, path: str | os.PathLike[str], *, dpi: flo
     """
     from matplotlib.text import Text
 
-    figure: Any = drawn if isinstance(drawn, Figure) else drawn.figure
+    figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
+    if figure is None:
+        raise InputError("the axes belong to no figure: draw them again")
     for text in figure.findobj(Text):  # bytes of a file name that are not UTF-8 have no glyph
         text.set_text(text.get_text().encode("utf-8", "backslashreplace").decode("utf-8"))
 
@@ -244,7 +247,7 @@ def _add_axes(figure: Figure, left: float, bottom: float, wide: float, tall: flo
     return figure.add_axes((left / width, bottom / height, wide / width, tall / height))
 
 
-def _draw_strip(axes: Any, sample: MotionSample, scale: ClearanceScale, rows: list[int]) -> None:
+def _draw_strip(axes: Axes, sample: MotionSample, scale: ClearanceScale, rows: list[int]) -> None:
     """Draw smallest clearance over insertion on a dark ground."""
     fill_clearance(axes, sample, scale=scale, ink="white")
     over, label = choose_abscissa(sample)

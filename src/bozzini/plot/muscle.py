@@ -7,7 +7,7 @@ figure. Pressure is shown in kPa, angles in degrees.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from .style import (
     DASHES,
     INK,
     RED,
+    Look,
     make_panels,
     take_panel,
 )
@@ -40,7 +41,7 @@ _MARKS = {"inflating": "^", "deflating": "v", "": "o"}
 _PRESSURE = "pressure [kPa]"
 _CONTRACTION = "contraction [mm]"
 _FINE = 201
-_PHASES: tuple[dict[str, Any], ...] = (
+_PHASES: tuple[Look, ...] = (
     {"color": "#d7e3ee", "label": "gap: the tube grows alone"},
     {"color": "#fbe7c6", "label": "contact, longer than at rest"},
 )
@@ -333,7 +334,7 @@ def _draw_line(
     rows: Measurements,
     *,
     predicted: NDArray[np.float64],
-    style: Mapping[str, Any],
+    style: Look,
 ) -> None:
     """Draw a model between rows of one load and direction; without an answer there, only at them.
 
@@ -365,7 +366,7 @@ def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
     return levels
 
 
-def _list_styles(names: Any) -> list[dict[str, Any]]:
+def _list_styles(names: Collection[str]) -> list[Look]:
     if not len(names):
         raise InputError("there are 0 models to draw: give 1 or more")
     return [
