@@ -561,8 +561,9 @@ def bend_for_ratio(ratio: ArrayLike) -> Floats:
         return np.asarray(np.sin(0.5 * bend) * np.sinc(0.5 * bend / math.pi) - flat[index])
 
     found = find_between(excess, np.zeros_like(flat), np.full_like(flat, STEEPEST_BEND))
-    # At the largest ratio round-off may hide the change of sign.
-    return np.asarray(np.where(np.isnan(found), STEEPEST_BEND, found).reshape(wanted.shape))
+    # Not found are the ends: ratios too small for a relative tolerance, and the largest one.
+    ends = np.where(flat < 0.5 * LARGEST_RATIO, 2.0 * flat, STEEPEST_BEND)
+    return np.where(np.isnan(found), ends, found).reshape(wanted.shape)
 
 
 def solve_section(
