@@ -458,9 +458,9 @@ def test_recomputed_lengths_are_those_of_the_drawn_tendons(routed) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"segment": "line"}, "segment is 'line': choose one of"),
+        ({"segment": "line"}, "segment is 'line': it must be one of"),
         ({"between": -1}, "between is -1"),
-        ({"tendon_stiffness": 0.0}, "tendon_stiffness is 0 N"),
+        ({"tendon_stiffness": 0.0}, "tendon stiffness is 0 N"),
         ({"tolerance": math.nan}, "tolerance is nan"),
     ],
 )
@@ -503,8 +503,8 @@ def test_lengths_in_channels_are_convex(seed, share) -> None:
     ("options", "words"),
     [
         ({"segment": ["chord"]}, r"segment is \['chord'\]"),
-        ({"tendon_stiffness": np.ones(2)}, "tendon_stiffness is array"),
-        ({"tendon_stiffness": -math.inf}, "tendon_stiffness is -inf N"),
+        ({"tendon_stiffness": np.ones(2)}, "tendon stiffness is array"),
+        ({"tendon_stiffness": -math.inf}, "tendon stiffness is -inf N"),
     ],
 )
 def test_options_of_another_kind_are_named(options, words) -> None:

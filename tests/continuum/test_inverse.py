@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
 from bozzini.continuum.arc import arc_frames, displacements_for, jacobian
 from bozzini.continuum.coupling import find_limits
 from bozzini.continuum.inverse import (
@@ -433,7 +433,7 @@ def test_cables_that_cannot_push_are_only_pulled(seed: int) -> None:
 
 
 def test_robots_that_are_not_parallel_are_refused() -> None:
-    helix = Tendon.helix("turning", 2.0, turns=1.0, end=30.0)
+    helix = Tendon(name="turning", offset=2.0, angle=Helix(turns=1.0), end=30.0)
     robot = ContinuumRobot((Section(length=30.0, radius=2.5, tendons=(helix,)),))
     with pytest.raises(GeometryError, match="'turning'.*the inverse.*bend in arcs") as caught:
         solve_tip(robot, (0.0, 0.0, 30.0))

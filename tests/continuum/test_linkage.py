@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.continuum import ArcModel, ContinuumRobot, LinkageModel, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, LinkageModel, Section, Tendon
 from bozzini.continuum.arc import displacements_for
 from bozzini.errors import GeometryError, InputError
 from tests.continuum.reference import solve_chain, solve_segment
@@ -282,7 +282,7 @@ def test_other_routing_is_refused() -> None:
             Section(
                 length=100.0,
                 radius=6.0,
-                tendons=(Tendon.helix("x", 4.0, turns=1.0, end=100.0),),
+                tendons=(Tendon(name="x", offset=4.0, angle=Helix(turns=1.0), end=100.0),),
             ),
         )
     )

@@ -198,7 +198,7 @@ def test_the_best_plan_has_the_most_certified_clearance(bend, diameter, link):
     assert best.asked == "best"
     calm = [one for one in best.candidates if one.joint_step_ratio <= STEP_RATIO_MAX]
     assert len(best.candidates) >= 3
-    assert proved == pytest.approx(max(one["clearance_mm"] for one in calm), abs=1e-9)
+    assert proved == pytest.approx(max(one.clearance for one in calm), abs=1e-9)
     assert ratio <= STEP_RATIO_MAX
     assert certify_plan(best, bend[0]).clearance == pytest.approx(proved)
 

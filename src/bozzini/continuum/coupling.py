@@ -295,7 +295,7 @@ class ParallelModel(ContinuumModel):
 
     def answer(self, displacements: ArrayLike, found: BendSolution, **stations: Floats) -> Shape:
         """Return the shapes of bends, given the stations and the frames there."""
-        bends = found.bends.reshape(*found.bends.shape[:-2], -1)
+        bends = found.bends.reshape(*found.bends.shape[:-2], 2 * len(self.robot.sections))
         return self.make_shape(
             check_displacements(self.robot, displacements),
             tendon_lengths=self.robot.tendon_ends - bends @ self.coupling.matrix.T,
@@ -303,7 +303,7 @@ class ParallelModel(ContinuumModel):
             slack=found.slack,
             residual=found.residual,
             verdict=(found.converged, found.reason),
-            **stations,  # type: ignore[arg-type]  # arrays by the names of `make_shape`
+            **stations,
         )
 
 

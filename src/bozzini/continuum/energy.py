@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import quantity
-from ..errors import GeometryError, InputError
+from ..errors import GeometryError
 from .checks import Floats
 from .coupling import check_displacements
 from .kernels import energy as kernels
@@ -335,10 +335,13 @@ class EnergyModel(ContinuumModel):
         default=0,
         kw_only=True,
     )
-    segment: Segment = field(
+    segment: Segment = quantity(
+        "text",
+        "Straight links, arcs, or arcs with tendons in smooth channels.",
+        words=get_args(Segment),
         default="chord",
         kw_only=True,
-        metadata={"help": "Straight links, arcs, or arcs with tendons in smooth channels."},
+        option="segment_kind",
     )
     tendon_stiffness: float = quantity(
         "force",
@@ -353,8 +356,6 @@ class EnergyModel(ContinuumModel):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not isinstance(self.segment, str) or self.segment not in SEGMENTS:
-            raise InputError(f"segment is {self.segment!r}: choose one of {list(SEGMENTS)}")
         if not self.robot.tendons:
             raise GeometryError(f"robot '{self.robot.name}' has no tendons: nothing can move it")
 

@@ -14,13 +14,14 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number
 from ..errors import GeometryError, InputError
+from ..io.records import Plain
 from ..results import Result, to_plain
 from .arc import ArcModel, arc_frames
 from .checks import FARTHEST, Floats, check_directions, check_frame, check_places, check_values
@@ -176,7 +177,7 @@ class ContinuumInverse(Result):
             raise GeometryError(self.reason)
         return self
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Plain:
         """Return the result as plain values, units in the names."""
         moved = zip(self.robot.tendon_names, self.displacements, strict=True)
         plain = to_plain(
@@ -197,7 +198,7 @@ class ContinuumInverse(Result):
         )
         return dict(plain)
 
-    def list_columns(self) -> dict[str, Any]:
+    def list_columns(self) -> Plain:
         """Return the columns of `to_frame`: the displacement of each tendon."""
         return {"tendon": self.robot.tendon_names, "displacement_mm": self.displacements}
 

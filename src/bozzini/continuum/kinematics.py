@@ -122,9 +122,7 @@ class ContinuumRobot(RobotDesign):
 
     def model(self, name: str | None = None, **options: Any) -> ContinuumModel:
         """Return a model of this robot, with its options; see `forward`."""
-        if name is None:
-            loaded = any(options.get(load) is not None for load in LOADS)
-            name = "rod" if loaded else "energy" if find_crooked(self) else "arc"
+        name = name or self.choose_model(options)
         if name not in CONTINUUM_MODELS:
             known = ", ".join(CONTINUUM_MODELS)
             raise InputError(f"there is no model '{name}': choose one of {known}")
@@ -134,6 +132,12 @@ class ContinuumRobot(RobotDesign):
                 known = ", ".join(field for field in kind.__dataclass_fields__ if field != "robot")
                 raise InputError(f"the {name} model has no option '{option}': it has {known}")
         return kind(self, **options)
+
+    def choose_model(self, options: Mapping[str, object]) -> str:
+        """Return the model that suits this robot: by loads among the options, and by routing."""
+        if any(options.get(load) is not None for load in LOADS):
+            return "rod"
+        return "energy" if find_crooked(self) else "arc"
 
     def order_displacements(self, displacements: Mapping[str, float]) -> Floats:
         """Return displacements [mm] by the tendons' names as an array (t,), 0 for those left out.

@@ -119,7 +119,7 @@ class LinkageModel(ParallelModel):
             displacements,
             found,
             arc_length=self.arc_length,
-            disc_arc_length=self.arc_length[1:],
+            discs=self.arc_length[1:],
             frames=frames,
         )
 

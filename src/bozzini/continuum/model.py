@@ -103,6 +103,7 @@ class ContinuumModel(ABC):
         *,
         arc_length: Floats,
         frames: Floats,
+        discs: Floats | None = None,
         verdict: Verdict | None = None,
         **known: NDArray[np.generic],
     ) -> Shape:
@@ -116,6 +117,8 @@ class ContinuumModel(ABC):
             Stations [mm], discs among them.
         frames : (n, k, 4, 4) ndarray
             Frames at the stations, the batch in one row [mm].
+        discs : (d,) ndarray, optional
+            Arc length of the discs [mm]; those of the robot unless given.
         verdict : (ndarray of bool, ndarray of str), optional
             Whether each shape has converged, and why not; all have unless given.
         **known
@@ -124,7 +127,6 @@ class ContinuumModel(ABC):
         batch = displacements.shape[:-1]
         if verdict is None:
             verdict = np.ones(batch, dtype=np.bool_), np.zeros(batch, dtype="<U1")
-        discs = known.pop("disc_arc_length", self.robot.disc_arc_length)
         fields = {
             "tendon_lengths": self.robot.rest_lengths - displacements,
             "section_parameters": np.zeros((*batch, 0, 2)),
@@ -146,8 +148,8 @@ class ContinuumModel(ABC):
             arc_length=arc_length,
             frames=frames.reshape((*batch, *frames.shape[-3:])),
             displacements=displacements.copy(),
-            disc_arc_length=discs,  # type: ignore[arg-type]
-            **shaped,  # type: ignore[arg-type]  # all arrays, each of its field's type
+            disc_arc_length=self.robot.disc_arc_length if discs is None else discs,
+            **shaped,
         )
 
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer
 from ..errors import InputError
-from ..io.records import load_record, read_record, save_record, write_record
+from ..io.records import Plain, load_record, read_record, save_record, write_record
 from .checks import Floats, check_items, check_text
 from .section import GRAIN, Section, Tendon
 
@@ -153,7 +152,7 @@ class RobotDesign:
         return np.append(inner.ravel(), discs[-1])
 
     @classmethod
-    def from_dict(cls, fields: Mapping[str, Any]) -> Self:
+    def from_dict(cls, fields: Plain) -> Self:
         """Build a robot from plain data, as a YAML file holds it (see `from_yaml`).
 
         Raises
@@ -163,7 +162,7 @@ class RobotDesign:
         """
         return read_record(fields, cls, name="robot")
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Plain:
         """Return the robot as plain data that `from_dict` reads."""
         data = write_record(self)
         for section in data["sections"]:
@@ -225,7 +224,7 @@ class RobotDesign:
 def check_robot(robot: object) -> None:
     """Raise `InputError` unless `robot` is one."""
     if not isinstance(robot, RobotDesign):
-        raise InputError(f"robot is of type {type(robot).__name__}: it must be a RobotDesign")
+        raise InputError(f"robot is of type {type(robot).__name__}: it must be a ContinuumRobot")
 
 
 def _end(tendon: Tendon) -> float:

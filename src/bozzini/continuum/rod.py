@@ -12,17 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_points, quantity
 from ..errors import InputError
+from ..numeric.kernels.linear_algebra import solve_bounded
+from ..numeric.kernels.rotations import find_turn, turn_quaternion
 from .checks import Floats
 from .coupling import check_displacements
 from .energy import place_stations
-from .kernels.energy import solve_bounded
-from .kernels.rod import (
-    differentiate_piece,
-    find_turn,
-    integrate_rod,
-    measure_unloaded,
-    turn_quaternion,
-)
+from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
 from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
 from .robot import RobotDesign
 from .section import GRAIN
@@ -243,6 +238,35 @@ class Target:
         free = ~self.pushes & (tensions == 0.0)
         return np.asarray(np.where(free, np.maximum(gaps, 0.0), gaps))
 
+    def share(self, give: Floats, tensions: Floats, ridge: float) -> Floats:
+        """Return the least tensions that do the same, where redundant tendons leave them open.
+
+        `give` is how lengths give way to tension, `ridge` what is added to its diagonal, as a
+        share of the largest.
+        """
+        if not give.size or self.compliances.any():
+            return tensions
+        taut, shared = tensions != 0.0, tensions.copy()
+        high = float(np.abs(tensions).max(initial=0.0)) * taut
+        low = np.where(self.pushes, -high, 0.0)
+        added = ridge * float(np.abs(np.diag(give)).max(initial=0.0))
+        matrix, vector = give + added * np.eye(len(taut)), -give @ tensions
+        right = vector
+        for _ in range(3):
+            # Each pass takes out what the ridge did to the one before it.
+            if not solve_bounded(matrix, right, low, high, shared):
+                return tensions
+            right = vector - added * shared
+        return shared
+
+    def explain_held(self, held: NDArray[np.int64]) -> str:
+        """Return the reason why tendons that are as tight as can be stop the command."""
+        names = ", ".join(f"'{self.names[k]}'" for k in held)
+        return (
+            f"{names} would have to stretch beyond it; let out tendons on the other side, or "
+            "give a tendon_stiffness"
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
@@ -257,17 +281,6 @@ class Shot:
     share: float = 1.0
     iterations: int = 0
     reason: str = ""
-
-
-def rotate(quaternions: Floats) -> Floats:
-    """Return the rotation matrices (n, 3, 3) of unit quaternions (n, 4), scalar first."""
-    w, x, y, z = quaternions.T
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.asarray(rows), -1, 0)
 
 
 # Multiple shooting: moments, turns and tensions for which a rod and its tendons are as asked.
@@ -457,11 +470,7 @@ class Shooting:
             right = vector - RIDGE * largest * wanted
         held = np.flatnonzero(np.abs(wanted) >= strongest)
         if held.size:
-            names = ", ".join(f"'{target.names[k]}'" for k in held)
-            return tensions, (
-                f"{names} would have to stretch beyond it; let out tendons on the other side, or "
-                "give a tendon_stiffness"
-            )
+            return tensions, target.explain_held(held)
         free = (wanted > low) & (wanted < high)
         if np.abs(exact - give).max() > 1e-6 * largest and free.any():
             # A moment of fixed direction has no potential: the problem is not symmetric.
@@ -489,20 +498,7 @@ class Shooting:
         self, tensions: Floats, turns: Floats, moments: Floats, scale: float
     ) -> Floats:
         """Take the least tensions that do the same, where redundant ones differ."""
-        if not self.give.size or self.target.compliances.any():
-            return tensions
-        taut = tensions != 0.0
-        shared = tensions.copy()
-        size = float(np.abs(tensions).max())
-        ridge = SHARING * float(np.abs(np.diag(self.give)).max())
-        vector = -self.give @ tensions
-        right = vector
-        for _ in range(3):
-            low = np.where(self.target.pushes, -size, 0.0) * taut
-            matrix = self.give + ridge * np.eye(len(taut))
-            if not solve_bounded(matrix, right, low, size * taut, shared):
-                return tensions
-            right = vector - ridge * shared
+        shared = self.target.share(self.give, tensions, SHARING)
         # The same to first order only: it must hold of the lengths and joints themselves.
         shot = Shot(tensions=shared, turns=turns, moments=moments, share=self.share)
         states, jumps, good = self.rod.trace_jumps(shot)
@@ -543,7 +539,7 @@ def improve_unloaded(rod: Rod, target: Target, share: float, loose: float, start
     for count in range(MOST_STEPS_UNLOADED + 1):
         gaps = target.gaps(lengths, tensions, share, loose)
         if np.abs(gaps).max(initial=0.0) <= loose:
-            shared = _share(target, give, tensions)
+            shared = target.share(give, tensions, SHARING_UNLOADED)
             _, shorter, _ = _measure(rod, target, shared, limit)
             left = target.gaps(shorter, shared, share, loose)
             if np.abs(left).max(initial=0.0) <= loose:
@@ -561,11 +557,7 @@ def improve_unloaded(rod: Rod, target: Target, share: float, loose: float, start
             break
         held = np.flatnonzero(np.abs(wanted) >= rod.strongest)
         if held.size and count > 0:
-            names = ", ".join(f"'{target.names[k]}'" for k in held)
-            reason = (
-                f"{names} would have to stretch beyond it; let out tendons on the other side, or "
-                "give a tendon_stiffness"
-            )
+            reason = target.explain_held(held)
             break
         change, part = wanted - tensions, 1.0
         rise = float(slope @ change)
@@ -595,25 +587,6 @@ def _measure(
         return -math.inf, lengths, give
     value -= float(tensions @ (limit + 0.5 * target.compliances * tensions))
     return value, lengths, give
-
-
-def _share(target: Target, give: Floats, tensions: Floats) -> Floats:
-    """Return the least tensions that do the same, where redundant tendons leave them open."""
-    if target.compliances.any():
-        return tensions
-    taut = tensions != 0.0
-    shared = tensions.copy()
-    size = float(np.abs(tensions).max(initial=0.0))
-    ridge = SHARING_UNLOADED * float(np.diag(give).max(initial=0.0))
-    vector = -give @ tensions
-    right = vector
-    for _ in range(3):
-        # Each pass takes out what the ridge did to the one before it.
-        low = np.where(target.pushes, -size, 0.0) * taut
-        if not solve_bounded(give + ridge * np.eye(len(taut)), right, low, size * taut, shared):
-            return tensions
-        right = vector - ridge * shared
-    return shared
 
 
 # A rod brought to a command and its loads, at once or else in parts.
@@ -774,10 +747,20 @@ class RodModel(ContinuumModel):
         If an option is outside its legal range.
     """
 
-    tip_force: Vector = quantity("force", "Force on the tip.", default=ZERO, kw_only=True)
-    tip_moment: Vector = quantity("moment", "Moment on the tip.", default=ZERO, kw_only=True)
+    tip_force: Vector = quantity(
+        "force",
+        "Force on the tip in the base's frame, such as 0,0,-0.1N; needs --tendon-stiffness.",
+        default=ZERO,
+        kw_only=True,
+    )
+    tip_moment: Vector = field(default=ZERO, kw_only=True)
     distributed_force: Vector = quantity(
-        "line force", "Force per length of backbone.", default=ZERO, kw_only=True
+        "line force",
+        "Force per length in the base's frame, weight for example, such as 0,-0.001N/mm,0; "
+        "needs --tendon-stiffness.",
+        default=ZERO,
+        kw_only=True,
+        option="line_force",
     )
     tendon_stiffness: float = quantity(
         "force",
@@ -922,6 +905,8 @@ class RodModel(ContinuumModel):
 
     def _answer(self, commands: Floats, shots: list[Shot], *, given: bool = False) -> Shape:
         """Shapes of shots; `commands` are displacements, or tensions if `given`."""
+        from scipy.spatial.transform import Rotation
+
         tendons = len(self.robot.tendons)
         places, ends = self._grid.places, self.robot.section_ends
         index = np.searchsorted(places, self.arc_length - EDGE)
@@ -936,7 +921,8 @@ class RodModel(ContinuumModel):
             if not good:
                 shots[row] = shot = self._rod.rest(tendons, "no curvature was found")
                 states, turned, _ = self._rod.trace(shot)
-            frames[row, :, :3, :3] = rotate(states[index, 3:7])
+            turned_by = Rotation.from_quat(np.roll(states[index, 3:7], -1, axis=1))
+            frames[row, :, :3, :3] = turned_by.as_matrix()
             frames[row, :, :3, 3] = states[index, :3]
             lengths[row] = states[-1, 10:]
             parts = np.diff(turned[edges], axis=0)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
+from ..io.records import Plain
 from ..results import Result, to_plain
 from .checks import Floats
 from .robot import RobotDesign
@@ -155,13 +156,13 @@ class Shape(Result):
         require_all(self.converged, self.reason)
         return self
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Plain:
         """Return the shapes as plain values, units in the names.
 
         Unless all have converged there are no places, only reasons and displacements.
         """
         known = bool(np.all(self.converged))
-        tendons = {}
+        tendons: dict[str, dict[str, object]] = {}
         for k, name in enumerate(self.robot.tendon_names):
             tendons[name] = {"displacement_mm": self.displacements[..., k]}
             if known:
@@ -184,10 +185,12 @@ class Shape(Result):
         plain = to_plain(verdict | (places if known else {}) | {"tendons": tendons})
         return dict(plain)
 
-    def list_columns(self) -> dict[str, Floats]:
+    def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns of `to_frame`: the backbone, station by station, shape by shape."""
         batch = self.frames.shape[:-3]
-        columns = {"arc_length_mm": np.broadcast_to(self.arc_length, self.points.shape[:-1])}
+        columns: dict[str, NDArray[np.generic]] = {
+            "arc_length_mm": np.broadcast_to(self.arc_length, self.points.shape[:-1])
+        }
         for kind, values in (("{}_mm", self.points), ("tangent_{}", self.frames[..., :3, 2])):
             columns |= {kind.format(axis): values[..., k] for k, axis in enumerate("xyz")}
         if batch:

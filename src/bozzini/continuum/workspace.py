@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number
 from ..errors import InputError
+from ..io.records import Plain
 from ..progress import Progress, no_progress
 from ..results import Result, to_plain
 from .arc import displacements_for, jacobian
@@ -360,9 +361,9 @@ class DexterityMap:
     half_plane: bool
     rank: int = 3
 
-    def list_columns(self) -> dict[str, Floats | NDArray[np.int64]]:
+    def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the cells as columns, units in the names."""
-        columns = {
+        columns: dict[str, NDArray[np.generic]] = {
             "from_axis_mm" if self.half_plane else "x_mm": self.centres[:, 0],
             "y_mm": self.centres[:, 1],
             "z_mm": self.centres[:, 2],
@@ -604,7 +605,7 @@ class ContinuumWorkspace(Result):
         """Chance that one more shape falls in a cell that is not known."""
         return 1.0 - self.volume.coverage
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Plain:
         """Return the workspace as plain values, units in the names."""
         place, share = self.map.most_directions
         travel, volume = self.travel, self.volume
@@ -631,7 +632,7 @@ class ContinuumWorkspace(Result):
         )
         return dict(plain)
 
-    def list_columns(self) -> dict[str, Floats | NDArray[np.int64]]:
+    def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns of `to_frame`: the map, a cell each row."""
         return self.map.list_columns()
 

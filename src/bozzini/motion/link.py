@@ -59,7 +59,7 @@ class LinkPlacement:
         See `turn_bound` [mm].
     clearance_bound : float
         No direction at all has more clearance than this [mm]; infinite unless infeasible. Below
-        the clearance asked for and `slack`, unless the search ran out, which `reason` then says.
+        the clearance asked for and `slack`, unless the search ran out, which `reason` then states.
     reason : str
         Why it is infeasible, else empty.
     """

@@ -73,7 +73,7 @@ class Motion:
 
 
 class Planner(ABC):
-    """A way to plan motions. A subclass says how joints move; the rest is the same for all.
+    """A way to plan motions. A subclass moves the joints; the rest is the same for all.
 
     Another package adds one with an entry point of the group ``bozzini.planners``, see
     `bozzini.motion.PLANNERS`; it is made without arguments.

@@ -39,10 +39,10 @@ class Passage:
     Parameters
     ----------
     level : float
-        Smallest room of the nodes along the widest way on the grid [mm]; -inf if there is none.
+        Smallest clearance of the nodes along the widest way on the grid [mm]; -inf without one.
     bound : float
-        No way at all has more room than this everywhere [mm]; proved. Infinite where nothing is
-        known: no node of the grid lies in the moved wall.
+        No way at all has more clearance than this everywhere [mm]; proved. Infinite where nothing
+        is known: no node of the grid lies in the moved wall.
     place : (dim,) float
         Where the widest way is tightest, world frame [mm].
     """
@@ -61,15 +61,14 @@ NODES_MAX = 300_000
 """An analytic duct is put on a grid of this many nodes at most."""
 
 PITCH = 0.1
-"""Nor are they nearer than this fraction of the room at the roomier end."""
+"""Nor are they nearer than this fraction of the larger clearance of the two ends."""
 
 
 def find_passage(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
     """Find the widest way from `start` to `goal` (world frame, mm) through a duct.
 
-    In a sampled field room is what the field answers: with inflation, the inflation minus the
-    signed distance to the wall before it. The last answers for a sampled field are remembered with
-    it.
+    In a sampled field the clearance is, with inflation, the inflation minus the signed distance to
+    the wall before it. The last answers for a sampled field are remembered with it.
     """
     if not isinstance(duct, SampledField):
         return _find_in_shape(duct, start, goal)
@@ -118,27 +117,27 @@ def _find_in_shape(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
 
 
 def _find_widest(
-    room: NDArray[np.floating],
+    clearance: NDArray[np.floating],
     nodes: NDArray[np.int64],
     shape: tuple[int, ...],
     ends: list[int],
 ) -> tuple[float, float, int]:
-    """Return the widest way's least room, the same without its two ends, and the node of that.
+    """Return the widest way's least clearance, the same without its two ends, and the node of that.
 
-    Given is the room of some nodes, by rising flat index; all others have none. The nodes of the
-    ends do not count for the proof: they are corners of cells where the way begins or ends, not
-    of faces that it crosses.
+    Given is the clearance of some nodes, by rising flat index; all others have none. The nodes of
+    the ends do not count for the proof: they are corners of cells where the way begins or ends,
+    not of faces that it crosses.
     """
     from .kernels.measures import widest_level
 
     numbers = np.searchsorted(nodes, ends)
     own = [
-        float(room[n]) if n < len(nodes) and nodes[n] == end else -np.inf
+        float(clearance[n]) if n < len(nodes) and nodes[n] == end else -np.inf
         for n, end in zip(numbers, ends, strict=True)
     ]
     lacking = sorted({end for end, has in zip(ends, own, strict=True) if has == -np.inf})
     where = np.searchsorted(nodes, lacking)
-    nodes, raised = np.insert(nodes, where, lacking), np.insert(room, where, 0.0)
+    nodes, raised = np.insert(nodes, where, lacking), np.insert(clearance, where, 0.0)
     numbers = np.searchsorted(nodes, ends)
     raised[numbers] = max(float(raised.max()), 1e-9)
     order = np.flatnonzero(raised > 0.0)
@@ -152,13 +151,13 @@ def _find_widest(
 def _find_in_field(duct: SampledField, start: ArrayLike, goal: ArrayLike) -> Passage:
     shape = duct.values.shape
     nodes = np.flatnonzero(duct.values < duct.inflation)
-    room = duct.inflation - duct.values.reshape(-1)[nodes].astype(np.float64)
+    clearance = duct.inflation - duct.values.reshape(-1)[nodes].astype(np.float64)
     ends = []
     for point in (start, goal):
         near = np.rint(duct.to_grid(point) / duct.spacing).astype(int)
         near = np.clip(near, 0, np.array(shape) - 1)
         ends.append(int(np.ravel_multi_index(tuple(near), shape)))
-    level, limit, node = _find_widest(room, nodes, shape, ends)
+    level, limit, node = _find_widest(clearance, nodes, shape, ends)
     if duct.inflation > 0.0:
         limit = _find_widest(_bound_inflated_room(duct, nodes), nodes, shape, ends)[1]
     half = 0.5 * float(np.linalg.norm(np.sort(duct.spacing)[1:]))
@@ -189,12 +188,12 @@ def _bound_inflated_room(duct: SampledField, nodes: NDArray[np.int64]) -> NDArra
     find_rim(duct.values, level, rim)
     shape = duct.values.shape
     tree = KDTree(np.stack(np.unravel_index(rim, shape), axis=1) * duct.spacing)
-    room = np.empty(len(nodes))
+    clearance = np.empty(len(nodes))
     for begin in range(0, len(nodes), 100_000):
         part = nodes[begin : begin + 100_000]
         places = np.stack(np.unravel_index(part, shape), axis=1) * duct.spacing
-        room[begin : begin + len(part)] = tree.query(places)[0]
-    return room
+        clearance[begin : begin + len(part)] = tree.query(places)[0]
+    return clearance
 
 
 ROOMY_STEP_MM = 0.5

@@ -53,7 +53,7 @@ class Ceiling:
         Node (0, 0, 0) in the world frame, whose axes the grid has; not used for a sampled field,
         which keeps its own grid [mm].
     floor : float
-        Bounds below this only say that the clearance is below it [mm].
+        Bounds below this only mean that the clearance is below it [mm].
     duct : Duct
     """
 
@@ -180,13 +180,13 @@ def _round_down(values: Reals) -> NDArray[np.float32]:
     return np.nextafter(values.astype(np.float32, copy=False), np.float32(-np.inf))
 
 
-# Which chords of a line have the room for a body: the bound of its links from below.
+# Which chords of a line a body fits to: the bound of its links from below.
 
 CHORDS_MAX = 1000
 """The line is divided into about this many segments at most for its chords."""
 
 FINE = 0.25
-"""Nor are they shorter than this [mm], or this fraction of the room to spare if that is less."""
+"""Nor are they shorter than this [mm], or this fraction of the spare clearance if that is less."""
 
 SHARE = 0.02
 
@@ -230,7 +230,7 @@ def scan_line(
     duct: Duct,
     points: NDArray[np.float64],
     radius: float,
-    room: float,
+    width: float,
     longest: float = math.inf,
 ) -> ChordScan:
     """Find the shortest chord of a line (n, dim) to which a body of some radius does not fit.
@@ -242,15 +242,15 @@ def scan_line(
         World frame [mm].
     radius : float
         Of the body [mm].
-    room : float
+    width : float
         Usual distance of the line from the wall [mm], to choose how finely to look.
     longest : float
-        Longer chords are not looked at [mm]: a larger value only says that shorter ones fit.
+        Longer chords are not looked at [mm]: a larger value only means that shorter ones fit.
     """
     from .kernels.traverse import TURN, scan_chords
 
     length = float(measure_arc_length(points)[-1])
-    spare = max(room - radius, 0.1 * room)
+    spare = max(width - radius, 0.1 * width)
     fine = max(min(FINE, SHARE * spare), length / CHORDS_MAX)
     dense = _divide(points, fine)
     count = len(dense) - 1
@@ -274,7 +274,7 @@ def scan_line(
         return low
     worst = int(np.argmin(low.length))
     place = 0.5 * float(low.first[worst] + low.last[worst])
-    if low.length[worst] == 0.0:  # no room even for one joint
+    if low.length[worst] == 0.0:  # not even one joint fits
         place = float(arc[int(np.argmax(duct.signed_distance(dense)))])
     return ChordScan(
         start=low.start,
@@ -328,7 +328,7 @@ class Segment:
     Parameters
     ----------
     bound : float
-        No link is longer [mm]; infinite where the section says nothing.
+        No link is longer [mm]; infinite where the section gives no bound.
     valid_to : float
         The argument holds for links up to this length [mm]; longer ones would reach out of the
         duct's end there.
@@ -457,8 +457,8 @@ def _cover_section(
             np.meshgrid(ticks, np.zeros(1) if ceiling.planar else ticks, indexing="ij"), axis=-1
         )
         places = centre + side * (grid[..., :1] * axes[0] + grid[..., 1:] * axes[1])
-        room = ceiling.measure(places.reshape(-1, 3)).reshape(places.shape[:2])
-        marks, _ = ndimage.label(room + reach >= 0.0, structure=np.ones((3, 3)))
+        free = ceiling.measure(places.reshape(-1, 3)).reshape(places.shape[:2])
+        marks, _ = ndimage.label(free + reach >= 0.0, structure=np.ones((3, 3)))
         mark = marks[count, 0 if ceiling.planar else count]
         if mark == 0:
             return None
@@ -494,7 +494,7 @@ class LinkLimits:
     arc_length : (n,) float
         Places along the centreline [mm].
     radius : (n,) float
-        Room on the centreline there [mm].
+        Clearance of the centreline there [mm].
     on_line : (n,) float
         Shorter links pass there with both joints on the centreline [mm]; infinite where nothing
         on the way limits them.
@@ -595,9 +595,9 @@ def find_link_limits(
     A link is a capsule: a segment between its joints, and everything within half the diameter. It
     enters at the line's start, and its head goes to the line's end.
 
-    *From below.* The chords of the line are scanned outwards from every place, until one has not
-    the room or is at 90 degrees to the line. All chords of the shortest such length or less are
-    free, and they grow with either end, so a link moves along steadily, and so does a chain.
+    *From below.* The chords of the line are scanned outwards from every place, until one lacks
+    the clearance or is at 90 degrees to the line. All chords of the shortest such length or less
+    are free, and they grow with either end, so a link moves along steadily, and so does a chain.
 
     *From above.* A link that comes through has its middle in every section that parts the duct's
     ends. The longest segment with its middle in a section is found by branch and bound on upper
@@ -754,21 +754,22 @@ def find_diameter_limits(
 
     Notes
     -----
-    From below by the chords of the line (`find_link_limits`), to 1 % of the room. From above by
-    the passage (`find_passage`), and by sections: for links of a length those that limit such links
-    most, and the thinnest body whose links are proved not to come through; for links of any length
-    the tightest, and the thinnest body for whose middle they have no place. On a grid both ends
-    know the wall to about its spacing, so that the bounds of a narrow duct lie apart by twice that.
+    From below by the chords of the line (`find_link_limits`), to 1 % of the clearance. From above
+    by the passage (`find_passage`), and by sections: for links of a length those that limit such
+    links most, and the thinnest body whose links are proved not to come through; for links of any
+    length the tightest, and the thinnest body for whose middle they have no place. On a grid both
+    ends know the wall to about its spacing, so that the bounds of a narrow duct lie apart by twice
+    that.
     """
     check_number("link", link, low=0.0, unit="mm")
     points = np.asarray(line.points, dtype=np.float64)
-    room = float(np.median(line.radius))
+    width = float(np.median(line.radius))
     tight = int(np.argmin(line.radius))
-    low, top = 0.0, float(line.radius[tight]) + 0.1 * room
+    low, top = 0.0, float(line.radius[tight]) + 0.1 * width
     low_at = float(line.arc_length[tight])
     while top - low > RESOLUTION * max(top, 1e-9):
         middle = 0.5 * (low + top)
-        scan = scan_line(duct, points, middle, room, longest=link)
+        scan = scan_line(duct, points, middle, width, longest=link)
         if scan.value > link:
             low = middle
         else:
@@ -816,7 +817,7 @@ def find_diameter_limits(
 
 
 def _find_tightest(line: Centreline) -> NDArray[np.int64]:
-    """Return places (k,) with the least room, at least as far apart as there is room."""
+    """Return places (k,) with the least clearance, at least as far apart as that."""
     found: list[int] = []
     for index in np.argsort(line.radius, kind="stable"):
         gaps = [abs(line.arc_length[index] - line.arc_length[other]) for other in found]

@@ -393,7 +393,7 @@ def move_in_tube(
     )  # fmt: skip
 
 
-# When the goal is out of reach: say why, and go as far as it goes.
+# When the goal is out of reach: why, and how far a motion goes.
 
 PREFIX_TRIES = 16
 """How many ways to go further are tried."""

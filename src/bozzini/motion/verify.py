@@ -192,7 +192,7 @@ def verify_file(
         raise InputError("the plan has 2 dimensions: a file holds a tract in 3")
     progress("read", 0.0)
     source = _run("input", _check_source, plan, path)
-    if not source[0].ok:  # what another file offers says nothing about this plan
+    if not source[0].ok:  # another file has no bearing on this plan
         return Verification(plan=plan, checks=source)
     tract = read_input(plan, path)
     field = rebuild_field(plan, tract, progress=progress)
@@ -681,7 +681,7 @@ def _compare(certificate: Certificate, second: Recheck) -> str:
         raise FaultError(f"not settled by {counted}")
     if certificate.certified and certificate.clearance > second.found + CLAIM_ROUND_OFF_MM:
         raise FaultError(
-            f"a point of the body has {second.found:.3f} mm, less than the certificate says {place}"
+            f"a point of the body has {second.found:.3f} mm, less than the certificate {place}"
         )
     if not second.clear:
         message = (

@@ -371,19 +371,6 @@ def _find_free_angle(effector: Effector) -> float:
     return math.degrees(angles[widest] + 0.5 * gaps[widest])
 
 
-UNITS = {
-    **dict.fromkeys(("offset", "length", "backbone_length", "holder_length"), "mm"),
-    **dict.fromkeys(("flexural_rigidity", "catheter_rigidity"), "N mm²"),
-    **dict.fromkeys(("pressure_limit", "muscle.modulus", "muscle.strand_modulus"), "MPa"),
-    "muscle.braid_angle": "rad",
-    **{
-        f"muscle.{name}": "mm"
-        for name in ("outer_radius", "inner_radius", "gap", "strand_radius", "end_length",
-                     "dead_length", "friction_length")
-    },
-}  # fmt: skip
-
-
 def draw_sweep(sweep: Sweep) -> Figure:
     """Return a figure of a sweep over the first parameter, a line for each value of the others.
 
@@ -395,7 +382,11 @@ def draw_sweep(sweep: Sweep) -> Figure:
     ----------
     sweep : Sweep
     """
+    from ..effector.study import find_quantity
+
     first, *others = sweep.parameters
+    known = find_quantity(first)
+    unit = known.unit.replace("^2", "²") if known else ""
     over, labels = _number([row.changes[first] for row in sweep.rows])
     groups: dict[str, list[int]] = {}
     for index, row in enumerate(sweep.rows):
@@ -424,7 +415,7 @@ def draw_sweep(sweep: Sweep) -> Figure:
                 label=name if axes is right else None,
             )  # fmt: skip
     for axes in (left, right):
-        axes.set_xlabel(f"{first} [{UNITS[first]}]" if first in UNITS else first)
+        axes.set_xlabel(f"{first} [{unit}]" if unit else first)
         top = float(axes.dataLim.y1)
         axes.set_ylim(0.0, 1.06 * top if 0.0 < top < np.inf else 1.0)
         if failed.size:

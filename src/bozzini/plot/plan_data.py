@@ -193,19 +193,10 @@ def read_centreline(plan: Plan) -> PlanCentreline:
 
 
 def _parse_centreline(plan: Plan) -> tuple[Floats, Floats, Floats] | None:
-    record = read_part(plan.meta, "centreline")
-    try:
-        points, arc, radius = (
-            np.asarray(record[key], dtype=np.float64)
-            for key in ("points_mm", "arc_length_mm", "radius_mm")
-        )
-    except (KeyError, TypeError, ValueError):
+    line = plan.centreline
+    if line is None or line.points.shape[1] != 3 or not (np.diff(line.arc_length) > 0.0).all():
         return None
-    fits = points.ndim == 2 and points.shape[1] == 3 and len(points) >= 2
-    if not fits or arc.shape != (len(points),) or radius.shape != arc.shape:
-        return None
-    finite = all(np.isfinite(values).all() for values in (points, arc, radius))
-    return (points, arc, radius) if finite and (np.diff(arc) > 0.0).all() else None
+    return line.points, line.arc_length, line.radius
 
 
 def _thin(count: int) -> NDArray[np.int64]:

@@ -10,7 +10,8 @@ that fails.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ ROUNDS = 8
 """Iterations per step at most."""
 
 TRAVEL_SLACK = 1e-5
-"""How far tendons are kept inside their travel [mm]; they overstep what they are told by less."""
+"""How far tendons are kept inside their travel [mm]; they overstep their command by less."""
 
 FINER = (0.02, 0.005)
 """Deviations of the certified chain, tried in turn [mm]."""
@@ -80,15 +81,7 @@ class Fit:
     def cut(self, end: int, *, begin: int = 0) -> Fit:
         """Return the steps before `end`, from `begin` on."""
         rows = slice(begin, end)
-        return Fit(
-            heads=self.heads[rows],
-            bends=self.bends[rows],
-            advances=self.advances[rows],
-            displacements=self.displacements[rows],
-            rms=self.rms[rows],
-            largest=self.largest[rows],
-            iterations=self.iterations[rows],
-        )
+        return Fit(**{each.name: getattr(self, each.name)[rows] for each in fields(self)})
 
 
 class FitJob:
@@ -104,7 +97,8 @@ class FitJob:
     ) -> None:
         from ...numeric.polylines import measure_arc_length
 
-        robot, duct, introducer = coupling.robot, space.duct, space.tube
+        robot = cast(ContinuumRobot, coupling.robot)  # `check_robot` made it
+        duct, introducer = space.duct, space.tube
         self.robot, self.coupling, self.space, self.roll = robot, coupling, space, roll
         self.introducer, self.duct = introducer, duct
         self.heads = plan.head_arc_length
@@ -132,8 +126,8 @@ class FitJob:
         origin = duct.to_grid(entry)
         self.placing = np.concatenate([duct.to_grid(entry + axes.T) - origin, origin[None]])
 
-    def fit(self, room: float, *, limited: bool = True) -> Fit:
-        """Fit all steps; the wall pushes where the body's room is less than `room` [mm]."""
+    def fit(self, clearance: float, *, limited: bool = True) -> Fit:
+        """Fit all steps; the wall pushes where the body's clearance is less [mm]."""
         from ..kernels.actuate import fit_motion, measure_fit
 
         steps, sections = len(self.heads), len(self.lengths)
@@ -155,7 +149,7 @@ class FitJob:
             self.tangents,
             self.arc,
             self.heads,
-            self.robot.radius + room,
+            self.robot.radius + clearance,
             ROUNDS,
             bends,
             advances,
@@ -315,15 +309,15 @@ class Shortfall:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attempt:
-    """A fit with a room that the wall was given [mm], and what is proved of it."""
+    """A fit with the clearance [mm] below which the wall pushed, and what is proved of it."""
 
-    room: float
+    clearance: float
     fit: Fit
     proof: ArcCertificate
 
 
 def explain_length(job: FitJob, fit: Fit) -> Shortfall:
-    """Say that the robot is shorter than the way, and by how many sections."""
+    """State that the robot is too short, and by how many sections."""
     way = float(job.heads.max())
     missing = way - float(fit.heads[-1])
     last = job.robot.sections[-1].length
@@ -339,10 +333,10 @@ def explain_length(job: FitJob, fit: Fit) -> Shortfall:
 
 
 def explain_end(job: FitJob, attempt: Attempt, kept: int) -> Shortfall:
-    """Say why an attempt is not certified beyond its first `kept` steps."""
+    """State why an attempt is not certified beyond its first `kept` steps."""
     travel = job.robot.tendon_travel
     wall = _explain_wall(job, attempt.fit, attempt.proof)
-    free = job.fit(attempt.room, limited=False).cut(len(attempt.fit.heads))
+    free = job.fit(attempt.clearance, limited=False).cut(len(attempt.fit.heads))
     bend_over = free.angles - job.limits
     pull_over = np.maximum(free.displacements - travel[:, 1], travel[:, 0] - free.displacements)
     # A limit decides if it is overstepped before the motion ends; else the wall does.
@@ -363,7 +357,7 @@ def explain_end(job: FitJob, attempt: Attempt, kept: int) -> Shortfall:
 
 
 def _explain_bend(job: FitJob, free: Fit, over: Floats) -> Shortfall:
-    """Say which section would have to bend farthest beyond its limit."""
+    """State which section would have to bend farthest beyond its limit."""
     step, section = np.unravel_index(int(np.argmax(over)), over.shape)
     needs, offers = float(free.angles[step, section]), float(job.limits[section])
     meets = offers < job.robot.sections[int(section)].max_bend
@@ -381,7 +375,7 @@ def _explain_bend(job: FitJob, free: Fit, over: Floats) -> Shortfall:
 
 
 def _explain_travel(job: FitJob, free: Fit, over: Floats) -> Shortfall:
-    """Say which tendon would have to move farthest beyond its travel."""
+    """State which tendon would have to move farthest beyond its travel."""
     step, tendon = np.unravel_index(int(np.argmax(over)), over.shape)
     needs = float(free.displacements[step, tendon])
     offers = float(job.robot.tendon_travel[tendon, 1 if needs > 0.0 else 0])
@@ -427,8 +421,8 @@ def _explain_wall(job: FitJob, fit: Fit, proof: ArcCertificate) -> Shortfall:
     )
 
 
-ROOMS = (1.0, 0.5, 2.0)
-"""Room between body and wall below which the wall pushes, tried in turn [mm]."""
+PUSH_CLEARANCES_MM = (1.0, 0.5, 2.0)
+"""Clearance between body and wall below which the wall pushes, tried in turn."""
 
 SAME = 1e-6
 """Bend by which the tendons' solution may differ from the fit [rad]."""
@@ -462,7 +456,7 @@ def actuate_plan(
     -------
     Actuation
         Also when the robot cannot go all the way: then ``status`` is ``"stopped"``, the motion
-        is cut where its certificate ends, and ``reason`` says which section, where, and by how
+        is cut where its certificate ends, and ``reason`` states which section, where, and by how
         much.
 
     Raises
@@ -491,8 +485,8 @@ def actuate_plan(
         )
         fit = job.fit(0.0).cut(1)
         return _finish(job, fit, job.certify(fit), short, options)
-    best = _try_rooms(job, progress)
-    options["room_mm"] = best.room
+    best = _try_clearances(job, progress)
+    options["room_mm"] = best.clearance
     shortfall = None
     fit, proof = best.fit, best.proof
     if not proof.clearance >= 0.0:
@@ -532,26 +526,26 @@ def check_robot(robot: ContinuumRobot) -> Coupling:
     return coupling
 
 
-def _try_rooms(job: FitJob, progress: Progress) -> Attempt:
+def _try_clearances(job: FitJob, progress: Progress) -> Attempt:
     """Return the first attempt that is certified as far as the robot is long, or the best."""
     best: Attempt | None = None
-    for count, room in enumerate(ROOMS):
-        progress("robot", 0.8 * count / len(ROOMS))
-        fit = job.fit(room)
+    for count, clearance in enumerate(PUSH_CLEARANCES_MM):
+        progress("robot", 0.8 * count / len(PUSH_CLEARANCES_MM))
+        fit = job.fit(clearance)
         fit = fit.cut(max(1, job.count_reached(fit)))
         _check_tendons(job, fit)
-        attempt = Attempt(room=room, fit=fit, proof=job.certify(fit))
+        attempt = Attempt(clearance=clearance, fit=fit, proof=job.certify(fit))
         if best is None or attempt.proof.clearance > best.proof.clearance:
             best = attempt
         if attempt.proof.clearance >= 0.0:
             break
     if best is None:
-        raise RuntimeError("no room was tried")
+        raise RuntimeError("no clearance was tried")
     return best
 
 
 def _check_tendons(job: FitJob, fit: Fit) -> None:
-    """Raise `GeometryError` if tendons told to move so do not bend the robot so."""
+    """Raise `GeometryError` if the displacements do not bend the robot as the fit does."""
     found = job.coupling.solve(fit.displacements)
     off = np.abs(found.bends - fit.bends).max(axis=(1, 2))
     bad = ~found.converged | (off > SAME)
