@@ -113,7 +113,7 @@ def read_tract(
         Unit of the file's coordinates; only for a surface (a volume's header states its own).
     frame : str, optional
         Where the world axes of the file point in the patient, such as ``"LPS"``; by default as
-        the file says.
+        the file states.
     repair : bool
         Mend what can be mended safely; only for a surface.
 
@@ -166,7 +166,7 @@ def read_surface(
         one mesh has its connected parts, numbered from the largest.
     unit : str, optional
         Unit of the file's coordinates, for example ``"mm"``, ``"m"``, ``"in"``. By default m for
-        GLB, as its standard says, the voxel size of a GCA model, else mm.
+        GLB, as its standard states, the voxel size of a GCA model, else mm.
     frame : str, optional
         Where the world axes of the file point in the patient, such as ``"LPS"``.
     repair : bool

@@ -430,7 +430,7 @@ def _inflate(handle: BinaryIO, compression: Compression, size: int = 0) -> Binar
         return gzip.GzipFile(fileobj=handle, mode="rb")  # type: ignore[return-value]
     if compression is None:
         return handle
-    inflater = zlib.decompressobj(47)  # the header says whether it is zlib or gzip
+    inflater = zlib.decompressobj(47)  # the header states whether it is zlib or gzip
     data = inflater.decompress(handle.read(), size + 1)
     if not inflater.eof or inflater.unused_data:
         raise EOFError("the compressed stream does not end where the file does")
