@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from bozzini.anatomy import read_tract
 from bozzini.duct import (
     Centreline,
-    FitOptions,
     Polygon,
     RoundCones,
+    ShapeFitOptions,
     build_field,
     find_centreline,
     fit,
@@ -405,7 +405,7 @@ def stomach(upper_gi_dir):
 
 def test_cones_of_the_real_tract_stay_inside(stomach):
     mesh, field, line = stomach
-    fitted = fit_duct(mesh, line, FitOptions(max_error=0.5, pieces=60), draft=field)
+    fitted = fit_duct(mesh, line, ShapeFitOptions(max_error=0.5, pieces=60), draft=field)
     assert fitted.converged, fitted.reason
     assert fitted.report.pieces <= 60
     assert fitted.report.outside_bound <= 0.5
@@ -419,7 +419,7 @@ def test_super_ellipsoids_of_the_real_tract_keep_more(stomach, monkeypatch):
     monkeypatch.setattr(candidates, "OTHERS", 12)
     monkeypatch.setattr(candidates, "STRETCH_MM", 10.0)
     mesh, field, line = stomach
-    options = FitOptions(kind="superellipsoids", max_error=0.5, pieces=40)
+    options = ShapeFitOptions(kind="superellipsoids", max_error=0.5, pieces=40)
     fitted = fit_duct(mesh, line, options, draft=field)
     assert fitted.converged, fitted.reason
     assert fitted.report.pieces <= 60

@@ -192,7 +192,7 @@ def test_erosion_that_leaves_nothing_is_refused(make, most, place):
     assert -4.0 * slack <= thin.signed_distance(place) <= 0.0
     box = 0.5 * float(np.ptp(duct.bounds, axis=0).min())
     if most + 2.0 * slack < box:
-        with pytest.raises(GeometryError, match="nothing is left, the most room found is"):
+        with pytest.raises(GeometryError, match="nothing is left, the largest clearance found is"):
             duct.erode(most + 2.0 * slack)
     with pytest.raises(InputError, match="nothing is left of a duct whose box is"):
         duct.erode(2.0 * box)

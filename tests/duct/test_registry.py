@@ -117,7 +117,8 @@ def test_a_shape_of_another_package_is_composed_and_planned_in(name):
     line = Centreline.from_points(ring, torus)
     plan = plan_insertion(torus, line, scope=Scope(diameter=4.0, link_length=6.0))
     assert plan.status == "complete" and plan.meta["certified"]
-    assert np.all(torus.clearance_bound(plan.joints.reshape(-1, 3)) >= 2.0 - 1e-6)
+    heads = plan.joints[:, 0]
+    assert np.all(torus.clearance_bound(heads) >= 2.0)
     wide = torus.inflate(1.0)
     assert wide.erode(1.0).signed_distance(points) == pytest.approx(torus.signed_distance(points))
     assert torus.sample(1.0).error < 1.0

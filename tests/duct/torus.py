@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from bozzini.duct import Duct, PackedDuct
+from bozzini.duct.kernels.clearance import register_kernels
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,23 +42,26 @@ class TorusData(NamedTuple):
 
 
 @njit
-def estimate(data, x, y, z):
-    off = math.sqrt(x * x + y * y) - data.ring
-    return data.section + data.inflation - math.sqrt(off * off + z * z)
+def estimate(duct, x, y, z):
+    off = math.sqrt(x * x + y * y) - duct.ring
+    return duct.section + duct.inflation - math.sqrt(off * off + z * z)
 
 
 @njit
-def bound(data, x, y, z):
-    return estimate(data, x, y, z) - data.slack
+def bound(duct, x, y, z):
+    return estimate(duct, x, y, z) - duct.slack
 
 
 @njit
-def slope(data, x, y, z):
+def slope(duct, x, y, z):
     far = math.sqrt(x * x + y * y)
-    off = far - data.ring
+    off = far - duct.ring
     away = max(math.sqrt(off * off + z * z), 1e-12)
     out = -off / away / max(far, 1e-12)
-    return estimate(data, x, y, z), out * x, out * y, -z / away
+    return estimate(duct, x, y, z), out * x, out * y, -z / away
+
+
+register_kernels(TorusData, bound=bound, estimate=estimate, slope=slope)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +76,4 @@ class PackedTorus(PackedDuct):
     bounds = Torus.bounds
 
     def pack(self):
-        from bozzini.duct.kernels.clearance import register_kernels
-
-        register_kernels(TorusData, bound=bound, estimate=estimate, slope=slope)
         return TorusData(self.ring, self.section, self.inflation, 1e-12)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from bozzini.anatomy.files import write_tract
 from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
-from bozzini.anatomy.write import write_tract
 from bozzini.duct import build_field, find_centreline
 from bozzini.duct.field import INFLATION_MAX
 from bozzini.duct.fitting.fit import KINDS

@@ -113,6 +113,17 @@ def test_a_turned_and_moved_scan_gives_the_turned_and_moved_plan(study: Insertio
     assert turned.plan.clearance[finite] == pytest.approx(study.plan.clearance[finite], abs=1e-3)
 
 
+def test_the_study_is_a_result_with_a_table_and_a_picture(study: InsertionStudy) -> None:
+    assert study.converged is study.fits is True and study.reason == ""
+    assert study.residual == study.plan.meta["field"]["clearance_error_mm"]
+    assert study.to_frame().loc[0, "status"] == "complete"
+    axes = study.plot()
+    assert study.plot(axes) is axes
+    over, smallest = axes.collections[-1].get_segments()[-1][-1]
+    assert over == pytest.approx(study.plan.inserted)
+    assert smallest >= study.plan.clearance_min
+
+
 def test_inflation_adds_its_room_along_the_same_centreline(
     study: InsertionStudy, labels: LabelTract
 ) -> None:

@@ -6,7 +6,7 @@ from .base import Duct, Eroded, PackedDuct, PlanarField, SampledField, Shape
 from .centreline import Centreline, find_centreline
 from .compose import Moved, Union, Without, union, without
 from .field import RefinedField, build_field, field_from_mask, field_from_mesh, refine_field
-from .fitting.fit import FitOptions, FittedDuct, fit
+from .fitting.fit import FittedDuct, ShapeFitOptions, fit
 from .shape_files import load_shapes as load
 from .shape_files import save_shapes as save
 from .shapes import SHAPES
@@ -28,7 +28,7 @@ __all__ = [
     "ConvexPolyhedra",
     "Duct",
     "Eroded",
-    "FitOptions",
+    "ShapeFitOptions",
     "FittedDuct",
     "Moved",
     "PackedDuct",

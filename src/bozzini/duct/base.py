@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Kind = Literal["exact", "bound", "sampled"]
+Form = Literal["length", "angle", "number", "lengths", "numbers", "axes"]
 Floats = NDArray[np.float64]
 
 GRADIENT_STEP_MM = 1e-4
@@ -57,10 +58,10 @@ class Duct(ABC):
     itself (`BetweenCurves` without `curvature`). A duct is 3-D or planar; `bounds` says which.
     """
 
-    columns: ClassVar[dict[str, tuple[str, int]]] = {}
-    """What a file holds of each piece: the field it is from, and how many numbers.
+    columns: ClassVar[dict[str, tuple[str, Form]]] = {}
+    """What a file holds of each piece: the field that it is from, and in which form.
 
-    Nine are a rotation. Without columns a file holds all fields of the dataclass, as one piece.
+    Without columns a file holds all fields of the dataclass, as one piece.
     """
 
     joined: ClassVar[bool] = False

@@ -57,6 +57,8 @@ class ShapesData(NamedTuple):
     blocks : (b, 6) float
         Balls around runs of shapes of the lumen, with their offsets: centre, radius [mm], first
         shape, last + 1.
+    upright : float
+        1, or 0 for planar shapes: their kernels take z times this.
     slack : float
         Rounding error of a distance [mm].
     """
@@ -68,6 +70,7 @@ class ShapesData(NamedTuple):
     obstacles: NDArray[np.bool_]
     offsets: Floats
     blocks: Floats
+    upright: float
     slack: float
 
     def shift(self, distance: float) -> ShapesData:
@@ -94,7 +97,9 @@ Packed: TypeAlias = GridData | BricksData | ShapesData
 """What kernels of this package take; other packages may register tuples of their own."""
 
 
-def pack_shapes(code: int, numbers: list[Floats], balls: Floats) -> ShapesData:
+def pack_shapes(
+    code: int, numbers: list[Floats], balls: Floats, *, planar: bool = False
+) -> ShapesData:
     """Return shapes of one kind from the numbers of each and their bounding balls (k, 4) [mm]."""
     sizes = [len(row) for row in numbers]
     boxes = balls * np.array([1.0, 1.0, 1.0, OUTWARD])
@@ -106,6 +111,7 @@ def pack_shapes(code: int, numbers: list[Floats], balls: Floats) -> ShapesData:
         obstacles=np.zeros(len(sizes), dtype=np.bool_),
         offsets=np.zeros(len(sizes)),
         blocks=np.empty((0, 6)),
+        upright=0.0 if planar else 1.0,
         slack=measure_slack(boxes),
     ).bound()
 

@@ -3,167 +3,23 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
-import reprlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from types import GenericAlias
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..checks import Quantity, quantity, show_value
 from ..errors import FileFormatError, InputError
 from ..io.files import check_new_file, write_text
-from .base import Duct
+from ..io.records import format_yaml, load_data, read_record
+from .base import Duct, Form
 from .shapes import SHAPES
-
-# Fields of plain data as it was read: what they must be, in one line that names them.
-
-
-def take_mapping(
-    value: Any, field: str, known: tuple[str, ...], needed: tuple[str, ...]
-) -> Mapping[str, Any]:
-    """Return a mapping that has only known fields and all that it needs, or raise `InputError`."""
-    if not isinstance(value, Mapping):
-        raise InputError(
-            f"{field} is {show_value(value)}: it must hold the fields {', '.join(known)}"
-        )
-    for key in value:
-        if key not in known:
-            raise InputError(
-                f"{field} has an unknown field {show_value(key)}: known are {', '.join(known)}"
-            )
-    for key in needed:
-        if key not in value:
-            raise InputError(f"{field} has no '{key}': it needs {', '.join(needed)}")
-    return value
-
-
-def take_numbers(value: Any, field: str, count: int) -> NDArray[np.float64]:
-    """Return `count` finite numbers, or raise; nine of them may be three rows of three."""
-    flat = [value] if count == 1 else value
-    if count == 9 and isinstance(value, (list, tuple)):
-        flat = [item for row in value for item in (row if isinstance(row, (list, tuple)) else [])]
-    legal = isinstance(flat, (list, tuple)) and len(flat) == count
-    if not legal or not all(_is_number(item) for item in flat):
-        form = {1: "a number", 3: "3 numbers", 9: "3 rows of 3 numbers"}[count]
-        hint = _explain_text(flat) if legal else ""
-        raise InputError(f"{field} is {show_value(value)}: it must be {form}, all finite{hint}")
-    return np.array(flat, dtype=np.float64)
-
-
-def _is_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    try:
-        return math.isfinite(float(value))
-    except OverflowError:
-        return False
-
-
-def _explain_text(values: Any) -> str:
-    """Return a hint for numbers that were read as text."""
-    for value in values:
-        if isinstance(value, str):
-            try:
-                float(value)
-            except ValueError:
-                continue
-            return "; it is text: write it without quotes, and in YAML 1.0e-3 for 1e-3"
-    return ""
-
-
-def show_value(value: Any) -> str:
-    """Return a value as one short line; of much data only the beginning is looked at."""
-    brief = reprlib.Repr()
-    brief.maxstring = brief.maxother = brief.maxlong = 60
-    try:
-        text = " ".join(brief.repr(value).split())
-    except ValueError:  # an integer of more digits than Python writes
-        return f"a huge {type(value).__name__}"
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-# Plain data of shapes as JSON and YAML text, and back; a field given twice is refused.
-
-
-def format_json(data: Mapping[str, Any]) -> str:
-    """Return JSON with one shape a line."""
-    head = json.dumps({key: value for key, value in data.items() if key != "shapes"}, indent=2)
-    rows = ",\n".join(f"    {json.dumps(shape)}" for shape in data["shapes"])
-    return f'{head[:-2]},\n  "shapes": [\n{rows}\n  ]\n}}\n'
-
-
-def format_yaml(data: Mapping[str, Any]) -> str:
-    """Return YAML with its fields in order."""
-    import yaml
-
-    return str(
-        yaml.safe_dump(
-            dict(data), sort_keys=False, allow_unicode=True, default_flow_style=None, width=1000
-        )
-    )
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise InputError(f"the field {reprlib.repr(key)} is given twice")
-        found[key] = value
-    return found
-
-
-def parse_json(text: str) -> Any:
-    """Return what a JSON text holds, or raise `InputError` in one line."""
-    try:
-        return json.loads(text, object_pairs_hook=_once)
-    except InputError:
-        raise
-    except RecursionError:
-        raise InputError("not JSON that can be read: it is nested too deeply") from None
-    except ValueError as error:
-        raise InputError(f"not JSON: {error}") from None
-
-
-def parse_yaml(text: str) -> Any:
-    """Return what a YAML text holds, or raise `InputError` in one line."""
-    import yaml
-
-    class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            # A few lines of references to references can stand for more than fits in memory.
-            if self.check_event(yaml.AliasEvent):
-                event = self.peek_event()
-                raise InputError(
-                    f"line {event.start_mark.line + 1} refers to '&{event.anchor[:40]}': write it "
-                    "out, references are not read"
-                )
-            return super().compose_node(parent, index)
-
-    def construct(loader: Any, node: Any) -> dict[str, Any]:
-        return _once(
-            [
-                (loader.construct_object(key, deep=True), loader.construct_object(value, deep=True))
-                for key, value in node.value
-            ]
-        )
-
-    Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, construct)
-    load: Callable[..., Any] = yaml.load
-    try:
-        return load(text, Loader=Loader)
-    except InputError:
-        raise
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise InputError(f"not YAML{where}: {problem}") from None
-
 
 VERSION = 1
 """Version of the file format that is written."""
@@ -175,8 +31,22 @@ FITS = ("inscribed", "least squares")
 
 FORMAT = "bozzini shapes"
 OPTIONS = ("wall", "wall_error", "inflation")
-FIELDS = ("format", "version", "kind", "units", *OPTIONS, "fit", "note", "shapes")
-NEEDED = ("format", "version", "kind", "shapes")
+
+
+@dataclass(frozen=True)
+class _Record:
+    """What any file of shapes holds."""
+
+    format: Literal["bozzini shapes"]
+    kind: str
+    shapes: tuple[Any, ...]
+    version: int = quantity(whole=True, low=1, high=VERSION)
+    units: Literal["mm"] = "mm"
+    wall: str = ""
+    wall_error: float = quantity("length", low=0.0, default=0.0)
+    inflation: float = quantity("length", low=0.0, default=0.0)
+    fit: str = ""
+    note: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -236,7 +106,7 @@ def save_shapes(
     check_shapes_target(target, force=force)
     data = write_shapes(duct, fit=fit, note=note)
     if target.suffix.lower() == ".json":
-        return write_text(target, format_json(data))
+        return write_text(target, _format_json(data))
     return write_text(target, format_yaml(data))
 
 
@@ -278,15 +148,9 @@ def load_shapes_file(path: str | os.PathLike[str]) -> ShapesFile:
         raise FileFormatError(
             f"{source} ends in '{source.suffix}': shapes are in {', '.join(SUFFIXES)}"
         )
+    data = load_data(source)
     try:
-        text = source.read_text(encoding="utf-8")
-    except OSError as error:
-        raise FileFormatError(f"cannot read {source}: {error.strerror or error}") from None
-    except ValueError as error:
-        raise FileFormatError(f"cannot read {source}: it is not UTF-8 text ({error})") from None
-    parse = parse_json if source.suffix.lower() == ".json" else parse_yaml
-    try:
-        return _read_file(parse(text))
+        return _read_file(data)
     except InputError as error:
         raise FileFormatError(f"{source}: {error}") from None
 
@@ -309,12 +173,9 @@ def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> dict[str, Any]
     data |= {name: text for name, text in (("fit", fit), ("note", note)) if text}
     data = {key: value for key, value in data.items() if value is not None}
     if duct.columns:
-        rows = {
-            key: np.swapaxes(table, 1, 2) if count == 9 else table
-            for key, (table, count) in (
-                (key, (getattr(duct, name), count)) for key, (name, count) in duct.columns.items()
-            )
-        }
+        rows = {key: getattr(duct, name) for key, (name, _) in duct.columns.items()}
+        if "axes" in rows:  # a row is an axis of the shape, in its own order x, y, z
+            rows["axes"] = np.swapaxes(rows["axes"], 1, 2)
         data["shapes"] = [
             dict(zip(rows, (values.tolist() for values in row), strict=True))
             for row in zip(*rows.values(), strict=True)
@@ -339,67 +200,63 @@ def read_shapes(data: Any) -> Duct:
 
 
 def _read_file(data: Any) -> ShapesFile:
-    given = take_mapping(data, "the file", FIELDS, NEEDED)
-    if given["format"] != FORMAT:
-        raise InputError(f"format is {show_value(given['format'])}: it must be '{FORMAT}'")
-    version = given["version"]
-    if isinstance(version, bool) or not isinstance(version, int) or not 1 <= version <= VERSION:
-        raise InputError(f"version is {show_value(version)}: it must lie in [1, {VERSION}]")
-    kind = given["kind"]
-    if not isinstance(kind, str) or kind not in SHAPES:
-        raise InputError(f"kind is {show_value(kind)}: it must be one of {', '.join(SHAPES)}")
-    if given.get("units", "mm") != "mm":
-        raise InputError(f"units is {show_value(given['units'])}: it must be 'mm'")
-    options: dict[str, Any] = {}
-    for name in ("wall_error", "inflation"):
-        if name in given:
-            options[name] = float(take_numbers(given[name], name, 1)[0])
-    texts = {name: given[name] for name in ("wall", "fit", "note") if name in given}
-    for name, text in texts.items():
-        if not isinstance(text, str):
-            raise InputError(f"{name} is {show_value(text)}: it must be text")
-    if "wall" in texts:
-        options["wall"] = texts.pop("wall")
-    _check_fit(texts.get("fit", ""))
-    items = given["shapes"]
-    if not isinstance(items, (list, tuple)) or not items:
-        raise InputError(f"shapes is {show_value(items)}: it must be a list of 1 or more")
-    return ShapesFile(shapes=_build(SHAPES[kind], items, options), **texts)
+    record = read_record(data, _Record, name="the file")
+    if record.kind not in SHAPES:
+        raise InputError(
+            f"kind is {show_value(record.kind)}: it must be one of {', '.join(SHAPES)}"
+        )
+    _check_fit(record.fit)
+    if not record.shapes:
+        raise InputError("shapes is []: it must be a list of 1 or more")
+    options = {name: getattr(record, name) for name in OPTIONS if name in data}
+    shapes = _build(SHAPES[record.kind], data["shapes"], options)
+    return ShapesFile(shapes=shapes, fit=record.fit, note=record.note)
 
 
-def _build(kind: type[Duct], items: Sequence[Any], options: dict[str, Any]) -> Duct:
+def _build(kind: type[Duct], items: Any, options: dict[str, Any]) -> Duct:
     """Return the shapes of one kind from the pieces of a file."""
-    known = {name: None for name in _list_fields(kind)}
     for name in options:
-        if name not in known:
+        if name not in _list_fields(kind):
             raise InputError(f"{name} is given: a {kind.__name__} has none")
-    try:
-        if kind.columns:
-            return kind(**_read_columns(kind, items), **options)
+    pieces = read_record({"shapes": items}, _make_pieces(kind)).shapes
+    given: dict[str, Any] = {}
+    if not kind.columns:
         if len(items) != 1:
             raise InputError(f"shapes has {len(items)} items: a {kind.__name__} has 1")
-        own = tuple(name for name in known if name not in OPTIONS)
-        needed = tuple(item.name for item in fields(kind) if _is_needed(item))  # type: ignore[arg-type]
-        return kind(**take_mapping(items[0], "shapes[0]", own, needed), **options)
+        given = {key: value for key, value in vars(pieces[0]).items() if key in items[0]}
+    for key, (name, form) in kind.columns.items():
+        table = np.array([getattr(piece, key) for piece in pieces])
+        given[name] = np.swapaxes(table, 1, 2) if form == "axes" else table
+    try:
+        return kind(**given, **options)
     except InputError as error:
         raise type(error)(_name_field(kind, str(error))) from None
     except (TypeError, ValueError) as error:  # a class of another package need not check
         raise InputError(f"shapes cannot be made a {kind.__name__}: {error}") from None
 
 
-def _read_columns(kind: type[Duct], items: Sequence[Any]) -> dict[str, NDArray[np.float64]]:
-    rows: dict[str, list[NDArray[np.float64]]] = {key: [] for key in kind.columns}
-    for index, item in enumerate(items):
-        shape = take_mapping(item, f"shapes[{index}]", tuple(rows), tuple(rows))
-        for key, (_, count) in kind.columns.items():
-            rows[key].append(take_numbers(shape[key], f"shapes[{index}].{key}", count))
-    made = {}
-    for key, (name, count) in kind.columns.items():
-        table = np.array(rows[key])
-        # A row of a file is an axis of the shape, in its own order x, y, z.
-        axes = np.swapaxes(table.reshape(-1, 3, 3), 1, 2) if count == 9 else table
-        made[name] = table[:, 0] if count == 1 else axes
-    return made
+@cache
+def _make_pieces(kind: type[Duct]) -> Any:
+    """Return the record of a file's pieces: by the columns of a class, or its fields."""
+    columns: list[Any] = [
+        (key, _find_type(form, getattr(kind, "dim", 3))) for key, (_, form) in kind.columns.items()
+    ]
+    if not columns:
+        own = [item for item in fields(kind) if item.init and item.name not in OPTIONS]  # type: ignore[arg-type]
+        columns = [(i.name, Any) if _is_needed(i) else (i.name, Any, None) for i in own]
+    piece = make_dataclass("Piece", columns, kw_only=True)
+    return make_dataclass("Pieces", [("shapes", tuple[piece, ...])])  # type: ignore[valid-type]
+
+
+def _find_type(form: Form, dim: int) -> Any:
+    """Return the type of a piece's field."""
+    if form == "axes":
+        return GenericAlias(tuple, (_find_type("numbers", dim),) * dim)
+    if form in ("lengths", "numbers"):
+        return GenericAlias(
+            tuple, (_find_type("length" if form == "lengths" else "number", dim),) * dim
+        )
+    return Annotated[float, Quantity(kind="dimensionless" if form == "number" else form)]
 
 
 def _list_fields(kind: type[Duct]) -> list[str]:
@@ -433,3 +290,10 @@ def _name_field(kind: type[Duct], message: str) -> str:
 def _check_fit(fit: str) -> None:
     if fit not in ("", *FITS):
         raise InputError(f"fit is {show_value(fit)}: it must be one of {', '.join(FITS)}")
+
+
+def _format_json(data: Mapping[str, Any]) -> str:
+    """Return JSON with one shape a line."""
+    head = json.dumps({key: value for key, value in data.items() if key != "shapes"}, indent=2)
+    rows = ",\n".join(f"    {json.dumps(shape)}" for shape in data["shapes"])
+    return f'{head[:-2]},\n  "shapes": [\n{rows}\n  ]\n}}\n'

@@ -22,11 +22,12 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, add_unit, check_number, check_points, name_at, quantity
+from ..checks import Quantity, check_number, check_points, name_at, quantity
 from ..duct.centreline import Centreline
 from ..errors import FileFormatError, InputError
 from ..io.files import write_atomically
 from ..results import Result, take_axes, to_plain
+from ..units import add_unit
 from .certify import Certificate
 from .planners import PlannerOptions
 from .refusal import Refusal

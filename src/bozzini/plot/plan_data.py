@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..motion.measures import measure_displacement
 from ..motion.plan import Plan
 from ..motion.refusal import floor_mm
+from ..results import Json
 
 if TYPE_CHECKING:
     from ..duct.field import SampledField
@@ -125,7 +126,7 @@ class RefusalMark:
     at : float
         Arc length of the centreline [mm].
     needs, offers : float or None
-        Room needed and room there, from the scope's axis to the wall [mm].
+        Clearance needed and clearance there, from the scope's axis to the wall [mm].
     """
 
     code: str
@@ -531,7 +532,7 @@ METHOD_NAMES = {
 """Methods in words."""
 
 
-def list_methods(plans: Sequence[Plan], records: Sequence[Record] = ()) -> list[dict[str, Any]]:
+def list_methods(plans: Sequence[Plan], records: Sequence[Record] = ()) -> list[Json]:
     """Return one record for each method, with the keys of the summary's `comparison`.
 
     Parameters
@@ -552,7 +553,7 @@ def list_methods(plans: Sequence[Plan], records: Sequence[Record] = ()) -> list[
     return rows
 
 
-def _describe(plan: Plan, *, skip: Record) -> dict[str, Any]:
+def _describe(plan: Plan, *, skip: Record) -> Json:
     """Return the record of a method by its plan alone."""
     measures = read_part(plan.meta, "measures")
     certified = bool(plan.meta.get("certified", False))

@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,7 @@ from ..duct.field import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Plan
 from ..progress import Progress, no_progress
+from ..results import Json
 
 __all__ = [
     "Candidate",
@@ -111,7 +112,7 @@ class Candidate:
     radius: float | None = None
     length: float | None = None
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Json:
         """Return JSON-able values."""
         return {
             "kind": self.kind,

@@ -10,18 +10,18 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..anatomy.files import encode_volume
 from ..anatomy.frame import convert_frame
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..anatomy.write import encode_volume
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, refine_field
-from ..io.files import new_directory, write_atomically, write_text
+from ..io.files import new_directory, write_bytes, write_text
 from ..motion import (
     PLANNERS,
     FreeSpace,
@@ -41,7 +41,7 @@ from ..motion.measures import measure_displacement
 from ..motion.plan import TractInput
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
-from ..results import Result
+from ..results import Json, Result
 from .ends import (
     OrientedCentreline,
     find_introducer_crossing,
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 # The summary of a plan: what ``--json`` prints and ``summary.json`` holds.
 
 
-def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[str, Any]:
+def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> Json:
     """Return a plan's summary as JSON-able values.
 
     Parameters
@@ -73,7 +73,7 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
     measures = meta["measures"]
     inside = bool(np.isfinite(plan.clearance).any())
     narrow = int(np.argmin(line.radius))
-    summary: dict[str, Any] = {
+    summary: Json = {
         "method": plan.method,
         "status": plan.status,
         "reason": plan.reason,
@@ -214,7 +214,7 @@ def write_volumes(
     axes[:3, :3] = field.rotation * field.spacing
     axes[:3, 3] = field.origin
     values = np.asarray(field.values, dtype=np.float32) - np.float32(field.inflation)
-    volumes: dict[str, dict[str, Any]] = {"field": {"values": values, "affine": axes}}
+    volumes: dict[str, Json] = {"field": {"values": values, "affine": axes}}
     if isinstance(tract, LabelTract):
         volumes["labels"] = {
             "values": tract.labels, "affine": tract.affine, "names": tract.label_names
@@ -224,14 +224,7 @@ def write_volumes(
         volumes["labels"] = {"values": inside, "affine": axes}
     for name, volume in volumes.items():
         path = folder / f"{name}.nii.gz"
-        _write_bytes(path, encode_volume(path, **volume, frame=frame))
-
-
-def _write_bytes(path: Path, data: bytes) -> None:
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(data)
-
-    write_atomically(path, write)
+        write_bytes(path, encode_volume(path, **volume, frame=frame))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -278,7 +271,7 @@ class InsertionStudy(Result):
     robot: Actuation | None = None
     findings: tuple[Finding, ...] = ()
     unreached: tuple[Unreached, ...] = ()
-    entries: tuple[dict[str, Any], ...] = ()
+    entries: tuple[Json, ...] = ()
     label_error: float | None = None
 
     @property
@@ -318,7 +311,7 @@ class InsertionStudy(Result):
         """Largest error of the clearance between the nodes of the grid [mm]."""
         return float(self.plan.meta["field"]["clearance_error_mm"])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
         summary = summarise_plan(self.plan, self.field, self.line)
         summary["fits"] = self.fits
@@ -368,7 +361,7 @@ class InsertionStudy(Result):
         force: bool = False,
         export: bool = False,
         progress: Progress = no_progress,
-    ) -> dict[str, Any]:
+    ) -> Json:
         """Write the plan, the report, pictures, the scene, the centreline and the summary.
 
         These are plan.npz, report.html, picture.png, scene.glb, summary.json, centreline.mrk.json
@@ -439,7 +432,7 @@ class InsertionStudy(Result):
             joints=joints,
             diameter=diameter,
             path=self.plan.path,
-            title=f"Insertion: {Path(self.tract.source).name}",
+            options=scene.SceneOptions(title=f"Insertion: {Path(self.tract.source).name}"),
         )
 
     def _draw_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -472,7 +465,7 @@ def run_insertion(
     options: InsertionOptions | None = None,
     *,
     robot: ContinuumRobot | None = None,
-    inputs: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, object] | None = None,
     progress: Progress = no_progress,
 ) -> InsertionStudy:
     """Run the main job: sample the lumen, find its centreline, plan the insertion.
@@ -522,7 +515,7 @@ def run_insertion(
                 progress=progress,
             )
 
-        entries: tuple[dict[str, Any], ...] = ()
+        entries: tuple[Json, ...] = ()
         with _clock(times, "plan"):
             if ends.decided:
                 plan = make_plan(ends.line)
@@ -576,7 +569,7 @@ def run_insertion(
                     plan_insertion(field, line, scope=scope, method=other, options=chosen)
                 )
                 progress("compare", len(comparison) / len(others))
-    given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
+    given: Json = {"source": tract.source, **(inputs or {})}
     for name, place in (("start", places[0]), ("end", places[1])):
         if place is not None:
             given[name] = place.given
@@ -652,7 +645,7 @@ def _try_both_ends(
     make_plan: Callable[[Centreline], Plan],
     *,
     reverse: bool,
-) -> tuple[OrientedCentreline, Plan, tuple[dict[str, Any], ...]]:
+) -> tuple[OrientedCentreline, Plan, tuple[Json, ...]]:
     """Plan from either end of a centreline; the better result, and both in short.
 
     Better is: fits, proved; else gets farther; else the larger certified clearance. Of equal
@@ -704,7 +697,7 @@ def _is_better(plan: Plan, other: Plan) -> bool:
     return _judge(plan) > _judge(other)
 
 
-def _find_other_entry(entries: Sequence[Mapping[str, Any]]) -> tuple[Finding, ...]:
+def _find_other_entry(entries: Sequence[Json]) -> tuple[Finding, ...]:
     """Return a warning that names both results where both ends were tried."""
     if not entries:
         return ()

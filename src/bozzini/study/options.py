@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..checks import check_fields, quantity
 from ..motion.planners import PLANNERS, PlannerOptions
+from ..results import Json
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -36,7 +37,7 @@ VOXEL_MIN = 0.01
 """Finest grid [mm]: a hundredth of the smallest tract."""
 
 INFLATION_MAX = 30.0
-"""As `bozzini.duct.build.INFLATION_MAX` [mm]."""
+"""As `bozzini.duct.field.INFLATION_MAX` [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +107,7 @@ class ReadOptions:
         )
         return tract if self.organ is None else replace(tract, organ=self.organ)  # type: ignore[arg-type]
 
-    def describe(self, source: str | os.PathLike[str]) -> dict[str, Any]:
+    def describe(self, source: str | os.PathLike[str]) -> Json:
         """Return what the tract was read with as JSON-able values: enough to read it again."""
         from ..anatomy.read import hash_input
 
@@ -121,7 +122,7 @@ class ReadOptions:
         }
 
     @staticmethod
-    def _shorten(parts: Sequence[str]) -> Any:
+    def _shorten(parts: Sequence[str]) -> str | list[str] | None:
         """Return no part as None, one as itself, several as a list."""
         return (parts[0] if len(parts) == 1 else list(parts)) if parts else None
 
@@ -203,6 +204,7 @@ class FitOptions(PathOptions):
         default=1.0,
         low=0.0,
         low_open=True,
+        label="--max-error",
     )
     pieces: int | None = quantity(
         help="How many shapes at most (default: so many that no more clearance than --max-error is "
@@ -211,6 +213,7 @@ class FitOptions(PathOptions):
         default=None,
         low=1,
         high=500,
+        label="--pieces",
     )
     least_squares: bool = quantity(
         "flag",

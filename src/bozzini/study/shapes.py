@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..checks import check_number
 from ..duct import Centreline, SampledField, build_field
-from ..duct.fitting.fit import FitOptions as DuctFit
-from ..duct.fitting.fit import FittedDuct, Kind, fit_duct, mesh_from_tract
+from ..duct.fitting.fit import FittedDuct, ShapeFitOptions, fit_duct, mesh_from_tract
 from ..duct.fitting.measure import PERCENTS, SectionCircles, Sections, cut_sections
 from ..duct.shapes.mesh import TriangleMesh
 from ..progress import Progress, no_progress
-from ..results import Result
+from ..results import Json, Result
 from .ends import OrientedCentreline, orient_centreline, resolve_places
 from .options import FitOptions, PathOptions, explain_scale
 
@@ -73,7 +72,7 @@ class FitStudy(Result):
         points = line.points[inner] if inner.any() else line.points
         return float(-self.fitted.duct.signed_distance(points).max())
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return JSON-able values."""
         fitted, report = self.fitted, self.fitted.report
         return {
@@ -145,7 +144,7 @@ class SectionStudy(Result):
         """Largest root mean square of a circle by least squares [mm]."""
         return float(np.max(self.fitted.residuals))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return JSON-able values."""
         clearance = -self.field.signed_distance(self.sections.centres)
         return {
@@ -189,16 +188,16 @@ def run_fit(
         If an input is not legal, or no shapes follow the centreline.
     """
     options = FitOptions() if options is None else options
-    wanted = DuctFit(
-        kind=cast(Kind, options.kind),
+    field, ends = find_line(tract, options, progress)
+    how = ShapeFitOptions(
+        kind=options.kind,  # type: ignore[arg-type]  # which it checks
         max_error=options.max_error,
         pieces=options.pieces,
         inside=not options.least_squares,
     )
-    field, ends = find_line(tract, options, progress)
     with explain_scale(tract):
         mesh = mesh_from_tract(tract, inflation=options.inflate)
-        fitted = fit_duct(mesh, ends.line, wanted, draft=field, progress=progress)
+        fitted = fit_duct(mesh, ends.line, how, draft=field, progress=progress)
     findings = (*tract.findings, *ends.findings)
     return FitStudy(mesh=mesh, field=field, line=ends.line, fitted=fitted, findings=findings)
 

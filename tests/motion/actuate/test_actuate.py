@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
 from bozzini.continuum.coupling import coupling_matrix
 from bozzini.errors import FileFormatError, GeometryError, InputError, MissingExtraError
 from bozzini.motion import FreeSpace, Introducer, Scope
@@ -281,7 +281,7 @@ def test_robots_that_cannot_be_steered_are_refused(plan, tube):
     with pytest.raises(GeometryError, match="give each section tendons all around, or rods"):
         actuate_plan(plan, two, tube)
     with pytest.raises(GeometryError, match="parallel"):
-        helix = Tendon.helix("h", 1.5, turns=1.0, end=20.0)
+        helix = Tendon(name="h", offset=1.5, angle=Helix(turns=1.0), end=20.0)
         actuate_plan(
             plan, ContinuumRobot([Section(length=20.0, radius=2.0, tendons=[helix])]), tube
         )

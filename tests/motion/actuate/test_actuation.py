@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
-from bozzini.continuum._bend_limits import find_limits
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
+from bozzini.continuum.coupling import find_limits
 from bozzini.errors import FileFormatError, GeometryError, InputError
 from bozzini.motion import FreeSpace
 from bozzini.motion.actuate.actuate import FitJob, actuate_plan, check_robot
@@ -205,7 +205,7 @@ def test_columns_differ_whatever_tendons_are_called(moved):
 
 
 def test_tendons_that_turn_are_refused_without_advice_that_does_not_help():
-    helix = Tendon.helix("h", 1.5, turns=1.0, end=20.0)
+    helix = Tendon(name="h", offset=1.5, angle=Helix(turns=1.0), end=20.0)
     robot = ContinuumRobot([Section(length=20.0, radius=2.0, tendons=[helix])])
     with pytest.raises(GeometryError, match="a motion along a plan takes sections that bend in"):
         check_robot(robot)

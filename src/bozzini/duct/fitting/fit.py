@@ -141,7 +141,7 @@ WALL_PIECES = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitOptions:
+class ShapeFitOptions:
     """How shapes are fitted.
 
     Parameters
@@ -190,7 +190,7 @@ class FittedDuct(Result):
     duct : RoundCones, ConnectedCylinders or SuperEllipsoids
         Its `wall_error` is how far it may reach outside the true wall: what is proved of the
         fit, and the true duct's own. Inside the wall it may be much farther away.
-    options : FitOptions
+    options : ShapeFitOptions
     report : FitReport
     converged : bool
         Whether it is proved that no point of the fitted lumen is farther outside than
@@ -201,7 +201,7 @@ class FittedDuct(Result):
     """
 
     duct: Shapes
-    options: FitOptions
+    options: ShapeFitOptions
     report: FitReport
     reason: str
 
@@ -242,7 +242,7 @@ def fit(
         The true lumen, of three dimensions. Of a tract its own wall counts, triangles or faces of
         voxels, of which more is proved than of a field sampled from it.
     kind, max_error, pieces, inside
-        See `FitOptions`.
+        See `ShapeFitOptions`.
     centreline : Centreline, optional
         Inside it; by default found in the sampled lumen.
 
@@ -253,7 +253,7 @@ def fit(
     GeometryError
         If so few shapes cannot follow the centreline, or there is no proved clearance on it.
     """
-    options = FitOptions(kind=kind, max_error=max_error, pieces=pieces, inside=inside)
+    options = ShapeFitOptions(kind=kind, max_error=max_error, pieces=pieces, inside=inside)
     if isinstance(source, Duct):
         duct: Duct = source
         draft = source if isinstance(source, SampledField) else None
@@ -270,7 +270,7 @@ def fit(
 def fit_duct(
     duct: Duct,
     centreline: Centreline,
-    options: FitOptions,
+    options: ShapeFitOptions,
     *,
     draft: Duct | None = None,
     progress: Progress = no_progress,
@@ -283,7 +283,7 @@ def fit_duct(
         The true one, of three dimensions.
     centreline : Centreline
         Inside it.
-    options : FitOptions
+    options : ShapeFitOptions
     draft : Duct, optional
         The same duct as a sampled field, where many points are asked for super-ellipsoids.
     """
@@ -325,7 +325,7 @@ class _Job:
     draft: Duct
     centreline: Centreline
     cuts: Sections
-    options: FitOptions
+    options: ShapeFitOptions
     progress: Progress
 
     def inscribe_chain(self) -> Shapes:

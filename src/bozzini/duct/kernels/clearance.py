@@ -16,6 +16,7 @@ import math
 from numba import njit, types
 from numba.extending import overload
 
+from ...errors import InputError
 from ..packed import BricksData, GridData, ShapesData
 from .shapes import family_bound, family_estimate, family_slope
 
@@ -266,15 +267,19 @@ def register_kernels(packed, *, bound, estimate, slope):
         The named tuple that the duct's `pack` returns. It has fields `inflation` and `slack`
         [mm], which the kernels add to the clearance and take off the bound.
     bound, estimate : njit function
-        ``(data, x, y, z) -> float``: a lower bound of the clearance, and the best estimate [mm].
+        ``(duct, x, y, z) -> float``: a lower bound of the clearance, and the best estimate [mm].
     slope : njit function
-        ``(data, x, y, z) -> (estimate, gx, gy, gz)``: with its gradient.
+        ``(duct, x, y, z) -> (estimate, gx, gy, gz)``: with its gradient.
 
     Notes
     -----
     Call it where the kernels are defined. Numba keeps the compiled planners on disk, and does not
     see that a kernel they call has changed: clear its cache then.
     """
+    for kernel in (bound, estimate, slope):
+        names = kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]
+        if names != ("duct", "x", "y", "z"):
+            raise InputError(f"a kernel takes ({', '.join(names)}): it must take (duct, x, y, z)")
     _KERNELS[packed] = (bound, estimate, slope)
 
 

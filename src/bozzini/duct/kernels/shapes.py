@@ -373,6 +373,7 @@ def nearest_shape(shapes, x, y, z):
     boxes = shapes.boxes
     blocks = shapes.blocks
     count = blocks.shape[0]
+    z *= shapes.upright
     first = 0
     least = np.inf
     for b in range(count):
@@ -439,6 +440,7 @@ def family_bound(duct, x, y, z):
 @njit(cache=True)
 def family_slope(duct, x, y, z):
     """Clearance and its gradient."""
+    z *= duct.upright
     value, i = nearest_shape(duct, x, y, z)
     own, gx, gy, gz = shape_slope(duct.kinds[i], duct.params, duct.first[i], x, y, z)
     away = math.sqrt(_off_ball(duct.boxes, i, x, y, z))

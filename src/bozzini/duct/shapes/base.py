@@ -54,7 +54,7 @@ class ShapeUnion(Shape, PackedDuct):
     def _packed(self) -> ShapesData:
         from ..kernels.shapes import inflate_shapes
 
-        data = pack_shapes(self.code, *self.numbers())
+        data = pack_shapes(self.code, *self.numbers(), planar=self.dim == 2)
         if self.inflation == 0.0:
             return data
         inflate_shapes(data, float(self.inflation))

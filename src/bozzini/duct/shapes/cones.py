@@ -55,7 +55,7 @@ class Circles(ShapeUnion):
     name = "circles"
     code = 2
     dim = 2
-    columns = {"centre": ("centres", 2), "radius": ("radii", 1)}
+    columns = {"centre": ("centres", "lengths"), "radius": ("radii", "length")}
     exact_outside = True
 
     def __post_init__(self) -> None:
@@ -139,7 +139,7 @@ class RoundCones(ShapeUnion):
     code = 14
     joined = True
     dim = 3
-    columns = {"centre": ("centres", 3), "radius": ("radii", 1)}
+    columns = {"centre": ("centres", "lengths"), "radius": ("radii", "length")}
     exact_outside = True
 
     def __post_init__(self) -> None:

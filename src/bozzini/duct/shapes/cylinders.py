@@ -95,7 +95,11 @@ class ConnectedCylinders(ShapeUnion):
     code = 11
     joined = True
     dim = 3
-    columns = {"centre": ("centres", 3), "normal": ("normals", 3), "radius": ("radii", 1)}
+    columns = {
+        "centre": ("centres", "lengths"),
+        "normal": ("normals", "numbers"),
+        "radius": ("radii", "length"),
+    }
 
     def __post_init__(self) -> None:
         centres = freeze_places("centres", self.centres, 3, least=2)

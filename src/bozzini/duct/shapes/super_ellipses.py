@@ -119,10 +119,10 @@ class SuperEllipses(ShapeUnion):
     code = 0
     dim = 2
     columns = {
-        "centre": ("centres", 2),
-        "half_axes": ("half_axes", 2),
-        "power": ("powers", 1),
-        "angle": ("angles", 1),
+        "centre": ("centres", "lengths"),
+        "half_axes": ("half_axes", "lengths"),
+        "power": ("powers", "number"),
+        "angle": ("angles", "angle"),
     }
 
     def __post_init__(self) -> None:
@@ -331,11 +331,11 @@ class SuperEllipsoids(ShapeUnion):
     code = 10
     dim = 3
     columns = {
-        "centre": ("centres", 3),
-        "half_axes": ("half_axes", 3),
-        "e1": ("e1", 1),
-        "e2": ("e2", 1),
-        "axes": ("rotations", 9),
+        "centre": ("centres", "lengths"),
+        "half_axes": ("half_axes", "lengths"),
+        "e1": ("e1", "number"),
+        "e2": ("e2", "number"),
+        "axes": ("rotations", "axes"),
     }
 
     def __post_init__(self) -> None:

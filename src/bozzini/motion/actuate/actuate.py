@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import check_number
+from ...continuum import ContinuumRobot
 from ...continuum.coupling import Coupling, require_arcs
-from ...continuum.robot import ContinuumRobot
 from ...duct.base import Duct, count_dimensions
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
@@ -96,7 +97,8 @@ class FitJob:
     ) -> None:
         from ...numeric.polylines import measure_arc_length
 
-        robot, duct, introducer = coupling.robot, space.duct, space.tube
+        robot = cast(ContinuumRobot, coupling.robot)  # `check_robot` made it
+        duct, introducer = space.duct, space.tube
         self.robot, self.coupling, self.space, self.roll = robot, coupling, space, roll
         self.introducer, self.duct = introducer, duct
         self.heads = plan.head_arc_length

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_number, check_range
+from ...continuum import ContinuumRobot
 from ...continuum.checks import check_frame
 from ...continuum.coupling import coupling_matrix
-from ...continuum.robot import ContinuumRobot, check_robot
+from ...continuum.robot import check_robot
 from ...errors import FileFormatError, InputError, MissingExtraError
 from ...io.files import write_atomically, write_text
 from .executed import ArcCertificate, place_bodies

@@ -44,7 +44,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_integer, check_number, check_points, check_range, quantity
-from ...continuum.robot import ContinuumRobot
+from ...continuum import ContinuumRobot
 from ...duct.base import count_dimensions
 from ...errors import InputError
 from ..certify import TOLERANCE_MM, certify_motion
