@@ -242,7 +242,7 @@ def test_volumes_of_two_balls():
     true = RoundCones(np.zeros((1, 3)), np.array([10.0]))
     fitted = RoundCones(np.array([[6.0, 0.0, 0.0]]), np.array([10.0]))
     line = Centreline.from_points([[0, 0, -5], [0, 0, 5]], true)
-    report = measure_fit(fitted, true, line, pieces=1)
+    report = measure_fit(fitted, true, line)
     ball = 4.0 / 3.0 * np.pi * 1000.0
     lens = np.pi * (40.0 + 6.0) * (20.0 - 6.0) ** 2 / 12.0
     error = 2.0 * report.volume_error
@@ -257,7 +257,7 @@ def test_volumes_of_two_balls():
 
 def test_a_duct_stands_for_itself():
     duct, line = tube()
-    report = measure_fit(duct, duct, line, pieces=1)
+    report = measure_fit(duct, duct, line)
     assert report.outside == 0.0
     assert report.outside_bound < 0.3
     assert report.volume_lost == report.volume_gained == 0.0

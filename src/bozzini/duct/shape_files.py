@@ -115,14 +115,6 @@ def check_shapes_target(path: str | os.PathLike[str], *, force: bool = False) ->
     check_new_file(path, SUFFIXES, force=force)
 
 
-def count_pieces(duct: Duct) -> int:
-    """Return how many shapes there are: cones and cylinders lie between two of their balls."""
-    if not duct.columns:
-        return 1
-    count = len(getattr(duct, next(iter(duct.columns.values()))[0]))
-    return max(1, count - 1) if duct.joined else count
-
-
 def load_shapes(path: str | os.PathLike[str]) -> Duct:
     """Read shapes from a file that `save_shapes` wrote, or one like it.
 
