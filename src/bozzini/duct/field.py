@@ -253,7 +253,8 @@ def measure_parts(vertices: Floats, faces: NDArray[np.int64]) -> tuple[NDArray[n
     graph = coo_matrix((ones, (start, stop)), shape=(len(vertices), len(vertices)))
     part = connected_components(graph, directed=False)[1][faces[:, 0]].astype(np.int64)
     a, b, c = np.moveaxis(vertices[faces] - vertices[faces].mean(axis=(0, 1)), 1, 0)
-    return part, np.bincount(part, weights=np.einsum("ij,ij->i", a, np.cross(b, c)))
+    volumes = np.bincount(part, weights=np.einsum("ij,ij->i", a, np.cross(b, c)))
+    return part, volumes.astype(np.float64)
 
 
 def make_wall(tract: LabelTract | SurfaceTract) -> MeshWall | VoxelWall:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,9 @@ from ..base import SampledField, Shape
 from ..checks import check_places, check_wall, freeze_places, set_fields
 from ..field import MeshWall, field_from_mesh, measure_parts
 
+if TYPE_CHECKING:
+    import igl
+
 # Which side of a mesh's triangles is inside: parts that are turned inside out are found.
 
 ASIDE = 1e-6
@@ -25,7 +28,7 @@ ASIDE = 1e-6
 def check_sides(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int64],
-    count_windings: Callable[[NDArray[np.float64]], NDArray[Any]],
+    count_windings: Callable[[NDArray[np.float64]], NDArray[np.int64]],
     *,
     everywhere: bool,
 ) -> None:
@@ -204,7 +207,7 @@ class TriangleMesh(Shape):
         return replace(grid, wall=self.wall, wall_error=self.wall_error)
 
     @cached_property
-    def _boxes(self) -> Any:
+    def _boxes(self) -> igl.AABB:
         import igl
 
         boxes = igl.AABB()
@@ -212,7 +215,7 @@ class TriangleMesh(Shape):
         return boxes
 
     @cached_property
-    def _columns(self) -> Any:
+    def _columns(self) -> tuple[object, ...]:
         """The triangles in columns along the shortest side of the box: see `kernels.inside`."""
         from ..kernels.inside import fill_columns
 
