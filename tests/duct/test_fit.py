@@ -314,8 +314,8 @@ def test_super_ellipsoids_lose_no_more_room_than_allowed_where_large_ones_would(
 def test_super_ellipsoids_that_lose_too_much_room_have_not_reached_it(monkeypatch):
     monkeypatch.setattr(candidates, "OTHERS", 4)
     monkeypatch.setattr(candidates, "STRETCH_MM", 12.0)
-    monkeypatch.setattr("bozzini.duct.fitting.blocks.add_balls", lambda shapes, *_, **__: shapes)
-    monkeypatch.setattr("bozzini.duct.fitting.fit.WAY", 20.0)
+    monkeypatch.setattr("bozzini.duct.fitting.fit.add_balls", lambda shapes, *_, **__: shapes)
+    monkeypatch.setattr("bozzini.duct.fitting.fit.LINE_SHARE", 20.0)
     duct, line = tube()
     fitted = fit(duct, "superellipsoids", centreline=line, max_error=0.2)
     assert not fitted.converged
