@@ -15,7 +15,7 @@ from ..results import Result, measured, take_axes
 from .equilibrium import Settled, describe, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
-from .linkage import describe_end, raise_open
+from .linkage import describe_end, refuse_open
 from .section import Section
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def combine_bends(
         backbones,
     )
     if failed > 0:
-        raise_open(effector.design, float(contractions[case].max()), failed)
+        raise refuse_open(effector.design, float(contractions[case].max()), failed)
     if case >= 0:
         first, second = (effector.design.names[place] for place in pair[:, case])
         raise GeometryError(
@@ -288,7 +288,7 @@ def pose(
             ends,
         )
         if failed > 0:
-            raise_open(effector.design, float(vectors[case, 3]), failed)
+            raise refuse_open(effector.design, float(vectors[case, 3]), failed)
         vector, demanded = vectors[:, :2], vectors[:, 2]
         lateral = np.minimum(demanded, packed.peak.lateral)
         error = np.zeros(size)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array
+from ..checks import check_array, check_range
 from ..errors import InputError
 from ..muscle import EnergyMuscle, Muscle, MuscleModel
 from ..muscle.model import NUMBERS_LIMIT
@@ -159,11 +159,9 @@ class Section:
                 f"of {list(names)}"
             )
         limit = self.design.pressure_limit
-        most = limit * (1.0 + 1e-12)  # round-off of a unit
-        if table.size and not (table.min() >= 0.0 and table.max() <= most):
-            index = int(np.argmin((table >= 0.0) & (table <= most)))
-            raise InputError(
-                f"pressure of muscle {names[index % len(names)]} is {table.flat[index]:g} MPa: it "
-                f"must lie in [0, {limit:g}] MPa"
-            )
+        legal = (table >= 0.0) & (table <= limit * (1.0 + 1e-12))  # round-off of a unit
+        if not legal.all():
+            index = int(np.argmin(legal))
+            name = f"pressure of muscle {names[index % len(names)]}"
+            check_range(name, table.flat[index : index + 1].reshape(()), 0.0, limit, "MPa")
         return table

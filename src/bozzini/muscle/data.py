@@ -226,6 +226,8 @@ class Measurements:
         InputError
             If a specimen at a load has only one direction, or the two share no pressure.
         """
+        import pandas
+
         frame, notes = self._list_rows(), list(self.notes)
         known = frame["direction"] != ""
         parts = [frame[~known]]
@@ -250,14 +252,12 @@ class Measurements:
                 )
             mean = 0.5 * (risen.to_numpy() + np.interp(up, down, fallen.to_numpy()))
             columns = {"pressure": up[shared], "contraction": mean[shared], "load": load}
-            parts.append(
-                frame.iloc[:0].reindex(range(shared.sum())).assign(**columns, specimen=specimen)
-            )
-        columns = {
-            name: np.concatenate([part[name].to_numpy() for part in parts]) for name in COLUMNS
-        }
+            parts.append(pandas.DataFrame({**columns, "direction": "", "specimen": specimen}))
+        merged = pandas.concat([part for part in parts if len(part)])
         return Measurements(
-            **{**columns, "direction": ""}, ignored=self.ignored, notes=tuple(notes)
+            **{name: merged[name].to_numpy() for name in COLUMNS},
+            ignored=self.ignored,
+            notes=tuple(notes),
         )
 
     def _list_rows(self) -> pandas.DataFrame:
