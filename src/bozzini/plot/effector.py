@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_points
 from ..errors import InputError
-from .palette import AMBER, GREEN, INK, RED
+from .palette import AMBER, BLUE, COLORS, DASHES, GREEN, GRID, INK, RED, make_panels, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,18 +30,11 @@ if TYPE_CHECKING:
         Workspace,
     )
 
-# Curves of the effector: deflection over pressure, iteration, traces.
-#
-# `bozzini.plot.effector` has all figures of the effector in one place.
-
+# Drawn without pyplot; `bozzini.plot.write_figure` writes the figures.
 
 Floats = NDArray[np.float64]
 
-BLUE = "#1f5fa8"
-PALETTE = (BLUE, AMBER, GREEN, RED, "#6f4fa8", "#45b5d9", "#7a6a58", INK)
 _OWN = {"R": RED, "G": GREEN, "B": BLUE}
-DASHES = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
-GRID = "#e3e8ed"
 _RISING, _FALLING = (0, (4, 1.5)), (0, (1, 1.5))
 _CUBIC: dict[str, Any] = {"color": INK, "linewidth": 1.1}
 _SMALL = 1e-6  # an error of the trace that is round-off [mm]
@@ -52,14 +45,7 @@ def pick_colors(names: Sequence[str]) -> dict[str, str]:
     """Return a colour for each muscle: R, G and B as they are called, others in a fixed order."""
     if set(names) <= set(_OWN):
         return {name: _OWN[name] for name in names}
-    return {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(names)}
-
-
-def style_axes(axes: Axes) -> None:
-    """Give a panel the common grid and spines."""
-    axes.grid(color=GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    return {name: COLORS[k % len(COLORS)] for k, name in enumerate(names)}
 
 
 def draw_deflection(
@@ -167,7 +153,7 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
             )
         force, _, lateral, following = table[:, :4].T
         style: dict[str, Any] = {
-            "color": PALETTE[k % len(PALETTE)],
+            "color": COLORS[k % len(COLORS)],
             "markersize": 4.5,
             "linewidth": 1.5,
         }
@@ -274,22 +260,6 @@ def _find_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def make_panels(count: int, *, ratios: tuple[float, ...] | None = None) -> tuple[Figure, list[Any]]:
-    """Return a figure and its panels side by side."""
-    figure = Figure(
-        figsize=(5.8 if count == 1 else 9.6, 4.2), facecolor="white", layout="constrained"
-    )
-    panels = list(figure.subplots(1, count, squeeze=False, width_ratios=ratios or [1.0] * count)[0])
-    for axes in panels:
-        style_axes(axes)
-    return figure, panels
-
-
-# Figure of what the effector's tip presses with and withstands, over the direction.
-#
-# `bozzini.plot.effector` has all figures of the effector in one place.
-
-
 _FAINT = "#8a97a5"
 
 
@@ -383,22 +353,6 @@ def _find_free_angle(effector: Effector) -> float:
     return math.degrees(angles[widest] + 0.5 * gaps[widest])
 
 
-# Figure of a sweep over designs of the effector; see `bozzini.plot.effector`.
-
-
-UNITS = {
-    **dict.fromkeys(("offset", "length", "backbone_length", "holder_length"), "mm"),
-    **dict.fromkeys(("flexural_rigidity", "catheter_rigidity"), "N mm²"),
-    **dict.fromkeys(("pressure_limit", "muscle.modulus", "muscle.strand_modulus"), "MPa"),
-    "muscle.braid_angle": "rad",
-    **{
-        f"muscle.{name}": "mm"
-        for name in ("outer_radius", "inner_radius", "gap", "strand_radius", "end_length",
-                     "dead_length", "friction_length")
-    },
-}  # fmt: skip
-
-
 def draw_sweep(sweep: Sweep) -> Figure:
     """Return a figure of a sweep over the first parameter, a line for each value of the others.
 
@@ -410,7 +364,11 @@ def draw_sweep(sweep: Sweep) -> Figure:
     ----------
     sweep : Sweep
     """
+    from ..effector.study import find_quantity
+
     first, *others = sweep.parameters
+    known = find_quantity(first)
+    unit = known.unit.replace("^2", "²") if known else ""
     over, labels = _number([row.changes[first] for row in sweep.rows])
     groups: dict[str, list[int]] = {}
     for index, row in enumerate(sweep.rows):
@@ -435,11 +393,11 @@ def draw_sweep(sweep: Sweep) -> Figure:
             heights = np.where(some, values, np.nan)
             axes.plot(
                 place[shown], heights[shown], marker="o", linestyle=dash, markersize=3.5,
-                color=PALETTE[k % len(PALETTE)], linewidth=1.5,
+                color=COLORS[k % len(COLORS)], linewidth=1.5,
                 label=name if axes is right else None,
             )  # fmt: skip
     for axes in (left, right):
-        axes.set_xlabel(f"{first} [{UNITS[first]}]" if first in UNITS else first)
+        axes.set_xlabel(f"{first} [{unit}]" if unit else first)
         top = float(axes.dataLim.y1)
         axes.set_ylim(0.0, 1.06 * top if 0.0 < top < np.inf else 1.0)
         if failed.size:
@@ -478,12 +436,6 @@ def _format(value: object) -> str:
 def _take(rows: list[SweepRow], quantity: str) -> Any:
     scale = 1e3 if quantity == "needed_pressure" else 1.0
     return scale * np.array([getattr(row, quantity) for row in rows])
-
-
-# Figures of the effector: a pose, and the workspace.
-#
-# Drawn with matplotlib's objects only (no pyplot). Every function returns a `Figure`, which
-# `bozzini.plot.write_figure` writes. Lengths are in mm, angles shown in degrees.
 
 
 _FILL = "#dfe8f1"

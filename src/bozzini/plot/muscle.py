@@ -7,32 +7,25 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
-from .palette import AMBER, GREEN, INK, RED
+from .palette import AMBER, BLUE, COLORS, DASHES, INK, RED, make_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from ..muscle.data import Measurements
     from ..muscle.hysteresis import Hysteresis, HysteresisFit
     from ..muscle.model import MuscleModel
-    from ..muscle.ranking import Comparison, RankedModel, Ranking
+    from ..muscle.ranking import Comparison, Ranking
 
-# Figures of muscles: phases, contraction, force, braid angle, models against measurements.
-#
-# Drawn with matplotlib's objects only (no pyplot). Every function returns a `Figure`, which
-# `bozzini.plot.write_figure` writes. Pressure is shown in kPa, angles in degrees.
-
+# Drawn without pyplot; `bozzini.plot.write_figure` writes the figures. Pressures are in kPa.
 
 LOCKING_ANGLE = math.degrees(math.atan(math.sqrt(2.0)))
-_COLORS = ("#1f5fa8", AMBER, GREEN, RED, "#6f4fa8", "#45b5d9", "#7a6a58", INK)
-_DASHES = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
 _MARKS = {"inflating": "^", "deflating": "v", "": "o"}
-_GRID = "#e3e8ed"
 _PRESSURE = "pressure [kPa]"
 _CONTRACTION = "contraction [mm]"
 _FINE = 201
@@ -57,17 +50,7 @@ def draw_phases(
     By some models the muscle gets longer, and has to contract to its length at rest
     first. The phases are those of `MuscleState.in_contact`.
 
-    Parameters
-    ----------
-    model : MuscleModel
-    pressure : float
-        Largest pressure [MPa].
-    load : float
-        Tension that the muscle holds [N].
-    direction : str, optional
-        ``"inflating"`` or ``"deflating"`` for a branch of friction.
-    lowest : float
-        Pressure at which the line begins [MPa], for a model without an answer below it.
+    The model's keywords are those of `draw_contraction`.
 
     Raises
     ------
@@ -76,7 +59,7 @@ def draw_phases(
     """
     band = float(model.dead_band())
     check_number("pressure", pressure, low=band, low_open=True, unit="MPa")
-    figure, (left, right) = _make_panels(2, ratios=(1.0, 1.5))
+    figure, (left, right) = make_panels(2, ratios=(1.0, 1.5))
     near = min(2.5 * band, pressure) if band > 0.0 else 0.2 * pressure
     if lowest >= near:
         near = pressure
@@ -89,7 +72,7 @@ def draw_phases(
             if phase < 2:
                 axes.axvspan(1e3 * low, 1e3 * high, lw=0, **_PHASES[phase])
         axes.axhline(0.0, color=INK, linewidth=0.8)
-        axes.plot(1e3 * over, line, color=_COLORS[0], linewidth=1.8)
+        axes.plot(1e3 * over, line, color=BLUE, linewidth=1.8)
         axes.set(xlabel=_PRESSURE, xlim=(0.0, 1e3 * top))
     left.set_ylabel(_CONTRACTION)
     if right.get_legend_handles_labels()[1]:
@@ -155,7 +138,7 @@ def draw_contraction(
         If there is nothing to draw, or a model has no answer.
     """
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
-    figure, (axes,) = _make_panels(1)
+    figure, (axes,) = make_panels(1)
     over = np.linspace(lowest, pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         line = model.contraction(over, load, direction=direction)
@@ -189,14 +172,14 @@ def draw_force(
     """
     levels = _take_levels(pressures)
     check_integer("count", count, low=2)
-    figure, (axes,) = _make_panels(1)
+    figure, (axes,) = make_panels(1)
     shades = np.linspace(0.25, 1.0, len(levels))
     for level, shade in zip(levels, shades, strict=True):
         free = max(0.0, float(model.contraction(float(level), direction=direction)))
         over = np.linspace(0.0, free, count)
         force = np.asarray(model.force(float(level), over, direction=direction), dtype=np.float64)
         axes.plot(
-            over, force, color=_COLORS[0], alpha=float(shade), linewidth=1.6,
+            over, force, color=BLUE, alpha=float(shade), linewidth=1.6,
             label=f"{1e3 * level:.0f} kPa",
         )  # fmt: skip
     axes.axhline(0.0, color=INK, linewidth=0.8)
@@ -218,19 +201,8 @@ def draw_braid_angle(
 
     The range may go far beyond what a muscle bears, as in Fig. 3.17 of the thesis, to show
     whether a model comes to the locking angle of 54.74 degrees, and from which side.
-
-    Parameters
-    ----------
-    models : mapping of str to MuscleModel
-        What to draw, by the name in the legend.
-    pressure : float
-        Largest pressure [MPa]; the axis is logarithmic over four decades.
-    load : float
-        Tension that the muscle holds [N].
-    direction : str, optional
-        ``"inflating"`` or ``"deflating"`` for a branch of friction.
-    lowest : float
-        Pressure at which the line begins [MPa], for a model without an answer below it.
+    The axis of pressure is logarithmic over four decades; the arguments are those of
+    `draw_contraction`.
 
     Raises
     ------
@@ -238,7 +210,7 @@ def draw_braid_angle(
         If there is nothing to draw, or a model has no answer.
     """
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
-    figure, (axes,) = _make_panels(1)
+    figure, (axes,) = make_panels(1)
     over = np.geomspace(max(1e-4 * pressure, lowest), pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         state = model.solve(over, load, direction=direction)
@@ -272,73 +244,61 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
         If a model of the comparison is not there.
     """
     data = comparison.data
-    figure, (left, right) = _make_panels(2, ratios=(1.5, 1.0))
-    loads = np.unique(data.load)
-    for direction, mark in _MARKS.items():
-        rows = data.direction == direction
-        if rows.any():
-            left.plot(
-                1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.5,
-                markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
-            )  # fmt: skip
+    figure, (left, right) = make_panels(2, ratios=(1.5, 1.0))
+    _draw_rows(left, data)
     names = [score.name for score in comparison.scores]
     for style, score in zip(_list_styles(names), comparison.scores, strict=True):
         if score.name not in models:
             raise InputError(f"model '{score.name}' was compared, but is not among those given")
-        label: str | None = f"{score.name}: {score.standard_error_percent:.1f} %"
-        for load in loads:
-            for direction in dict.fromkeys(data.direction[data.load == load].tolist()):
-                rows = (data.load == load) & (data.direction == direction)
-                _draw_line(
-                    left,
-                    models[score.name],
-                    data.select(rows),
-                    predicted=score.predicted[rows],
-                    style={**style, "label": label},
-                )
-                label = None
+        label = f"{score.name}: {score.standard_error_percent:.1f} %"
+        _draw_lines(left, models[score.name], data, score.predicted, {**style, "label": label})
         right.plot(
             1e3 * data.pressure, score.predicted - data.contraction, "o", markersize=3.5,
             color=style["color"],
         )  # fmt: skip
     right.axhline(0.0, color=INK, linewidth=0.8)
-    left.set(xlabel=_PRESSURE, ylabel=_CONTRACTION)
     right.set(xlabel=_PRESSURE, ylabel="model less measurement [mm]")
-    if len(loads) > 1:
-        left.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
     left.legend(frameon=False, fontsize=9)
     return figure
 
 
-def _draw_line(
+def _draw_rows(axes: Axes, data: Measurements) -> None:
+    """Draw measured rows, a mark for each direction."""
+    for direction, mark in _MARKS.items():
+        rows = data.direction == direction
+        if rows.any():
+            axes.plot(
+                1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.5,
+                markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
+            )  # fmt: skip
+    axes.set(xlabel=_PRESSURE, ylabel=_CONTRACTION)
+    loads = np.unique(data.load)
+    if len(loads) > 1:
+        axes.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
+
+
+def _draw_lines(
     axes: Axes,
     model: MuscleModel,
-    rows: Measurements,
-    *,
+    data: Measurements,
     predicted: NDArray[np.float64],
     style: Mapping[str, Any],
 ) -> None:
-    """Draw a model between rows of one load and direction; without an answer there, only at them.
-
-    Parameters
-    ----------
-    axes : Axes
-    model : MuscleModel
-    rows : Measurements
-        Rows of one load and direction.
-    predicted : ndarray, shape (n,)
-        Contraction at the rows [mm].
-    style : mapping
-        Of the line.
-    """
-    over = np.linspace(rows.pressure.min(), rows.pressure.max(), _FINE)
-    direction = str(rows.direction[0]) or None
-    try:
-        line = np.asarray(model.contraction(over, rows.load[0], direction=direction))
-    except BozziniError:
-        order = np.argsort(rows.pressure, kind="stable")
-        over, line = rows.pressure[order], predicted[order]
-    axes.plot(1e3 * over, line, **style)
+    """Draw a model between the rows of each load and direction; without an answer, at the rows."""
+    label = style.get("label")
+    for load, direction in dict.fromkeys(
+        zip(data.load.tolist(), data.direction.tolist(), strict=True)
+    ):
+        rows = (data.load == load) & (data.direction == direction)
+        pressure, line = data.pressure[rows], predicted[rows]
+        over = np.linspace(pressure.min(), pressure.max(), _FINE)
+        try:
+            line = np.asarray(model.contraction(over, load, direction=direction or None))
+        except BozziniError:
+            order = np.argsort(pressure, kind="stable")
+            over, line = pressure[order], line[order]
+        axes.plot(1e3 * over, line, **{**style, "label": label})
+        label = None
 
 
 def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
@@ -353,33 +313,15 @@ def _list_styles(names: Any) -> list[dict[str, Any]]:
         raise InputError("there are 0 models to draw: give 1 or more")
     return [
         {
-            "color": _COLORS[i % len(_COLORS)],
-            "linestyle": _DASHES[i % len(_DASHES)],
+            "color": COLORS[i % len(COLORS)],
+            "linestyle": DASHES[i % len(DASHES)],
             "linewidth": 1.7,
         }
         for i in range(len(names))
     ]
 
 
-def _make_panels(count: int, *, ratios: tuple[float, ...] = (1.0,)) -> tuple[Figure, list[Axes]]:
-    figure = Figure(
-        figsize=(5.8 if count == 1 else 9.6, 4.2), facecolor="white", layout="constrained"
-    )
-    panels = list(figure.subplots(1, count, squeeze=False, width_ratios=ratios)[0])
-    for axes in panels:
-        axes.grid(color=_GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure, panels
-
-
-# The figure of a ranking of muscle models: how far off each is, and the curves of the best.
-#
-# Drawn with matplotlib's objects only (no pyplot); `bozzini.plot.write_figure` writes it.
-
-
-_RANK_COLORS = ("#1f5fa8", AMBER, GREEN, RED, "#6f4fa8")
-_RANK_DASHES = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
+_RANK_CURVES = 5
 _LEAST = 1e-3  # a percentage below is drawn there
 
 
@@ -402,22 +344,19 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     InputError
         If no model is ranked.
     """
-    check_integer("curves", curves, low=1, high=len(_RANK_COLORS))
+    check_integer("curves", curves, low=1, high=_RANK_CURVES)
     if not ranking.models:
         raise InputError("there are 0 models to draw: give 1 or more")
     height = max(4.2, 1.4 + 0.21 * len(ranking.models))
-    figure = Figure(figsize=(11.0, height), facecolor="white", layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    for axes in (left, right):
-        axes.grid(color=_GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
+    figure, (left, right) = make_panels(2, ratios=(1.25, 1.0), size=(11.0, height))
     shown = [entry for entry in ranking.models if not entry.same_as][:curves]
-    colors = {
-        entry.name: color for entry, color in zip(shown, _RANK_COLORS[: len(shown)], strict=True)
-    }
-    _draw_errors(left, ranking, colors)
-    _draw_curves(right, ranking, shown)
+    styles = dict(zip((entry.name for entry in shown), _list_styles(shown), strict=True))
+    _draw_errors(left, ranking, {name: style["color"] for name, style in styles.items()})
+    _draw_rows(right, ranking.data)
+    for entry in shown:
+        style = {**styles[entry.name], "label": entry.name}
+        _draw_lines(right, entry.model, ranking.data, entry.score.predicted, style)
+    right.legend(frameon=False, fontsize=8)
     return figure
 
 
@@ -451,7 +390,8 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
                   va="center", color=INK)  # fmt: skip
     axes.text(1.02, -1.0, "ΔAICc", transform=axes.get_yaxis_transform(), fontsize=8,
               va="center", color=INK)  # fmt: skip
-    axes.set_yticks(range(len(ranking.models)), [_label(entry) for entry in ranking.models])
+    labels = [f"{entry.name} ({entry.parameters})" for entry in ranking.models]
+    axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis="y", labelsize=8)
     axes.set_ylim(len(ranking.models) - 0.4, -1.6)
     axes.set_xscale("log")
@@ -460,45 +400,6 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
     words = {"aicc": "AICc", "bic": "BIC", "cv": "the rows left out"}[ranking.criterion]
     axes.set_title(f"ranked by {words}; number of constants fitted", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=8, loc="lower left")
-
-
-def _label(entry: RankedModel) -> str:
-    return f"{entry.name} ({entry.parameters})"
-
-
-def _draw_curves(axes: Axes, ranking: Ranking, shown: list[RankedModel]) -> None:
-    data = ranking.data
-    for direction, mark in _MARKS.items():
-        rows = data.direction == direction
-        if rows.any():
-            axes.plot(
-                1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.0,
-                markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
-            )  # fmt: skip
-    for entry, color, dash in zip(shown, _RANK_COLORS, _RANK_DASHES, strict=False):
-        label: str | None = entry.name
-        for load, direction in dict.fromkeys(
-            zip(data.load.tolist(), data.direction.tolist(), strict=True)
-        ):
-            rows = (data.load == load) & (data.direction == direction)
-            style = {"color": color, "linestyle": dash, "linewidth": 1.5, "label": label}
-            predicted = entry.score.predicted[rows]
-            _draw_line(axes, entry.model, data.select(rows), predicted=predicted, style=style)
-            label = None
-    axes.set(xlabel="pressure [kPa]", ylabel="contraction [mm]")
-    loads = np.unique(data.load)
-    if len(loads) > 1:
-        axes.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
-    axes.legend(frameon=False, fontsize=8)
-
-
-# Figures of hysteresis: loops of operators, and a fit against the loops measured.
-#
-# Drawn with matplotlib's objects only (no pyplot). Every function returns a `Figure`, which
-# `bozzini.plot.write_figure` writes.
-
-
-_BLUE = "#1f5fa8"
 
 
 def fade_loops(
@@ -555,7 +456,8 @@ def draw_loops(
         raise InputError("there are 0 operators to draw: give 1 or more")
     columns = min(3, len(operators))
     rows = math.ceil(len(operators) / columns)
-    figure, panels = _make_grid(rows, columns)
+    size = (max(4.8, 3.4 * columns), max(3.4, 2.9 * rows))
+    figure, panels = make_panels(columns, rows=rows, size=size)
     turns = _find_turns(inputs)
     for axes, (name, operator) in zip(panels, operators.items(), strict=False):
         outputs = np.asarray(operator.apply(inputs), dtype=np.float64)
@@ -601,10 +503,10 @@ def draw_fit(
             f"history has shape {inputs.shape} and response {outputs.shape}: the fit has "
             f"{fit.residual.shape}, and one history can be drawn"
         )
-    figure, (left, right) = _make_grid(1, 2)
+    figure, (left, right) = make_panels(2, size=(6.8, 3.4))
     left.plot(inputs, outputs, ".", color=INK, markersize=3.0, alpha=0.5, label="measured")
     name = type(fit.operator).__name__
-    left.plot(inputs, outputs - fit.residual, color=_BLUE, linewidth=1.5, label=name)
+    left.plot(inputs, outputs - fit.residual, color=BLUE, linewidth=1.5, label=name)
     right.plot(fit.residual, ".", color=RED, markersize=3.0)
     right.axhline(0.0, color=INK, linewidth=0.8)
     left.set(xlabel=input_label, ylabel=output_label)
@@ -621,7 +523,7 @@ def _draw_path(axes: Axes, inputs: NDArray[np.float64], outputs: NDArray[np.floa
     points = np.column_stack([inputs, outputs])
     pieces = np.stack([points[:-1], points[1:]], axis=1)
     shades = np.linspace(0.35, 1.0, len(pieces))
-    axes.add_collection(LineCollection(list(pieces), colors=_BLUE, alpha=shades, linewidths=1.4))
+    axes.add_collection(LineCollection(list(pieces), colors=BLUE, alpha=shades, linewidths=1.4))
     axes.autoscale_view()
     axes.margins(0.06)
 
@@ -631,15 +533,3 @@ def _find_turns(inputs: NDArray[np.float64]) -> NDArray[np.intp]:
     moved = np.flatnonzero(np.diff(inputs))
     ways = np.sign(np.diff(inputs)[moved])
     return moved[np.flatnonzero(np.diff(ways)) + 1]
-
-
-def _make_grid(rows: int, columns: int) -> tuple[Figure, list[Axes]]:
-    size = (max(4.8, 3.4 * columns), max(3.4, 2.9 * rows))
-    figure = Figure(figsize=size, layout="constrained")
-    panels = [figure.add_subplot(rows, columns, place + 1) for place in range(rows * columns)]
-    for axes in panels:
-        axes.grid(True, color=_GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-    return figure, panels

@@ -6,6 +6,7 @@ purpose, and every place that is through the wall is marked by shape as well as 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,17 +16,51 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.colors import Colormap, Normalize
+    from matplotlib.figure import Figure
 
 INK = "#17212b"
 NIGHT = "#0b1118"
 GREEN = "#0f7b6c"
 AMBER = "#b26a00"
 RED = "#b3261e"
+BLUE = "#1f5fa8"
+GRID = "#e3e8ed"
+COLORS = (BLUE, AMBER, GREEN, RED, "#6f4fa8", "#45b5d9", "#7a6a58", INK)
+"""Colours of lines, in order."""
+DASHES = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
+"""Dashes of lines, in order: lines differ without colours too."""
 
 _NEGATIVE = ("#7a0a2e", "#f2453d")
 _POSITIVE = ("#ffe066", "#8fd6a8", "#45b5d9", "#2f7fd0")
 _LUMEN = ((0.0, NIGHT), (0.25, "#223140"), (0.6, "#5d7388"), (1.0, "#cfdae3"))
+
+
+def style_axes(axes: Axes) -> None:
+    """Give a panel the common grid and spines."""
+    axes.grid(color=GRID, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def make_panels(
+    count: int,
+    *,
+    rows: int = 1,
+    ratios: Sequence[float] = (),
+    size: tuple[float, float] | None = None,
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and its panels, so many side by side in each of the rows."""
+    from matplotlib.figure import Figure
+
+    size = size or (5.8 if count == 1 else 9.6, 4.2)
+    figure = Figure(figsize=size, facecolor="white", layout="constrained")
+    widths = ratios or [1.0] * count
+    panels = list(figure.subplots(rows, count, squeeze=False, width_ratios=widths).ravel())
+    for axes in panels:
+        style_axes(axes)
+    return figure, panels
 
 
 def _parse_color(text: str) -> tuple[float, float, float]:
