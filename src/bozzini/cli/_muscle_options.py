@@ -110,7 +110,7 @@ def answer_options(*suffixes: str, text: str = "A picture.") -> Callable[[_Funct
 
 def design_options(function: _Function) -> _Function:
     """Add the options that make a muscle: ``preset``, and the fields by their names."""
-    for name, known in reversed(FIELDS.items()):
+    for name, known in reversed(list(FIELDS.items())):
         option = "--" + name.replace("_", "-")
         function = click.option(option, name, type=QuantityType(known.kind), help=known.help)(
             function

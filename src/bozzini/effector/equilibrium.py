@@ -33,6 +33,16 @@ class Settled:
     iterations: NDArray[np.int64]
     code: NDArray[np.int64]
 
+    def select(self, place: int, shape: tuple[int, ...]) -> Settled:
+        """Return the equilibria of one muscle, as arrays of a shape."""
+        return Settled(
+            self.contraction[:, place].reshape(shape),
+            self.lateral[:, place].reshape(shape),
+            self.residual[:, place].reshape(shape),
+            self.iterations[:, place].reshape(shape),
+            self.code[:, place].reshape(shape),
+        )
+
 
 def settle_muscles(effector: Section, pressures: Floats) -> Settled:
     """Return the equilibria of each muscle alone, at pressures (k, m) [MPa]."""
@@ -241,33 +251,26 @@ def balance(
         return _iterate(effector, place, pressures, tolerance)
     cases = np.zeros((pressures.size, len(effector.models)))
     cases[:, place] = pressures.ravel()
-    settled = settle_muscles(effector, cases)
     shape = pressures.shape
-    codes, lateral, contraction, residual, iterations = (
-        column[:, place].reshape(shape)
-        for column in (
-            settled.code,
-            settled.lateral,
-            settled.contraction,
-            settled.residual,
-            settled.iterations,
-        )
-    )
+    settled = settle_muscles(effector, cases).select(place, shape)
+    codes = settled.code
     reasons = [
-        describe(effector, code, x, left)
-        for code, x, left in zip(codes.flat, contraction.flat, residual.flat, strict=True)
+        describe(effector, int(code), float(x), float(left))
+        for code, x, left in zip(
+            codes.flat, settled.contraction.flat, settled.residual.flat, strict=True
+        )
     ]
     return Balance(
         name=name,
         pressure=pressures,
-        contraction=contraction,
-        lateral=lateral,
-        force=lateral / effector.packed.compliance,
-        iterations=iterations,
+        contraction=settled.contraction,
+        lateral=settled.lateral,
+        force=settled.lateral / effector.packed.compliance,
+        iterations=settled.iterations,
         converged=np.asarray(codes <= kernels.SLACK),
         saturated=np.asarray(codes == kernels.SATURATED),
         slack=np.asarray(codes == kernels.SLACK),
-        residual=residual,
+        residual=settled.residual,
         reason=np.array(reasons, dtype=np.str_).reshape(shape),
         table=np.zeros((*shape, 0, 4)),
     )

@@ -105,8 +105,7 @@ class Measurements:
             raise InputError("numbers must be whole numbers, one for each row")
         self._keep("numbers", numbers.astype(np.int64))
         for name in ("direction", "specimen"):
-            words = np.array(getattr(self, name), dtype=np.str_)
-            self._keep(name, np.char.strip(words))
+            self._keep(name, np.char.strip(np.array(getattr(self, name), dtype=np.str_)))
         for name, (low, high, unit) in _RANGES.items():
             values = getattr(self, name)
             legal = (values >= low) & (values <= high) & np.isfinite(values)

@@ -43,7 +43,7 @@ class ConvergenceError(BozziniError, ArithmeticError):
     """An iteration ran out of steps before it met its tolerance."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MuscleState(Result):
     """A muscle at rest under pressure and load. All attributes are arrays of one shape.
 
@@ -251,17 +251,39 @@ class MuscleModel(ABC):
         shape = contraction.shape
         loads = np.broadcast_to(np.asarray(load, dtype=np.float64), shape)
         force = self.force(pressure, contraction, direction=direction) if self.takes_load else loads
-        length = np.asarray(self.muscle.length - contraction)
-        return MuscleState(
-            contraction=contraction,
-            length=length,
-            braid_angle=self.muscle.braid.angle_at(length),
+        return self._report(
+            contraction,
+            braid_angle=self.muscle.braid.angle_at(self.muscle.length - contraction),
             contact_pressure=np.array(np.broadcast_to(np.asarray(pressure, np.float64), shape)),
             force=np.array(force),
-            converged=np.ones(shape, dtype=np.bool_),
             residual=np.asarray(force - loads),
             iterations=np.zeros(shape, dtype=np.int64),
-            reason=np.full(shape, ""),
+            limit=1,
+        )
+
+    def _report(
+        self,
+        contraction: Floats,
+        *,
+        braid_angle: Floats,
+        contact_pressure: Floats,
+        force: Floats,
+        residual: Floats,
+        iterations: NDArray[np.int64],
+        limit: int,
+    ) -> MuscleState:
+        """Return a state; one that took `limit` iterations did not converge."""
+        converged = np.asarray(iterations < limit)
+        return MuscleState(
+            contraction=contraction,
+            length=np.asarray(self.muscle.length - contraction),
+            braid_angle=braid_angle,
+            contact_pressure=contact_pressure,
+            force=force,
+            converged=converged,
+            residual=residual,
+            iterations=iterations,
+            reason=np.where(converged, "", describe_stop(limit)),
         )
 
     def blocked_force(self, pressure: ArrayLike) -> Floats:

@@ -166,8 +166,8 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
     for axes in (left, right):
         axes.set_xlabel("row of the table")
         axes.set_xlim(0.5, rows + 0.5)
-        axes.xaxis.get_major_locator().set_params(integer=True)
-    if not any(len(line.get_xdata()) for line in right.lines):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if not any(np.size(line.get_xdata()) for line in right.lines):
         right.set_yscale("linear")
         right.set_yticks([])
         right.text(0.5, 0.5, "nothing changes: no muscle pulls", transform=right.transAxes,

@@ -344,17 +344,14 @@ class EnergyMuscle(MuscleModel):
         stretches, iterations = self._equilibrium.find(pressures, loads, signs)
         contraction = self._equilibrium.shorten(pressures, stretches)
         pull, _, contact, _ = self._equilibrium.evaluate(pressures, stretches, signs)
-        converged = iterations < kernels.MAX_ITERATIONS
-        return MuscleState(
-            contraction=contraction,
-            length=np.asarray(self.muscle.length - contraction),
+        return self._report(
+            contraction,
             braid_angle=np.asarray(np.arccos(stretches * math.cos(self.muscle.braid_angle))),
             contact_pressure=contact,
             force=pull,
-            converged=np.asarray(converged),
             residual=np.asarray(pull - loads),
             iterations=iterations,
-            reason=np.where(converged, "", describe_stop(kernels.MAX_ITERATIONS)),
+            limit=kernels.MAX_ITERATIONS,
         )
 
     def volume(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:

@@ -25,7 +25,6 @@ from ..model import (
     MuscleState,
     check_hysteresis,
     demand_convergence,
-    describe_stop,
     is_as_defined,
     parse_direction,
 )
@@ -302,18 +301,14 @@ class ThesisMuscle(MuscleModel):
                     f"{pressures.flat[index]:g} MPa it must lie in [0, {most:.6g}] N, at which the "
                     "strands are straight"
                 )
-        length = np.asarray(self.muscle.length - contraction)
-        converged = iterations < kernels.MAX_ITERATIONS
-        return MuscleState(
-            contraction=contraction,
-            length=length,
-            braid_angle=self.muscle.braid.angle_at(length),
+        return self._report(
+            contraction,
+            braid_angle=self.muscle.braid.angle_at(self.muscle.length - contraction),
             contact_pressure=contact,
             force=np.array(loads),
-            converged=np.asarray(converged),
             residual=residual,
             iterations=iterations,
-            reason=np.where(converged, "", describe_stop(kernels.MAX_ITERATIONS)),
+            limit=kernels.MAX_ITERATIONS,
         )
 
     def _solve_free(self, pressures: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
