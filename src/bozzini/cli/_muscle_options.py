@@ -39,6 +39,33 @@ FIELDS = list_quantities(Muscle)
 _Function = Callable[..., Any]
 
 
+def option(
+    declaration: str, help: str, kind: object = None, **more: Any
+) -> Callable[[_Function], _Function]:
+    """Return an option of a command.
+
+    Parameters
+    ----------
+    declaration : str
+        Its name, that of its argument if that is another, and what stands for its value in the help
+        text, in capitals: ``"--to target X,Y"``.
+    help : str
+    kind : object
+        A type of click, a kind of quantity, or a tuple of words to choose from.
+    **more
+        For `click.option`; a default is shown.
+    """
+    flag, *words = declaration.split()
+    names = [word for word in words if word.islower()]
+    metavar = next((word for word in words if not word.islower()), None)
+    taken: Any = QuantityType(kind) if isinstance(kind, str) else kind
+    taken = click.Choice(kind) if isinstance(kind, tuple) else taken
+    shown = "default" in more
+    return click.option(
+        flag, *names, type=taken, metavar=metavar, help=help, show_default=shown, **more
+    )
+
+
 def gather(
     argument: str, make: Callable[..., Any], *options: Callable[[_Function], _Function]
 ) -> Callable[[_Function], _Function]:
@@ -104,35 +131,28 @@ def answer_options(*suffixes: str, text: str = "A picture.") -> Callable[[_Funct
         check_target(out, suffixes, force=force)
         return Answer(as_json, out)
 
-    out = click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help=text)
+    out = option("--out FILE", text, click.Path(path_type=Path))
     return gather("answer", make, *((out, force_option) if suffixes else ()), json_option)
 
 
 def design_options(function: _Function) -> _Function:
     """Add the options that make a muscle: ``preset``, and the fields by their names."""
     for name, known in reversed(list(FIELDS.items())):
-        option = "--" + name.replace("_", "-")
-        function = click.option(option, name, type=QuantityType(known.kind), help=known.help)(
-            function
-        )
-    return click.option(
-        "--preset",
-        default="effector-45",
-        show_default=True,
-        metavar="NAME",
-        help="Where the fields begin: thesis-40, thesis-45, thesis-60, effector-45, fitted-45.",
-    )(function)
+        flag = "--" + name.replace("_", "-")
+        function = option(f"{flag} {name}", known.help, known.kind)(function)
+    presets = "thesis-40, thesis-45, thesis-60, effector-45, fitted-45"
+    return option("--preset NAME", f"Where the fields begin: {presets}.", default="effector-45")(
+        function
+    )
 
 
 def model_options(function: _Function) -> _Function:
     """Add ``--ends`` and ``--load-path``, the choices that a model has; None if not given."""
-    ends, path = (click.Choice(CHOICES[name][1]) for name in ("ends", "load_path"))
-    function = click.option(
-        "--load-path", type=path, help="How the thesis's model takes a load (default: none)."
-    )(function)
-    return click.option("--ends", type=ends, help="Taper of the energy model (default: none).")(
+    ends, path = (CHOICES[name][1] for name in ("ends", "load_path"))
+    function = option("--load-path", "How the thesis's model takes a load (default: none).", path)(
         function
     )
+    return option("--ends", "Taper of the energy model (default: none).", ends)(function)
 
 
 class ModelType(_NameType):
@@ -154,18 +174,14 @@ class ModelType(_NameType):
         return [CompletionItem(name) for name in list_kinds() if name.startswith(incomplete)]
 
 
-model_option = click.option(
-    "--model",
-    "model_name",
-    type=ModelType(),
+model_option = option(
+    "--model model_name",
+    "The model: energy, thesis, or one that 'bozzini muscle models' lists.",
+    ModelType(),
     default="energy",
-    show_default=True,
-    help="The model: energy, thesis, or one that 'bozzini muscle models' lists.",
 )
-direction_option = click.option(
-    "--direction",
-    type=click.Choice(["inflating", "deflating"]),
-    help="Which way it came, for friction (default: neither).",
+direction_option = option(
+    "--direction", "Which way it came, for friction (default: neither).", ("inflating", "deflating")
 )
 
 
@@ -322,13 +338,11 @@ _KINDS = {"mm": "length", "MPa": "pressure", "N": "force", "rad": "angle"}
 
 def set_option(function: _Function) -> _Function:
     """Add ``--set``, which can be repeated."""
-    return click.option(
-        "--set",
-        "settings",
-        multiple=True,
-        metavar="[MODEL.]NAME=VALUE",
-        help="A constant of a model of the catalogue, see 'bozzini muscle models NAME'; can be "
+    return option(
+        "--set settings [MODEL.]NAME=VALUE",
+        "A constant of a model of the catalogue, see 'bozzini muscle models NAME'; can be "
         "repeated. MODEL says whose it is, where several have one of that name.",
+        multiple=True,
     )(function)
 
 
@@ -439,16 +453,12 @@ data_options = gather(
     "table",
     DataRequest,
     click.argument("source", metavar="DATA", type=click.Path(path_type=Path)),
-    click.option(
-        "--unit",
-        "units",
+    option(
+        "--unit units COLUMN=UNIT",
+        "Unit of a column that states none, e.g. pressure=kPa; can be repeated.",
         multiple=True,
-        metavar="COLUMN=UNIT",
-        help="Unit of a column that states none, e.g. pressure=kPa; can be repeated.",
     ),
-    click.option(
-        "--mean", "take_mean", is_flag=True, help="Take the mean of inflation and deflation."
-    ),
+    option("--mean take_mean", "Take the mean of inflation and deflation.", is_flag=True),
 )
 request_options = gather("asked", Request.take, set_option, design_options, model_options)
 one_model_options = gather(

@@ -13,11 +13,18 @@ import click
 from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import EffectorDesign
 from ..errors import InputError
-from ._muscle_options import Answer, answer_options, gather, make_class, model_option, model_options
+from ._muscle_options import (
+    Answer,
+    answer_options,
+    gather,
+    make_class,
+    model_option,
+    model_options,
+    option,
+)
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
-    QuantityType,
     VectorType,
     format_csv,
     format_rows,
@@ -49,12 +56,11 @@ MUSCLE_COLUMNS = {
 """What a pose or an inverse has for each muscle: attribute, and heading, scale and format."""
 
 
-def _field_option(name: str, option: str = "") -> Any:
+def _field_option(name: str, flag: str = "") -> Any:
     """Return the option of a field of a design."""
     known = FIELDS[name]
-    kind = int if known.whole else QuantityType(known.kind)
-    option = option or "--" + name.replace("_", "-")
-    return click.option(option, name, type=kind, help=known.help)
+    flag = flag or "--" + name.replace("_", "-")
+    return option(f"{flag} {name}", known.help, int if known.whole else known.kind)
 
 
 class EffectorRequest:
@@ -117,44 +123,32 @@ class EffectorRequest:
 effector_options = gather(
     "asked",
     EffectorRequest,
-    click.option(
-        "--preset",
-        default="prototype",
-        show_default=True,
-        metavar="NAME",
-        help="Where the design begins: prototype.",
+    option("--preset NAME", "Where the design begins: prototype.", default="prototype"),
+    option(
+        "--muscle-preset NAME", "The muscles, by a name of bozzini muscle (prototype: fitted-45)."
     ),
-    click.option(
-        "--muscle-preset",
-        metavar="NAME",
-        help="The muscles, by a name of bozzini muscle (prototype: fitted-45).",
-    ),
-    click.option(
-        "--angles",
-        metavar="NAME=ANGLE,...",
-        help="The muscles, such as A=0deg,B=120deg,C=240deg "
-        "(prototype: R=307.5deg,G=219deg,B=75deg).",
+    option(
+        "--angles NAME=ANGLE,...",
+        "The muscles, such as A=0deg,B=120deg,C=240deg (prototype: R=307.5deg,G=219deg,B=75deg).",
     ),
     *map(_field_option, ("offset", "backbone_length", "holder_length", "segments")),
     _field_option("flexural_rigidity", "--rigidity"),
-    click.option(
-        "--rigidity-test", metavar="FORCE,DEFLECTION", help="The same, from a load across the tip."
-    ),
+    option("--rigidity-test FORCE,DEFLECTION", "The same, from a load across the tip."),
     _field_option("catheter_rigidity", "--catheter"),
     _field_option("pressure_limit"),
-    click.option(
+    option(
         "--beam",
-        type=click.Choice(["2", "3"]),
-        help="Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (prototype: 3).",
+        "Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (prototype: 3).",
+        ("2", "3"),
     ),
     model_option,
     model_options,
 )
 table_options = answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
-cubic_option = click.option(
+cubic_option = option(
     "--cubic-from",
-    type=QuantityType("pressure"),
-    help="Fit the thesis's cubic from this pressure on, as in its controller.",
+    "Fit the thesis's cubic from this pressure on, as in its controller.",
+    "pressure",
 )
 _PLACE = VectorType("length", size=2)
 
@@ -305,27 +299,19 @@ def command() -> None:
 
 
 @command.command("pose")
-@click.option(
-    "--pressure",
+@option(
+    "--pressure NAME=PRESSURE,...",
+    "Gauge pressures, such as R=689.4kPa,G=413.6kPa; muscles left out have none.",
     required=True,
-    metavar="NAME=PRESSURE,...",
-    help="Gauge pressures, such as R=689.4kPa,G=413.6kPa; muscles left out have none.",
 )
-@click.option(
-    "--method",
-    type=click.Choice(["superposition", "thesis"]),
-    default="superposition",
-    show_default=True,
-    help="How several muscles add up.",
+@option(
+    "--method", "How several muscles add up.", ("superposition", "thesis"), default="superposition"
 )
-@click.option(
-    "--order",
-    metavar="NAME,NAME",
-    help="With --method thesis: which muscle is pressed first; by default as in the design.",
+@option(
+    "--order NAME,NAME",
+    "With --method thesis: which muscle is pressed first; by default as in the design.",
 )
-@click.option(
-    "--table", "with_table", is_flag=True, help="The thesis's iteration of each muscle alone."
-)
+@option("--table with_table", "The thesis's iteration of each muscle alone.", is_flag=True)
 @effector_options
 @answer_options(
     ".csv",
@@ -385,13 +371,11 @@ def pose_command(
 
 
 @command.command("reach")
-@click.option(
-    "--to",
-    "target",
-    type=_PLACE,
+@option(
+    "--to target X,Y",
+    "Where the tip shall be, seen along the axis, such as 12mm,-5mm.",
+    _PLACE,
     required=True,
-    metavar="X,Y",
-    help="Where the tip shall be, seen along the axis, such as 12mm,-5mm.",
 )
 @effector_options
 @answer_options(*PICTURES)
@@ -498,20 +482,13 @@ def _format_table(name: str, pressure: float, found: Balance) -> str:
 
 
 @command.command("workspace")
-@click.option(
-    "--of",
-    "kind",
-    type=click.Choice(["place", "force"]),
+@option(
+    "--of kind",
+    "Where the tip can go, or how hard it can press in each direction.",
+    ("place", "force"),
     default="place",
-    show_default=True,
-    help="Where the tip can go, or how hard it can press in each direction.",
 )
-@click.option(
-    "--at",
-    type=_PLACE,
-    metavar="X,Y",
-    help="With --of force: where something holds the tip (default: 0,0).",
-)
+@option("--at X,Y", "With --of force: where something holds the tip (default: 0,0).", _PLACE)
 @effector_options
 @table_options
 def workspace_command(
@@ -612,7 +589,7 @@ def _find_force(
 
 
 @command.command("curve")
-@click.option("--points", default=84, show_default=True, help="Rows of the table.")
+@option("--points", "Rows of the table.", default=84)
 @cubic_option
 @effector_options
 @table_options
@@ -694,9 +671,9 @@ def trace_command() -> None:
 
 
 @trace_command.command("line")
-@click.option("--from", "start", type=_PLACE, metavar="X,Y", required=True, help="Where it begins.")
-@click.option("--to", "end", type=_PLACE, metavar="X,Y", required=True, help="Where it ends.")
-@click.option("--points", default=51, show_default=True, help="Targets, both ends included.")
+@option("--from start X,Y", "Where it begins.", _PLACE, required=True)
+@option("--to end X,Y", "Where it ends.", _PLACE, required=True)
+@option("--points", "Targets, both ends included.", default=51)
 @cubic_option
 @effector_options
 @table_options
@@ -717,15 +694,12 @@ def line_command(
 
 
 @trace_command.command("circle")
-@click.option("--radius", type=QuantityType("length"), required=True, help="Radius.")
-@click.option(
-    "--centre", type=_PLACE, metavar="X,Y", default="0,0", show_default=True, help="Centre."
-)
-@click.option(
+@option("--radius", "Radius.", "length", required=True)
+@option("--centre X,Y", "Centre.", _PLACE, default="0,0")
+@option(
     "--points",
+    "Targets round the circle; the first comes again at the end, to close it.",
     default=72,
-    show_default=True,
-    help="Targets round the circle; the first comes again at the end, to close it.",
 )
 @cubic_option
 @effector_options
@@ -794,20 +768,14 @@ def study_command() -> None:
 
 
 @study_command.command("sweep")
-@click.option(
-    "--vary",
-    "varied",
+@option(
+    "--vary varied NAME=VALUES",
+    "What to vary: LOW:HIGH:COUNT or values with commas, as offset=3mm:5mm:5, segments=12,15; "
+    "for angles, sets of them: angles=0deg/120deg/240deg. Can be repeated.",
     multiple=True,
     required=True,
-    metavar="NAME=VALUES",
-    help="What to vary: LOW:HIGH:COUNT or values with commas, as offset=3mm:5mm:5, segments=12,15; "
-    "for angles, sets of them: angles=0deg/120deg/240deg. Can be repeated.",
 )
-@click.option(
-    "--deflection",
-    type=QuantityType("length"),
-    help="Deflection that every muscle alone must reach.",
-)
+@option("--deflection", "Deflection that every muscle alone must reach.", "length")
 @effector_options
 @quiet_option
 @table_options
@@ -857,23 +825,14 @@ def sweep_command(
 
 
 @study_command.command("least-pressure")
-@click.option(
-    "--between",
-    "ranges",
+@option(
+    "--between ranges NAME=LOW:HIGH",
+    "What may be changed, as offset=3mm:4.5mm; up to 4 times.",
     multiple=True,
     required=True,
-    metavar="NAME=LOW:HIGH",
-    help="What may be changed, as offset=3mm:4.5mm; up to 4 times.",
 )
-@click.option(
-    "--choose-segments", metavar="N,N,...", help="Numbers of segments to choose from, as 12,15,18."
-)
-@click.option(
-    "--deflection",
-    type=QuantityType("length"),
-    required=True,
-    help="Deflection that every muscle alone must reach.",
-)
+@option("--choose-segments N,N,...", "Numbers of segments to choose from, as 12,15,18.")
+@option("--deflection", "Deflection that every muscle alone must reach.", "length", required=True)
 @effector_options
 @quiet_option
 @answer_options()
