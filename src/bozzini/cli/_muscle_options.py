@@ -341,7 +341,7 @@ def set_option(function: _Function) -> _Function:
     return option(
         "--set settings [MODEL.]NAME=VALUE",
         "A constant of a model of the catalogue, see 'bozzini muscle models NAME'; can be "
-        "repeated. MODEL says whose it is, where several have one of that name.",
+        "repeated. MODEL is needed where several have one of that name.",
         multiple=True,
     )(function)
 

@@ -78,7 +78,7 @@ def combine_bends(
     At each node: turn the second muscle's displacement ``D2`` by the angle of the first muscle's
     last piece, about the axis normal to it and the section's axis; then go from the first muscle's
     place along the turned ``D2`` until the plane of the resultant is met. What is printed and not
-    taken: step 7 says "step 4" for step 6, and the axis (4.9) is no unit vector and not defined
+    taken: step 7 prints "step 4" for step 6, and the axis (4.9) is no unit vector and not defined
     where the section is straight. Where both displacements lie in the plane they are added.
     """
     packed = effector.packed

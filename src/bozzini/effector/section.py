@@ -19,22 +19,11 @@ from .linkage import Peak, find_peak, take_linkage
 
 @dataclass(frozen=True, eq=False)
 class PackedEffector:
-    """Numbers of an end-effector, as the kernels take them.
+    """Numbers of an end-effector with m muscles, as the kernels take them.
 
-    Attributes
-    ----------
-    linkage : tuple
-        Offset, length, segments.
-    compliance : float
-        Deflection per pull [mm/N].
-    peak : Peak
-        End of the rising branch.
-    functions : (m, 3) ndarray of int
-        Addresses of each muscle's compiled functions (`CompiledMuscle`); 0 without.
-    rows : (m, n) ndarray
-        Numbers of each muscle's model.
-    cosines, sines : (m,) ndarray
-        Of the muscles' angles.
+    The linkage is offset, length and segments; the compliance is deflection per pull [mm/N].
+    Functions (m, 3) are the addresses of each model's compiled functions, 0 without, and rows
+    (m, n) its numbers; cosines and sines (m,) are those of the muscles' angles.
     """
 
     linkage: tuple[float, float, int]

@@ -324,7 +324,7 @@ def sweep(
     deflection : float
         Deflection that every muscle alone must reach [mm]; 0 for none.
     progress : callable
-        Told after each design.
+        Called after each design.
 
     Raises
     ------
@@ -497,7 +497,7 @@ def optimise_design(
     grid : int
         Values of each parameter in the grid; 10,000 designs at most.
     progress : callable
-        Told as the search goes on.
+        Called as the search goes on.
 
     Raises
     ------

@@ -147,6 +147,11 @@ class Measurements:
         return len(self.pressure)
 
     @property
+    def branch(self) -> NDArray[np.str_] | None:
+        """The directions, as models take them; None if no row has one."""
+        return self.direction if (self.direction != "").any() else None
+
+    @property
     def largest_contraction(self) -> float:
         """Largest measured contraction [mm], what percentages are of."""
         return float(self.contraction.max())

@@ -25,8 +25,6 @@ from .problem import (
     list_own,
     name_default_fields,
     predict_contraction,
-    predict_force,
-    predict_stiffness,
     split_model,
 )
 
@@ -356,8 +354,10 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
     try:
         for _ in range(_ROUNDS):
             model = problem.build(problem.name_values(now))
-            force = predict_force(model, data, data.contraction)
-            stiffness = np.abs(predict_stiffness(model, data, data.contraction))
+            force = model.force(data.pressure, data.contraction, direction=data.branch)
+            stiffness = np.abs(
+                model.stiffness(data.pressure, data.contraction, direction=data.branch)
+            )
             weights = 1.0 / (stiffness + _LEAST_STIFFNESS_N_PER_MM)
             table = []
             for column, (low, high) in zip(columns, limits, strict=True):
@@ -365,7 +365,7 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
                 there[column] += 1.0 if now[column] + 1.0 <= high else -1.0
                 there[column] = max(there[column], low)
                 other = problem.build(problem.name_values(there))
-                change = predict_force(other, data, data.contraction) - force
+                change = other.force(data.pressure, data.contraction, direction=data.branch) - force
                 table.append(change / (there[column] - now[column]))
             slope = np.stack(table, axis=1)
             target = data.load - force + slope @ now[columns]
@@ -498,7 +498,7 @@ class Calibration(Result):
     fitted : MuscleModel
         The model of that muscle, with the estimates of its own constants.
     held : dict
-        Constants that were not fitted although nobody knows them, and why.
+        Unknown constants that were not fitted, and why.
     warnings : tuple of str
         What the estimates suffer from; empty if nothing was found.
     converged : bool

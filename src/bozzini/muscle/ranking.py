@@ -24,6 +24,7 @@ from .problem import (
     choose_bounds,
     choose_unknowns,
     list_own,
+    list_unused,
     predict_contraction,
 )
 
@@ -169,7 +170,7 @@ def compare_models(
     fitted : mapping of str to int, optional
         How many parameters of a model were fitted to these data; 0 by default.
     refusals : mapping of str to str, optional
-        Models that gave up before, in their calibration for example, and why.
+        Models without an answer already before, in their calibration for example, and why.
 
     Raises
     ------
@@ -355,7 +356,7 @@ def cross_validate(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RankedModel:
-    """A model fitted to the measurements, and how it fares.
+    """A model fitted to the measurements, with its errors and criteria.
 
     Parameters
     ----------
@@ -366,7 +367,7 @@ class RankedModel:
     calibration : Calibration or None
         Its fit; None if there was nothing to fit.
     held : dict
-        Constants that were not fitted although nobody knows them, and why.
+        Unknown constants that were not fitted, and why.
     parameters : int
         How many were fitted.
     aicc, bic : float
@@ -603,7 +604,7 @@ def rank(
         What makes each model, by the name to show: a class, or a ``functools.partial`` of it with
         the constants and laws that are known. All of `MODELS` by default.
     refusals : mapping of str to str, optional
-        Models that gave up before, and why.
+        Models without an answer already before, and why.
     options : RankOptions
         What is fitted, and what to rank by.
     progress : Progress
@@ -682,8 +683,7 @@ def _fit_model(
 ) -> RankedModel:
     wanted = options.fields
     if wanted is not None:
-        unused: Any = getattr(getattr(kind, "func", kind), "unused", ())
-        wanted = tuple(field for field in wanted if field not in unused)
+        wanted = tuple(field for field in wanted if field not in list_unused(kind))
     unknowns = choose_unknowns(kind, muscle, data, fields=wanted)
     count = len(unknowns.free)
     found: Calibration | None = None

@@ -41,14 +41,8 @@ PAST_LOCKING = 0.35
 class Equilibrium:
     """A muscle as the kernels take it; all methods take float arrays of one shape.
 
-    Attributes
-    ----------
-    design : tuple of float
-        See `kernels`; the last two are the legal stretches.
-    active : float
-        Length that contracts [mm].
-    tapered : bool
-        Whether the ends are trellis nets.
+    The last two of `design`, see `kernels`, are the legal stretches; `active` is the length that
+    contracts [mm]. With `tapered` the ends are trellis nets.
     """
 
     design: tuple[float, ...]
