@@ -102,7 +102,7 @@ class Answer:
         """Whether the file is a table."""
         return self.out is not None and self.out.suffix.lower() == ".csv"
 
-    def write(self, columns: Mapping[str, Any], draw: Callable[[], Figure]) -> None:
+    def write(self, columns: Mapping[str, object], draw: Callable[[], Figure]) -> None:
         """Write the file that is asked for: a table of columns, or the picture `draw` makes."""
         if self.out is None:
             return
@@ -115,7 +115,7 @@ class Answer:
 
             write_figure(draw(), self.out)
 
-    def give(self, result: Mapping[str, Any], text: str) -> None:
+    def give(self, result: Mapping[str, object], text: str) -> None:
         """Write the answer on stdout."""
         emit(result, as_json=self.as_json, text=text)
 
@@ -197,10 +197,10 @@ def make_class(
     *,
     ends: str | None = None,
     load_path: str | None = None,
-    constants: Mapping[str, Any] | None = None,
+    constants: Mapping[str, object] | None = None,
 ) -> Callable[[Muscle], MuscleModel]:
     """Return what makes the model from a muscle; a choice that it does not have is refused."""
-    chosen: Mapping[str, Any] = select_choices([name], ends=ends, load_path=load_path)[name]
+    chosen: Mapping[str, object] = select_choices([name], ends=ends, load_path=load_path)[name]
     return partial(list_kinds()[name], **chosen, **(constants or {}))
 
 
@@ -294,7 +294,7 @@ class Request:
         """The muscle."""
         from ..muscle.design import preset
 
-        changes: dict[str, Any] = {
+        changes: dict[str, float] = {
             name: value for name, value in self.fields.items() if value is not None
         }
         strands = changes.get("strands")
@@ -303,7 +303,7 @@ class Request:
         return preset(self.preset, **changes)
 
     @cached_property
-    def constants(self) -> dict[str, Any]:
+    def constants(self) -> dict[str, object]:
         """What is set of the one model."""
         return parse_settings([self.model_name], self.settings)[self.model_name]
 
@@ -326,9 +326,9 @@ def _describe_unused(option: str, names: Sequence[str]) -> str:
     return f"{option} has no effect in the model {' or '.join(names)}: leave it out"
 
 
-def describe_model(model: MuscleModel) -> dict[str, Any]:
+def describe_model(model: MuscleModel) -> dict[str, object]:
     """Return the choices of a model, None where it has no such choice, and its constants."""
-    given: Mapping[str, Any] = getattr(model, "keywords", {})
+    given: Mapping[str, object] = getattr(model, "keywords", {})
     constants = {name: value for name, value in given.items() if not callable(value)}
     return {**{option: getattr(model, option, None) for option in CHOICES}, "constants": constants}
 
@@ -346,9 +346,9 @@ def set_option(function: _Function) -> _Function:
     )(function)
 
 
-def parse_settings(names: Sequence[str], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+def parse_settings(names: Sequence[str], texts: Sequence[str]) -> dict[str, dict[str, object]]:
     """Return what is set in each model, from ``[MODEL.]NAME=VALUE``."""
-    found: dict[str, dict[str, Any]] = {name: {} for name in names}
+    found: dict[str, dict[str, object]] = {name: {} for name in names}
     for text in texts:
         place, mark, value = (part.strip() for part in text.partition("="))
         model, dot, key = (part.strip() for part in place.rpartition("."))

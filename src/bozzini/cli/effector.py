@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from ..effector import Balance, CubicFit, Effector, EffectorInverse, EffectorPose, Trace
     from ..effector.pose import PoseMethod
     from ..results import Result
+
+_Value = TypeVar("_Value")
 
 FIELDS = list_quantities(EffectorDesign)
 MOST_DESIGNS = 10_000
@@ -111,7 +113,7 @@ class EffectorRequest:
         muscles = tuple(replace(one, muscle=one.muscle.replace(length=length)) for one in placed)
         return design.replace(muscles=muscles, **changes)
 
-    def describe(self, effector: Effector | None = None) -> dict[str, Any]:
+    def describe(self, effector: Effector | None = None) -> dict[str, object]:
         """Return model and design as plain values."""
         from ..effector import find_conflicts
 
@@ -173,13 +175,15 @@ def _give(
         run_exit(EXIT_NEGATIVE)
 
 
-def _pick(found: Result, names: str) -> dict[str, Any]:
+def _pick(found: Result, names: str) -> dict[str, object]:
     """Return some of the plain values of a result, in this order."""
     plain = found.to_dict()
     return {name: plain[name] for name in names.split()}
 
 
-def _list_muscles(found: EffectorPose | EffectorInverse, names: Sequence[str]) -> dict[str, Any]:
+def _list_muscles(
+    found: EffectorPose | EffectorInverse, names: Sequence[str]
+) -> dict[str, dict[str, float]]:
     """Return what a single pose or inverse has for each muscle."""
     columns = {key: getattr(found, known[0], None) for key, known in MUSCLE_COLUMNS.items()}
     return {
@@ -190,7 +194,7 @@ def _list_muscles(found: EffectorPose | EffectorInverse, names: Sequence[str]) -
     }
 
 
-def _format_muscles(muscles: Mapping[str, Mapping[str, Any]]) -> str:
+def _format_muscles(muscles: Mapping[str, Mapping[str, float]]) -> str:
     shown = [MUSCLE_COLUMNS[key][1:] for key in next(iter(muscles.values()))]
     rows = [
         [name, *(format(s * v, f) for (_, s, f), v in zip(shown, row.values(), strict=True))]
@@ -245,7 +249,7 @@ def _parse_number(option: str, name: str, text: str) -> float:
     return parse_quantity(text, known.kind)
 
 
-def _parse_values(item: str) -> tuple[str, list[Any]]:
+def _parse_values(item: str) -> tuple[str, Sequence[object]]:
     """Return the name and the values of one ``--vary``."""
     import numpy as np
 
@@ -284,8 +288,8 @@ def _parse_segments(text: str) -> list[int]:
     return [int(part) for part in parts]
 
 
-def _gather_once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+def _gather_once(option: str, pairs: Iterable[tuple[str, _Value]]) -> dict[str, _Value]:
+    found: dict[str, _Value] = {}
     for name, value in pairs:
         if name in found:
             raise InputError(f"{option} names '{name}' more than once: give it once")
@@ -445,7 +449,9 @@ def _write_pose(
             return draw_iteration(tables)
         return draw_pose(effector, found, workspace=effector.workspace())
 
-    columns: dict[str, Any] = {f"{axis}_mm": found.backbone[:, k] for k, axis in enumerate("xyz")}
+    columns: dict[str, object] = {
+        f"{axis}_mm": found.backbone[:, k] for k, axis in enumerate("xyz")
+    }
     if tables:
         rows = [{"muscle": name, **row} for name in tables for row in _list_rows(tables[name])]
         columns = {key: [row[key] for row in rows] for key in rows[0]}
@@ -512,7 +518,7 @@ def workspace_command(
     _give(result, answer=answer, text=text, done=found)
 
 
-def _find_places(effector: Effector, answer: Answer) -> tuple[dict[str, Any], str]:
+def _find_places(effector: Effector, answer: Answer) -> tuple[dict[str, object], str]:
     found = effector.workspace()
     reach, names = found.reach, effector.design.names
 
@@ -552,7 +558,7 @@ def _find_places(effector: Effector, answer: Answer) -> tuple[dict[str, Any], st
 
 def _find_force(
     effector: Effector, at: tuple[float, ...], answer: Answer
-) -> tuple[dict[str, Any], str]:
+) -> tuple[dict[str, object], str]:
     import numpy as np
 
     from ..effector import passive_stiffness, tip_force, tip_stiffness
@@ -611,7 +617,7 @@ def curve_command(
     effector = asked.effector
     over = np.linspace(0.0, effector.design.pressure_limit, points)
     found = {name: balance(effector, name, over) for name in effector.design.names}
-    columns: dict[str, Any] = {"pressure_MPa": over}
+    columns: dict[str, object] = {"pressure_MPa": over}
     for name, curve in found.items():
         columns[f"deflection_{name}_mm"] = curve.lateral
         columns[f"contraction_{name}_mm"] = curve.contraction

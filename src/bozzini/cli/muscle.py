@@ -214,7 +214,7 @@ def _compute_curve(
     direction: str | None,
     load: float = 0.0,
     lowest: float = 0.0,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     import numpy as np
 
     if kind == "force":
@@ -472,7 +472,7 @@ def compare_command(
     data = table.read(asked.muscle)
     check_friction(asked.fields, data, free=())
     makes = {name: make_class(name, **choices[name], constants=constants[name]) for name in names}
-    result: dict[str, Any] = {
+    result: dict[str, object] = {
         "rows": len(data),
         "preset": asked.preset,
         "mean": table.take_mean,

@@ -333,7 +333,6 @@ def effector_preset(name: str, **overrides: Any) -> EffectorDesign:
         If there is no such preset, or a field or its value is not legal.
     """
     if name not in EFFECTOR_PRESETS:
-        raise InputError(
-            f"there is no effector preset '{name}': choose one of {sorted(EFFECTOR_PRESETS)}"
-        )
+        known = sorted(EFFECTOR_PRESETS)
+        raise InputError(f"there is no effector preset '{name}': choose one of {known}")
     return EFFECTOR_PRESETS[name].replace(**overrides)

@@ -485,7 +485,7 @@ def draw_point(problem: Problem, random: np.random.Generator) -> NDArray[np.floa
 
 def _hold(
     model_class: Callable[..., MuscleModel],
-    guess: Mapping[str, Any],
+    guess: Mapping[str, object],
     free: Mapping[str, float],
 ) -> Callable[..., MuscleModel]:
     """Return what makes the model with the guess for all that is neither given nor free."""
@@ -495,14 +495,14 @@ def _hold(
     )
 
 
-def _is_unknown(item: Parameter, given: Mapping[str, Any]) -> bool:
+def _is_unknown(item: Parameter, given: Mapping[str, object]) -> bool:
     if item.only_with and not given.get(item.only_with) and item.source != "fitted":
         return False
     required = item.default is None and item.source != "unit"
     return item.source == "fitted" or required
 
 
-def _find_unsupported(kind: type[CatalogueModel], given: Mapping[str, Any]) -> dict[str, str]:
+def _find_unsupported(kind: type[CatalogueModel], given: Mapping[str, object]) -> dict[str, str]:
     """Return the constants that stay at 0, since what they need beside them is not given."""
     lacking: dict[str, list[str]] = {}
     for item in kind.card.parameters:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,7 +72,7 @@ class ModelScore:
     largest: float
     predicted: NDArray[np.float64]
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the score as plain values, with units in the names."""
         return {
             "model": self.name,
@@ -92,7 +92,7 @@ class ModelScore:
         )
 
 
-def list_columns(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
+def list_columns(rows: Sequence[dict[str, object]]) -> dict[str, list[object]]:
     """Return rows as columns; what only some rows have is None in the others."""
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
@@ -144,7 +144,7 @@ class Comparison(Result):
         """Smallest root mean square of all models [mm]; infinite without any."""
         return min((score.rmse for score in self.scores), default=math.inf)
 
-    def list_columns(self) -> dict[str, list[Any]]:
+    def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model."""
         return list_columns([score.describe() for score in self.scores])
 
@@ -405,10 +405,10 @@ class RankedModel:
         found = self.validation
         return math.inf if found is None or found.reason else found.error
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the entry as plain values, with units in the names."""
         left_out, found = self.validation, self.calibration
-        fit: dict[str, Any] = {"fitted": {}}
+        fit: dict[str, object] = {"fitted": {}}
         if found is not None:
             fit = {
                 "fitted": found.estimates,
@@ -529,7 +529,7 @@ class Ranking(Result):
         """Smallest root mean square of all models [mm]; infinite without any."""
         return min((entry.score.rmse for entry in self.models), default=math.inf)
 
-    def list_columns(self) -> dict[str, list[Any]]:
+    def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model, the best first."""
         rows = [entry.describe() for entry in self.models]
         return list_columns(
