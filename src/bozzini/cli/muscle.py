@@ -184,7 +184,7 @@ def curve_command(
     line: dict[str, Any] = {"direction": asked.direction}
     if kind != "force":
         line |= {"load": held, "lowest": _find_lowest(model, pressure, held, asked.direction)}
-    columns = _compute_curve(model, kind, pressure, rows, **line)
+    columns = _compute_curve(model, kind, pressure, rows, line)
     answer.write(columns, lambda: _draw_curve(model, kind, pressure, **line))
     text = format_csv(columns).rstrip("\n")
     if answer.out is not None:
@@ -206,19 +206,12 @@ def curve_command(
 
 
 def _compute_curve(
-    model: MuscleModel,
-    kind: str,
-    pressure: float,
-    points: int,
-    *,
-    direction: str | None,
-    load: float = 0.0,
-    lowest: float = 0.0,
+    model: MuscleModel, kind: str, pressure: float, points: int, line: Mapping[str, Any]
 ) -> dict[str, object]:
     import numpy as np
 
     if kind == "force":
-        free = float(model.contraction(pressure, 0.0, direction=direction))
+        free = float(model.contraction(pressure, 0.0, **line))
         if not free > 0.0:
             raise InputError(
                 f"pressure is {pressure:g} MPa: with --of force it must be more, so that the "
@@ -227,11 +220,11 @@ def _compute_curve(
         over = np.linspace(0.0, free, points)
         return {
             "contraction_mm": over,
-            "force_N": model.force(pressure, over, direction=direction),
-            "stiffness_N_per_mm": model.stiffness(pressure, over, direction=direction),
+            "force_N": model.force(pressure, over, **line),
+            "stiffness_N_per_mm": model.stiffness(pressure, over, **line),
         }
-    over = np.linspace(lowest, pressure, points)
-    found = model.solve(over, load, direction=direction).list_columns()
+    over = np.linspace(line["lowest"], pressure, points)
+    found = model.solve(over, line["load"], direction=line["direction"]).list_columns()
     names = ["contraction_mm", "braid_angle_rad"]
     names += ["contact_pressure_MPa"] if kind == "phases" else []
     return {"pressure_MPa": over, **{name: found[name] for name in names}}

@@ -658,7 +658,6 @@ def calibrate(
         answered=answered,
         fitted=model,
         held=held,
-        units={name: own[name].unit if name in own else PARAMETER_UNITS[name] for name in names},
     )
 
 
@@ -703,12 +702,13 @@ def _conclude(
     answered: bool,
     fitted: MuscleModel,
     held: dict[str, str],
-    units: dict[str, str],
 ) -> Calibration:
     """Put the statistics together from the residuals and the Jacobian at the minimum."""
     from scipy.stats import t as student
 
     free, residuals = problem.free, -np.asarray(found.fun)
+    constants = () if fitted.card is None else fitted.card.parameters
+    units = {**PARAMETER_UNITS, **{item.name: item.unit for item in constants}}
     freedom = len(residuals) - len(free)
     sigma = float(np.sqrt(residuals @ residuals / freedom))
     jacobian = np.asarray(found.jac) / problem.scales
@@ -726,7 +726,7 @@ def _conclude(
     return Calibration(
         model=fitted.name,
         free=free,
-        units=units,
+        units={name: units[name] for name in free},
         estimates=estimates,
         standard_errors=errors,
         intervals={

@@ -258,8 +258,11 @@ class MuscleModel(ABC):
             force=np.array(force),
             residual=np.asarray(force - loads),
             iterations=np.zeros(shape, dtype=np.int64),
-            limit=1,
         )
+
+    @property
+    def _iteration_limit(self) -> int:
+        return 1
 
     def _report(
         self,
@@ -270,9 +273,9 @@ class MuscleModel(ABC):
         force: Floats,
         residual: Floats,
         iterations: NDArray[np.int64],
-        limit: int,
     ) -> MuscleState:
-        """Return a state; one that took `limit` iterations did not converge."""
+        """Return a state; one that took as many iterations as there may be did not converge."""
+        limit = self._iteration_limit
         converged = np.asarray(iterations < limit)
         return MuscleState(
             contraction=contraction,

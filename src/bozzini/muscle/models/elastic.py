@@ -397,6 +397,7 @@ class KotheraEnergy(MooneyRivlin):
 
 
 _NEAR_LOCKING = 1.0 - 1e-9
+_TUBE_STATE = ("axial stretch", "pressure [MPa]")
 _WANG = "Wang, Wereley and Pillsbury (2015)"
 
 
@@ -535,13 +536,13 @@ class Wang(WalledModel):
         laws=(
             Law(
                 "axial_force [N]",
-                ("axial stretch", "pressure [MPa]"),
+                _TUBE_STATE,
                 "the force along the wall of the inflated tube",
                 _WANG,
             ),
             Law(
                 "hoop_force [N/mm]",
-                ("axial stretch", "pressure [MPa]"),
+                _TUBE_STATE,
                 "the force round the wall of the inflated tube, per length",
                 _WANG,
             ),

@@ -345,8 +345,11 @@ class EnergyMuscle(MuscleModel):
             force=pull,
             residual=np.asarray(pull - loads),
             iterations=iterations,
-            limit=kernels.MAX_ITERATIONS,
         )
+
+    @property
+    def _iteration_limit(self) -> int:
+        return kernels.MAX_ITERATIONS
 
     def volume(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
         """Return the volume of the bore [mm^3], over the length that contracts, without friction.

@@ -308,8 +308,11 @@ class ThesisMuscle(MuscleModel):
             force=np.array(loads),
             residual=residual,
             iterations=iterations,
-            limit=kernels.MAX_ITERATIONS,
         )
+
+    @property
+    def _iteration_limit(self) -> int:
+        return kernels.MAX_ITERATIONS
 
     def _solve_free(self, pressures: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
         """Contraction, contact pressure, residual and iterations without load."""
