@@ -401,9 +401,10 @@ def reach_command(target: tuple[float, ...], asked: EffectorRequest, answer: Ans
 
     answer.write({}, draw)
     muscles = _list_muscles(found, effector.design.names)
-    keys = "target_mm reachable delivered_mm reason converged residual_mm iterations"
     result = {
-        **_pick(found, keys),
+        "target_mm": target,
+        "reachable": bool(found.reachable),
+        **_pick(found, "delivered_mm reason converged residual_mm iterations"),
         **_pick(posed, "tip_mm holder_tip_mm"),
         "muscles": muscles,
         **asked.describe(),

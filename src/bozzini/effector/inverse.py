@@ -14,7 +14,7 @@ from ..checks import check_array, check_number, check_points, check_range
 from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.roots import polish
-from ..results import Result, measured, take_axes
+from ..results import Result, list_coordinates, measured, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .kernels import inverse as kernels
@@ -116,11 +116,11 @@ class ProjectedInverse:
         deflection of the backbone; 3: a direction in a gap between muscles of half a turn or more.
     """
 
-    target: Floats
-    displacements: Floats
+    target: Floats = measured("mm")
+    displacements: Floats = measured("mm")
     pair: NDArray[np.int64]
     share: Floats
-    delivered: Floats
+    delivered: Floats = measured("mm")
     code: NDArray[np.int64]
 
     @property
@@ -339,25 +339,17 @@ TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EffectorInverse(Result):
+class EffectorInverse(ProjectedInverse, Result):
     """Pressures for lateral targets, and what they deliver.
+
+    Of cubics, `delivered`, `contraction` and `force` are what their pressures do.
 
     Attributes
     ----------
-    target : (..., 2) float
-        Lateral position of the backbone's end that was wanted [mm].
     pressures : (..., m) float
         Pressures in the order of the design [MPa]; 0 for a muscle that is not needed.
-    displacements, contraction, force : (..., m) float
-        Lateral displacement by each muscle [mm], its contraction [mm] and pull [N].
-    pair : (..., 2) int
-        The muscles used, see `ProjectedInverse`.
-    delivered : (..., 2) float
-        Where the pressures lead [mm]: the target, or as far as can be in its direction.
-    share : (...) float
-        Length of `delivered` over that of the target; 1 for the target zero.
-    reachable : (...) bool
-        Whether the target can be had: `delivered` is the target, but for cubics.
+    contraction, force : (..., m) float
+        Contraction of each muscle [mm], and its pull [N].
     residual : (...) float
         By how much a muscle's equations miss its displacement, the largest, to first order [mm].
         Of cubics: how far `delivered` is from what was asked of the muscles.
@@ -365,27 +357,18 @@ class EffectorInverse(Result):
         Whether `residual` is at most 1e-6 mm; of cubics, whether that of the exact inverse is.
     iterations : (...) int
         Steps of all solvers together.
-    code : (...) int
-        See `ProjectedInverse`.
     reach : Reach
         The amplitudes it was limited by.
     pressure_map : {"exact", "cubic"}
         Where the pressures come from; "cubic" by `steer` only.
     """
 
-    target: Floats = measured("mm")
     pressures: Floats = measured("MPa")
-    displacements: Floats = measured("mm")
     contraction: Floats = measured("mm")
     force: Floats = measured("N")
-    pair: NDArray[np.int64]
-    delivered: Floats = measured("mm")
-    share: Floats
-    reachable: NDArray[np.bool_]
     residual: Floats = measured("mm")
     converged: NDArray[np.bool_]
     iterations: NDArray[np.int64]
-    code: NDArray[np.int64]
     reach: Reach
     pressure_map: Literal["exact", "cubic"] = "exact"
 
@@ -427,11 +410,10 @@ class EffectorInverse(Result):
 
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each target."""
-        target, delivered = self.target.reshape(-1, 2), self.delivered.reshape(-1, 2)
-        columns = {f"target_{axis}_mm": target[:, k] for k, axis in enumerate("xy")}
+        columns = list_coordinates("target", self.target)
         for k, name in enumerate(self.reach.names):
             columns[f"pressure_{name}_MPa"] = self.pressures[..., k].ravel()
-        columns |= {f"delivered_{axis}_mm": delivered[:, k] for k, axis in enumerate("xy")}
+        columns |= list_coordinates("delivered", self.delivered)
         return {**columns, "residual_mm": np.ravel(self.residual)}
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -477,19 +459,13 @@ def solve_inverse(effector: Section, target: ArrayLike) -> EffectorInverse:
     )
     residual = residual.reshape(shape)
     return EffectorInverse(
-        target=targets,
+        **vars(found),
         pressures=pressures.reshape(*shape, count),
-        displacements=found.displacements,
         contraction=contractions.reshape(*shape, count),
         force=found.displacements / effector.packed.compliance,
-        pair=found.pair,
-        delivered=found.delivered,
-        share=found.share,
-        reachable=found.reachable,
         residual=residual,
         converged=np.asarray(residual <= TOLERANCE),
         iterations=iterations.reshape(shape),
-        code=found.code,
         reach=known,
     )
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points
 from ..errors import GeometryError, InputError
-from ..results import Result, measured, take_axes
+from ..results import Result, list_coordinates, measured, take_axes
 from .equilibrium import Settled, describe, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
@@ -192,9 +192,8 @@ class EffectorPose(Result):
             f"pressure_{name}_MPa": np.atleast_2d(self.pressures)[..., k].ravel()
             for k, name in enumerate(self.names)
         }
-        for name, points in (("tip", self.tip), ("holder_tip", self.holder_tip)):
-            flat = points.reshape(-1, 3)
-            columns |= {f"{name}_{axis}_mm": flat[:, k] for k, axis in enumerate("xyz")}
+        columns |= list_coordinates("tip", self.tip)
+        columns |= list_coordinates("holder_tip", self.holder_tip)
         return {**columns, "lateral_mm": np.ravel(self.lateral)}
 
     def plot(self, ax: Axes | None = None) -> Axes:

@@ -20,7 +20,7 @@ from ..checks import (
     quantity,
 )
 from ..errors import InputError
-from ..results import Result, take_axes
+from ..results import Result, list_coordinates, take_axes
 from .equilibrium import balance
 from .inverse import (
     EffectorInverse,
@@ -365,12 +365,10 @@ class Trace(Result):
 
     def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns of `to_frame`, a row for each target."""
-        columns: dict[str, NDArray[np.generic]] = {
-            f"target_{axis}_mm": self.targets[:, k] for k, axis in enumerate("xy")
-        }
+        columns: dict[str, NDArray[np.generic]] = list_coordinates("target", self.targets)
         for k, name in enumerate(self.names):
             columns[f"pressure_{name}_MPa"] = self.pressures[:, k]
-        columns |= {f"achieved_{axis}_mm": self.achieved[:, k] for k, axis in enumerate("xy")}
+        columns |= list_coordinates("achieved", self.achieved)
         return {**columns, "error_mm": self.error, "reachable": self.reachable}
 
     def plot(self, ax: Axes | None = None) -> Axes:

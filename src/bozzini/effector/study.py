@@ -158,6 +158,11 @@ class Sweep(Result):
     rows: tuple[SweepRow, ...]
 
     @property
+    def residual(self) -> float:
+        """None is left over."""
+        return 0.0
+
+    @property
     def feasible(self) -> tuple[SweepRow, ...]:
         """The rows that are feasible."""
         return tuple(row for row in self.rows if row.feasible)
@@ -171,11 +176,6 @@ class Sweep(Result):
     def reason(self) -> str:
         """Why no design is feasible, the first reason; empty if one is."""
         return "" if self.feasible or not self.rows else self.rows[0].reason
-
-    @property
-    def residual(self) -> float:
-        """None is left over."""
-        return 0.0
 
     def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each design."""
