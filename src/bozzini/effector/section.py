@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -106,7 +105,7 @@ class Section:
         object.__setattr__(self, "models", models)
         object.__setattr__(self, "packed", pack_effector(self.design, models))
 
-    def __reduce__(self) -> tuple[type[Section], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[type[Section], tuple[object, ...]]:
         """Pickle design and model: addresses of compiled functions hold in one process only."""
         return type(self), (self.design, self.model)
 

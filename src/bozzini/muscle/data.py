@@ -127,7 +127,7 @@ class Measurements:
                     "control characters"
                 )
 
-    def _keep(self, name: str, array: NDArray[Any], wanted: str = "") -> None:
+    def _keep(self, name: str, array: NDArray[np.generic], wanted: str = "") -> None:
         """Keep a read-only column; what is one value counts for all rows."""
         count = np.size(self.pressure)
         if array.ndim == 0 and not wanted and name != "numbers":
@@ -456,7 +456,6 @@ BRANCHES = {
 }
 LIMITS = {"pressure": (PRESSURE_LIMIT, "MPa"), "load": (LOAD_LIMIT, "N")}
 EXAMPLES = {"pressure": "kPa", "contraction": "mm", "length": "mm", "load": "N"}
-DEFAULTS = {"load": "0", "direction": "", "specimen": ""}
 
 # A name, and perhaps a unit in brackets or after an underscore.
 _HEADER = re.compile(r"\s*([A-Za-z]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|_([^\s\[(]+))?\s*")
@@ -573,8 +572,8 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
         raise FileFormatError("the table has a header and no rows")
     if "length" in columns and muscle is None:
         raise InputError(f"column '{columns['length'].title}' needs the muscle: its free length")
-    strand = math.inf if muscle is None else muscle.braid.strand_length
-    taken: dict[str, list[Any]] = {name: [] for name in ("pressure", "contraction", *DEFAULTS)}
+    numbers: dict[str, list[float]] = {"pressure": [], "contraction": [], "load": []}
+    words: dict[str, list[str]] = {"direction": [], "specimen": []}
     for number, row in zip(sheet.numbers, sheet.rows, strict=True):
         where = f"row {number}: "
         if len(row) != len(sheet.titles):
@@ -583,22 +582,19 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
             )
         for name, column in columns.items():
             cell = row[column.place]
-            value = _take_cell(where, name, column, cell)
-            if name == "length" and muscle is not None:
-                taken["contraction"].append(muscle.length - check_length(where, value, strand))
-            else:
-                taken[name].append(value)
-        if "contraction" in columns and muscle is not None:
-            check_length(where, muscle.length - taken["contraction"][-1], strand)
-    return Measurements(
-        pressure=np.array(taken["pressure"]),
-        contraction=np.array(taken["contraction"]),
-        load=np.array(taken["load"]) if taken["load"] else np.zeros(len(sheet.rows)),
-        direction=np.array(taken["direction"] or [""] * len(sheet.rows)),
-        specimen=np.array(taken["specimen"] or [""] * len(sheet.rows)),
-        ignored=ignored,
-        numbers=np.array(sheet.numbers, dtype=np.int64),
-    )
+            if name in WORDS:
+                words[name].append(_take_word(where, name, cell))
+                continue
+            value = _take_quantity(where, name, column, cell)
+            if muscle is not None and name in ("length", "contraction"):
+                length = value if name == "length" else muscle.length - value
+                check_length(where, length, muscle.braid.strand_length)
+                value = muscle.length - length if name == "length" else value
+            numbers["contraction" if name == "length" else name].append(value)
+    given: dict[str, Any] = {
+        name: np.array(values) for name, values in {**numbers, **words}.items() if values
+    }
+    return Measurements(**given, ignored=ignored, numbers=np.array(sheet.numbers, dtype=np.int64))
 
 
 def _find_columns(
@@ -664,16 +660,18 @@ def _find_factor(name: str, title: str, unit: str, units: Mapping[str, str]) -> 
         raise UnitError(f"column '{title.strip()}': {error}") from None
 
 
-def _take_cell(where: str, name: str, column: _Column, cell: object) -> Any:
+def _take_word(where: str, name: str, cell: object) -> str:
+    word = str(cell).strip()
     if name == "specimen":
-        return str(cell).strip()
-    if name == "direction":
-        word = str(cell).strip().lower()
-        if word not in BRANCHES:
-            raise FileFormatError(
-                f"{where}direction is '{_show(cell)}': it must be inflating, deflating or empty"
-            )
-        return BRANCHES[word]
+        return word
+    if word.lower() not in BRANCHES:
+        raise FileFormatError(
+            f"{where}direction is '{_show(cell)}': it must be inflating, deflating or empty"
+        )
+    return BRANCHES[word.lower()]
+
+
+def _take_quantity(where: str, name: str, column: _Column, cell: object) -> float:
     value = _take_number(where, name, cell) * column.factor
     high, unit = LIMITS.get(name, (math.inf, ""))
     if name in LIMITS and not 0.0 <= value <= high:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_range, name_at
+from ..checks import broadcast, check_array, check_range, name_at
 from ..errors import BozziniError, InputError
 from ..results import Result, measured, take_axes
 from .design import Muscle
@@ -368,6 +368,30 @@ class MuscleModel(ABC):
             )
         check_range("pressure from the hysteresis", acting, 0.0, math.inf, "MPa")
         return self.contraction(acting, load)
+
+
+def take_arguments(
+    pressure: ArrayLike,
+    other: tuple[str, ArrayLike],
+    direction: ArrayLike | None,
+    *,
+    most: float,
+    limits: tuple[float, float] | None = None,
+    slack: float = 0.0,
+) -> tuple[Floats, Floats, Floats]:
+    """Return pressures up to `most`, loads or contractions, and signs of friction, of one shape.
+
+    The limits of loads are 0 to `LOAD_LIMIT` if none are given.
+    """
+    name, values = other
+    pressures, others = check_array("pressure", pressure), check_array(name, values)
+    check_range("pressure", pressures, 0.0, most, "MPa")
+    low, high = (0.0, LOAD_LIMIT) if limits is None else limits
+    check_range(name, others, low, high, "N" if name == "load" else "mm", slack=slack)
+    first, second, third = broadcast(
+        ("pressure", pressures), (name, others), ("direction", parse_direction(direction))
+    )
+    return first, second, third
 
 
 def is_as_defined(model: MuscleModel, kind: type[MuscleModel]) -> bool:

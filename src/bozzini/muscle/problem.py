@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -367,9 +367,9 @@ class Unknowns:
         return (*self.fields, *self.start)
 
 
-def unwrap(make: Callable[..., MuscleModel]) -> tuple[object, dict[str, Any]]:
+def unwrap(make: Callable[..., MuscleModel]) -> tuple[object, dict[str, object]]:
     """Return the class behind what makes a model, and the keywords it is given."""
-    given: dict[str, Any] = {}
+    given: dict[str, object] = {}
     while isinstance(make, functools.partial):
         given = {**make.keywords, **given}
         make = make.func
@@ -378,7 +378,7 @@ def unwrap(make: Callable[..., MuscleModel]) -> tuple[object, dict[str, Any]]:
 
 def split_model(
     model_class: Callable[..., MuscleModel],
-) -> tuple[type[CatalogueModel] | None, dict[str, Any]]:
+) -> tuple[type[CatalogueModel] | None, dict[str, object]]:
     """Return the class of the catalogue behind what makes a model, and the keywords it has."""
     make, given = unwrap(model_class)
     found = isinstance(make, type) and issubclass(make, CatalogueModel)
@@ -427,7 +427,8 @@ def choose_unknowns(
         for item in sorted(kind.card.parameters, key=lambda item: item.source != "fitted")
         if item.name not in given and item.name not in held and _is_unknown(item, given)
     }
-    start = {name: float(guess[name]) for name in own}
+    begin = guess_constants(kind, muscle)
+    start = {name: begin[name] for name in own}
     build = _hold(model_class, guess, start)
     build(muscle, **start)  # raises if a law is missing
     names = (*wanted, *own)

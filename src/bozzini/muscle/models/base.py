@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_range, name_at
+from ...checks import broadcast, check_array, check_range, name_at, refuse_first
 from ...errors import BozziniError, InputError
 from ...numeric import roots as numeric_roots
 from ..design import Braid, Muscle
@@ -352,14 +352,16 @@ class ExplicitModel(MuscleModel):
         rest = self.braid.length
         lengths = rest - contractions
         slack = 1e-9 * rest
-        legal = (lengths >= low - slack) & (lengths <= high + slack)
-        if not legal.all():
-            index = int(np.argmin(legal))
-            raise InputError(
-                f"{name_at('contraction', contractions, index)} is {contractions.flat[index]:g} "
-                f"mm: at a pressure of {pressures.flat[index]:g} MPa it must lie in "
+        refuse_first(
+            ~((lengths >= low - slack) & (lengths <= high + slack)),
+            "contraction",
+            contractions,
+            lambda index: (
+                f"at a pressure of {pressures.flat[index]:g} MPa it must lie in "
                 f"[{rest - high.flat[index]:g}, {rest - low.flat[index]:g}] mm"
-            )
+            ),
+            unit="mm",
+        )
         return pressures, np.clip(lengths, low, high), signs, low, high
 
     def _find_contact(self, pressures: Floats, lengths: Floats) -> Floats:
@@ -437,14 +439,14 @@ class CatalogueModel(ExplicitModel):
     muscle: Muscle
     as_printed: bool
     hysteresis: Hysteresis | None
-    _given: tuple[tuple[str, Any], ...]
+    _given: tuple[tuple[str, object], ...]
     braid: Braid = field(repr=False, compare=False)
 
     card: ClassVar[Card]
     guesses: ClassVar[Mapping[str, float | Callable[[Muscle], float]]] = MappingProxyType({})
     prints_one_way: ClassVar[bool] = False
 
-    def __init_subclass__(cls, **rest: Any) -> None:
+    def __init_subclass__(cls, **rest: object) -> None:
         super().__init_subclass__(**rest)
         card = cls.__dict__.get("card")
         if card is not None:

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_range, name_at
+from ...checks import name_at
 from ...errors import InputError
 from ..design import Muscle
 from ..hysteresis import Hysteresis
@@ -19,7 +19,6 @@ from ..kernels import ends as end_kernels
 from ..kernels import energy as kernels
 from ..kernels import interface
 from ..model import (
-    LOAD_LIMIT,
     CompiledMuscle,
     ConvergenceError,
     MuscleModel,
@@ -28,7 +27,7 @@ from ..model import (
     demand_convergence,
     describe_stop,
     is_as_defined,
-    parse_direction,
+    take_arguments,
 )
 
 Floats = NDArray[np.float64]
@@ -390,19 +389,12 @@ class EnergyMuscle(MuscleModel):
         self, pressure: ArrayLike, name: str, other: ArrayLike, direction: ArrayLike | None
     ) -> tuple[Floats, Floats, Floats]:
         """Arrays of one shape, checked: pressures, loads or contractions, signs of friction."""
-        pressures, others = check_array("pressure", pressure), check_array(name, other)
-        check_range("pressure", pressures, 0.0, PRESSURE_LIMIT, "MPa")
-        if name == "load":
-            slack = 1e-9 * self.muscle.modulus * self.muscle.tube.wall_area
-            check_range("load", others, 0.0, LOAD_LIMIT, "N", slack=slack)
-        else:
-            slack = 1e-9 * self.muscle.active_length
-            check_range("contraction", others, *self.contraction_limits, "mm", slack=slack)
-        signs = parse_direction(direction)
-        first, second, third = broadcast(
-            ("pressure", pressures), (name, others), ("direction", signs)
+        limits, slack = None, 1e-9 * self.muscle.modulus * self.muscle.tube.wall_area
+        if name == "contraction":
+            limits, slack = self.contraction_limits, 1e-9 * self.muscle.active_length
+        return take_arguments(
+            pressure, (name, other), direction, most=PRESSURE_LIMIT, limits=limits, slack=slack
         )
-        return first, second, third
 
     def _settle(
         self, pressure: ArrayLike, load: ArrayLike
