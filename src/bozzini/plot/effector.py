@@ -25,7 +25,6 @@ if TYPE_CHECKING:
         Effector,
         EffectorPose,
         Sweep,
-        SweepRow,
         Trace,
         Workspace,
     )
@@ -364,38 +363,42 @@ def draw_sweep(sweep: Sweep) -> Figure:
     ----------
     sweep : Sweep
     """
-    from ..effector.study import find_quantity
+    from ..effector.study import find_quantity, name_column
 
     first, *others = sweep.parameters
     known = find_quantity(first)
     unit = known.unit.replace("^2", "²") if known else ""
-    over, labels = _number([row.changes[first] for row in sweep.rows])
-    groups: dict[str, list[int]] = {}
-    for index, row in enumerate(sweep.rows):
-        name = ", ".join(f"{key} {_format(row.changes[key])}" for key in others)
-        groups.setdefault(name, []).append(index)
+    frame, labels = sweep.to_frame(), []
+    frame["place"] = frame[name_column(first)]
+    if frame["place"].dtype.kind not in "iuf":
+        words = [_format(row.changes[first]) for row in sweep.rows]
+        labels = list(dict.fromkeys(words))
+        frame["place"] = [labels.index(word) for word in words]
+    keys = [name_column(name) for name in others]
+    groups = frame.groupby(keys, sort=False) if keys else [((), frame)]
     figure, (left, right) = make_panels(2)
     wanted = sweep.deflection > 0.0
-    failed = over[[not row.feasible for row in sweep.rows]]
-    for k, (name, members) in enumerate(groups.items()):
-        rows = [sweep.rows[i] for i in members]
+    failed = frame["place"][~frame["feasible"]].to_numpy()
+    for k, (values, rows) in enumerate(groups):
+        name = ", ".join(f"{key} {_format(v)}" for key, v in zip(others, values, strict=True))
         # A design that only needs more pressure than is legal has all its numbers.
-        shown = np.array([row.built for row in rows], dtype=np.bool_)
-        place = over[members]
-        for axes, quantity, dash in (
-            (left, "largest_amplitude", DASHES[0]),
-            (left, "inner_radius", DASHES[1]),
-            (right, "needed_pressure" if wanted else "area", DASHES[0]),
+        built = rows[rows["area_mm2"].notna()]
+        for axes, column, dash in (
+            (left, "largest_amplitude_mm", DASHES[0]),
+            (left, "inner_radius_mm", DASHES[1]),
+            (right, "needed_pressure_MPa" if wanted else "area_mm2", DASHES[0]),
         ):
-            values = _take(rows, quantity)
-            # 0 is no pressure: none reaches the deflection. The line ends there.
-            some = shown if axes is left else values > 0.0
-            heights = np.where(some, values, np.nan)
+            heights = built[column].astype(float) * (1e3 if column.endswith("MPa") else 1.0)
             axes.plot(
-                place[shown], heights[shown], marker="o", linestyle=dash, markersize=3.5,
-                color=COLORS[k % len(COLORS)], linewidth=1.5,
+                built["place"],
+                heights if axes is left else heights.where(heights > 0.0),
+                marker="o",
+                linestyle=dash,
+                markersize=3.5,
+                color=COLORS[k % len(COLORS)],
+                linewidth=1.5,
                 label=name if axes is right else None,
-            )  # fmt: skip
+            )
     for axes in (left, right):
         axes.set_xlabel(f"{first} [{unit}]" if unit else first)
         top = float(axes.dataLim.y1)
@@ -419,23 +422,10 @@ def draw_sweep(sweep: Sweep) -> Figure:
     return figure
 
 
-def _number(values: list[Any]) -> tuple[Any, list[str]]:
-    """Return places on an axis, and labels if the values are no numbers."""
-    if all(isinstance(value, (int, float)) for value in values):
-        return np.array(values, dtype=np.float64), []
-    names = list(dict.fromkeys(_format(value) for value in values))
-    return np.array([names.index(_format(value)) for value in values], dtype=np.float64), names
-
-
 def _format(value: object) -> str:
     if isinstance(value, (tuple, list, np.ndarray)):
         return "/".join(f"{math.degrees(angle):g}°" for angle in value)
     return f"{value:g}" if isinstance(value, (int, float)) else str(value)
-
-
-def _take(rows: list[SweepRow], quantity: str) -> Any:
-    scale = 1e3 if quantity == "needed_pressure" else 1.0
-    return scale * np.array([getattr(row, quantity) for row in rows])
 
 
 _FILL = "#dfe8f1"
