@@ -288,22 +288,25 @@ class Measurements:
             If the tolerance is negative.
         """
         check_number("tolerance", tolerance, low=0.0, unit="MPa")
-        frame = self._list_rows().sort_values(["load", "direction", "pressure"], kind="stable")
-        fresh = (frame["pressure"].diff() > tolerance) | (frame["load"].diff() != 0.0)
-        fresh |= frame["direction"] != frame["direction"].shift()
-        groups = frame.groupby(fresh.cumsum())
-        count = groups.size().to_numpy()
-        spread = groups["contraction"].std(ddof=1).fillna(0.0).to_numpy()
+        order = np.lexsort((self.pressure, self.direction, self.load.round(9)))
+        pressure, load = self.pressure[order], self.load.round(9)[order]
+        direction, measured = self.direction[order], self.contraction[order]
+        fresh = np.ones(len(self), dtype=np.bool_)
+        fresh[1:] = (np.diff(pressure) > tolerance) | (np.diff(load) != 0.0)
+        fresh[1:] |= direction[1:] != direction[:-1]
+        state = np.cumsum(fresh) - 1
+        count = np.bincount(state)
+        mean = np.bincount(state, measured) / count
+        squares = np.bincount(state, (measured - mean[state]) ** 2)
         freedom = int((count - 1).sum())
-        pooled = float(np.sqrt((spread**2 * (count - 1)).sum() / max(freedom, 1)))
         return RepeatStatistics(
-            pressure=groups["pressure"].mean().to_numpy(),
-            load=groups["load"].first().to_numpy(),
-            direction=groups["direction"].first().to_numpy(dtype=np.str_),
+            pressure=np.bincount(state, pressure) / count,
+            load=load[fresh],
+            direction=direction[fresh],
             count=count,
-            mean=groups["contraction"].mean().to_numpy(),
-            deviation=spread,
-            pooled_deviation=pooled,
+            mean=mean,
+            deviation=np.sqrt(squares / np.maximum(count - 1, 1)),
+            pooled_deviation=float(np.sqrt(squares.sum() / max(freedom, 1))),
             degrees_of_freedom=freedom,
         )
 
