@@ -212,7 +212,7 @@ def test_volumes_of_two_balls():
     true = RoundCones(np.zeros((1, 3)), np.array([10.0]))
     fitted = RoundCones(np.array([[6.0, 0.0, 0.0]]), np.array([10.0]))
     line = Centreline.from_points([[0, 0, -5], [0, 0, 5]], true)
-    report = measure_fit(fitted, true, line, pieces=1)
+    report = measure_fit(fitted, true, line)
     ball = 4.0 / 3.0 * np.pi * 1000.0
     lens = np.pi * (40.0 + 6.0) * (20.0 - 6.0) ** 2 / 12.0
     error = 2.0 * report.volume_error
@@ -227,7 +227,7 @@ def test_volumes_of_two_balls():
 
 def test_a_duct_stands_for_itself():
     duct, line = tube()
-    report = measure_fit(duct, duct, line, pieces=1)
+    report = measure_fit(duct, duct, line)
     assert report.outside == 0.0
     assert report.outside_bound < 0.3
     assert report.volume_lost == report.volume_gained == 0.0
@@ -284,8 +284,8 @@ def test_super_ellipsoids_lose_no_more_room_than_allowed_where_large_ones_would(
 def test_super_ellipsoids_that_lose_too_much_room_have_not_reached_it(monkeypatch):
     monkeypatch.setattr(candidates, "OTHERS", 4)
     monkeypatch.setattr(candidates, "STRETCH_MM", 12.0)
-    monkeypatch.setattr("bozzini.duct.fitting.blocks.add_balls", lambda shapes, *_, **__: shapes)
-    monkeypatch.setattr("bozzini.duct.fitting.fit.WAY", 20.0)
+    monkeypatch.setattr("bozzini.duct.fitting.fit.add_balls", lambda shapes, *_, **__: shapes)
+    monkeypatch.setattr("bozzini.duct.fitting.fit.LINE_SHARE", 20.0)
     duct, line = tube()
     fitted = fit(duct, "superellipsoids", centreline=line, max_error=0.2)
     assert not fitted.converged
