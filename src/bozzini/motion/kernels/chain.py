@@ -99,10 +99,10 @@ def _value_at(duct, intro, head, frame, length, needed, a, b, tail):
 
 
 @njit(cache=True)
-def _first_room(duct, intro, head, frame, length, needed, a, b, low, c_low, high, c_high, tail):
+def _first_fit(duct, intro, head, frame, length, needed, a, b, low, c_low, high, c_high, tail):
     """Return the fraction of (a, b), in (low, high], at which it is feasible; fill `tail`.
 
-    False position with the Illinois rule; the clearance lacks `c_low` at `low`, and nothing at `high`.
+    False position with the Illinois rule; at `low` `c_low` of the clearance lacks, at `high` none.
     """
     scale = math.sqrt(a * a + b * b)
     last = c_high
@@ -163,7 +163,7 @@ def march_circle(duct, intro, head, frame, length, needed, slope, tail):
         angles[side] = after
         lacks[side] = c
         if c <= 0.0:
-            after = _first_room(
+            after = _first_fit(
                 duct,
                 intro,
                 head,
@@ -245,7 +245,7 @@ def search_sphere(
         turn = math.sqrt(a * a + b * b)
         if c <= 0.0 and turn < angle and turn <= math.pi:
             start = _value_at(duct, intro, head, frame, length, needed, 0.0, 0.0, tail)
-            share = _first_room(
+            share = _first_fit(
                 duct, intro, head, frame, length, needed, a, b, 0.0, start, 1.0, c, tail
             )
             angle = share * turn

@@ -123,7 +123,7 @@ def _push(path, first, centre, weight, reach, px, py, pz):
 
 @njit(cache=True)
 def relax_path(duct, intro, path, first, length, needed, sweeps, tension, reach):
-    """Run sweeps of an elastic band that bends the path until every chord has the clearance `needed`.
+    """Run sweeps of an elastic band that bends the path until every chord is clear by `needed`.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def relax_path(duct, intro, path, first, length, needed, sweeps, tension, reach)
 
 @njit(cache=True)
 def tabulate_tube(duct, intro, path, first, length, needed, cap, slope, tube):
-    """Tabulate m: how far joints may stray from the path so that all links keep the clearance `needed`.
+    """Tabulate m: how far joints may stray from the path, all links staying clear by `needed`.
 
     m(s) is the largest e such that each chord from p(s) to a p(s') behind it with
     ||p(s) - p(s')| - L| <= e has a clearance of needed + e; it is min over s' of
