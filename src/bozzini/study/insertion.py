@@ -326,7 +326,7 @@ class InsertionStudy(Result):
                 summarise_plan(plan, self.field, self.line) for plan in self.comparison
             ]
         if self.robot is not None:
-            summary["robot"] = self.robot.summarise()
+            summary["robot"] = self.robot.to_dict()
         ends = self.centreline
         summary |= {
             "organ": self.tract.organ,
