@@ -181,7 +181,7 @@ def jacobian(robot: RobotDesign, bends: ArrayLike) -> Floats:
     """
     checked = _check_bends(robot, bends)
     flat = np.ascontiguousarray(checked.reshape(-1, *checked.shape[-2:]))
-    lengths = np.asarray([section.length for section in robot.sections], dtype=np.float64)
+    lengths = robot.section_lengths
     tips = np.empty((len(flat), 4, 4))
     out = np.empty((len(flat), 6, 2 * len(lengths)))
     fill_tip_jacobians(lengths, flat, tips, out)
@@ -190,7 +190,7 @@ def jacobian(robot: RobotDesign, bends: ArrayLike) -> Floats:
 
 def _frames(robot: RobotDesign, bends: Floats, arc_length: Floats) -> Floats:
     flat = np.ascontiguousarray(bends.reshape(-1, *bends.shape[-2:]))
-    lengths = np.asarray([section.length for section in robot.sections], dtype=np.float64)
+    lengths = robot.section_lengths
     owner = robot.section_at(arc_length)
     share = np.clip((arc_length - robot.section_starts[owner]) / lengths[owner], 0.0, 1.0)
     frames = np.empty((len(flat), len(arc_length), 4, 4))

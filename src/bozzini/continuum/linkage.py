@@ -100,7 +100,7 @@ class LinkageModel(ParallelModel):
         """Of each segment its section, its share of the section's length, and its length [mm]."""
         owner = np.repeat(np.arange(len(self._ends)), self.counts)
         lengths = np.diff(self.arc_length)
-        shares = lengths / np.asarray([section.length for section in self.robot.sections])[owner]
+        shares = lengths / self.robot.section_lengths[owner]
         if self.segments is not None:  # exactly equal: the kernel computes each turn once
             shares = 1.0 / np.asarray(self.counts, dtype=np.float64)[owner]
         return owner, shares, lengths

@@ -95,9 +95,33 @@ class RobotDesign:
         return np.asarray([_rest_length(tendon) for tendon in self.tendons], dtype=np.float64)
 
     @cached_property
+    def pushes(self) -> NDArray[np.bool_]:
+        """Which tendons are rods that push as well, shape (t,)."""
+        return np.asarray([tendon.pushes for tendon in self.tendons], dtype=np.bool_)
+
+    @cached_property
+    def is_parallel(self) -> bool:
+        """Whether the offset and the angle of every tendon are the same all along."""
+        return all(tendon.is_parallel for tendon in self.tendons)
+
+    @cached_property
+    def section_lengths(self) -> Floats:
+        """Length of each section [mm], shape (m,)."""
+        return np.asarray([section.length for section in self.sections], dtype=np.float64)
+
+    @cached_property
+    def section_stiffness(self) -> Floats:
+        """EI, EI and GJ of each section [N mm^2], shape (m, 3)."""
+        rows = [
+            (section.bending_stiffness, section.bending_stiffness, section.torsional_stiffness)
+            for section in self.sections
+        ]
+        return np.asarray(rows, dtype=np.float64)
+
+    @cached_property
     def section_ends(self) -> Floats:
         """Arc length where each section ends [mm], shape (m,)."""
-        return np.cumsum([section.length for section in self.sections])
+        return np.cumsum(self.section_lengths)
 
     @cached_property
     def section_starts(self) -> Floats:

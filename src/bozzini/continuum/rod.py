@@ -93,11 +93,7 @@ class RodGrid:
     @cached_property
     def stiffness(self) -> Floats:
         """EI, EI and GJ of the backbone in each step [N mm^2], shape (n, 3)."""
-        sections = [
-            (section.bending_stiffness, section.bending_stiffness, section.torsional_stiffness)
-            for section in self.robot.sections
-        ]
-        return np.asarray(sections, dtype=np.float64)[self.robot.section_at(self.middles)]
+        return self.robot.section_stiffness[self.robot.section_at(self.middles)]
 
     @cached_property
     def reaches(self) -> Floats:
@@ -834,7 +830,7 @@ class RodModel(ContinuumModel):
         """
         count = len(self.robot.tendons)
         pulls = check_points("tensions", tensions, dim=count)
-        low = np.where(self._pushes, -math.inf, 0.0)
+        low = np.where(self.robot.pushes, -math.inf, 0.0)
         if np.any(pulls < low):
             place = np.argwhere(pulls < low)[0]
             raise InputError(
@@ -847,16 +843,6 @@ class RodModel(ContinuumModel):
     @cached_property
     def _grid(self) -> RodGrid:
         return RodGrid(self.robot, self.between, self.steps)
-
-    @cached_property
-    def _pushes(self) -> NDArray[np.bool_]:
-        return np.asarray([tendon.pushes for tendon in self.robot.tendons], dtype=np.bool_)
-
-    @cached_property
-    def _convex(self) -> bool:
-        """Whether without loads there is one equilibrium only."""
-        tendons = self.robot.tendons
-        return not self._pushes.any() or all(tendon.is_parallel for tendon in tendons)
 
     @cached_property
     def _compliances(self) -> Floats:
@@ -893,7 +879,7 @@ class RodModel(ContinuumModel):
     def _shoot(self, *, command: Floats | None = None, tensions: Floats | None = None) -> Shot:
         target = Target(
             names=self.robot.tendon_names,
-            pushes=self._pushes,
+            pushes=self.robot.pushes,
             compliances=self._compliances,
             tolerance=self.tolerance,
             natural=self.natural_lengths,
@@ -901,7 +887,8 @@ class RodModel(ContinuumModel):
             command=command,
             tensions=tensions,
         )
-        return follow(self._rod, target, convex=self._convex)
+        convex = not self.robot.pushes.any() or self.robot.is_parallel
+        return follow(self._rod, target, convex=convex)
 
     def _answer(self, commands: Floats, shots: list[Shot], *, given: bool = False) -> Shape:
         """Shapes of shots; `commands` are displacements, or tensions if `given`."""
@@ -934,13 +921,13 @@ class RodModel(ContinuumModel):
         tensions = tensions.reshape(len(shots), tendons)
         if given:
             displacements = self.natural_lengths - lengths
-            slack = ~self._pushes & (_rows(commands) == 0.0)
+            slack = ~self.robot.pushes & (_rows(commands) == 0.0)
             asked = lengths
         else:
             displacements = _rows(commands)
             shares = np.asarray([s.share for s in shots]).reshape(-1, 1)
             followed = self.natural_lengths - shares * displacements
-            slack = ~self._pushes & (lengths < followed - self.tolerance)
+            slack = ~self.robot.pushes & (lengths < followed - self.tolerance)
             asked = self.natural_lengths - displacements + self._compliances * tensions
         residual = np.abs(np.where(slack, 0.0, lengths - asked)).max(axis=1, initial=0.0)
         words = [f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in shots]
@@ -966,8 +953,7 @@ class RodModel(ContinuumModel):
     @cached_property
     def _bends_evenly(self) -> bool:
         loads = np.concatenate([self.tip_force, self.tip_moment, self.distributed_force])
-        parallel = all(tendon.is_parallel for tendon in self.robot.tendons)
-        return parallel and not loads.any()
+        return self.robot.is_parallel and not loads.any()
 
 
 def _rows(array: Floats) -> Floats:
