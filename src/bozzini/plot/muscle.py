@@ -1,13 +1,9 @@
-"""Figures of muscles: curves, phases, models against measurements, rankings, loops.
-
-Functions of one panel draw into `ax` if it is given and return the axes; the others return a
-figure. Pressure is shown in kPa, angles in degrees.
-"""
+"""Figures of muscles: curves, phases, models against measurements, rankings, loops."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,17 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
-from .style import (
-    AMBER,
-    BLUE,
-    COLORS,
-    DASHES,
-    INK,
-    RED,
-    Look,
-    make_panels,
-    take_panel,
-)
+from .style import AMBER, BLUE, COLORS, DASHES, INK, RED, make_panels, take_panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,14 +20,16 @@ if TYPE_CHECKING:
     from ..muscle.data import Measurements
     from ..muscle.hysteresis import Hysteresis, HysteresisFit
     from ..muscle.model import MuscleModel
-    from ..muscle.ranking import Comparison, RankedModel, Ranking
+    from ..muscle.ranking import Comparison, Ranking
+
+# Drawn without pyplot; `bozzini.plot.write_figure` writes the figures. Pressures are in kPa.
 
 LOCKING_ANGLE = math.degrees(math.atan(math.sqrt(2.0)))
 _MARKS = {"inflating": "^", "deflating": "v", "": "o"}
 _PRESSURE = "pressure [kPa]"
 _CONTRACTION = "contraction [mm]"
 _FINE = 201
-_PHASES: tuple[Look, ...] = (
+_PHASES: tuple[dict[str, Any], ...] = (
     {"color": "#d7e3ee", "label": "gap: the tube grows alone"},
     {"color": "#fbe7c6", "label": "contact, longer than at rest"},
 )
@@ -62,17 +50,7 @@ def draw_phases(
     By some models the muscle gets longer, and has to contract to its length at rest
     first. The phases are those of `MuscleState.in_contact`.
 
-    Parameters
-    ----------
-    model : MuscleModel
-    pressure : float
-        Largest pressure [MPa].
-    load : float
-        Tension that the muscle holds [N].
-    direction : str, optional
-        ``"inflating"`` or ``"deflating"`` for a branch of friction.
-    lowest : float
-        Pressure at which the line begins [MPa], for a model without an answer below it.
+    The model's keywords are those of `draw_contraction`.
 
     Raises
     ------
@@ -234,21 +212,8 @@ def draw_braid_angle(
 
     The range may go far beyond what a muscle bears, as in Fig. 3.17 of the thesis, to show
     whether a model comes to the locking angle of 54.74 degrees, and from which side.
-
-    Parameters
-    ----------
-    models : mapping of str to MuscleModel
-        What to draw, by the name in the legend.
-    pressure : float
-        Largest pressure [MPa]; the axis is logarithmic over four decades.
-    load : float
-        Tension that the muscle holds [N].
-    direction : str, optional
-        ``"inflating"`` or ``"deflating"`` for a branch of friction.
-    lowest : float
-        Pressure at which the line begins [MPa], for a model without an answer below it.
-    ax : Axes, optional
-        Axes to draw into.
+    The axis of pressure is logarithmic over four decades; the arguments are those of
+    `draw_contraction`.
 
     Raises
     ------
@@ -291,72 +256,60 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
     """
     data = comparison.data
     figure, (left, right) = make_panels(1, 2, width_ratios=(1.5, 1.0))
-    loads = np.unique(data.load)
-    for direction, mark in _MARKS.items():
-        rows = data.direction == direction
-        if rows.any():
-            left.plot(
-                1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.5,
-                markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
-            )  # fmt: skip
+    _draw_rows(left, data)
     names = [score.name for score in comparison.scores]
     for style, score in zip(_list_styles(names), comparison.scores, strict=True):
         if score.name not in models:
             raise InputError(f"model '{score.name}' was compared, but is not among those given")
-        label: str | None = f"{score.name}: {score.standard_error_percent:.1f} %"
-        for load in loads:
-            for direction in dict.fromkeys(data.direction[data.load == load].tolist()):
-                rows = (data.load == load) & (data.direction == direction)
-                _draw_line(
-                    left,
-                    models[score.name],
-                    data.select(rows),
-                    predicted=score.predicted[rows],
-                    style={**style, "label": label},
-                )
-                label = None
+        label = f"{score.name}: {score.standard_error_percent:.1f} %"
+        _draw_lines(left, models[score.name], data, score.predicted, {**style, "label": label})
         right.plot(
             1e3 * data.pressure, score.predicted - data.contraction, "o", markersize=3.5,
             color=style["color"],
         )  # fmt: skip
     right.axhline(0.0, color=INK, linewidth=0.8)
-    left.set(xlabel=_PRESSURE, ylabel=_CONTRACTION)
     right.set(xlabel=_PRESSURE, ylabel="model less measurement [mm]")
-    if len(loads) > 1:
-        left.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
     left.legend(frameon=False, fontsize=9)
     return figure
 
 
-def _draw_line(
+def _draw_rows(axes: Axes, data: Measurements) -> None:
+    """Draw measured rows, a mark for each direction."""
+    for direction, mark in _MARKS.items():
+        rows = data.direction == direction
+        if rows.any():
+            axes.plot(
+                1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.5,
+                markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
+            )  # fmt: skip
+    axes.set(xlabel=_PRESSURE, ylabel=_CONTRACTION)
+    loads = np.unique(data.load)
+    if len(loads) > 1:
+        axes.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
+
+
+def _draw_lines(
     axes: Axes,
     model: MuscleModel,
-    rows: Measurements,
-    *,
+    data: Measurements,
     predicted: NDArray[np.float64],
-    style: Look,
+    style: Mapping[str, Any],
 ) -> None:
-    """Draw a model between rows of one load and direction; without an answer there, only at them.
-
-    Parameters
-    ----------
-    axes : Axes
-    model : MuscleModel
-    rows : Measurements
-        Rows of one load and direction.
-    predicted : ndarray, shape (n,)
-        Contraction at the rows [mm].
-    style : mapping
-        Of the line.
-    """
-    over = np.linspace(rows.pressure.min(), rows.pressure.max(), _FINE)
-    direction = str(rows.direction[0]) or None
-    try:
-        line = np.asarray(model.contraction(over, rows.load[0], direction=direction))
-    except BozziniError:
-        order = np.argsort(rows.pressure, kind="stable")
-        over, line = rows.pressure[order], predicted[order]
-    axes.plot(1e3 * over, line, **style)
+    """Draw a model between the rows of each load and direction; without an answer, at the rows."""
+    label = style.get("label")
+    for load, direction in dict.fromkeys(
+        zip(data.load.tolist(), data.direction.tolist(), strict=True)
+    ):
+        rows = (data.load == load) & (data.direction == direction)
+        pressure, line = data.pressure[rows], predicted[rows]
+        over = np.linspace(pressure.min(), pressure.max(), _FINE)
+        try:
+            line = np.asarray(model.contraction(over, load, direction=direction or None))
+        except BozziniError:
+            order = np.argsort(pressure, kind="stable")
+            over, line = pressure[order], line[order]
+        axes.plot(1e3 * over, line, **{**style, "label": label})
+        label = None
 
 
 def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
@@ -366,19 +319,20 @@ def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
     return levels
 
 
-def _list_styles(names: Collection[str]) -> list[Look]:
+def _list_styles(names: Any) -> list[dict[str, Any]]:
     if not len(names):
         raise InputError("there are 0 models to draw: give 1 or more")
     return [
         {
             "color": COLORS[i % len(COLORS)],
-            "linestyle": DASHES[i % 4],
+            "linestyle": DASHES[i % len(DASHES)],
             "linewidth": 1.7,
         }
         for i in range(len(names))
     ]
 
 
+_RANK_CURVES = 5
 _LEAST = 1e-3  # a percentage below is drawn there
 
 
@@ -401,15 +355,19 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     InputError
         If no model is ranked.
     """
-    check_integer("curves", curves, low=1, high=5)
+    check_integer("curves", curves, low=1, high=_RANK_CURVES)
     if not ranking.models:
         raise InputError("there are 0 models to draw: give 1 or more")
     height = max(4.2, 1.4 + 0.21 * len(ranking.models))
-    figure, (left, right) = make_panels(1, 2, size=(11.0, height), width_ratios=(1.25, 1.0))
+    figure, (left, right) = make_panels(1, 2, width_ratios=(1.25, 1.0), size=(11.0, height))
     shown = [entry for entry in ranking.models if not entry.same_as][:curves]
-    colors = {entry.name: color for entry, color in zip(shown, COLORS, strict=False)}
-    _draw_errors(left, ranking, colors)
-    _draw_curves(right, ranking, shown)
+    styles = dict(zip((entry.name for entry in shown), _list_styles(shown), strict=True))
+    _draw_errors(left, ranking, {name: style["color"] for name, style in styles.items()})
+    _draw_rows(right, ranking.data)
+    for entry in shown:
+        style = {**styles[entry.name], "label": entry.name}
+        _draw_lines(right, entry.model, ranking.data, entry.score.predicted, style)
+    right.legend(frameon=False, fontsize=8)
     return figure
 
 
@@ -443,7 +401,8 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
                   va="center", color=INK)  # fmt: skip
     axes.text(1.02, -1.0, "ΔAICc", transform=axes.get_yaxis_transform(), fontsize=8,
               va="center", color=INK)  # fmt: skip
-    axes.set_yticks(range(len(ranking.models)), [_label(entry) for entry in ranking.models])
+    labels = [f"{entry.name} ({entry.parameters})" for entry in ranking.models]
+    axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis="y", labelsize=8)
     axes.set_ylim(len(ranking.models) - 0.4, -1.6)
     axes.set_xscale("log")
@@ -452,39 +411,6 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
     words = {"aicc": "AICc", "bic": "BIC", "cv": "the rows left out"}[ranking.criterion]
     axes.set_title(f"ranked by {words}; number of constants fitted", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=8, loc="lower left")
-
-
-def _label(entry: RankedModel) -> str:
-    return f"{entry.name} ({entry.parameters})"
-
-
-def _draw_curves(axes: Axes, ranking: Ranking, shown: list[RankedModel]) -> None:
-    data = ranking.data
-    for direction, mark in _MARKS.items():
-        rows = data.direction == direction
-        if rows.any():
-            axes.plot(
-                1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.0,
-                markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
-            )  # fmt: skip
-    for entry, color, dash in zip(shown, COLORS, DASHES, strict=False):
-        label: str | None = entry.name
-        for load, direction in dict.fromkeys(
-            zip(data.load.tolist(), data.direction.tolist(), strict=True)
-        ):
-            rows = (data.load == load) & (data.direction == direction)
-            style = {"color": color, "linestyle": dash, "linewidth": 1.5, "label": label}
-            predicted = entry.score.predicted[rows]
-            _draw_line(axes, entry.model, data.select(rows), predicted=predicted, style=style)
-            label = None
-    axes.set(xlabel="pressure [kPa]", ylabel="contraction [mm]")
-    loads = np.unique(data.load)
-    if len(loads) > 1:
-        axes.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
-    axes.legend(frameon=False, fontsize=8)
-
-
-# Figures of hysteresis: loops of operators, and a fit against the loops measured.
 
 
 def fade_loops(
@@ -541,7 +467,8 @@ def draw_loops(
         raise InputError("there are 0 operators to draw: give 1 or more")
     columns = min(3, len(operators))
     rows = math.ceil(len(operators) / columns)
-    figure, panels = _make_grid(rows, columns)
+    size = (max(4.8, 3.4 * columns), max(3.4, 2.9 * rows))
+    figure, panels = make_panels(rows, columns, size=size)
     turns = _find_turns(inputs)
     for axes, (name, operator) in zip(panels, operators.items(), strict=False):
         outputs = np.asarray(operator.apply(inputs), dtype=np.float64)
@@ -587,7 +514,7 @@ def draw_fit(
             f"history has shape {inputs.shape} and response {outputs.shape}: the fit has "
             f"{fit.residual.shape}, and one history can be drawn"
         )
-    figure, (left, right) = _make_grid(1, 2)
+    figure, (left, right) = make_panels(1, 2, size=(6.8, 3.4))
     left.plot(inputs, outputs, ".", color=INK, markersize=3.0, alpha=0.5, label="measured")
     name = type(fit.operator).__name__
     left.plot(inputs, outputs - fit.residual, color=BLUE, linewidth=1.5, label=name)
@@ -617,7 +544,3 @@ def _find_turns(inputs: NDArray[np.float64]) -> NDArray[np.intp]:
     moved = np.flatnonzero(np.diff(inputs))
     ways = np.sign(np.diff(inputs)[moved])
     return moved[np.flatnonzero(np.diff(ways)) + 1]
-
-
-def _make_grid(rows: int, columns: int) -> tuple[Figure, list[Axes]]:
-    return make_panels(rows, columns, size=(max(4.8, 3.4 * columns), max(3.4, 2.9 * rows)))

@@ -175,3 +175,13 @@ def fit_space(space: Axes3D, points: NDArray[np.float64], *, least: float, zoom:
     space.set_box_aspect(2.0 * half, zoom=zoom)
     space.tick_params(labelsize=8.5)
     space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+
+
+def draw_marker(axes: Axes, place: ArrayLike, marker: str, *, size: float, **look: Any) -> None:
+    """Draw markers at (x, y) that are not joined: rings, if no `face` is given."""
+    x, y = np.asarray(place)
+    axes.plot(
+        x, y, marker=marker, markersize=size, linestyle="none",
+        markerfacecolor=look.pop("face", "none"), markeredgecolor=look.pop("color"),
+        markeredgewidth=look.pop("width"), **look,
+    )  # fmt: skip

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points
+from ..checks import check_fields, check_number, check_points, quantity
 from ..errors import InputError
 from ..io.files import write_bytes
 from ..results import Json
@@ -179,6 +179,37 @@ class SceneInfo:
     link_length_change: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """How a scene is animated, and how fine its surface is.
+
+    Parameters
+    ----------
+    duration : float
+        Length of the animation [s]; steps are evenly spread over it.
+    keys : int
+        Most poses to keep; they are spread evenly over the steps and include the first and last.
+        Joints are exact in the keys and interpolated in between.
+    max_faces : int
+        A finer surface is decimated to about this many faces, for viewing only.
+    title : str
+        Title kept in the file.
+
+    Raises
+    ------
+    InputError
+        If a number is outside its range.
+    """
+
+    duration: float = quantity("time", default=20.0, low=1e-3)
+    keys: int = quantity(whole=True, default=200, low=2, high=65536)
+    max_faces: int = quantity(whole=True, default=40000, low=100, label="max_faces")
+    title: str = "Insertion of an endoscope"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
 def write_scene(
     target: str | os.PathLike[str],
     *,
@@ -186,10 +217,7 @@ def write_scene(
     joints: ArrayLike,
     diameter: float,
     path: ArrayLike | None = None,
-    duration: float = 20.0,
-    keys: int = 200,
-    max_faces: int = 40000,
-    title: str = "Insertion of an endoscope",
+    options: SceneOptions | None = None,
 ) -> SceneInfo:
     """Write a tract and the motion of a scope through it as an animated binary glTF file.
 
@@ -205,15 +233,8 @@ def write_scene(
         Diameter of the scope [mm].
     path : array_like, shape (m, 3), optional
         A curve to draw as a thin line, for example the centreline [mm].
-    duration : float
-        Length of the animation [s]; steps are evenly spread over it.
-    keys : int
-        Most poses to keep; they are spread evenly over the steps and include the first and last.
-        Joints are exact in the keys and interpolated in between.
-    max_faces : int
-        A finer surface is decimated to about this many faces, for viewing only.
-    title : str
-        Title kept in the file.
+    options : SceneOptions, optional
+        The animation, and how fine the surface is.
 
     Returns
     -------
@@ -234,19 +255,17 @@ def write_scene(
     `tip_camera` rolls; a real scope's may, as its shaft carries the operator's torque.
     """
     check_number("diameter", diameter, low=0.0, low_open=True, unit="mm")
-    check_number("duration", duration, low=1e-3, unit="s")
-    check_integer("keys", keys, low=2, high=65536)
-    check_integer("max_faces", max_faces, low=100)
+    options = SceneOptions() if options is None else options
     chain = _check_joints(joints)
     line = None if path is None else _check_path(path)
-    tract = prepare_tract(surface, max_faces=max_faces).scaled(_METRE)
+    tract = prepare_tract(surface, max_faces=options.max_faces).scaled(_METRE)
 
-    steps = choose_keys(len(chain), keys)
+    steps = choose_keys(len(chain), options.keys)
     poses = chain[steps] * _METRE
-    times = duration * steps / max(len(chain) - 1, 1)
+    times = options.duration * steps / max(len(chain) - 1, 1)
     radius = 0.5 * diameter * _METRE
 
-    document = GlbDocument(generator="Bozzini", extras=_describe(title))
+    document = GlbDocument(generator="Bozzini", extras=_describe(options.title))
     root = document.add(
         "nodes", {"name": "bozzini_world", "rotation": UPRIGHT_QUATERNION, "children": []}
     )

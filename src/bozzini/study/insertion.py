@@ -432,7 +432,7 @@ class InsertionStudy(Result):
             joints=joints,
             diameter=diameter,
             path=self.plan.path,
-            title=f"Insertion: {Path(self.tract.source).name}",
+            options=scene.SceneOptions(title=f"Insertion: {Path(self.tract.source).name}"),
         )
 
     def _draw_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
