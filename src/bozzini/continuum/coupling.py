@@ -226,11 +226,10 @@ class Coupling:
         """
         from scipy.optimize import nnls
 
-        sign = np.concatenate(
-            [np.ones(len(self.robot.pushes)), -np.ones(int(self.robot.pushes.sum()))]
-        )
-        rows = np.vstack([self._scaled, self._scaled[self.robot.pushes]]) * sign[:, None]
-        short = np.concatenate([displacements, displacements[self.robot.pushes]]) * sign
+        rods = self.robot.pushes
+        sign = np.concatenate([np.ones(len(rods)), -np.ones(int(rods.sum()))])
+        rows = np.vstack([self._scaled, self._scaled[rods]]) * sign[:, None]
+        short = np.concatenate([displacements, displacements[rods]]) * sign
         size, reach = float(np.abs(rows).max()), float(np.abs(short).max())
         system = np.vstack([rows.T / size, short / reach])
         target = np.zeros(len(system))
