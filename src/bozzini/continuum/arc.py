@@ -18,7 +18,7 @@ from .checks import Floats
 from .coupling import ParallelModel, coupling_matrix
 from .kernels.arc import fill_arc_frames, fill_tip_jacobians
 from .robot import RobotDesign
-from .section import GRAIN
+from .section import ROUND_OFF_MM
 from .shape import Shape
 
 
@@ -147,7 +147,7 @@ def arc_frames(
     places = robot.stations() if arc_length is None else check_array("arc_length", arc_length)
     if places.ndim != 1 or not places.size:
         raise InputError(f"arc_length has shape {places.shape}: it must be (k,), k at least 1")
-    if not (places.min() >= -GRAIN and places.max() <= robot.length + GRAIN):
+    if not (places.min() >= -ROUND_OFF_MM and places.max() <= robot.length + ROUND_OFF_MM):
         raise InputError(
             f"arc_length spans [{places.min():g}, {places.max():g}] mm: "
             f"it must lie in [0, {robot.length:g}] mm"

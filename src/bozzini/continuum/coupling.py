@@ -22,7 +22,7 @@ from ..errors import GeometryError, InputError
 from .checks import Floats
 from .model import BendMeasure, ContinuumModel, check_limits, write_reasons
 from .robot import RobotDesign, check_robot
-from .section import GRAIN
+from .section import ROUND_OFF_MM
 from .shape import Shape
 
 THIN = 1e-9
@@ -102,7 +102,7 @@ def find_crooked(robot: RobotDesign) -> str:
         end = float(robot.section_ends[int(robot.tendon_sections[row])])
         if not tendon.is_parallel:
             return f"tendon '{tendon.name}' changes its offset or angle on its way"
-        if robot.tendon_ends[row] < end - GRAIN:
+        if robot.tendon_ends[row] < end - ROUND_OFF_MM:
             where = f"{robot.tendon_ends[row]:g} mm, before its section does at {end:g} mm"
             return f"tendon '{tendon.name}' ends at {where}"
     return ""

@@ -18,7 +18,7 @@ from .kernels import energy as kernels
 from .kernels.energy import ARC, CHANNEL, CHORD, CONVERGED, FOLDED, measure_lengths, solve_commands
 from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
 from .robot import RobotDesign
-from .section import GRAIN
+from .section import ROUND_OFF_MM
 from .shape import Shape
 
 # A robot cut into segments, as the energy model's kernels take it.
@@ -36,7 +36,7 @@ def place_stations(robot: RobotDesign, between: int, *, corners: bool = False) -
     if corners:
         others += [place for tendon in robot.tendons for place in tendon.corners()]
     for other in others:
-        if np.abs(places - other).min() > GRAIN:
+        if np.abs(places - other).min() > ROUND_OFF_MM:
             places = np.append(places, other)
     return np.sort(places)
 
@@ -78,7 +78,7 @@ class Grid:
         for row, (tendon, end) in enumerate(
             zip(self.robot.tendons, self.robot.tendon_ends, strict=True)
         ):
-            places = self.arc_length[self.arc_length <= end + GRAIN]
+            places = self.arc_length[self.arc_length <= end + ROUND_OFF_MM]
             paths[row, : len(places)] = tendon.path(np.minimum(places, end))
         return paths
 
@@ -123,7 +123,9 @@ class Grid:
     @cached_property
     def counts(self) -> NDArray[np.int64]:
         """Segments that each tendon passes, shape (t,)."""
-        return np.searchsorted(self.arc_length, self.robot.tendon_ends - GRAIN).astype(np.int64)
+        return np.searchsorted(self.arc_length, self.robot.tendon_ends - ROUND_OFF_MM).astype(
+            np.int64
+        )
 
     @cached_property
     def sections(self) -> NDArray[np.int64]:
@@ -294,7 +296,7 @@ class EnergyModel(ContinuumModel):
 
     Chords, arcs, and rods that push on other than parallel routings may have several equilibria.
     The one that is reached from the straight rod is taken, in steps where rods push; where it
-    ceases to be one, another may be, or the reason says how far it went. It is checked to be
+    ceases to be one, another may be, or the reason states how far it went. It is checked to be
     stable: among shapes of the same tendon lengths, and in channels in each segment by itself.
 
     A shape beyond a tendon's travel or a section's `max_bend`, or so curved that discs meet, has
@@ -369,7 +371,7 @@ class EnergyModel(ContinuumModel):
         """Return the shapes under tendon displacements; see `ContinuumModel.shape`.
 
         One that has not converged is the shape as far as the command can be followed, and the
-        reason says how far that is and which tendon stops it.
+        reason states how far that is and which tendon stops it.
         """
         commands = check_displacements(self.robot, displacements)
         flat = np.ascontiguousarray(commands.reshape(-1, commands.shape[-1]))

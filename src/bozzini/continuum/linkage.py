@@ -109,7 +109,7 @@ class LinkageModel(ParallelModel):
         """Return the shapes under tendon displacements; see `ContinuumModel.shape`.
 
         They have not converged where tendons would have to stretch, a limit is passed, or
-        linkages would need more segments to exist: the reason says how many.
+        linkages would need more segments to exist: the reason states how many.
         """
         found = self._require_segments(self.solve(displacements))
         bends = self._flat_bends(found)

@@ -24,7 +24,7 @@ MOST_CONTRAST = 1e6
 EVEN = 1e-3
 """By how much a curvature that counts as even may differ, as a share."""
 
-ROUND_OFF_LENGTH = 1e-11
+ROUND_OFF_LENGTH_SHARE = 1e-11
 """Error of a tendon's length that is round-off, as a share of the robot's length."""
 
 
@@ -32,7 +32,7 @@ ROUND_OFF_LENGTH = 1e-11
 class ContinuumModel(ABC):
     """A model that turns tendon displacements into shapes.
 
-    A model is a frozen dataclass: its fields are its options, and `bozzini.checks.quantity` says
+    A model is a frozen dataclass: its fields are its options, and `bozzini.checks.quantity` states
     what each is, for checks and for the command line. A subclass sets `name` and defines `shape`,
     which ends with `make_shape`. Another package adds one by an entry point of the group
     ``bozzini.continuum``.
@@ -237,7 +237,7 @@ def check_numbers(
     """Mark shapes that are not finite, or miss their command by more than the tolerance."""
     converged, reason = verdict
     finite = np.asarray(np.isfinite(frames).all(axis=(-3, -2, -1)))
-    met = residual <= 1.1 * model.tolerance + ROUND_OFF_LENGTH * model.robot.length
+    met = residual <= 1.1 * model.tolerance + ROUND_OFF_LENGTH_SHARE * model.robot.length
     bad = converged & ~(finite & met)
     reasons: dict[tuple[int, ...], str] = {}
     for index in np.argwhere(bad):

@@ -16,7 +16,7 @@ from ..checks import check_array, check_integer
 from ..errors import InputError
 from ..io.records import Plain, load_record, read_record, save_record, write_record
 from .checks import Floats, check_items, check_text
-from .section import GRAIN, Section, Tendon
+from .section import ROUND_OFF_MM, Section, Tendon
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class RobotDesign:
     def section_at(self, arc_length: ArrayLike) -> NDArray[np.int64]:
         """Return the index of the section at arc lengths [mm]; an end belongs to its section."""
         places = check_array("arc_length", arc_length)
-        index = np.searchsorted(self.section_ends, places - GRAIN, side="left")
+        index = np.searchsorted(self.section_ends, places - ROUND_OFF_MM, side="left")
         return np.minimum(index, len(self.sections) - 1).astype(np.int64)
 
     def section_label(self, index: int) -> str:
@@ -220,7 +220,7 @@ class RobotDesign:
         start, end = float(self.section_starts[index]), float(self.section_ends[index])
         if tendon.end is None:
             return tendon.ending_at(end)
-        if not start + GRAIN < tendon.end <= end + GRAIN:
+        if not start + ROUND_OFF_MM < tendon.end <= end + ROUND_OFF_MM:
             raise InputError(
                 f"tendon '{tendon.name}' end is {tendon.end:g} mm: it belongs to "
                 f"{self.section_label(index)} and must lie in ({start:g}, {end:g}] mm"

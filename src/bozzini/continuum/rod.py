@@ -20,7 +20,7 @@ from .energy import place_stations
 from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
 from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
 from .robot import RobotDesign
-from .section import GRAIN
+from .section import ROUND_OFF_MM
 from .shape import Shape
 
 # A robot cut into steps, as the rod's kernels take it.
@@ -59,7 +59,7 @@ class RodGrid:
         """Ends of the steps [mm], shape (n + 1,): stations and corners of tendons among them."""
         corners = [place for tendon in self.robot.tendons for place in tendon.corners()]
         breaks = np.unique(np.concatenate([self.arc_length, corners]))
-        breaks = breaks[np.concatenate([[True], np.diff(breaks) > GRAIN])]
+        breaks = breaks[np.concatenate([[True], np.diff(breaks) > ROUND_OFF_MM])]
         widest = self.robot.length / self.steps
         pieces = [
             np.linspace(start, end, math.ceil((end - start) / widest - 1e-9) + 1)[1:]
@@ -268,7 +268,7 @@ class Target:
 class Shot:
     """A state of the rod: tensions, and quaternion and moment at the start of every piece.
 
-    `share` is the part of command and loads that it holds for; `reason` says why it is not all.
+    `share` is the part of command and loads that it holds for; `reason` states why it is not all.
     """
 
     tensions: Floats
@@ -453,8 +453,8 @@ class Shooting:
         largest = float(np.abs(np.diag(give)).max())
         strongest = self.rod.strongest
         centred = lengths - target.compliances * tensions - length_slope[:, :size] @ straightened
-        room = target.limit(self.share, self.loose) - centred
-        vector = room - give @ tensions
+        free_length = target.limit(self.share, self.loose) - centred
+        vector = free_length - give @ tensions
         low, high = np.where(target.pushes, -strongest, 0.0), np.full(len(give), strongest)
         wanted, right = np.zeros(len(give)), vector
         for _ in range(2):
@@ -472,7 +472,7 @@ class Shooting:
             # A moment of fixed direction has no potential: the problem is not symmetric.
             block = exact[np.ix_(free, free)] + RIDGE * largest * np.eye(int(free.sum()))
             moved = wanted[~free] - tensions[~free]
-            change = np.linalg.solve(block, -room[free] - exact[np.ix_(free, ~free)] @ moved)
+            change = np.linalg.solve(block, -free_length[free] - exact[np.ix_(free, ~free)] @ moved)
             trial = tensions[free] + change
             if np.all((trial > low[free]) & (trial < high[free])):
                 wanted[free] = trial
@@ -557,11 +557,11 @@ def improve_unloaded(rod: Rod, target: Target, share: float, loose: float, start
             break
         change, part = wanted - tensions, 1.0
         rise = float(slope @ change)
-        grain = 1e-13 * float(np.abs(tensions) @ lengths + np.abs(wanted) @ lengths)
+        round_off = 1e-13 * float(np.abs(tensions) @ lengths + np.abs(wanted) @ lengths)
         while part >= SMALLEST_CUT:
             trial = tensions + part * change
             after, longer, soft = _measure(rod, target, trial, limit)
-            if after >= value + 1e-4 * part * rise - grain:
+            if after >= value + 1e-4 * part * rise - round_off:
                 break
             part *= 0.5
         else:
@@ -704,11 +704,11 @@ class RodModel(ContinuumModel):
     those follow from a concave problem, by Newton's method with a line search. With cables only,
     or parallel tendons, there is one answer. Rods that push on other routings may have several
     equilibria: the command is raised in steps from the straight rod, and curvatures are minima,
-    so that the rod is stable by itself; where that way ends, the reason says how far it went.
+    so that the rod is stable by itself; where that way ends, the reason states how far it went.
 
     With loads the rod is integrated from the base, and the base's moment and the tensions are
     found by multiple shooting. There may be several equilibria: this finds the one that is reached
-    from the straight rod as loads and displacements are raised together, and does not tell whether
+    from the straight rod as loads and displacements are raised together, and does not check whether
     it is stable. Loads keep their direction as the robot bends. A moment of fixed direction has no
     potential.
 
