@@ -126,6 +126,10 @@ class ModelType(click.ParamType):  # type: ignore[type-arg]  # generic in newer 
 
     name = "name"
 
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Return the names for the help."""
+        return f"[{'|'.join(CONTINUUM_MODELS)}]"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the name if there is such a model."""
         if value not in CONTINUUM_MODELS:
@@ -307,8 +311,7 @@ def models_command(answer: Answer) -> None:
     "--model",
     "model_name",
     type=ModelType(),
-    help="One of 'bozzini continuum models'; by default arc for parallel tendons, energy for "
-    "others, rod under loads.",
+    help="By default arc for parallel tendons, energy for others, rod under loads.",
 )
 @model_options
 @answer_options(
