@@ -32,6 +32,7 @@ from .style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
@@ -66,6 +67,7 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
         (found.direction_share, "share of directions", "viridis", 0.0),
         (found.manipulability, f"mean manipulability [{unit}]", "cividis", None),
     )
+    drawn: ScalarMappable
     for place, (values, name, colors, low) in enumerate(panels, start=1):
         if found.half_plane:
             axes = figure.add_subplot(1, 2, place)
@@ -89,6 +91,7 @@ def plot_map(found: DexterityMap, ax: Axes | None, *, length: float) -> Axes:
     """Draw the share of directions of a dexterity map seen along y, the robot at rest with it."""
     across = "distance from the axis" if found.half_plane else "x"
     ax = take_axes(ax, x=f"{across} [mm]", y="z [mm]", equal=True)
+    drawn: ScalarMappable
     if found.half_plane:
         drawn = _fill_cells(ax, found, found.direction_share, "viridis", 0.0)
     else:
