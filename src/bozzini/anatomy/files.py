@@ -136,7 +136,7 @@ def write_tract(path: PathLike, tract: LabelTract | SurfaceTract, *, force: bool
     NIfTI is RAS by definition: labels of another known frame (LPS of NRRD or DICOM) are written
     so that they lie at the same place of the patient. Names of labels are written with them.
 
-    All are in mm but GLB, which is in m as its standard says; its axes are as they are, and their
+    All are in mm but GLB, which is in m as its standard states; its axes are as they are, and their
     frame is kept in the file.
 
     Parameters

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import GeometryError, InputError
+from ..errors import GeometryError
 from . import _mesh
 from ._mesh import Faces, Integers, Sheet, Vertices
 from ._nesting import PartSet, resolve_parts
@@ -27,6 +27,7 @@ from .tract import (
     LabelTract,
     Opening,
     SurfaceTract,
+    check_mesh,
     check_scale,
     count_noun,
     name_place,
@@ -38,9 +39,6 @@ FLAT = 1e-6
 
 HOLLOW = 1e-9
 """Smallest volume, by the cube of the longest side, that is not zero."""
-
-FARTHEST_MM = 1e9
-"""Largest coordinate that is taken for one; beyond it a file is damaged."""
 
 WELD = 1e-5
 """Distance, by the longest side, within which the corners of an open surface are welded."""
@@ -104,7 +102,7 @@ def tract_from_surface(
         If the surface is flat, encloses no volume, or is open so that it is not certain what is
         inside; the message names the place.
     """
-    points, triangles = _check_arrays(vertices, faces, source)
+    points, triangles = check_mesh(vertices, faces, source)
     found = list(findings)
     points, triangles = _mesh.weld(points, triangles)
     triangles = _drop_bad(triangles, found)
@@ -187,7 +185,7 @@ def unite_parts(
     welded: list[tuple[Vertices, Faces]] = []
     start = 0
     for name, vertices, faces in (*parts, *obstacles):
-        points, triangles = _check_arrays(vertices, faces, f"{source}, part '{name}'")
+        points, triangles = check_mesh(vertices, faces, f"{source}, part '{name}'")
         points, triangles = _mesh.weld(points, triangles)
         welded.append((points, _drop_bad(triangles, found) + start))
         start += len(points)
@@ -254,34 +252,6 @@ def _is_flat(hole: _mesh.Hole) -> bool:
         hole.deviation <= MOST_DEVIATION * hole.radius
         and hole.radius * 2.0 * math.pi >= LEAST_ROUND * hole.length
     )
-
-
-def _check_arrays(vertices: ArrayLike, faces: ArrayLike, source: str) -> tuple[Vertices, Faces]:
-    points, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(faces)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"vertices of {source} have shape {points.shape}: it must be (n, 3)")
-    bad = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
-    if bad:
-        what = count_noun(bad, "vertex that is", "vertices that are")
-        raise InputError(f"{source} has {what} not finite (NaN or infinite)")
-    farthest = float(np.abs(points).max(initial=0.0))
-    if farthest > FARTHEST_MM:
-        raise InputError(
-            f"{source} has a coordinate of {farthest:.3g} mm: it must lie within {FARTHEST_MM:g} mm"
-        )
-    if triangles.size == 0:
-        raise InputError(f"{source} has no faces")
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu":
-        raise InputError(
-            f"faces of {source} are {triangles.dtype} of shape {triangles.shape}: they must be "
-            f"integers (m, 3)"
-        )
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise InputError(
-            f"faces of {source} point at vertices {triangles.min()} to {triangles.max()}: they "
-            f"must lie in [0, {len(points) - 1}]"
-        )
-    return points, triangles.astype(np.int64)
 
 
 def _drop_bad(triangles: Faces, found: list[Finding]) -> Faces:

@@ -240,12 +240,12 @@ def show_command(
     given = [*list_given(reading), *list_given(options)]
     if given and over is None:
         raise InputError(f"--{given[0]} has no effect on a file of shapes: give --over too")
-    from ..duct.shape_files import count_pieces, load_shapes_file, write_shapes
+    from ..duct.shape_files import load_shapes_file, write_shapes
 
     file = load_shapes_file(source)
     data = write_shapes(file.shapes, fit=file.fit, note=file.note)
     low, high = file.shapes.bounds
-    count = count_pieces(file.shapes)
+    count = file.shapes.shape_count
     size = " x ".join(f"{value:.0f}" for value in high - low)
     content = f"{count} {data['kind']}"
     text = f"{source}: {content} in {size} mm"

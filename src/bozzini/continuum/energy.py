@@ -423,18 +423,16 @@ class EnergyModel(ContinuumModel):
 
     def _solve(self, commands: Floats, *, compliances: Floats | None = None) -> Answers:
         found = Answers.make(len(commands), len(self._grid.spans), len(self._pushes))
-        solve_commands(
+        strongest = STRONGEST * self._grid.stiffness.max() / self._grid.reach.max(axis=1).min()
+        rod = (
             self._grid.packed,
-            self.natural_lengths,
-            commands,
-            self._first_parts(commands),
-            self.tolerance,
             self._compliances if compliances is None else compliances,
-            self._pushes,
-            STRONGEST * self._grid.stiffness.max() / self._grid.reach.max(axis=1).min(),
+            np.where(self._pushes, -strongest, 0.0),
+            np.full(len(self._pushes), strongest),
             MOST_STEPS,
-            *found,
         )
+        firsts = self._first_parts(commands)
+        solve_commands(rod, self.natural_lengths, commands, firsts, self.tolerance, tuple(found))
         return found
 
     @cached_property

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_integer, check_number
 from ..errors import GeometryError, InputError
 from ..io.records import Plain
+from ..numeric.roots import find_between
 from ..results import Result, to_plain
 from .arc import ArcModel, arc_frames
 from .checks import FARTHEST, Floats, check_directions, check_frame, check_places, check_values
@@ -554,23 +555,15 @@ def bend_for_ratio(ratio: ArrayLike) -> Floats:
             f"ratio of distance aside to length is {bad:g}: "
             f"it must lie in [0, {LARGEST_RATIO:.6g}], which an arc can reach"
         )
-    low, high = np.zeros_like(wanted), np.full_like(wanted, STEEPEST_BEND)
-    bend = 2.0 * wanted
-    for _ in range(60):
-        half = np.sin(0.5 * bend)
-        sinc = np.sinc(0.5 * bend / math.pi)
-        miss = half * sinc - wanted
-        low, high = np.where(miss <= 0.0, bend, low), np.where(miss > 0.0, bend, high)
-        # d/dtheta of sin(theta/2)^2 / (theta/2)
-        slope = 0.5 * sinc * (2.0 * np.cos(0.5 * bend) - sinc)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            following = bend - miss / slope
-        inside = (following >= low) & (following <= high)
-        following = np.where(inside, following, 0.5 * (low + high))
-        if np.all(np.abs(following - bend) <= 1e-15 * (1.0 + bend)):
-            break
-        bend = following
-    return np.asarray(bend)
+    flat = wanted.ravel()
+
+    def excess(index: NDArray[np.intp], bend: Floats) -> Floats:
+        return np.asarray(np.sin(0.5 * bend) * np.sinc(0.5 * bend / math.pi) - flat[index])
+
+    found = find_between(excess, np.zeros_like(flat), np.full_like(flat, STEEPEST_BEND))
+    # Not found are the ends: ratios too small for a relative tolerance, and the largest one.
+    ends = np.where(flat < 0.5 * LARGEST_RATIO, 2.0 * flat, STEEPEST_BEND)
+    return np.where(np.isnan(found), ends, found).reshape(wanted.shape)
 
 
 def solve_section(

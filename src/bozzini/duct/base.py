@@ -113,6 +113,14 @@ class Duct(ABC):
         return int(self.bounds.shape[1])
 
     @property
+    def shape_count(self) -> int:
+        """How many shapes it is made of: cones and cylinders lie between two of their balls."""
+        if not self.columns:
+            return 1
+        count = len(getattr(self, next(iter(self.columns.values()))[0]))
+        return max(1, count - 1) if self.joined else count
+
+    @property
     def family_shapes(self) -> ShapesData | None:
         """The shapes of this package's kernels that it is made of; None if it is not."""
         return None

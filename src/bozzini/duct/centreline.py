@@ -74,17 +74,17 @@ class Search:
     costs: NDArray[np.float64]
     before: NDArray[np.int32]
 
-    def __getitem__(self, node: tuple[int, int, int]) -> float:
-        """Return the cost of the way to a node; infinite where there is none."""
-        number = int(self.graph.number[node])
+    def __getitem__(self, node: tuple[int, ...] | NDArray[np.int64]) -> float:
+        """Return the cost of the path to a node; infinite where there is none."""
+        number = int(self.graph.number[tuple(node)])
         return float(self.costs[number]) if number >= 0 else float("inf")
 
-    def traceback(self, node: tuple[int, ...] | NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the way (n, 3) to a node."""
-        way = [int(self.graph.number[tuple(node)])]
-        while self.before[way[-1]] >= 0:
-            way.append(int(self.before[way[-1]]))
-        return self.graph.places(np.array(way[::-1]))
+    def traceback(self, node: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the path (n, 3) to a node."""
+        path = [int(self.graph.number[tuple(node)])]
+        while self.before[path[-1]] >= 0:
+            path.append(int(self.before[path[-1]]))
+        return self.graph.places(np.array(path[::-1]))
 
 
 class LumenGraph:
@@ -173,8 +173,8 @@ class LumenGraph:
         gaps = np.linalg.norm((candidates - node) * self.field.spacing, axis=1)
         return np.asarray(candidates[int(np.argmin(gaps))])
 
-    def search(self, source: NDArray[np.int64]) -> tuple[Search, Search]:
-        """Minimum-cost paths from nodes (3,) or (k, 3) to all others: the search, and the costs.
+    def search(self, source: NDArray[np.int64]) -> Search:
+        """Minimum-cost paths from nodes (3,) or (k, 3) to all others.
 
         The last one is kept: settling the ends and the path itself often ask for the same.
         """
@@ -187,7 +187,7 @@ class LumenGraph:
             arguments = (self.number, self.nodes, self.weights, self.field.spacing)
             find_costs(*arguments, self._number(source), costs, before)
             self._last = (key, Search(graph=self, costs=costs, before=before))
-        return self._last[1], self._last[1]
+        return self._last[1]
 
     def measure_lengths(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
         """Length (n,) of the shortest way from nodes (3,) or (k, 3) to all nodes [mm]."""
@@ -196,12 +196,6 @@ class LumenGraph:
         lengths = np.full(len(self.nodes), np.inf)
         find_lengths(self.number, self.nodes, self.field.spacing, self._number(source), lengths)
         return lengths
-
-    def measure_taut(self, source: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Length of the shortest way from nodes to every node of the grid [mm]; else infinite."""
-        dense = np.full(self.number.shape, np.inf, dtype=np.float32)
-        dense.reshape(-1)[self.nodes] = self.measure_lengths(source)
-        return dense
 
     def find_deepest(self) -> NDArray[np.int64]:
         """Return the node (3,) with the most room."""
@@ -238,7 +232,7 @@ class LumenGraph:
         with ThreadPoolExecutor(1) as pool:  # the two searches know nothing of each other
             searching = pool.submit(self.search, source)
             lengths = self.measure_lengths(source)
-            search, _ = searching.result()
+            search = searching.result()
         lengths[~np.isfinite(lengths)] = -1.0
         if among is not None:
             allowed = np.zeros(len(lengths), dtype=bool)
@@ -279,11 +273,10 @@ class LumenGraph:
         keys = make_key(start), make_key(goal)
         if self._last is not None and self._last[0] == keys[1] != keys[0]:
             return self.find_path(goal, start)[::-1]
-        search, costs = self.search(start)
-        target = tuple(int(v) for v in goal)
-        if not np.isfinite(costs[target]):  # type: ignore[index]
+        search = self.search(start)
+        if not np.isfinite(search[goal]):
             raise GeometryError(self._explain_apart(start, goal))
-        return search.traceback(target)
+        return search.traceback(goal)
 
     def _explain_apart(self, start: NDArray[np.int64], goal: NDArray[np.int64] | None) -> str:
         """Say where the lumen is closed between two nodes, or sets of them, that no way joins."""
@@ -637,8 +630,8 @@ def find_roomy_path(
         if len(block) == 0:
             return None
         nodes.append(block[int(np.argmin(np.linalg.norm(block - near, axis=1)))])
-    search, costs = graph.search(nodes[0])
-    if not np.isfinite(costs[tuple(nodes[1])]):
+    search = graph.search(nodes[0])
+    if not np.isfinite(search[nodes[1]]):
         return None
     middle = field.to_world(search.traceback(nodes[1]) * field.spacing)
     return np.concatenate(

@@ -1,7 +1,4 @@
-"""Figures of the end-effector: pose, workspace, curves, forces, sweeps.
-
-Lengths are in mm, pressure is shown in kPa, angles in degrees.
-"""
+"""Figures of the end-effector: pose, workspace, curves, forces, sweeps."""
 
 from __future__ import annotations
 
@@ -10,30 +7,16 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_points
 from ..errors import InputError
-from .style import (
-    AMBER,
-    BLUE,
-    COLORS,
-    DASHES,
-    GREEN,
-    GRID,
-    INK,
-    RED,
-    Look,
-    fit_space,
-    make_figure,
-    make_panels,
-    style_axes,
-)
+from .style import AMBER, BLUE, COLORS, DASHES, GREEN, GRID, INK, RED, make_panels, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
     from ..effector import (
@@ -42,18 +25,17 @@ if TYPE_CHECKING:
         Effector,
         EffectorPose,
         Sweep,
-        SweepRow,
         Trace,
         Workspace,
     )
+
+# Drawn without pyplot; `bozzini.plot.write_figure` writes the figures.
 
 Floats = NDArray[np.float64]
 
 _OWN = {"R": RED, "G": GREEN, "B": BLUE}
 _RISING, _FALLING = (0, (4, 1.5)), (0, (1, 1.5))
-_CUBIC: Look = {"color": INK, "linewidth": 1.1}
-LEAST_SIDE = 26.0
-"""Shortest side of a 3-D panel [mm]."""
+_CUBIC: dict[str, Any] = {"color": INK, "linewidth": 1.1}
 _SMALL = 1e-6  # an error of the trace that is round-off [mm]
 _PRESSURE = "pressure [kPa]"
 
@@ -103,7 +85,7 @@ def draw_deflection(
     curves = {name: balance(effector, name, over) for name in colors}
     lines = {name: np.asarray(curve.lateral) for name, curve in curves.items()}
     for k, names in enumerate(_group_lines(lines)):
-        line, style = lines[names[0]], DASHES[k % 4]
+        line, style = lines[names[0]], DASHES[k % len(DASHES)]
         axes.plot(
             1e3 * over, line, color=colors[names[0]], linewidth=1.9, linestyle=style,
             label=", ".join(names),
@@ -169,7 +151,7 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
                 "pressure with method='fixed-point'"
             )
         force, _, lateral, following = table[:, :4].T
-        style: Look = {
+        style: dict[str, Any] = {
             "color": COLORS[k % len(COLORS)],
             "markersize": 4.5,
             "linewidth": 1.5,
@@ -183,8 +165,7 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
     for axes in (left, right):
         axes.set_xlabel("row of the table")
         axes.set_xlim(0.5, rows + 0.5)
-        locator: Any = axes.xaxis.get_major_locator()
-        locator.set_params(integer=True)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if not any(np.size(line.get_xdata()) for line in right.lines):
         right.set_yscale("linear")
         right.set_yticks([])
@@ -243,7 +224,7 @@ def draw_trace(trace: Trace, names: Sequence[str], *, outline: ArrayLike | None 
     for k, (name, color) in enumerate(pick_colors(names).items()):
         axes.plot(
             steps, 1e3 * pressures[:, k], color=color, linewidth=1.7, label=name,
-            linestyle=DASHES[k % 4],
+            linestyle=DASHES[k % len(DASHES)],
         )  # fmt: skip
     for begin, end in _find_runs(lost):
         axes.axvspan(begin - 0.5, end - 0.5, color="#f6e0de", lw=0, zorder=0)
@@ -321,7 +302,7 @@ def draw_force(
     if matrix.shape != (2, 2):
         raise InputError(f"pressures are a batch of shape {matrix.shape[:-2]}: give one set")
     passive = tip_stiffness(effector, np.zeros(len(effector.design.muscles)))
-    figure = make_figure((9.6, 4.6))
+    figure = Figure(figsize=(9.6, 4.6), facecolor="white", layout="constrained")
     polar: list[Any] = [figure.add_subplot(1, 2, k, projection="polar") for k in (1, 2)]
     force, stiff = polar
     force.plot(angle, found.force, color=INK, linewidth=1.8)
@@ -341,7 +322,7 @@ def draw_force(
     force.set_title(
         f"largest force [N], tip held at {place[0]:g}, {place[1]:g} mm", fontsize=10, loc="left"
     )
-    shown: list[tuple[Floats, str, Look]] = [
+    shown: list[tuple[Any, str, dict[str, Any]]] = [
         (passive, "without pressure", {"color": _FAINT, "linestyle": DASHES[1]})
     ]
     if not np.array_equal(matrix, passive):
@@ -382,38 +363,42 @@ def draw_sweep(sweep: Sweep) -> Figure:
     ----------
     sweep : Sweep
     """
-    from ..effector.study import find_quantity
+    from ..effector.study import find_quantity, name_column
 
     first, *others = sweep.parameters
     known = find_quantity(first)
     unit = known.unit.replace("^2", "²") if known else ""
-    over, labels = _number([row.changes[first] for row in sweep.rows])
-    groups: dict[str, list[int]] = {}
-    for index, row in enumerate(sweep.rows):
-        name = ", ".join(f"{key} {_format(row.changes[key])}" for key in others)
-        groups.setdefault(name, []).append(index)
+    frame, labels = sweep.to_frame(), []
+    frame["place"] = frame[name_column(first)]
+    if frame["place"].dtype.kind not in "iuf":
+        words = [_format(row.changes[first]) for row in sweep.rows]
+        labels = list(dict.fromkeys(words))
+        frame["place"] = [labels.index(word) for word in words]
+    keys = [name_column(name) for name in others]
+    groups = frame.groupby(keys, sort=False) if keys else [((), frame)]
     figure, (left, right) = make_panels(1, 2)
     wanted = sweep.deflection > 0.0
-    failed = over[[not row.feasible for row in sweep.rows]]
-    for k, (name, members) in enumerate(groups.items()):
-        rows = [sweep.rows[i] for i in members]
+    failed = frame["place"][~frame["feasible"]].to_numpy()
+    for k, (values, rows) in enumerate(groups):
+        name = ", ".join(f"{key} {_format(v)}" for key, v in zip(others, values, strict=True))
         # A design that only needs more pressure than is legal has all its numbers.
-        shown = np.array([row.built for row in rows], dtype=np.bool_)
-        place = over[members]
-        for axes, quantity, dash in (
-            (left, "largest_amplitude", DASHES[0]),
-            (left, "inner_radius", DASHES[1]),
-            (right, "needed_pressure" if wanted else "area", DASHES[0]),
+        built = rows[rows["area_mm2"].notna()]
+        for axes, column, dash in (
+            (left, "largest_amplitude_mm", DASHES[0]),
+            (left, "inner_radius_mm", DASHES[1]),
+            (right, "needed_pressure_MPa" if wanted else "area_mm2", DASHES[0]),
         ):
-            values = _take(rows, quantity)
-            # 0 is no pressure: none reaches the deflection. The line ends there.
-            some = shown if axes is left else values > 0.0
-            heights = np.where(some, values, np.nan)
+            heights = built[column].astype(float) * (1e3 if column.endswith("MPa") else 1.0)
             axes.plot(
-                place[shown], heights[shown], marker="o", linestyle=dash, markersize=3.5,
-                color=COLORS[k % len(COLORS)], linewidth=1.5,
+                built["place"],
+                heights if axes is left else heights.where(heights > 0.0),
+                marker="o",
+                linestyle=dash,
+                markersize=3.5,
+                color=COLORS[k % len(COLORS)],
+                linewidth=1.5,
                 label=name if axes is right else None,
-            )  # fmt: skip
+            )
     for axes in (left, right):
         axes.set_xlabel(f"{first} [{unit}]" if unit else first)
         top = float(axes.dataLim.y1)
@@ -437,23 +422,10 @@ def draw_sweep(sweep: Sweep) -> Figure:
     return figure
 
 
-def _number(values: list[object]) -> tuple[Floats, list[str]]:
-    """Return places on an axis, and labels if the values are no numbers."""
-    if all(isinstance(value, (int, float)) for value in values):
-        return np.array(values, dtype=np.float64), []
-    names = list(dict.fromkeys(_format(value) for value in values))
-    return np.array([names.index(_format(value)) for value in values], dtype=np.float64), names
-
-
 def _format(value: object) -> str:
     if isinstance(value, (tuple, list, np.ndarray)):
         return "/".join(f"{math.degrees(angle):g}°" for angle in value)
     return f"{value:g}" if isinstance(value, (int, float)) else str(value)
-
-
-def _take(rows: list[SweepRow], quantity: str) -> Floats:
-    scale = 1e3 if quantity == "needed_pressure" else 1.0
-    return scale * np.array([getattr(row, quantity) for row in rows])
 
 
 _FILL = "#dfe8f1"
@@ -494,7 +466,7 @@ def draw_pose(
     if tip.shape != (3,):
         raise InputError(f"the pose has a tip of shape {tip.shape}: one pose is drawn, shape (3,)")
     design = effector.design
-    figure = make_figure((10.4, 5.0))
+    figure = Figure(figsize=(10.4, 5.0), facecolor="white", layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     space: Axes3D = figure.add_subplot(grid[0], projection="3d")
     plane = figure.add_subplot(grid[1])
@@ -514,7 +486,7 @@ def draw_pose(
     for frame in (lines[:, 0], lines[:, -1]):
         ring = np.concatenate([frame, frame[:1]])
         space.plot(*ring.T, color=_PALE, linewidth=0.9)
-    fit_space(space, np.concatenate([backbone, end[None], *lines]), least=LEAST_SIDE, zoom=1.0)
+    _fit_box(space, np.concatenate([backbone, end[None], *lines]))
     space.view_init(elev=20.0, azim=_turn_view(math.degrees(float(pose.azimuth)) - 65.0))
     _name_lines(space)
 
@@ -587,6 +559,20 @@ def _name_lines(space: Axes3D) -> None:
     legend.set_in_layout(False)
 
 
+def _fit_box(space: Axes3D, points: Floats, *, least: float = 26.0, zoom: float = 1.0) -> None:
+    """Give a 3-D panel equal scales, and sides of at least `least` mm."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.5 * np.maximum(1.04 * (high - low), least)
+    for k, name in enumerate("xyz"):
+        getattr(space, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
+        axis = getattr(space, f"{name}axis")
+        axis.get_major_locator().set_params(nbins=5)
+        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
+    space.set_box_aspect(2.0 * half, zoom=zoom)
+    space.tick_params(labelsize=8.5)
+    space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+
+
 def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     """Return a figure of the workspace: seen from the tip with its sectors, and in space.
 
@@ -598,7 +584,7 @@ def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     """
     from ..effector import place_tips
 
-    figure = make_figure((10.4, 4.9))
+    figure = Figure(figsize=(10.4, 4.9), facecolor="white", layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.1))
     plane = figure.add_subplot(grid[0])
     space: Axes3D = figure.add_subplot(grid[1], projection="3d")
@@ -638,7 +624,7 @@ def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     length = effector.design.backbone_length
     ends = np.array([length, length + effector.design.holder_length])
     space.plot(0.0 * ends, 0.0 * ends, ends, color=INK, linewidth=3.0, label="holder at rest")
-    fit_space(space, np.concatenate([*surfaces]).reshape(-1, 3), least=LEAST_SIDE, zoom=1.2)
+    _fit_box(space, np.concatenate([*surfaces]).reshape(-1, 3), zoom=1.2)
     space.view_init(elev=28.0, azim=-60.0)
     _name_lines(space)
     return figure

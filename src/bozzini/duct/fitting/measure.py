@@ -135,7 +135,6 @@ def measure_fit(
     duct: Duct,
     centreline: Centreline,
     *,
-    pieces: int,
     max_error: float = 0.0,
     sections: Sections | None = None,
     progress: Progress = no_progress,
@@ -148,8 +147,6 @@ def measure_fit(
         Of three dimensions.
     centreline : Centreline
         Along which walls and room are compared.
-    pieces : int
-        How many shapes there are, for the report.
     max_error : float
         How far outside points of the fitted lumen may be: if none is found farther, the bound is
         not made any tighter than this [mm].
@@ -188,7 +185,7 @@ def measure_fit(
     kept, lost, gained = (float(volume) for volume in volumes)
     progress("measure", 1.0)
     return FitReport(
-        pieces=pieces,
+        pieces=fitted.shape_count,
         outside=max(highest.value, 0.0),
         outside_bound=max(highest.bound, 0.0),
         outside_place=highest.place,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,9 @@ from ..checks import (
     freeze_places,
     set_fields,
 )
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 # Which places a cloud of wall samples keeps apart: balls about them, by their Delaunay cells.
 #
@@ -316,7 +319,7 @@ class PointCloud(Duct):
         return float(self.spacing) * (1.0 + 4.0 * JITTER_SHARE)
 
     @cached_property
-    def _tree(self) -> Any:
+    def _tree(self) -> cKDTree:
         from scipy.spatial import cKDTree
 
         # Half the time of the default tree, for samples of a surface.
