@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +61,7 @@ def list_marks(plan: Plan) -> list[EndMark]:
     """Return the ends that a plan records, [] where it records none."""
     marks: list[EndMark] = []
     for record in read_parts(plan.more, "ends"):
-        place: Any = record.get("point_mm")
-        point = np.asarray(place, dtype=np.float64)
+        point = np.asarray(record.get("point_mm", ()), dtype=np.float64)
         if point.shape != (3,) or not np.isfinite(point).all():
             continue
         kind = {"opening": "opening ", "landmark": "landmark "}.get(str(record.get("kind")), "")
