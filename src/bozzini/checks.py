@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
-from .units import INTERNAL_UNITS
+from .units import INTERNAL_UNITS, add_unit
 
 _NO_NUMBERS = (str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating)
 
@@ -153,6 +153,28 @@ def name_at(name: str, values: NDArray[Any], index: int) -> str:
     return f"{name}[{place}]"
 
 
+def refuse_first(
+    wrong: NDArray[np.bool_],
+    name: str,
+    values: NDArray[np.float64],
+    must: str | Callable[[int], str],
+    *,
+    unit: str = "",
+) -> None:
+    """Raise `InputError` that names the first of `values` where `wrong` is true.
+
+    `must` is what it must be; a function takes the flat index. A ``{}`` in the name is where the
+    index stands.
+    """
+    if np.any(wrong):
+        index = int(np.argmax(wrong))
+        text = must if isinstance(must, str) else must(index)
+        stem, _, rest = name.partition("{}")
+        suffix = f" {unit}" if unit else ""
+        value = f"{values.flat[index]:g}{suffix}"
+        raise InputError(f"{name_at(stem, values, index)}{rest} is {value}: {text}")
+
+
 def broadcast(*named: tuple[str, NDArray[np.float64]]) -> tuple[NDArray[np.float64], ...]:
     """Return the arrays, contiguous and of one shape, or raise `InputError`.
 
@@ -246,22 +268,18 @@ class Quantity:
         """The unit, empty for none."""
         return INTERNAL_UNITS.get(self.kind, "")
 
-    def check(self, name: str, value: Any, item: Any = None) -> Any:
-        """Return a legal value, a number as a plain one, or raise `InputError`.
+    def check(self, name: str, value: Any, item: Any = None) -> float:
+        """Return a legal value as a plain number, or raise `InputError`.
 
         Parameters
         ----------
         name : str
             What messages call it.
-        value : object
+        value : float
             The value received.
         item : object, optional
             The dataclass, for limits that depend on its other fields.
         """
-        if self.words and isinstance(value, str) and value not in self.words:
-            raise InputError(f"{name} is {value!r}: it must be one of {', '.join(self.words)}")
-        if self.words or self.kind not in INTERNAL_UNITS:
-            return value
         low, high = (end(item) if callable(end) else end for end in (self.low, self.high))
         if self.whole:
             most = None if math.isinf(high) else int(high)
@@ -323,16 +341,14 @@ def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> 
             continue
         words = known.label or prefix + name.replace("_", " ")
         value, default = getattr(item, name), defaults[name]
+        if known.words and not isinstance(value, tuple) and value not in known.words:
+            raise InputError(f"{words} is {value!r}: it must be one of {', '.join(known.words)}")
+        if known.words or known.kind not in INTERNAL_UNITS:
+            continue
         fixed = not callable(known.low) and not callable(known.high)
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         given = not (fixed and is_number and value == default)
         object.__setattr__(item, name, known.check(words, value, item) if given else default)
-
-
-def add_unit(name: str, unit: str) -> str:
-    """Return a name with its unit, as columns and JSON keys have it: ``length_mm``."""
-    words = unit.replace(" ", "").replace("^", "").replace("/", "_per_")
-    return f"{name}_{words}" if words else name
 
 
 def describe_fields(item: Any) -> dict[str, float]:

@@ -8,11 +8,14 @@ import os
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from .units import add_unit
+
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-__all__ = ["Result", "take_axes", "to_plain"]
+Json = dict[str, Any]
+"""Values by name that JSON takes."""
 
 SHOWN_ROWS = 20
 """Rows of a table that a notebook shows."""
@@ -40,9 +43,15 @@ class Result:
         residual: Any
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain values, which JSON takes; not finite numbers are None."""
-        fields = dataclasses.fields(self)  # type: ignore[arg-type]
-        values = {field.name: getattr(self, field.name) for field in fields if field.repr}
+        """Return the result as plain values, which JSON takes; not finite numbers are None.
+
+        Fields made by `measured` have their units in their names.
+        """
+        fields = [field for field in dataclasses.fields(self) if field.repr]  # type: ignore[arg-type]
+        values = {
+            add_unit(field.name, field.metadata.get("unit", "")): getattr(self, field.name)
+            for field in fields
+        }
         for name in ("converged", "reason", "residual"):
             values.setdefault(name, getattr(self, name))
         return {name: to_plain(value) for name, value in values.items()}
@@ -61,6 +70,16 @@ class Result:
             if not isinstance(value, (dict, list))
         }
 
+    def list_measured(self) -> dict[str, Any]:
+        """Return the fields that have a unit as columns, a value of the batch each row."""
+        import numpy
+
+        return {
+            add_unit(field.name, field.metadata["unit"]): numpy.ravel(getattr(self, field.name))
+            for field in dataclasses.fields(self)  # type: ignore[arg-type]
+            if "unit" in field.metadata
+        }
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
         from html import escape
@@ -71,6 +90,11 @@ class Result:
         words += sorted(set(reasons))[:3]
         table = self.to_frame().to_html(max_rows=SHOWN_ROWS)
         return f"<p>{escape(': '.join(words))}</p>{table}"
+
+
+def measured(unit: str) -> Any:
+    """Return a dataclass field of a result that has a unit."""
+    return dataclasses.field(metadata={"unit": unit})
 
 
 def to_plain(value: Any, *, unknown: Callable[[Any], Any] = repr) -> Any:

@@ -181,3 +181,9 @@ def parse_vector(text: str, kind: str, *, size: int = 3) -> tuple[float, ...]:
     if len(parts) != size:
         raise UnitError(f"'{text}' has {len(parts)} part(s): give {size}, separated by commas")
     return tuple(parse_quantity(part, kind) for part in parts)
+
+
+def add_unit(name: str, unit: str) -> str:
+    """Return a name with its unit, as columns and JSON keys have it: ``length_mm``."""
+    words = unit.replace(" ", "").replace("^", "").replace("/", "_per_")
+    return f"{name}_{words}" if words else name

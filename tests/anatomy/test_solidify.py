@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import trimesh
 
 from bozzini.anatomy import read_surface, tract_from_surface
+from bozzini.anatomy.read import hash_input
 from bozzini.errors import GeometryError, InputError
 
 TURN = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
@@ -250,5 +252,12 @@ def test_voxels_and_landmarks_of_a_model_follow_its_json(tmp_path):
     assert set(tract.landmarks) == {"anus", "A"}
     assert tract.frame is None
     assert read_surface(tmp_path / "large_intestine.vtk", unit="mm").volume == pytest.approx(1e6)
+    digests = [hash_input(tmp_path / "large_intestine.vtk")]
+    for name in ("model.json", "path.jsn"):  # both change what is read from the surface
+        (tmp_path / name).write_text((tmp_path / name).read_text() + "\n")
+        digests.append(hash_input(tmp_path / "large_intestine.vtk"))
+    assert len(set(digests)) == 3
     (tmp_path / "model.json").write_text("{broken")
-    assert read_surface(tmp_path / "large_intestine.vtk").organ is None
+    surface = tmp_path / "large_intestine.vtk"
+    assert read_surface(surface).organ is None
+    assert hash_input(surface) == hashlib.sha256(surface.read_bytes()).hexdigest()

@@ -43,7 +43,7 @@ def _choose_tolerances(where: str) -> dict[str, float]:
 
 def _compare(found: Any, kept: Any, where: str) -> None:
     if isinstance(kept, dict):
-        assert list(found) == list(kept), where
+        assert sorted(found) == sorted(kept), where
         for key in kept:
             if key not in UNSTABLE:
                 _compare(found[key], kept[key], f"{where}/{key}")

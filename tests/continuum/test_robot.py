@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from bozzini.continuum import ContinuumRobot, Section, Tendon
+from bozzini.continuum import ContinuumRobot, Helix, Section, Tendon
 from bozzini.errors import BozziniError, FileFormatError, InputError
 from tests.continuum.robots import QUARTER, THIRD, antagonistic_robots, make_robot
 
@@ -74,7 +74,7 @@ def test_rest_lengths_are_those_of_line_taper_and_helix() -> None:
                 tendons=(
                     Tendon(name="line", offset=4.0, angle=1.0),
                     Tendon(name="taper", offset=((0.0, 6.0), (100.0, 2.0))),
-                    Tendon.helix("helix", 4.0, turns=1.0, end=100.0),
+                    Tendon(name="helix", offset=4.0, angle=Helix(turns=1.0), end=100.0),
                     Tendon(name="bent", offset=((0.0, 5.0), (60.0, 5.0), (100.0, 2.0))),
                 ),
             ),

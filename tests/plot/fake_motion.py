@@ -64,7 +64,9 @@ def make_plan(
     clearance[place[:, :-1] <= 0.0] = np.inf
     arc = np.linspace(0.0, 80.0, 81)
     stopped = status == "stopped"
-    return Plan(
+    meta = {"scope": {"diameter_mm": 2.0 * radius, "link_length_mm": link_length}, **(meta or {})}
+    return Plan.from_meta(
+        meta,
         joints=joints,
         head_arc_length=head,
         clearance=clearance,
@@ -75,15 +77,11 @@ def make_plan(
         status=status,
         reason_code="LOCKED" if stopped else "",
         reason="link 3 is locked" if stopped else "",
-        meta={
-            "scope": {"diameter_mm": 2.0 * radius, "link_length_mm": link_length},
-            **(meta or {}),
-        },
     )
 
 
 def make_line(reach: float = 80.0) -> dict[str, object]:
-    """Return the whole centreline as a plan's `meta` holds it; it narrows to 1 mm at 70 mm."""
+    """Return the whole centreline as a plan's file holds it; it narrows to 1 mm at 70 mm."""
     arc = np.linspace(0.0, reach, int(reach) + 1)
     direction = (END - START) / np.linalg.norm(END - START)
     return {

@@ -9,8 +9,7 @@ import pytest
 
 from bozzini.continuum import ArcModel, ContinuumRobot, LinkageModel, RodModel, Section, Tendon
 from bozzini.continuum.arc import displacements_for
-from bozzini.continuum.dexterity import map_dexterity
-from bozzini.continuum.workspace import sample_workspace
+from bozzini.continuum.workspace import map_dexterity, sample_workspace
 from bozzini.errors import InputError
 from bozzini.plot import write_figure
 from bozzini.plot.continuum import draw_comparison, draw_shape, draw_workspace

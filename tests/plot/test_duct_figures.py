@@ -95,7 +95,7 @@ def test_sections_show_every_kind_of_circle(lumen):
     circles = {"inscribed": sections.inscribe_circles(), "fitted": sections.fit_circles()}
     figure = draw_sections(field, line, sections, circles)
     labels = [item.get_label() for item in figure.axes[2].get_lines()]
-    assert labels == ["room on the centreline", "inscribed", "fitted"]
+    assert labels == ["clearance on the centreline", "inscribed", "fitted"]
 
 
 def test_what_cannot_be_drawn_is_said(lumen):

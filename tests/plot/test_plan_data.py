@@ -3,33 +3,32 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bozzini.duct import Centreline
+from bozzini.errors import InputError
 from bozzini.plot.plan_data import find_refusal, read_centreline, sample_motion, share_centreline
 from tests.plot.fake_motion import make_line, make_plan, make_stopped
 
 
-def follow(path, line, **meta):
+def follow(path, line, **known):
     """Return a plan whose path is `path` and whose centreline is `line`, both (n, 3)."""
     arcs = [
         np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
         for p in (path, line)
     ]
-    record = {
-        "points_mm": line.tolist(),
-        "arc_length_mm": arcs[1].tolist(),
-        "radius_mm": np.full(len(line), 6.0).tolist(),
-    }
+    record = np.full(len(line), 6.0)
     return dataclasses.replace(
         make_plan(),
         path=path,
         path_arc_length=arcs[0],
         path_radius=np.full(len(path), 6.0),
-        meta={"centreline": record, **meta},
+        **{"centreline": Centreline(points=line, arc_length=arcs[1], radius=record), **known},
     )
 
 
@@ -95,9 +94,11 @@ def test_long_paths_are_matched_in_parts():
         lambda line: {**line, "radius_mm": [None] * 81},
     ],
 )
-def test_a_spoilt_centreline_is_left_aside(spoil):
+def test_a_spoilt_centreline_is_refused_or_left_aside(spoil):
     assert read_centreline(make_plan(meta={"centreline": make_line()})).is_centreline
-    assert not read_centreline(make_plan(meta={"centreline": spoil(make_line())})).is_centreline
+    with suppress(InputError):
+        plan = make_plan(meta={"centreline": spoil(make_line())})
+        assert not read_centreline(plan).is_centreline
 
 
 def test_joints_stand_on_the_centreline_too():
@@ -116,7 +117,7 @@ def test_joints_stand_on_the_centreline_too():
 def test_plans_without_a_centreline_take_that_of_the_others():
     bare, full = make_plan(), make_plan(meta={"centreline": make_line(70.0)})
     assert [read_centreline(plan).length for plan in share_centreline([bare, full])] == [70.0, 70.0]
-    assert share_centreline([bare]) == [bare] and "centreline" not in bare.meta
+    assert share_centreline([bare]) == [bare] and bare.centreline is None
 
 
 def test_the_refusal_is_that_of_the_summary_else_of_the_plan():

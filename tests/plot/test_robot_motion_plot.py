@@ -7,7 +7,7 @@ import pytest
 
 from bozzini.motion.actuate.actuate import actuate_plan
 from bozzini.plot import draw_robot_motion, write_figure
-from tests.continuum.motions import make_plan, make_robot, make_tube
+from tests.motion.actuate.motions import make_plan, make_robot, make_tube
 
 
 def move(robot, **options):

@@ -234,7 +234,7 @@ def test_extreme_plans_make_a_page(tmp_path, changes):
 
 
 def test_a_bare_plan_and_summary_are_enough(tmp_path):
-    plan = dataclasses.replace(make_plan(), meta={})
+    plan = dataclasses.replace(make_plan(), scope=None)
     assert "The scope reaches the far end" in read_report(tmp_path, plan, summary={}).text
 
 

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from bozzini.errors import InputError, OutputError
 from bozzini.scene.gltf import choose_keys, compute_bone_rotations, convert_to_matrices
-from bozzini.scene.scene import SceneInfo, write_scene
+from bozzini.scene.scene import SceneInfo, SceneOptions, write_scene
 
 DIAMETER = 5.0
 TYPES = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -52,8 +52,7 @@ def write_tube_scene(path: Path, joints: np.ndarray) -> SceneInfo:
         joints=joints,
         diameter=DIAMETER,
         path=joints[:, 0],
-        duration=9.0,
-        keys=25,
+        options=SceneOptions(duration=9.0, keys=25),
     )
 
 
@@ -416,7 +415,7 @@ def test_a_fine_surface_is_decimated_but_keeps_its_shape_and_place(tmp_path):
         surface=(ball.vertices, ball.faces),
         joints=wind(3, 2),
         diameter=DIAMETER,
-        max_faces=2000,
+        options=SceneOptions(max_faces=2000),
     )
     assert 1800 < info.faces <= 2000 < len(ball.faces)
     mesh = Scene(tmp_path / "a.glb").mesh("tract_outside")
@@ -445,9 +444,9 @@ BAD = {
     "no diameter": ({"diameter": 0.0}, "diameter is 0 mm"),
     "negative diameter": ({"diameter": -5.0}, "diameter is -5 mm"),
     "nan diameter": ({"diameter": float("nan")}, "diameter is nan"),
-    "no time": ({"duration": 0.0}, "duration is 0 s"),
-    "one key": ({"keys": 1}, "keys is 1"),
-    "no faces": ({"max_faces": 0}, "max_faces is 0"),
+    "no time": ({"options": {"duration": 0.0}}, "duration is 0 s"),
+    "one key": ({"options": {"keys": 1}}, "keys is 1"),
+    "no faces": ({"options": {"max_faces": 0}}, "max_faces is 0"),
     "empty surface": ({"surface": (np.zeros((0, 3)), np.zeros((0, 3), int))}, "surface has 0"),
     "no pair": ({"surface": np.zeros((5, 3))}, "surface must be a pair"),
     "quads": ({"surface": (np.eye(3), np.zeros((2, 4), int))}, "surface faces has shape"),
@@ -466,9 +465,12 @@ BAD = {
 def test_wrong_input_is_one_clear_line_and_no_file(case, tmp_path):
     change, message = BAD[case]
     surface = tube()
-    options = {"surface": (surface.vertices, surface.faces), "joints": wind(3, 3), "diameter": 5.0}
+    given = {"surface": (surface.vertices, surface.faces), "joints": wind(3, 3), "diameter": 5.0}
+    given |= change
     with pytest.raises(InputError, match=message) as caught:
-        write_scene(tmp_path / "a.glb", **{**options, **change})
+        write_scene(
+            tmp_path / "a.glb", **{**given, "options": SceneOptions(**given.get("options", {}))}
+        )
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 

@@ -35,7 +35,7 @@ def test_a_colon_is_entered_at_the_anus_and_certified(tract, reviewed, diameter)
     line = study.line
     ends = [np.linalg.norm(point - reviewed[0]) for point in line.points[[0, -1]]]
     assert ends[0] < 20.0 < ends[1]
-    assert study.plan.status == "complete" and study.plan.meta["certified"], study.plan.reason
+    assert study.plan.status == "complete" and study.plan.certified, study.plan.reason
     # The reviewed line lies beside the middle: by 4 mm on average, and with less clearance.
     gaps, nearest = cKDTree(reviewed).query(line.points)
     assert gaps.mean() < 5.0

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from bozzini.anatomy.files import write_tract
 from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
-from bozzini.anatomy.write import write_tract
 from bozzini.duct import build_field, find_centreline
 from bozzini.duct.field import INFLATION_MAX
 from bozzini.duct.fitting.fit import KINDS
@@ -373,7 +373,7 @@ def test_a_septum_that_closes_the_lumen_is_no_fit() -> None:
     labels = np.where((centres > 29.0) & (centres < 31.0) & (whole.labels > 0), 0, whole.labels)
     closed = replace(tract_from_labels(labels, whole.affine, source="tube"), organ="colon")
     study = plan(closed, method="follow")
-    assert study.plan.status == "complete" and study.plan.meta["certified"]
+    assert study.plan.status == "complete" and study.plan.certified
     assert not study.fits and not study.to_dict()["fits"]
     verdict = judge_plan(study.plan, study.to_dict())
     assert verdict.label.startswith("Reaches the end of a part, proved")
@@ -414,9 +414,9 @@ def test_an_introducer_through_the_wall_is_stated(ends, crosses) -> None:
     assert verdict.tone == "amber"
     # The place that is named is on the introducer, and at a wall of the lumen.
     place = np.array([float(v) for v in found[0].message.split("(")[1].split(")")[0].split(",")])
-    tube = study.plan.meta["introducer"]
-    off = np.cross(place - tube["entry_mm"], tube["outward"])
-    assert np.linalg.norm(off) <= tube["bore_mm"]
+    tube = study.plan.introducer
+    off = np.cross(place - tube.entry, tube.outward)
+    assert np.linalg.norm(off) <= tube.bore
     assert abs(float(study.field.signed_distance(place))) < VOXEL
 
 

@@ -6,19 +6,19 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number, check_points
 from ..errors import GeometryError, InputError
-from . import _mesh
+from ._mesh import measure_volume
 from .tract import LabelTract, SurfaceTract
 
 # A smooth line in space from headings, straight pieces and circular bends.
 
 Vector = NDArray[np.float64]
+Direction = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,36 +35,23 @@ class Leg:
         Length of the straight piece after it [mm].
     """
 
-    heading: tuple[float, float, float]
+    heading: Direction
     bend: float
     straight: float
 
 
-def measure_turn(one: tuple[float, float, float], other: tuple[float, float, float]) -> float:
+def measure_turn(one: Direction, other: Direction) -> float:
     """Return the angle between two headings [rad]."""
     a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
     return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
 
 
-def trace_line(
-    legs: list[Leg], *, step: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def trace_line(legs: list[Leg], *, step: float) -> tuple[Vector, Vector, Vector]:
     """Trace the legs from the origin, the first without its bend.
 
-    Parameters
-    ----------
-    legs : list of Leg
-    step : float
-        Largest distance between samples along the line [mm].
-
-    Returns
-    -------
-    points : ndarray, shape (n, 3)
-        Samples; bends are circular arcs in the plane of the two headings.
-    bend : ndarray, shape (n,)
-        Radius of the bend that a sample lies on, infinite on straight pieces [mm].
-    breaks : ndarray, shape (len(legs) + 1,)
-        Arc length at the end of each leg's straight piece, with 0 in front [mm].
+    Returns samples at most `step` [mm] apart, shape (n, 3), with bends as circular arcs; the radius
+    of the bend of each, infinite on straight pieces; and the arc length at the end of each leg's
+    straight piece, with 0 in front.
     """
     place = np.zeros(3)
     heading = _unit(legs[0].heading)
@@ -94,7 +81,7 @@ def trace_line(
     return np.array(points), np.array(bends), np.array(breaks)
 
 
-def _unit(vector: tuple[float, float, float] | Vector) -> Vector:
+def _unit(vector: ArrayLike) -> Vector:
     array = np.asarray(vector, dtype=np.float64)
     return np.asarray(array / np.linalg.norm(array))
 
@@ -123,7 +110,7 @@ HEADINGS = {
 
 
 def plan_legs(
-    size: Mapping[str, float], headings: Mapping[str, tuple[float, float, float]]
+    size: Mapping[str, float], headings: Mapping[str, Direction]
 ) -> tuple[list[Leg], str]:
     """Share the lengths of the parts out among straight pieces and bends."""
     names = list(HEADINGS)
@@ -152,15 +139,15 @@ def plan_legs(
     least = min(straight, key=lambda name: straight[name])
     fault = ""
     if straight[least] < 1.0:
-        fault = f"no room for the bends of the {least} part"
+        fault = f"the {least} part is too short for its bends"
         straight = {name: max(length, 1.0) for name, length in straight.items()}
     legs = [Leg(heading=headings[name], bend=bend[name], straight=straight[name]) for name in names]
     return legs, fault
 
 
 def compute_radii(
-    along: NDArray[np.float64], size: Mapping[str, float], junction: float, pylorus: float
-) -> NDArray[np.float64]:
+    along: Vector, size: Mapping[str, float], junction: float, pylorus: float
+) -> Vector:
     """Return the radius along the line, eased between knots [mm]."""
     stomach = pylorus - junction
     gullet, body, antrum = (
@@ -189,18 +176,18 @@ def compute_radii(
 
 
 def find_fault(
-    points: NDArray[np.float64],
-    radii: NDArray[np.float64],
-    bends: NDArray[np.float64],
-    along: NDArray[np.float64],
+    points: Vector,
+    radii: Vector,
+    bends: Vector,
+    along: Vector,
 ) -> str:
-    """Say why the union of balls would not be a clean tube, or nothing."""
+    """Return why the union of balls would not be a clean tube, or nothing."""
     slope = np.abs(np.diff(radii) / np.diff(along))
     if slope.max() > 0.9:
         return f"the radius changes by {slope.max():.2f} mm per mm"
-    room = float((bends - radii).min())
-    if room < BEND_GAP:
-        return f"a bend is only {room:.1f} mm wider than its lumen, at least {BEND_GAP:g} is legal"
+    gap = float((bends - radii).min())
+    if gap < BEND_GAP:
+        return f"a bend is only {gap:.1f} mm wider than its lumen, at least {BEND_GAP:g} is legal"
     between = np.linalg.norm(points[:, None] - points[None], axis=2)
     reach = radii[:, None] + radii[None]
     # Samples so far apart along the line cannot be neighbours around one bend.
@@ -349,8 +336,8 @@ class Phantom:
         What it was made from, by the names in `bozzini.anatomy.phantom.DIMENSIONS` [mm].
     """
 
-    centreline: NDArray[np.float64]
-    radii: NDArray[np.float64]
+    centreline: Vector
+    radii: Vector
     region: NDArray[np.uint8]
     seed: int
     dimensions: Mapping[str, float]
@@ -378,7 +365,7 @@ class Phantom:
         pieces = np.linalg.norm(np.diff(self.centreline, axis=0), axis=1)
         return {name: float(pieces[self.region[:-1] == at].sum()) for at, name in REGIONS.items()}
 
-    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+    def signed_distance(self, points: ArrayLike) -> Vector:
         """Return ``min(|p - c| - r)`` over all balls on the line, negative inside [mm].
 
         Outside this is the distance to the wall, exactly. Inside its magnitude is how far the
@@ -404,7 +391,7 @@ class Phantom:
 
         array = check_points("points", points)
         flat = np.ascontiguousarray(array.reshape(-1, 3))
-        result: NDArray[np.float64] = measure_distance(flat, self.centreline, self.radii)
+        result: Vector = measure_distance(flat, self.centreline, self.radii)
         return result.reshape(array.shape[:-1])
 
     def to_labels(self, voxel: float = 1.0) -> LabelTract:
@@ -451,7 +438,7 @@ class Phantom:
         InputError
             If `spacing` is not in [0.5, 4] mm.
         """
-        import skimage.measure
+        from skimage.measure import marching_cubes
 
         from .kernels.meshes import fill_distance
 
@@ -461,11 +448,10 @@ class Phantom:
         field, _ = fill_distance(shape, origin, spacing, self.centreline, self.radii, reach)
         tiny = np.float32(1e-3 * spacing)  # a node on the wall would make flat triangles
         field[np.abs(field) < tiny] = tiny
-        measure: Any = skimage.measure
-        index, faces, _, _ = measure.marching_cubes(field, 0.0)
+        index, faces, _, _ = marching_cubes(field, 0.0)
         vertices = origin + spacing * index.astype(np.float64)
         triangles = faces.astype(np.int64)
-        if _mesh.measure_volume(vertices, triangles) < 0:
+        if measure_volume(vertices, triangles) < 0:
             triangles = np.ascontiguousarray(triangles[:, ::-1])
         return SurfaceTract(
             vertices=vertices,
@@ -475,7 +461,7 @@ class Phantom:
             frame="RAS",
         )
 
-    def _grid(self, step: float, margin: float) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+    def _grid(self, step: float, margin: float) -> tuple[Vector, tuple[int, ...]]:
         reach = self.radii[:, None] + margin
         low = np.floor((self.centreline - reach).min(axis=0) / step)
         high = np.ceil((self.centreline + reach).max(axis=0) / step)
@@ -525,9 +511,7 @@ def make_phantom(*, seed: int = 0) -> Phantom:
     raise GeometryError(f"seed {seed}: none of {MAX_DRAWS} draws is valid, the last: {fault}")
 
 
-def _tilt(
-    heading: tuple[float, float, float], random: np.random.Generator
-) -> tuple[float, float, float]:
+def _tilt(heading: Direction, random: np.random.Generator) -> Direction:
     shift = random.uniform(-_JITTER, _JITTER, 3)
     return heading[0] + shift[0], heading[1] + shift[1], heading[2] + shift[2]
 
@@ -535,7 +519,7 @@ def _tilt(
 def _build(
     seed: int,
     size: Mapping[str, float],
-    headings: Mapping[str, tuple[float, float, float]],
+    headings: Mapping[str, Direction],
 ) -> tuple[Phantom, str]:
     """Build a phantom from its dimensions; return it and what is wrong with it, or nothing."""
     legs, fault = plan_legs(size, headings)

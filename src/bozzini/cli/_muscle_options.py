@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial, wraps
@@ -13,20 +12,17 @@ import click
 from click.shell_completion import CompletionItem
 
 from ..checks import list_quantities
+from ..errors import InputError
 from ..muscle.design import Muscle
-from .common import QuantityType, check_target, emit, force_option, json_option
+from .common import QuantityType, check_target, emit, force_option, format_csv, json_option
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from ..muscle.data import Measurements
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
-
-# What the commands of ``bozzini muscle`` share: the options of a design, models, targets.
-
-
-if TYPE_CHECKING:
-    from ..muscle.design import Muscle
-    from ..muscle.model import MuscleModel
 
     _NameType = click.ParamType[str]  # generic in newer versions of click only
 else:
@@ -47,17 +43,7 @@ _Function = Callable[..., Any]
 def gather(
     argument: str, make: Callable[..., Any], *options: Callable[[_Function], _Function]
 ) -> Callable[[_Function], _Function]:
-    """Return what adds options whose values arrive together, as one argument.
-
-    Parameters
-    ----------
-    argument : str
-        Name of the argument.
-    make : callable
-        Makes it from the values, which are keywords.
-    *options : callable
-        Decorators of click, in the order of the help text.
-    """
+    """Return what adds options whose values arrive together, as one argument that `make` makes."""
 
     def decorate(function: _Function) -> _Function:
         def probe() -> None: ...
@@ -90,6 +76,19 @@ class Answer:
         """Whether the file is a table."""
         return self.out is not None and self.out.suffix.lower() == ".csv"
 
+    def write(self, columns: Mapping[str, Any], draw: Callable[[], Figure | Axes]) -> None:
+        """Write the file that is asked for: a table of columns, or the picture `draw` makes."""
+        if self.out is None:
+            return
+        if self.is_table:
+            from ..io.files import write_text
+
+            write_text(self.out, format_csv(columns))
+        else:
+            from ..plot import write_figure
+
+            write_figure(draw(), self.out)
+
     def give(self, result: Mapping[str, Any], text: str) -> None:
         """Write the answer on stdout."""
         emit(result, as_json=self.as_json, text=text)
@@ -112,11 +111,11 @@ def answer_options(*suffixes: str, text: str = "A picture.") -> Callable[[_Funct
 
 def design_options(function: _Function) -> _Function:
     """Add the options that make a muscle: ``preset``, and the fields by their names."""
-    for name in reversed(list(FIELDS)):
+    for name, known in reversed(FIELDS.items()):
         option = "--" + name.replace("_", "-")
-        function = click.option(
-            option, name, type=QuantityType(FIELDS[name].kind), help=FIELDS[name].help
-        )(function)
+        function = click.option(option, name, type=QuantityType(known.kind), help=known.help)(
+            function
+        )
     return click.option(
         "--preset",
         default="effector-45",
@@ -128,16 +127,13 @@ def design_options(function: _Function) -> _Function:
 
 def model_options(function: _Function) -> _Function:
     """Add ``--ends`` and ``--load-path``, the choices that a model has; None if not given."""
+    ends, path = (click.Choice(CHOICES[name][1]) for name in ("ends", "load_path"))
     function = click.option(
-        "--load-path",
-        type=click.Choice(CHOICES["load_path"][1]),
-        help="How the thesis's model takes a load (default: none).",
+        "--load-path", type=path, help="How the thesis's model takes a load (default: none)."
     )(function)
-    return click.option(
-        "--ends",
-        type=click.Choice(CHOICES["ends"][1]),
-        help="Taper of the energy model (default: none).",
-    )(function)
+    return click.option("--ends", type=ends, help="Taper of the energy model (default: none).")(
+        function
+    )
 
 
 class ModelType(_NameType):
@@ -184,8 +180,8 @@ def list_kinds() -> Mapping[str, type[MuscleModel]]:
 def make_class(
     name: str,
     *,
-    ends: str | None,
-    load_path: str | None,
+    ends: str | None = None,
+    load_path: str | None = None,
     constants: Mapping[str, Any] | None = None,
 ) -> Callable[[Muscle], MuscleModel]:
     """Return what makes the model from a muscle; a choice that it does not have is refused."""
@@ -197,27 +193,23 @@ def select_choices(
     names: Sequence[str], *, ends: str | None, load_path: str | None
 ) -> dict[str, dict[str, str]]:
     """Return the choices given, by model; one that none of the models has is refused."""
-    from ..errors import InputError
-
     chosen: dict[str, dict[str, str]] = {name: {} for name in names}
     for option, value in (("ends", ends), ("load_path", load_path)):
         owner, _ = CHOICES[option]
         if value is None:
             continue
         if owner not in chosen:
-            raise InputError(_say_unused(f"--{option.replace('_', '-')}", names))
+            raise InputError(_describe_unused(f"--{option.replace('_', '-')}", names))
         chosen[owner][option] = value
     return chosen
 
 
 def check_fields(names: Sequence[str], fields: Mapping[str, float | None]) -> None:
     """Refuse a field of the muscle that was given and makes no difference to any of the models."""
-    from ..errors import InputError
-
     kinds = list_kinds()
     for field, value in fields.items():
         if value is not None and all(field in kinds[name].unused for name in names):
-            raise InputError(_say_unused(f"--{field.replace('_', '-')}", names))
+            raise InputError(_describe_unused(f"--{field.replace('_', '-')}", names))
 
 
 def check_direction(
@@ -228,25 +220,41 @@ def check_direction(
     pressure: float,
 ) -> None:
     """Refuse a direction without friction, and friction without a direction."""
-    from ..errors import InputError
-
+    given = fields.get("friction_length") is not None
     if direction is None:
-        if fields.get("friction_length") is not None:
+        if given:
             raise InputError(
                 "--friction-length has no effect without --direction: give inflating or deflating"
             )
-        return
-    if model.card is not None:
+    elif model.card is not None:
         if not _has_friction(model, pressure):
             raise InputError(
                 f"--direction has no effect in the model {model.name} without friction: leave it "
                 "out, or --set the model's friction"
             )
-        return
-    if "friction_length" in model.unused:
-        raise InputError(_say_unused("--direction", [model.name]))
-    if model.muscle.friction_length == 0.0 and fields.get("friction_length") is None:
+    elif "friction_length" in model.unused:
+        raise InputError(_describe_unused("--direction", [model.name]))
+    elif model.muscle.friction_length == 0.0 and not given:
         raise InputError("--direction has no effect on a muscle without --friction-length")
+
+
+def _has_friction(model: MuscleModel, pressure: float) -> bool:
+    """Whether the direction makes a difference, at a pressure or at a typical one.
+
+    Many have no friction at 0 MPa; without an answer at the typical pressure, it is taken to.
+    """
+    from ..muscle.models.base import TYPICAL_PRESSURE
+
+    def differs(at: float) -> bool:
+        up, down = (model.force(at, 0.0, direction=way) for way in ("inflating", "deflating"))
+        return bool(up != down)
+
+    if differs(pressure):
+        return True
+    try:
+        return differs(TYPICAL_PRESSURE)
+    except InputError:
+        return True
 
 
 @dataclass(frozen=True)
@@ -299,49 +307,15 @@ class Request:
         return model
 
 
-def _has_friction(model: MuscleModel, pressure: float) -> bool:
-    """Whether the way makes a difference, at a pressure or at a typical one: many have none at 0.
-
-    Where the model has no answer at the typical one, it is taken to.
-    """
-    from ..errors import InputError
-    from ..muscle.models.base import TYPICAL_PRESSURE
-
-    def differs(at: float) -> bool:
-        up, down = (model.force(at, 0.0, direction=way) for way in ("inflating", "deflating"))
-        return bool(up != down)
-
-    if differs(pressure):
-        return True
-    try:
-        return differs(TYPICAL_PRESSURE)
-    except InputError:
-        return True
+def _describe_unused(option: str, names: Sequence[str]) -> str:
+    return f"{option} has no effect in the model {' or '.join(names)}: leave it out"
 
 
-def _say_unused(option: str, names: Sequence[str]) -> str:
-    models = " or ".join(names)
-    return f"{option} has no effect in the model {models}: leave it out"
-
-
-def describe_choices(model: MuscleModel) -> dict[str, str | None]:
-    """Return the choices of a model, None where it has no such choice."""
-    return {option: getattr(model, option, None) for option in CHOICES}
-
-
-def describe_muscle(muscle: Muscle) -> dict[str, float]:
-    return {name + _unit_suffix(name): value for name, value in dataclasses.asdict(muscle).items()}
-
-
-def _unit_suffix(name: str) -> str:
-    return f"_{FIELDS[name].unit}" if FIELDS[name].unit else ""
-
-
-def unit_of(name: str) -> str:
-    return _unit_suffix(name).removeprefix("_")
-
-
-# ``--set [MODEL.]NAME=VALUE``: constants and choices of a model of the catalogue, from text.
+def describe_model(model: MuscleModel) -> dict[str, Any]:
+    """Return the choices of a model, None where it has no such choice, and its constants."""
+    given: Mapping[str, Any] = getattr(model, "keywords", {})
+    constants = {name: value for name, value in given.items() if not callable(value)}
+    return {**{option: getattr(model, option, None) for option in CHOICES}, "constants": constants}
 
 
 _KINDS = {"mm": "length", "MPa": "pressure", "N": "force", "rad": "angle"}
@@ -359,22 +333,8 @@ def set_option(function: _Function) -> _Function:
     )(function)
 
 
-def find_card(name: str) -> Card | None:
-    """Return the card of a model; None for those of this package, which have none."""
-    return list_kinds()[name].card
-
-
 def parse_settings(names: Sequence[str], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return what is set in each model.
-
-    Raises
-    ------
-    InputError
-        If a text is no [MODEL.]NAME=VALUE, or names a law, nothing that the models take, or what
-        several of them have without saying which; or if a value is not legal in its model.
-    """
-    from ..errors import InputError
-
+    """Return what is set in each model, from ``[MODEL.]NAME=VALUE``."""
     found: dict[str, dict[str, Any]] = {name: {} for name in names}
     for text in texts:
         place, mark, value = (part.strip() for part in text.partition("="))
@@ -393,17 +353,15 @@ def parse_settings(names: Sequence[str], texts: Sequence[str]) -> dict[str, dict
 
 def _find_owner(names: Sequence[str], model: str, key: str) -> Card:
     """Return the card of the one model of some that takes a constant."""
-    from ..errors import InputError
-
+    kinds = list_kinds()
     if model and model not in names:
-        known = "not among those taken" if model in list_kinds() else "not known"
+        known = "not among those taken" if model in kinds else "not known"
         raise InputError(
-            f"--set names the model '{model}', which is {known}: it must be "
-            f"{_list_some(list(names))}"
+            f"--set names the model '{model}', which is {known}: it must be {_list_some(names)}"
         )
-    cards = [card for card in map(find_card, names) if card is not None and key in card.keywords]
+    cards = [card for name in names if (card := kinds[name].card) and key in card.keywords]
     if not cards:
-        raise InputError(f"--set names '{key}': {_say_legal(names)}")
+        raise InputError(f"--set names '{key}': {_describe_settable(names)}")
     if len(cards) > 1:
         raise InputError(
             f"--set names '{key}', which several models have: name the model, as in "
@@ -412,40 +370,24 @@ def _find_owner(names: Sequence[str], model: str, key: str) -> Card:
     return cards[0]
 
 
-def _list_some(names: list[str]) -> str:
-    shown = ", ".join(names[:8])
-    return shown if len(names) <= 8 else f"{shown} or one of {len(names) - 8} more"
+def _list_some(names: Sequence[str]) -> str:
+    more = "" if len(names) <= 8 else f" or one of {len(names) - 8} more"
+    return ", ".join(names[:8]) + more
 
 
-def parse_constant(item: Parameter, text: str) -> float:
-    """Return the value of a constant: a number in its unit, or a quantity where that is simple.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
-    from ..errors import InputError
-    from ..units import parse_quantity
-
-    try:
-        return float(text)
-    except ValueError:
-        pass
-    if item.unit in _KINDS:
-        return parse_quantity(text, _KINDS[item.unit])
-    raise InputError(f"{item.name} is '{text}': it must be a number, in {item.unit or 'no unit'}")
-
-
-def describe_constants(model: MuscleModel) -> dict[str, Any]:
-    """Return the constants and choices of a model of the catalogue; none of the others."""
-    given: Mapping[str, Any] = getattr(model, "keywords", {})
-    return {name: value for name, value in given.items() if not callable(value)}
+def _describe_settable(names: Sequence[str]) -> str:
+    if len(names) > 3:
+        return "none of these models takes it"
+    parts = []
+    for name in names:
+        card = list_kinds()[name].card
+        laws = {law.name for law in card.laws} if card else set()
+        legal = [word for word in card.keywords if word not in laws] if card else []
+        parts.append(f"{name} takes {', '.join(legal) or 'no constants'}")
+    return f"the model {' and '.join(parts)}"
 
 
 def _parse_value(card: Card, key: str, text: str) -> float | str:
-    from ..errors import InputError
-
     for item in card.parameters:
         if item.name == key:
             return card.check_parameter(key, parse_constant(item, text))
@@ -458,21 +400,16 @@ def _parse_value(card: Card, key: str, text: str) -> float | str:
     return card.check_choice(key, text)
 
 
-def _say_legal(names: Sequence[str]) -> str:
-    parts = []
-    for name in names:
-        card = find_card(name)
-        legal: list[str] = []
-        if card is not None:
-            laws = {law.name for law in card.laws}
-            legal = [word for word in card.keywords if word not in laws]
-        parts.append(f"{name} takes {', '.join(legal) or 'no constants'}")
-    if len(parts) > 3:
-        return "none of these models takes it"
-    return f"the model {' and '.join(parts)}"
+def parse_constant(item: Parameter, text: str) -> float:
+    """Return the value of a constant: a number in its unit, or a quantity where that is simple."""
+    from ..units import parse_quantity
 
-
-# What ``bozzini muscle compare`` and ``bozzini muscle fit`` share: the table of measurements.
+    try:
+        return float(text)
+    except ValueError:
+        if item.unit in _KINDS:
+            return parse_quantity(text, _KINDS[item.unit])
+    raise InputError(f"{item.name} is '{text}': it must be a number, in {item.unit or 'no unit'}")
 
 
 @dataclass(frozen=True)
@@ -485,7 +422,6 @@ class DataRequest:
 
     def read(self, muscle: Muscle) -> Measurements:
         """Return the measurements of a muscle."""
-        from ..errors import InputError
         from ..muscle.data import read_measurements
 
         table = {}
@@ -533,8 +469,6 @@ directed_options = gather(
 def check_friction(
     fields: Mapping[str, float | None], data: Measurements, *, free: tuple[str, ...]
 ) -> None:
-    from ..errors import InputError
-
     given = fields.get("friction_length") is not None and "friction_length" not in free
     if given and not (data.direction != "").any():
         raise InputError("--friction-length has no effect: no row of the data has a direction")

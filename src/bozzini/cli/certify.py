@@ -61,8 +61,8 @@ def _describe(result: Verification, source: Path | None) -> str:
         f"{'ok' if item.ok else 'FAILED':<7}{item.name}: {item.message}" for item in result.checks
     ]
     plan, proof = result.plan, result.certificate
-    scope = plan.meta.get("scope") or {}
-    body = f"{scope.get('diameter_mm', 0.0):g} mm scope"
+    diameter = 0.0 if plan.scope is None else plan.scope.diameter
+    body = f"{diameter:g} mm scope"
     way = f"{plan.inserted:.1f} mm of a path of {plan.path_arc_length[-1]:.1f} mm ({plan.status})"
     failed = sum(not item.ok for item in result.checks)
     if proof is None and source is not None:
@@ -92,9 +92,7 @@ def _describe(result: Verification, source: Path | None) -> str:
 
 
 def _describe_wall(result: Verification) -> str:
-    meta = result.plan.meta
-    total = float((meta.get("field") or {}).get("inflation_mm") or 0.0)
-    used = float((meta.get("soft_wall") or {}).get("used_mm") or 0.0)
+    total, used = result.plan.inflation, result.plan.displaced
     wall = "wall" if result.certificate is None else f"wall ({result.certificate.wall})"
     if total > used:
         wall += f", inflated by {total - used:g} mm,"

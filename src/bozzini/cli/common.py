@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 
 from ..checks import Quantity
-from ..errors import BozziniError
+from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
 from ..results import Result, to_plain
-from ..units import INTERNAL_UNITS
+from ..units import INTERNAL_UNITS, parse_quantity, parse_vector
 
 # Tables and files of results: for people, as CSV, and whether a file may be written.
 
@@ -81,16 +81,14 @@ EXIT_DONE = 0
 EXIT_NEGATIVE = 1
 """An honest negative answer, for example: the scope does not fit."""
 EXIT_BAD_INPUT = 2
-"""The input or the usage is wrong; one line on stderr says what."""
+"""The input or the usage is wrong; one line on stderr names it."""
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 if TYPE_CHECKING:  # generic in newer versions of click only
-    _FloatType = click.ParamType[float]
-    _FloatsType = click.ParamType[tuple[float, ...]]
-    _LabelsType = click.ParamType[tuple[int | str, ...]]
+    _AnyType = click.ParamType[Any]
 else:
-    _FloatType = _FloatsType = _LabelsType = click.ParamType
+    _AnyType = click.ParamType
 
 
 def json_option(function: _Function) -> _Function:
@@ -110,8 +108,25 @@ def force_option(function: _Function) -> _Function:
     return click.option("--force", is_flag=True, help="Replace an output that exists.")(function)
 
 
-class QuantityType(_FloatType):
-    """A number with a unit, such as ``5mm`` or ``100psi``, given on as a float.
+class _Parsed(_AnyType):
+    """A value that a function reads from text; its `BozziniError` is an error of usage."""
+
+    def __init__(self, name: str, parse: Callable[[str], Any]) -> None:
+        self.name = name
+        self.parse = parse
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return what the text stands for; a default that is no text is returned as it is."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self.parse(value)
+        except BozziniError as error:
+            self.fail(str(error), param, ctx)
+
+
+class QuantityType(_Parsed):
+    """A number with a unit, such as ``5mm`` or ``100psi``, passed on in the internal unit.
 
     Parameters
     ----------
@@ -120,23 +135,11 @@ class QuantityType(_FloatType):
     """
 
     def __init__(self, kind: str) -> None:
-        self.kind = kind
-        self.name = kind
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Return `value` in the internal unit of its kind."""
-        from ..units import parse_quantity
-
-        try:
-            return parse_quantity(value, self.kind)
-        except BozziniError as error:
-            self.fail(str(error), param, ctx)
+        super().__init__(kind, lambda text: parse_quantity(text, kind))
 
 
-class VectorType(_FloatsType):
-    """Comma-separated quantities, such as ``12mm,-5mm,0``, given on as a tuple of floats.
+class VectorType(_Parsed):
+    """Comma-separated quantities, such as ``12mm,-5mm,0``, passed on as a tuple of floats.
 
     Parameters
     ----------
@@ -147,77 +150,49 @@ class VectorType(_FloatsType):
     """
 
     def __init__(self, kind: str, *, size: int = 3) -> None:
-        self.kind = kind
-        self.size = size
-        self.name = "x,y,z" if size == 3 else ",".join([kind] * size)
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Return the parts of `value` in the internal unit of their kind."""
-        from ..units import parse_vector
-
-        if not isinstance(value, str):
-            return tuple(value)
-        try:
-            return parse_vector(value, self.kind, size=self.size)
-        except BozziniError as error:
-            self.fail(str(error), param, ctx)
+        name = "x,y,z" if size == 3 else ",".join([kind] * size)
+        super().__init__(name, lambda text: parse_vector(text, kind, size=size))
 
 
-class LabelsType(_LabelsType):
-    """Comma-separated labels, numbers or names such as ``1,2`` or ``stomach,duodenum``, or ``all``.
-
-    Given on as a tuple of ints and strings.
-    """
-
-    name = "labels"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int | str, ...]:
-        """Return the labels in the order given, each once."""
-        if not isinstance(value, str):
-            return tuple(value)
-        parts = [part.strip() for part in value.split(",")]
-        numbers = [int(part) if part.isascii() and part.isdigit() else part for part in parts]
-        legal = (
-            1 <= part <= 65535 if isinstance(part, int) else re.search(r"[^\W\d_]", part)
-            for part in numbers
-        )
-        if not all(legal):
-            self.fail(
-                f"'{value}' is not a list of labels: give names, or whole numbers in [1, 65535], "
-                "separated by commas, such as 1,2,3 (0 is the background), or all",
-                param,
-                ctx,
+def _parse_labels(text: str) -> tuple[int | str, ...]:
+    """Return labels, numbers or names such as ``1,2`` or ``stomach,duodenum``, each once."""
+    parts = [part.strip() for part in text.split(",")]
+    labels = [int(part) if part.isascii() and part.isdigit() else part for part in parts]
+    for label in labels:
+        if not (1 <= label <= 65535 if isinstance(label, int) else re.search(r"[^\W\d_]", label)):
+            raise InputError(
+                f"'{text}' is not a list of labels: give names, or whole numbers in [1, 65535], "
+                "separated by commas, such as 1,2,3 (0 is the background), or all"
             )
-        return tuple(dict.fromkeys(numbers))
+    return tuple(dict.fromkeys(labels))
 
 
-class EndType(click.ParamType):  # type: ignore[type-arg]
+def _parse_end(text: str) -> tuple[float, ...] | int | str:
+    """Return an end of the centreline: a point [mm], the number of a label, or a name."""
+    text = text.strip()
+    if text.isascii() and text.isdigit():
+        return int(text)
+    # A name has a letter first; what begins like a number is a point.
+    if text[:1].isalpha() and text.partition(",")[0].lower() not in ("nan", "inf"):
+        return text
+    try:
+        return parse_vector(text, "length")
+    except BozziniError as error:
+        raise InputError(f"{error} (or give the number or name of a label or place)") from None
+
+
+class LabelsType(_Parsed):
+    """Comma-separated labels, passed on as a tuple of ints and strings."""
+
+    def __init__(self) -> None:
+        super().__init__("labels", _parse_labels)
+
+
+class EndType(_Parsed):
     """An end of the centreline: ``x,y,z`` with units, a label (number or name), or a place."""
 
-    name = "x,y,z|label|name"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...] | int | str:
-        """Return a label as int, a name as text, or a point as a tuple in mm."""
-        from ..units import parse_vector
-
-        if not isinstance(value, str):
-            return value  # type: ignore[no-any-return]
-        text = value.strip()
-        if text.isascii() and text.isdigit():
-            return int(text)
-        # A name has a letter first; what begins like a number is a point.
-        if text[:1].isalpha() and text.partition(",")[0].lower() not in ("nan", "inf"):
-            return text
-        try:
-            return parse_vector(value, "length")
-        except BozziniError as error:
-            self.fail(f"{error} (or give the number or name of a label or place)", param, ctx)
+    def __init__(self) -> None:
+        super().__init__("x,y,z|label|name", _parse_end)
 
 
 # Options that arrive together, as one object: those of a dataclass, and where the answer goes.
@@ -347,7 +322,7 @@ class Answer:
 def answer_options(
     *suffixes: str, quiet: bool = True, name: str = "--out", **out: Any
 ) -> Callable[[_Function], _Function]:
-    """Return a decorator that adds ``--json`` and what else says where the answer goes.
+    """Return a decorator that adds ``--json`` and the other options of an answer.
 
     It arrives as the argument ``answer``.
 

@@ -36,8 +36,8 @@ def command(seed: int, voxel: float, answer: Answer) -> None:
     dimensions. Everything is in mm, GLB too; +x to the patient's right, +y to the front, +z to
     the head.
     """
+    from ..anatomy.files import check_target, write_tract
     from ..anatomy.phantom import REGIONS, make_phantom
-    from ..anatomy.write import check_target, write_tract
     from ..checks import check_number
 
     check_number("voxel", voxel, low=0.5, high=4.0, unit="mm")

@@ -59,9 +59,9 @@ def command(
     body of gas inside the patient becomes a label, the largest first; lungs and the air outside
     are left out. Choose among them by --seed here, or by --labels in bozzini plan.
     """
+    from ..anatomy.files import check_target, encode_volume
     from ..anatomy.segment import segment_gas
     from ..anatomy.volumes import read_volume
-    from ..anatomy.write import check_target, encode_volume
     from ..errors import InputError
     from ..io.files import check_new_file, write_atomically
     from ..plot.figures import write_figure
@@ -97,26 +97,7 @@ def command(
         write_figure(drawing, picture)
 
     write_atomically(target, write)
-    found = {
-        "file": str(target),
-        "picture": str(picture),
-        "source": result.source,
-        "frame": result.frame,
-        "threshold_hu": result.threshold,
-        "segments": [
-            {
-                "label": item.label,
-                "volume_ml": item.volume / 1000.0,
-                "fluid_ml": item.fluid / 1000.0,
-                "point_mm": item.point,
-                "at_border": item.at_border,
-            }
-            for item in result.segments
-        ],
-        "lungs_ml": result.lungs / 1000.0,
-        "findings": [str(item) for item in result.findings],
-        "limits": LIMITS,
-    }
+    found = {"file": str(target), "picture": str(picture), **result.to_dict(), "limits": LIMITS}
     answer.give(found, _describe(result, target, picture))
 
 

@@ -15,14 +15,7 @@ from ..errors import InputError
 _Item = TypeVar("_Item")
 
 
-def check_limit(name: str, value: Any, *, unit: str) -> float:
-    """Return a positive number, or infinity where there is no limit."""
-    if isinstance(value, float) and value == math.inf:
-        return math.inf
-    return check_number(name, value, low=0.0, low_open=True, unit=unit)
-
-
-def check_name(what: str, name: Any) -> str:
+def check_name(what: str, name: object) -> str:
     """Return a name as plain text that tables and the command line can hold."""
     if not isinstance(name, str) or not name.strip():
         raise InputError(f"{what} name is {name!r}: it must be a text that is not empty")
@@ -34,14 +27,14 @@ def check_name(what: str, name: Any) -> str:
     return str(name)
 
 
-def check_text(what: str, given: Any) -> str:
+def check_text(what: str, given: object) -> str:
     """Return a text as a plain one."""
     if not isinstance(given, str):
         raise InputError(f"{what} is {given!r}: it must be a text")
     return str(given)
 
 
-def check_travel(name: str, travel: Any) -> tuple[float, float]:
+def check_travel(name: str, travel: object) -> tuple[float, float]:
     """Return the smallest and largest displacement; None, -inf and inf are no limit."""
     limits = (-math.inf, math.inf)
     pair = limits if travel is None else take_items(f"{name} travel", travel, "a pair in mm")
@@ -62,14 +55,14 @@ def check_travel(name: str, travel: Any) -> tuple[float, float]:
     return low, high
 
 
-def take_items(name: str, items: Any, what: str) -> tuple[Any, ...]:
+def take_items(name: str, items: object, what: str) -> tuple[Any, ...]:
     """Return what `items` holds; one thing, text and mappings are no sequence."""
     if isinstance(items, (str, bytes, dict)) or not isinstance(items, Iterable):
         raise InputError(f"{name} is {items!r}: it must be {what}")
     return tuple(items)
 
 
-def check_items(name: str, items: Any, kind: type[_Item]) -> tuple[_Item, ...]:
+def check_items(name: str, items: object, kind: type[_Item]) -> tuple[_Item, ...]:
     """Return a sequence as a tuple of one kind."""
     found = take_items(name, items, f"a sequence of {kind.__name__}")
     for item in found:

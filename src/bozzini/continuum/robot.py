@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer
 from ..errors import InputError
-from ..io.records import load_record, read_record, save_record, write_record
-from .checks import check_items, check_text
+from ..io.records import Plain, load_record, read_record, save_record, write_record
+from .checks import Floats, check_items, check_text
 from .section import GRAIN, Section, Tendon
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class ContinuumRobot:
-    """A robot of sections in series, base first, straight along +z at rest.
+class RobotDesign:
+    """Sections in series, base first, straight along +z at rest: what all models take.
+
+    `bozzini.continuum.ContinuumRobot` is the same with forward and inverse kinematics.
 
     Parameters
     ----------
@@ -153,7 +152,7 @@ class ContinuumRobot:
         return np.append(inner.ravel(), discs[-1])
 
     @classmethod
-    def from_dict(cls, fields: Mapping[str, Any]) -> ContinuumRobot:
+    def from_dict(cls, fields: Plain) -> Self:
         """Build a robot from plain data, as a YAML file holds it (see `from_yaml`).
 
         Raises
@@ -163,7 +162,7 @@ class ContinuumRobot:
         """
         return read_record(fields, cls, name="robot")
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Plain:
         """Return the robot as plain data that `from_dict` reads."""
         data = write_record(self)
         for section in data["sections"]:
@@ -173,7 +172,7 @@ class ContinuumRobot:
         return {"name": self.name} | data
 
     @classmethod
-    def from_yaml(cls, path: str | os.PathLike[str]) -> ContinuumRobot:
+    def from_yaml(cls, path: str | os.PathLike[str]) -> Self:
         """Read a robot from a YAML file; quantities may carry units, ``20 mm`` or ``36 deg``.
 
         Raises
@@ -222,9 +221,9 @@ class ContinuumRobot:
                 )
 
 
-def check_robot(robot: Any) -> None:
+def check_robot(robot: object) -> None:
     """Raise `InputError` unless `robot` is one."""
-    if not isinstance(robot, ContinuumRobot):
+    if not isinstance(robot, RobotDesign):
         raise InputError(f"robot is of type {type(robot).__name__}: it must be a ContinuumRobot")
 
 

@@ -6,20 +6,20 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal, TypeGuard, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import Quantity, check_array, check_fields, check_number, list_quantities, quantity
+from ..checks import Quantity, check_array, check_fields, list_quantities, quantity
 from ..errors import InputError
-from .checks import check_items, check_name, check_text, check_travel, take_items
+from .checks import Floats, check_items, check_name, check_text, check_travel, take_items
 
 # A quantity along the robot: one number, or knots of arc length and value.
 
-Floats = NDArray[np.float64]
+ARC_LENGTH = Quantity(kind="length", help="Arc length from the base.", low=0.0)
 
-ArcLength = Annotated[float, Quantity(kind="length", help="Arc length from the base.", low=0.0)]
+ArcLength = Annotated[float, ARC_LENGTH]
 
 Knots = tuple[tuple[ArcLength, float], ...]
 
@@ -57,7 +57,7 @@ class Helix:
 Profile = float | Knots
 
 
-def check_profile(name: str, given: Any, known: Quantity) -> Profile:
+def check_profile(name: str, given: object, known: Quantity) -> Profile:
     """Return `given` as a float or as checked knots, or raise `InputError`."""
     if not _is_row(given):
         return known.check(name, given)
@@ -65,7 +65,7 @@ def check_profile(name: str, given: Any, known: Quantity) -> Profile:
     for index, pair in enumerate(given):
         if not _is_row(pair) or len(pair) != 2:
             raise InputError(f"{name} knot {index} is {pair!r}: it must be (arc length, value)")
-        place = check_number(f"{name} knot {index} arc length", pair[0], low=0.0, unit="mm")
+        place = ARC_LENGTH.check(f"{name} knot {index} arc length", pair[0])
         value = known.check(f"{name} knot {index}", pair[1])
         if knots and place <= knots[-1][0]:
             raise InputError(
@@ -78,7 +78,7 @@ def check_profile(name: str, given: Any, known: Quantity) -> Profile:
     return tuple(knots)
 
 
-def _is_row(given: Any) -> bool:
+def _is_row(given: object) -> TypeGuard[Sequence[object]]:
     if isinstance(given, np.ndarray):
         return given.ndim > 0
     return isinstance(given, Sequence) and not isinstance(given, str)
@@ -181,35 +181,11 @@ class Tendon:
             if self.end is not None and not isinstance(given, float):
                 _check_span(f"{label} {name}", given, self.end)
 
-    @classmethod
-    def helix(
-        cls, name: str, offset: float, *, turns: float, end: float, angle: float = 0.0, **other: Any
-    ) -> Tendon:
-        """Return a tendon that turns evenly about the backbone, from the base to `end`.
-
-        Parameters
-        ----------
-        name, offset, angle, end
-            As of a `Tendon`; `angle` is that at the base.
-        turns : float
-            Turns about +z from base to end; negative the other way round.
-        **other
-            Further fields.
-
-        Raises
-        ------
-        InputError
-            As `Tendon` does.
-        """
-        turning = Helix(start=angle, turns=turns)
-        return cls(name=name, offset=offset, angle=turning, end=end, **other)
-
     @property
     def is_parallel(self) -> bool:
         """Whether offset and angle are the same all along."""
-        return all(
-            isinstance(profile, float) or len({value for _, value in _as_knots(profile)}) == 1
-            for profile in (self.offset, self.angle)
+        return not isinstance(self.angle, Helix) and all(
+            len({value for _, value in knots}) == 1 for knots in self._list_knots()
         )
 
     def ending_at(self, end: float) -> Tendon:
@@ -230,7 +206,7 @@ class Tendon:
         InputError
             If an arc length is outside the tendon.
         """
-        return self._evaluate(self.offset, arc_length)[0]
+        return self._evaluate("offset", arc_length)[0]
 
     def angle_at(self, arc_length: ArrayLike) -> Floats:
         """Return the clocking angle [rad] at arc lengths [mm].
@@ -240,7 +216,7 @@ class Tendon:
         InputError
             If an arc length is outside the tendon.
         """
-        return self._evaluate(self.angle, arc_length)[0]
+        return self._evaluate("angle", arc_length)[0]
 
     def path(self, arc_length: ArrayLike) -> Floats:
         """Return where the tendon crosses the cross-sections, x and y.
@@ -273,8 +249,8 @@ class Tendon:
         InputError
             If an arc length is outside the tendon.
         """
-        offset, taper = self._evaluate(self.offset, arc_length)
-        angle, twist = self._evaluate(self.angle, arc_length)
+        offset, taper = self._evaluate("offset", arc_length)
+        angle, twist = self._evaluate("angle", arc_length)
         cosine, sine = np.cos(angle), np.sin(angle)
         return np.stack(
             [taper * cosine - offset * twist * sine, taper * sine + offset * twist * cosine],
@@ -283,17 +259,25 @@ class Tendon:
 
     def corners(self) -> Floats:
         """Return the arc lengths inside the tendon where its routing is not smooth [mm]."""
-        places = sorted({place for _, knots in self._knots() for place, _ in knots})
+        places = sorted({place for knots in self._list_knots() for place, _ in knots})
         last = math.inf if self.end is None else self.end - GRAIN
         return np.asarray([place for place in places if GRAIN < place < last])
 
-    def _knots(self) -> list[tuple[str, Knots]]:
-        pairs = (("offset", self.offset), ("angle", self.angle))
-        return [(what, _as_knots(given)) for what, given in pairs if not isinstance(given, float)]
+    def _list_knots(self) -> list[Knots]:
+        profiles: list[Profile] = [self._profile("offset"), self._profile("angle")]
+        return [profile for profile in profiles if not isinstance(profile, float)]
 
-    def _evaluate(self, profile: Any, arc_length: ArrayLike) -> tuple[Floats, Floats]:
+    def _profile(self, name: str) -> Profile:
+        """The offset or the angle; a helix needs its end."""
+        profile: Profile | Helix = getattr(self, name)
+        if isinstance(profile, Helix):
+            raise InputError(f"tendon '{self.name}' has no end: its helix needs one, or a robot's")
+        return profile
+
+    def _evaluate(self, name: str, arc_length: ArrayLike) -> tuple[Floats, Floats]:
         places = check_array("arc_length", arc_length)
         end = math.inf if self.end is None else self.end
+        profile = self._profile(name)
         if not isinstance(profile, float):
             end = min(end, profile[-1][0])
         inside = (places >= -GRAIN) & (places <= end + GRAIN)
@@ -303,11 +287,6 @@ class Tendon:
                 f"arc length on tendon '{self.name}' is {bad:g} mm: it must lie in [0, {end:g}] mm"
             )
         return evaluate_profile(profile, np.clip(places, 0.0, end), self.interpolation)
-
-
-def _as_knots(profile: Any) -> Knots:
-    # What __post_init__ put there.
-    return () if isinstance(profile, float) else tuple(profile)
 
 
 def _check_span(name: str, knots: Knots, end: float) -> None:
@@ -406,13 +385,13 @@ class Section:
         return self.length * np.arange(1, self.discs + 1) / self.discs
 
 
-def _check_places(given: Any, length: float) -> tuple[float, ...]:
+def _check_places(given: object, length: float) -> tuple[float, ...]:
     items = take_items("section disc_positions", given, "a sequence of arc lengths in mm")
     places: list[float] = []
     before = 0.0
     for index, item in enumerate(items):
-        place = check_number(
-            f"section disc_positions[{index}]", item, low=0.0, high=length, unit="mm"
+        place = Quantity(kind="length", low=0.0, high=length).check(
+            f"section disc_positions[{index}]", item
         )
         if place <= before + GRAIN:
             raise InputError(

@@ -11,31 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_number
+from ..checks import (
+    check_fields,
+    check_number,
+    describe_fields,
+    list_quantities,
+    quantity,
+)
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle import preset as muscle_preset
 
-# The design of a flexible end-effector: muscles round a backbone, and how stiff it is.
-
-
 BEAM_FACTORS = (2.0, 3.0)
 """``k`` of the tip's deflection ``M L**2 / (k EI)`` under an end moment: derived, as printed."""
-
-MOST_SEGMENTS = 1000
-
-LIMITS = {
-    "offset": (1e-3, 1e3, "mm"),
-    "backbone_length": (1e-2, 1e4, "mm"),
-    "flexural_rigidity": (1e-6, 1e12, "N mm^2"),
-    "catheter_rigidity": (0.0, 1e12, "N mm^2"),
-    "holder_length": (0.0, 1e4, "mm"),
-    "pressure_limit": (1e-6, 10.0, "MPa"),
-    "holder_diameter": (1e-3, 1e4, "mm"),
-    "bore_diameter": (0.0, 1e4, "mm"),
-    "hole_diameter": (0.0, 1e4, "mm"),
-    "coil_diameter": (0.0, 1e4, "mm"),
-}
 
 _SAME_ANGLE = 1e-9
 
@@ -121,30 +109,67 @@ class EffectorDesign:
     """
 
     muscles: tuple[PlacedMuscle, ...]
-    offset: float = 4.0
-    backbone_length: float = 45.0
-    segments: int = 15
-    flexural_rigidity: float = 200.0
-    catheter_rigidity: float = 0.0
-    holder_length: float = 10.0
-    pressure_limit: float = 0.827
-    beam_factor: float = 3.0
-    holder_diameter: float = 9.0
-    bore_diameter: float = 3.5
-    hole_diameter: float = 2.0
-    coil_diameter: float = 4.0
+    offset: float = quantity(
+        "length",
+        "Distance of the muscles from the axis (prototype: 4 mm).",
+        default=4.0,
+        low=1e-3,
+        high=1e3,
+    )
+    backbone_length: float = quantity(
+        "length",
+        "Length of the backbone and of the muscles (prototype: 45 mm).",
+        default=45.0,
+        low=1e-2,
+        high=1e4,
+    )
+    segments: int = quantity(
+        help="Turns of the outer spring: part of the design, no mesh (prototype: 15).",
+        default=15,
+        low=1,
+        high=1000,
+        whole=True,
+    )
+    flexural_rigidity: float = quantity(
+        "rigidity",
+        "Flexural rigidity without a catheter (prototype: 200 N mm^2).",
+        default=200.0,
+        low=1e-6,
+        high=1e12,
+    )
+    catheter_rigidity: float = quantity(
+        "rigidity",
+        "Flexural rigidity of the catheter; adds (prototype: 0).",
+        default=0.0,
+        low=0.0,
+        high=1e12,
+    )
+    holder_length: float = quantity(
+        "length",
+        "Length of the straight holder beyond the backbone (prototype: 10 mm).",
+        default=10.0,
+        low=0.0,
+        high=1e4,
+    )
+    pressure_limit: float = quantity(
+        "pressure",
+        "Largest pressure of a muscle (prototype: 0.827 MPa).",
+        default=0.827,
+        low=1e-6,
+        high=10.0,
+    )
+    beam_factor: float = quantity(default=3.0, low=2.0, high=3.0)
+    holder_diameter: float = quantity("length", default=9.0, low=1e-3, high=1e4)
+    bore_diameter: float = quantity("length", default=3.5, low=0.0, high=1e4)
+    hole_diameter: float = quantity("length", default=2.0, low=0.0, high=1e4)
+    coil_diameter: float = quantity("length", default=4.0, low=0.0, high=1e4)
 
     def __post_init__(self) -> None:
-        for name, (low, high, unit) in LIMITS.items():
-            words = name.replace("_", " ")
-            number = check_number(words, getattr(self, name), low=low, high=high, unit=unit)
-            object.__setattr__(self, name, number)
-        count = check_integer("segments", self.segments, low=1, high=MOST_SEGMENTS)
-        object.__setattr__(self, "segments", count)
-        factor = check_number("beam factor", self.beam_factor, low=2.0, high=3.0)
-        if factor not in BEAM_FACTORS:
-            raise InputError(f"beam factor is {factor:g}: it must be 3 (as printed) or 2 (derived)")
-        object.__setattr__(self, "beam_factor", factor)
+        check_fields(self)
+        if self.beam_factor not in BEAM_FACTORS:
+            raise InputError(
+                f"beam factor is {self.beam_factor:g}: it must be 3 (as printed) or 2 (derived)"
+            )
         self._check_muscles()
         # With l = L/n and m the muscle's part: the first segment closes if (l^2 - m^2)/(2 a l) < 1.
         least = 0.5 * self.backbone_length / self.segments
@@ -225,6 +250,18 @@ class EffectorDesign:
                 raise InputError(f"an effector has no field '{name}': its fields are {names}")
         return dataclasses.replace(self, **changes)
 
+    def describe(self) -> dict[str, object]:
+        """Return the design as plain values, with units in the names."""
+        fields = {k: v for k, v in describe_fields(self).items() if "diameter" not in k}
+        return {
+            "muscles": {
+                placed.name: {"angle_rad": placed.angle, **describe_fields(placed.muscle)}
+                for placed in self.muscles
+            },
+            **fields,
+            "compliance_mm_per_N": self.compliance,
+        }
+
     def resize(self, length: float) -> EffectorDesign:
         """Return this design with backbone and muscles of another length [mm], all else the same.
 
@@ -263,11 +300,8 @@ def rigidity_from_test(force: float, deflection: float, length: float) -> float:
     moved = check_number("deflection", deflection, low=0.0, high=1e4, low_open=True, unit="mm")
     arm = check_number("length", length, low=0.0, high=1e4, low_open=True, unit="mm")
     rigidity = load * arm * arm * arm / (3.0 * moved)
-    low, high, unit = LIMITS["flexural_rigidity"]
-    return check_number("flexural rigidity of the test", rigidity, low=low, high=high, unit=unit)
-
-
-# End-effectors that others have described, by name.
+    known = list_quantities(EffectorDesign)["flexural_rigidity"]
+    return known.check("flexural rigidity of the test", rigidity)
 
 
 PRESETS: dict[str, EffectorDesign] = {

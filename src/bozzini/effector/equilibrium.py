@@ -11,16 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number
 from ..errors import InputError
 from ..muscle import MuscleModel
-from ..results import Result, take_axes
+from ..results import Result, measured, take_axes
 from .kernels import balance as kernels
 from .linkage import describe_end, lateral_deflection, measure_laterals
 from .section import Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-# Equilibria of any muscle model on the section, in batches: contraction, deflection, codes.
-
 
 Floats = NDArray[np.float64]
 
@@ -39,13 +36,7 @@ class Settled:
 
 
 def settle_muscles(effector: Section, pressures: Floats) -> Settled:
-    """Return the equilibria of each muscle alone, at pressures (k, m) [MPa].
-
-    Raises
-    ------
-    InputError
-        If a model has no answer at a pressure.
-    """
+    """Return the equilibria of each muscle alone, at pressures (k, m) [MPa]."""
     packed = effector.packed
     out = np.empty((3, *pressures.shape))
     iterations = np.empty(pressures.shape, dtype=np.int64)
@@ -149,9 +140,6 @@ def _settle_model(
     return out, iterations, codes
 
 
-# One muscle on the section: contraction, pull and deflection at a pressure (thesis 4.4).
-
-
 BalanceMethod = Literal["root", "fixed-point"]
 BALANCE_METHODS: tuple[BalanceMethod, ...] = get_args(BalanceMethod)
 
@@ -196,10 +184,10 @@ class Balance(Result):
     """
 
     name: str
-    pressure: Floats
-    contraction: Floats
-    lateral: Floats
-    force: Floats
+    pressure: Floats = measured("MPa")
+    contraction: Floats = measured("mm")
+    lateral: Floats = measured("mm")
+    force: Floats = measured("N")
     iterations: NDArray[np.int64]
     converged: NDArray[np.bool_]
     saturated: NDArray[np.bool_]
@@ -210,12 +198,7 @@ class Balance(Result):
 
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each pressure."""
-        return {
-            "pressure_MPa": np.atleast_1d(self.pressure).ravel(),
-            "contraction_mm": np.atleast_1d(self.contraction).ravel(),
-            "lateral_mm": np.atleast_1d(self.lateral).ravel(),
-            "force_N": np.atleast_1d(self.force).ravel(),
-        }
+        return self.list_measured()
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the deflection over the pressure, and return the axes."""

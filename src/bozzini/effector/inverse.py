@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, check_points, check_range
 from ..errors import InputError
 from ..muscle import MuscleModel
-from ..results import Result, take_axes
+from ..results import Result, measured, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .kernels import inverse as kernels
@@ -23,9 +23,6 @@ from .section import PackedEffector, Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-# Sectors of the lateral plane: between one muscle and the next, by angle (thesis 4.5).
-
 
 HALF_TURN = math.pi - 1e-9
 """Gap from which two muscles no longer cover the directions between them [rad]."""
@@ -84,9 +81,6 @@ def find_sectors(design: EffectorDesign) -> Sectors:
         cosines=np.cos(angles),
         sines=np.sin(angles),
     )
-
-
-# The inverse in the projected workspace: a lateral target to displacements of two muscles.
 
 
 INVERSE_OUTCOMES = ("reached", "muscle limit", "largest deflection", "gap")
@@ -239,9 +233,6 @@ def split(
     )
 
 
-# How far each muscle alone takes the tip at the pressure limit.
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reach:
     """What the muscles of an end-effector can do, each alone.
@@ -310,9 +301,6 @@ def find_reach(effector: Section) -> Reach:
     return found
 
 
-# The pressure at which any muscle model pulls so much at a contraction.
-
-
 Floats = NDArray[np.float64]
 
 MAX_ITERATIONS = 200
@@ -377,9 +365,6 @@ def _measure(model: MuscleModel, pressure: Floats, contraction: Floats, force: F
     return miss
 
 
-# The exact inverse: from a lateral target of the tip to the pressures of the muscles.
-
-
 TOLERANCE = 1e-6
 """Miss up to which a pressure counts as converged [mm]; a linkage that ends is that steep."""
 
@@ -419,16 +404,16 @@ class EffectorInverse(Result):
         Where the pressures come from; "cubic" by `steer` only.
     """
 
-    target: Floats
-    pressures: Floats
-    displacements: Floats
-    contraction: Floats
-    force: Floats
+    target: Floats = measured("mm")
+    pressures: Floats = measured("MPa")
+    displacements: Floats = measured("mm")
+    contraction: Floats = measured("mm")
+    force: Floats = measured("N")
     pair: NDArray[np.int64]
-    delivered: Floats
+    delivered: Floats = measured("mm")
     share: Floats
     reachable: NDArray[np.bool_]
-    residual: Floats
+    residual: Floats = measured("mm")
     converged: NDArray[np.bool_]
     iterations: NDArray[np.int64]
     code: NDArray[np.int64]

@@ -17,9 +17,6 @@ from ..muscle.design import LOCKING_ANGLE
 from .design import EffectorDesign
 from .kernels import linkage as kernels
 
-# Forward kinematics of one muscle: where the section is at a contraction (thesis 4.3).
-
-
 Floats = NDArray[np.float64]
 Linkage = tuple[float, float, int]
 
@@ -294,9 +291,6 @@ def _cannot_close(design: EffectorDesign, contraction: float, segment: int) -> G
 def _always_closes(design: EffectorDesign, contraction: float) -> str:
     half = (design.backbone_length - 0.5 * contraction) / design.segments
     return f"(l0 + l_a)/(2 n) = {half:g} mm always closes"
-
-
-# Where the parts of an end-effector are in each other's way.
 
 
 SAMPLES = 400

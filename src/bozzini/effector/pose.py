@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points
 from ..errors import GeometryError, InputError
-from ..results import Result, take_axes
+from ..results import Result, measured, take_axes
 from .equilibrium import Settled, describe, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
@@ -20,9 +20,6 @@ from .section import Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-# Two muscles pressed one after the other: the thesis's direction cosines and eight steps.
-
 
 Floats = NDArray[np.float64]
 
@@ -63,13 +60,7 @@ def find_resultant(angles: ArrayLike, forces: ArrayLike) -> Floats:
 
 
 def take_order(effector: Section, order: Sequence[str] | None) -> NDArray[np.int64]:
-    """Return the places of the muscles in the order of pressing; the ones not named come after.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown or there twice.
-    """
+    """Return the places of the muscles in the order of pressing; the ones not named come after."""
     if order is not None and not isinstance(order, Sequence):
         raise InputError(f"order is {order!r:.60}: it must be a sequence of names")
     named = [effector.design.index(name) for name in order or ()]
@@ -89,22 +80,6 @@ def combine_bends(
     place along the turned ``D2`` until the plane of the resultant is met. What is printed and not
     taken: step 7 says "step 4" for step 6, and the axis (4.9) is no unit vector and not defined
     where the section is straight. Where both displacements lie in the plane they are added.
-
-    Parameters
-    ----------
-    effector : Effector
-        Section and muscles.
-    contractions, forces : (k, m) ndarray
-        Of each muscle alone [mm, N].
-    order : (m,) ndarray of int
-        Places of the muscles in the order of pressing.
-
-    Raises
-    ------
-    InputError
-        If more than two muscles of a case are contracted: the steps are for two.
-    GeometryError
-        If a turned displacement is parallel to the plane and does not lie in it.
     """
     packed = effector.packed
     pressed = contractions[:, order] > 0.0
@@ -142,9 +117,6 @@ def combine_bends(
             "method='superposition' has one"
         )
     return backbones
-
-
-# The pose of the end-effector under a pressure for each muscle.
 
 
 PoseMethod = Literal["superposition", "thesis"]
@@ -192,22 +164,22 @@ class EffectorPose(Result):
     """
 
     names: tuple[str, ...]
-    pressures: Floats
-    contraction: Floats
-    force: Floats
+    pressures: Floats = measured("MPa")
+    contraction: Floats = measured("mm")
+    force: Floats = measured("N")
     iterations: NDArray[np.int64]
-    lateral_vector: Floats
-    lateral: Floats
-    azimuth: Floats
-    demanded_lateral: Floats
-    tip: Floats
-    holder_tip: Floats
+    lateral_vector: Floats = measured("mm")
+    lateral: Floats = measured("mm")
+    azimuth: Floats = measured("rad")
+    demanded_lateral: Floats = measured("mm")
+    tip: Floats = measured("mm")
+    holder_tip: Floats = measured("mm")
     direction: Floats
-    backbone: Floats
+    backbone: Floats = measured("mm")
     saturated: NDArray[np.bool_]
     converged: NDArray[np.bool_]
     reason: NDArray[np.str_]
-    length_error: Floats
+    length_error: Floats = measured("mm")
 
     @property
     def residual(self) -> Floats:

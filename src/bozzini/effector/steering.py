@@ -30,9 +30,6 @@ from .section import Section
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# A cubic from pressure to deflection, as the thesis uses in its controller (Fig. 4.16).
-
-
 MOST_SAMPLES = 1_000_000
 
 
@@ -74,6 +71,18 @@ class CubicFit:
     lateral: NDArray[np.float64]
     rms_error: float
     largest_error: float
+
+    def describe(self) -> dict[str, object]:
+        """Return the cubic as plain values, with units in the names."""
+        return {
+            "coefficients": self.coefficients.tolist(),
+            "from_MPa": self.start,
+            "to_MPa": self.limit,
+            "saturated": self.saturated,
+            "rms_error_mm": self.rms_error,
+            "largest_error_mm": self.largest_error,
+            "monotone": self.monotone,
+        }
 
     @property
     def monotone(self) -> bool:
@@ -275,9 +284,6 @@ def find_rise(coefficients: NDArray[np.float64], start: float, limit: float, nam
     return turning if math.isfinite(turning) else start
 
 
-# Traces: the tip along a line or round a circle (as in thesis Figs 4.23-4.24).
-
-
 MOST_STEPS = 1_000_000
 
 
@@ -349,13 +355,15 @@ class Trace(Result):
         """Distance from the targets [mm], `error`."""
         return self.error
 
-    def list_columns(self) -> dict[str, NDArray[np.float64]]:
+    def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns of `to_frame`, a row for each target."""
-        columns = {f"target_{axis}_mm": self.targets[:, k] for k, axis in enumerate("xy")}
+        columns: dict[str, NDArray[np.generic]] = {
+            f"target_{axis}_mm": self.targets[:, k] for k, axis in enumerate("xy")
+        }
         for k, name in enumerate(self.names):
             columns[f"pressure_{name}_MPa"] = self.pressures[:, k]
         columns |= {f"achieved_{axis}_mm": self.achieved[:, k] for k, axis in enumerate("xy")}
-        return {**columns, "error_mm": self.error}
+        return {**columns, "error_mm": self.error, "reachable": self.reachable}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw targets and achieved places, seen along the axis, and return the axes."""
@@ -481,9 +489,6 @@ def trace_circle(
     ring = middle + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     ring[-1] = ring[0]
     return trace_path(effector, ring, cubics=cubics, kind="circle")
-
-
-# Thumb-stick: two raw axes to a lateral target of the tip (thesis 4.6).
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,17 +6,19 @@ import difflib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_number
+from ..checks import Quantity, check_integer, check_number, list_quantities
 from ..errors import BozziniError, InputError
+from ..muscle import Muscle
 from ..progress import Progress, no_progress
-from ..results import Result, take_axes
-from .design import LIMITS, MOST_SEGMENTS, EffectorDesign, PlacedMuscle
+from ..results import Result, measured, take_axes
+from ..units import add_unit
+from .design import EffectorDesign, PlacedMuscle
 from .effector import Effector
 from .inverse import TOLERANCE, find_reach, solve_displacements
 from .workspace import workspace
@@ -27,28 +29,11 @@ if TYPE_CHECKING:
 Changes = dict[str, Any]
 """Parameters of a design and their values, as in `change_design`."""
 
-# Values of the parameters of a design study: names and ranges, checked before anything is tried.
 
-
-MOST_STRANDS = 10_000
-
-# The other fields' ranges depend on fields that may be varied too.
-_OWN_RANGE = (
-    "length", "outer_radius", "braid_angle", "modulus", "poisson_ratio", "strand_modulus",
-    "mooney_ratio",
-)  # fmt: skip
-
-
-def is_of_muscle(name: str) -> bool:
-    """Return whether a parameter is a field of the muscles."""
-    return name.startswith("muscle.")
-
-
-def check_parameter(design: EffectorDesign, name: str) -> None:
+def check_parameter(name: str) -> None:
     """Raise `InputError` if a parameter is not one."""
-    own = design.muscles[0].muscle.__dataclass_fields__
     known = [*EffectorDesign.__dataclass_fields__, "length", "angles"]
-    known += [f"muscle.{field}" for field in own]
+    known += [f"muscle.{field}" for field in list_quantities(Muscle)]
     if name not in known:
         near = difflib.get_close_matches(str(name), known, n=1)
         hint = f"did you mean '{near[0]}'" if near else "give one such as 'offset'"
@@ -58,14 +43,18 @@ def check_parameter(design: EffectorDesign, name: str) -> None:
         )
 
 
+def find_quantity(name: str) -> Quantity | None:
+    """Return what is known of a parameter with a number as value; None of the others."""
+    if name.startswith("muscle."):
+        return list_quantities(Muscle).get(name.removeprefix("muscle."))
+    return list_quantities(EffectorDesign).get("backbone_length" if name == "length" else name)
+
+
 def check_value(design: EffectorDesign, name: str, value: Any) -> Any:
     """Return a parameter's value as it is to be used, or raise `InputError` if it never is legal.
 
     Whether a design with it can be built may depend on the others, and is not looked at.
     """
-    if is_of_muscle(name):
-        return _check_of_muscle(design, name, value)
-    words = name.replace("_", " ")
     if name == "muscles":
         if not isinstance(value, (tuple, list)) or not all(
             isinstance(one, PlacedMuscle) for one in value
@@ -74,12 +63,12 @@ def check_value(design: EffectorDesign, name: str, value: Any) -> Any:
         return tuple(value)
     if name == "angles":
         return check_angles(design, value)
-    if name == "segments":
-        return check_integer(words, value, low=1, high=MOST_SEGMENTS)
     if name == "beam_factor":
         return design.replace(beam_factor=value).beam_factor
-    low, high, unit = LIMITS["backbone_length" if name == "length" else name]
-    return check_number(words, value, low=low, high=high, unit=unit)
+    known = find_quantity(name) or Quantity()
+    if callable(known.low) or callable(known.high):  # it depends on fields that may vary too
+        known = replace(known, low=0.0, high=1e6)
+    return known.check(name.replace("_", " "), value)
 
 
 def check_angles(design: EffectorDesign, value: object) -> tuple[float, ...]:
@@ -102,26 +91,13 @@ def check_angles(design: EffectorDesign, value: object) -> tuple[float, ...]:
 
 def list_values(design: EffectorDesign, name: str, values: object) -> tuple[Any, ...]:
     """Return the values of a parameter to try, each one checked."""
-    check_parameter(design, name)
+    check_parameter(name)
     if isinstance(values, str) or not isinstance(values, (Sequence, np.ndarray)):
         raise InputError(f"values of {name} is {values!r:.60}: give a sequence of values")
     listed = tuple(values) if isinstance(values, Sequence) else tuple(np.atleast_1d(values))
     if not listed:
         raise InputError(f"values of {name} is empty, there is nothing to vary: give 1 or more")
     return tuple(check_value(design, name, value) for value in listed)
-
-
-def _check_of_muscle(design: EffectorDesign, name: str, value: Any) -> Any:
-    field, words = name.removeprefix("muscle."), name.replace("_", " ")
-    if field == "strands":
-        return check_integer(words, value, low=2, high=MOST_STRANDS)
-    low, high = 0.0, 1e6
-    if field in _OWN_RANGE:
-        low, high = design.muscles[0].muscle.legal_range(field)
-    return check_number(words, value, low=low, high=high)
-
-
-# Design studies: what a change of the design does to the workspace, and the least pressure.
 
 
 MOST_DESIGNS = 1_000_000
@@ -178,7 +154,7 @@ class Sweep(Result):
     """
 
     parameters: tuple[str, ...]
-    deflection: float
+    deflection: float = measured("mm")
     rows: tuple[SweepRow, ...]
 
     @property
@@ -203,23 +179,35 @@ class Sweep(Result):
 
     def list_columns(self) -> dict[str, list[Any]]:
         """Return the columns of `to_frame`, a row for each design."""
-        columns = {name: [row.changes[name] for row in self.rows] for name in self.parameters}
-        return {
-            **columns,
-            "feasible": [row.feasible for row in self.rows],
-            "least_amplitude_mm": [row.least_amplitude for row in self.rows],
-            "largest_amplitude_mm": [row.largest_amplitude for row in self.rows],
-            "inner_radius_mm": [row.inner_radius for row in self.rows],
-            "area_mm2": [row.area for row in self.rows],
-            "needed_pressure_MPa": [row.needed_pressure for row in self.rows],
-            "reason": [row.reason for row in self.rows],
+        columns: dict[str, list[Any]] = {
+            name_column(name): [_show_value(name, row.changes[name]) for row in self.rows]
+            for name in self.parameters
         }
+        columns["feasible"] = [row.feasible for row in self.rows]
+        for name in ("least_amplitude_mm", "largest_amplitude_mm", "inner_radius_mm", "area_mm2"):
+            field = name.rpartition("_")[0]
+            columns[name] = [getattr(row, field) if row.built else None for row in self.rows]
+        if self.deflection > 0.0:  # 0 is no pressure that anything needs: none reaches it
+            columns["needed_pressure_MPa"] = [row.needed_pressure or None for row in self.rows]
+        return {**columns, "reason": [row.reason for row in self.rows]}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the radius reached in every direction, design by design, and return the axes."""
         axes = take_axes(ax, x="design", y="radius in every direction [mm]")
         axes.plot([row.inner_radius for row in self.rows], "o")
         return axes
+
+
+def name_column(name: str) -> str:
+    """Return a parameter's name with its unit."""
+    known = find_quantity(name)
+    return "angles_deg" if name == "angles" else add_unit(name, known.unit if known else "")
+
+
+def _show_value(name: str, value: Any) -> Any:
+    if name == "angles":
+        return "/".join(f"{math.degrees(angle):g}" for angle in value)
+    return value
 
 
 def change_design(design: EffectorDesign, changes: Mapping[str, Any]) -> EffectorDesign:
@@ -243,7 +231,7 @@ def change_design(design: EffectorDesign, changes: Mapping[str, Any]) -> Effecto
     if not isinstance(changes, Mapping):
         raise InputError(f"changes is {changes!r:.60}: it must be a mapping from names to values")
     for name in changes:
-        check_parameter(design, name)
+        check_parameter(name)
     rest: Changes = dict(changes)
     if "muscles" in rest:
         # Angles are given for these muscles; what else does not fit them is refused at the end.
@@ -253,7 +241,9 @@ def change_design(design: EffectorDesign, changes: Mapping[str, Any]) -> Effecto
         design = design.replace(muscles=muscles, backbone_length=length)
         rest["backbone_length"] = target
     muscle_changes = {
-        name.removeprefix("muscle."): rest.pop(name) for name in changes if is_of_muscle(name)
+        name.removeprefix("muscle."): rest.pop(name)
+        for name in changes
+        if name.startswith("muscle.")
     }
     if "length" in rest:
         length = rest.pop("length")
@@ -386,9 +376,6 @@ def _try_design(effector: Effector, changes: Changes, deflection: float) -> Swee
     )
 
 
-# The design that reaches a deflection with the least pressure.
-
-
 MOST_GRID_DESIGNS = 10_000
 """Designs that a grid may have."""
 
@@ -431,9 +418,9 @@ class Optimum(Result):
     reason: str
     effector: Effector
     changes: Changes
-    pressure: float
-    pressure_before: float
-    deflection: float
+    pressure: float = measured("MPa")
+    pressure_before: float = measured("MPa")
+    deflection: float = measured("mm")
     evaluations: int
     infeasible: int
 
@@ -578,7 +565,7 @@ def optimise_design(
 
 
 def _take_bounds(effector: Effector, name: str, pair: tuple[float, float]) -> tuple[float, float]:
-    check_parameter(effector.design, name)
+    check_parameter(name)
     if name in ("angles", "muscles", "segments", "beam_factor", "muscle.strands"):
         raise InputError(f"parameter '{name}' has no range of numbers: it cannot be in bounds")
     if name == "pressure_limit":

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_points
 from ..errors import InputError
-from ..results import Result, take_axes
+from ..results import Result, measured, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .inverse import Reach, Sectors, find_reach, solve_inverse, split, take_place
@@ -22,9 +22,6 @@ from .section import Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-# Workspace of the tip: in the plane across the section, and the surface that it is in space.
-
 
 Floats = NDArray[np.float64]
 
@@ -67,16 +64,16 @@ class Workspace(Result):
         Amplitudes of the muscles.
     """
 
-    boundary: Floats
-    boundary_tip: Floats
-    boundary_holder_tip: Floats
-    interior: Floats
-    tip: Floats
-    holder_tip: Floats
-    area: float
-    tip_area: float
-    inner_radius: float
-    outer_radius: float
+    boundary: Floats = measured("mm")
+    boundary_tip: Floats = measured("mm")
+    boundary_holder_tip: Floats = measured("mm")
+    interior: Floats = measured("mm")
+    tip: Floats = measured("mm")
+    holder_tip: Floats = measured("mm")
+    area: float = measured("mm2")
+    tip_area: float = measured("mm2")
+    inner_radius: float = measured("mm")
+    outer_radius: float = measured("mm")
     sector_corners: Floats
     limited: NDArray[np.bool_]
     reach: Reach
@@ -271,9 +268,6 @@ def _measure_surface(design: EffectorDesign, boundary: Floats) -> float:
     return float(np.sum(0.5 * (value[first] + value[second]) * turn))
 
 
-# What the tip withstands and what it can press with, across the section.
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TipForce(Result):
     """The largest force with which the tip presses on something that holds it.
@@ -313,7 +307,10 @@ class TipForce(Result):
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each direction."""
         x, y = self.direction.reshape(-1, 2).T
-        return {"direction_rad": np.arctan2(y, x), "force_N": np.ravel(self.force)}
+        return {
+            "direction_rad": np.mod(np.arctan2(y, x), math.tau),
+            "force_N": np.ravel(self.force),
+        }
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the force as an arrow's end in each direction, and return the axes."""

@@ -90,7 +90,7 @@ def read_record(data: object, record: type[_Record], *, name: str = "") -> _Reco
 def write_record(record: Any) -> Plain:
     """Return a record as plain data that `read_record` reads.
 
-    Quantities that are finite are always there, other fields where they differ from their default.
+    Quantities that are legal are always there, other fields where they differ from their default.
     Numbers that are not finite are None.
     """
     known = list_quantities(record.__class__)
@@ -98,9 +98,20 @@ def write_record(record: Any) -> Plain:
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
         plain = _write_value(value)
-        if value != field.default or (field.name in known and isinstance(plain, (int, float))):
+        if value != field.default or _is_legal(known.get(field.name), plain, record):
             written[field.name] = plain
     return written
+
+
+def _is_legal(known: Quantity | None, plain: object, record: Any) -> bool:
+    """Whether a default is a legal number, and not one that stands for none given."""
+    if known is None or not isinstance(plain, (int, float)):
+        return False
+    try:
+        known.check("", plain, record)
+    except InputError:
+        return False
+    return True
 
 
 def _write_value(value: object) -> object:

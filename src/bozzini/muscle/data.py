@@ -21,75 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
 from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
-from ..io.files import write_atomically
+from ..io.files import write_text
 from ..units import parse_quantity
 
 if TYPE_CHECKING:
     import pandas
 
     from .design import Muscle
-
-# The columns of a table of measurements as read-only arrays, and its rows by mask or index.
-
-
-def _take_numbers(name: str, values: ArrayLike, *, count: int | None = None) -> NDArray[np.float64]:
-    array = np.array(check_array(name, values))  # a copy
-    if array.ndim == 0 and count is not None:
-        array = np.full(count, float(array))
-    _check_shape(name, array, count)
-    array.flags.writeable = False
-    return array
-
-
-def _take_row_numbers(values: ArrayLike, count: int) -> NDArray[np.int64]:
-    array = np.array(values)
-    if array.size == 0:
-        array = np.arange(1, count + 1)
-    _check_shape("numbers", array, count)
-    if array.dtype.kind not in "iu":
-        raise InputError("numbers must be whole numbers, one for each row")
-    array = array.astype(np.int64)
-    array.flags.writeable = False
-    return array
-
-
-def _take_index(rows: ArrayLike, count: int) -> NDArray[np.int64] | NDArray[np.bool_]:
-    """Rows as a mask or indices that NumPy takes."""
-    index = np.atleast_1d(np.asarray(rows))
-    if index.size == 0:
-        return np.zeros(0, dtype=np.int64)
-    if index.ndim == 1 and index.dtype.kind == "b":
-        if len(index) != count:
-            raise InputError(f"the mask of rows has {len(index)} entries: it must have {count}")
-        return index
-    if index.ndim != 1 or index.dtype.kind not in "iu":
-        raise InputError(f"rows has dtype {index.dtype}: it must be a mask or whole numbers (k,)")
-    if index.min() < -count or index.max() >= count:
-        wrong = index[(index < -count) | (index >= count)][0]
-        raise InputError(f"row index is {wrong}: it must lie in [{-count}, {count - 1}]")
-    return index
-
-
-def _take_words(name: str, values: ArrayLike, *, count: int) -> NDArray[np.str_]:
-    array = np.array(values, dtype=np.str_)
-    if array.ndim == 0:
-        array = np.full(count, str(array))
-    _check_shape(name, array, count)
-    array = np.array([word.strip() for word in array.tolist()], dtype=np.str_)
-    array.flags.writeable = False
-    return array
-
-
-def _check_shape(name: str, array: NDArray[np.generic], count: int | None) -> None:
-    if array.ndim != 1 or (count is not None and len(array) != count):
-        wanted = "(n,)" if count is None else f"({count},), one for each pressure"
-        raise InputError(f"{name} has shape {array.shape}: it must be {wanted}")
-
-
-# Measurements of a muscle as one checked table: pressure, contraction, load, direction, specimen.
-#
-# Here are the table itself, the mean of inflation and deflation, and the statistics of repeats; how
-# files are read is in the module beside.
 
 
 DIRECTIONS = ("inflating", "deflating", "")
@@ -101,6 +39,7 @@ PRESSURE_LIMIT = 100.0
 LOAD_LIMIT = 1e6
 """A load above this [N] is taken for a wrong unit."""
 
+COLUMNS = ("pressure", "contraction", "load", "direction", "specimen")
 _RANGES = {
     "pressure": (0.0, PRESSURE_LIMIT, "MPa"),
     "contraction": (-math.inf, math.inf, "mm"),
@@ -154,20 +93,27 @@ class Measurements:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        pressure = _take_numbers("pressure", self.pressure)
-        count = len(pressure)
-        if count == 0:
+        count = np.size(self.pressure)
+        if np.ndim(self.pressure) == 1 and count == 0:
             raise InputError("the measurements have 0 rows: there must be 1 or more")
-        _set(self, pressure=pressure, numbers=_take_row_numbers(self.numbers, count))
-        _set(
-            self,
-            contraction=_take_numbers("contraction", self.contraction, count=count),
-            load=_take_numbers("load", self.load, count=count),
-            direction=_take_words("direction", self.direction, count=count),
-            specimen=_take_words("specimen", self.specimen, count=count),
-        )
         for name in ("pressure", "contraction", "load"):
-            self._check_column(name)
+            array = np.array(check_array(name, getattr(self, name)))  # a copy
+            self._keep(name, array, "(n,)" if name == "pressure" else "")
+        numbers = np.array(self.numbers)
+        numbers = numbers if numbers.size else np.arange(1, count + 1)
+        if numbers.dtype.kind not in "iu":
+            raise InputError("numbers must be whole numbers, one for each row")
+        self._keep("numbers", numbers.astype(np.int64))
+        for name in ("direction", "specimen"):
+            words = np.array(getattr(self, name), dtype=np.str_)
+            self._keep(name, np.char.strip(words))
+        for name, (low, high, unit) in _RANGES.items():
+            values = getattr(self, name)
+            legal = (values >= low) & (values <= high) & np.isfinite(values)
+            if not legal.all():
+                index = int(np.argmin(legal))
+                words = f"{self.name_row(index)}: {name}"
+                check_number(words, float(values[index]), low=low, high=high, unit=unit)
         for index, (direction, specimen) in enumerate(
             zip(self.direction.tolist(), self.specimen.tolist(), strict=True)
         ):
@@ -182,19 +128,16 @@ class Measurements:
                     "control characters"
                 )
 
-    def _check_column(self, name: str) -> None:
-        values = getattr(self, name)
-        low, high, unit = _RANGES[name]
-        legal = (values >= low) & (values <= high) & np.isfinite(values)
-        if not legal.all():
-            index = int(np.argmin(legal))
-            check_number(
-                f"{self.name_row(index)}: {name}",
-                float(values[index]),
-                low=low,
-                high=high,
-                unit=unit,
-            )
+    def _keep(self, name: str, array: NDArray[Any], wanted: str = "") -> None:
+        """Keep a read-only column; what is one value counts for all rows."""
+        count = np.size(self.pressure)
+        if array.ndim == 0 and not wanted and name != "numbers":
+            array = np.full(count, array)
+        if array.ndim != 1 or len(array) != count:
+            wanted = wanted or f"({count},), one for each pressure"
+            raise InputError(f"{name} has shape {array.shape}: it must be {wanted}")
+        array.flags.writeable = False
+        object.__setattr__(self, name, array)
 
     def name_row(self, index: int) -> str:
         """Return how messages name the row of an index, such as ``data.csv: row 3``."""
@@ -223,15 +166,8 @@ class Measurements:
         """Return the table, units in the names of the columns; `take_measurements` goes back."""
         import pandas
 
-        return pandas.DataFrame(
-            {
-                "pressure [MPa]": self.pressure,
-                "contraction [mm]": self.contraction,
-                "load [N]": self.load,
-                "direction": self.direction,
-                "specimen": self.specimen,
-            }
-        )
+        units = {name: f"{name} [{unit}]" for name, (_, _, unit) in _RANGES.items()}
+        return pandas.DataFrame({units.get(name, name): getattr(self, name) for name in COLUMNS})
 
     def select(self, rows: ArrayLike) -> Measurements:
         """Return the rows of a mask or of indices.
@@ -241,18 +177,20 @@ class Measurements:
         InputError
             If no row is left, a mask has another length, or there is no row of an index.
         """
-        index = _take_index(rows, len(self))
-        return Measurements(
-            pressure=self.pressure[index],
-            contraction=self.contraction[index],
-            load=self.load[index],
-            direction=self.direction[index],
-            specimen=self.specimen[index],
-            ignored=self.ignored,
-            numbers=self.numbers[index],
-            source=self.source,
-            notes=self.notes,
-        )
+        count, index = len(self), np.atleast_1d(np.asarray(rows))
+        if index.size == 0:
+            index = np.zeros(0, dtype=np.int64)
+        elif index.ndim != 1 or index.dtype.kind not in "biu":
+            raise InputError(
+                f"rows has dtype {index.dtype}: it must be a mask or whole numbers (k,)"
+            )
+        elif index.dtype.kind == "b" and len(index) != count:
+            raise InputError(f"the mask of rows has {len(index)} entries: it must have {count}")
+        elif index.dtype.kind != "b" and not (-count <= index.min() and index.max() < count):
+            wrong = index[(index < -count) | (index >= count)][0]
+            raise InputError(f"row index is {wrong}: it must lie in [{-count}, {count - 1}]")
+        columns = {name: getattr(self, name)[index] for name in (*COLUMNS, "numbers")}
+        return dataclasses.replace(self, **columns)
 
     def check_lengths(self, muscle: Muscle, *, braid_angle: float | None = None) -> None:
         """Check that every measured length lies between 0 and the length of the strand.
@@ -288,7 +226,46 @@ class Measurements:
         InputError
             If a specimen at a load has only one direction, or the two share no pressure.
         """
-        return average_directions(self)
+        frame, notes = self._list_rows(), list(self.notes)
+        known = frame["direction"] != ""
+        parts = [frame[~known]]
+        for (load, specimen), rows in frame[known].groupby(["load", "specimen"]):
+            words = f"specimen {str(specimen)!r} at {load:g} N"
+            branches = rows.groupby(["direction", "pressure"])["contraction"].mean()
+            for name in ("inflating", "deflating"):
+                if name not in branches:
+                    raise InputError(f"{words} has no {name} row: a mean of directions needs both")
+            risen, fallen = branches["inflating"], branches["deflating"]
+            up, down = risen.index.to_numpy(), fallen.index.to_numpy()
+            shared = (up >= down[0]) & (up <= down[-1])
+            reached = f"deflation at {down[0]:g} to {down[-1]:g} MPa"
+            if not shared.any():
+                raise InputError(
+                    f"{words}: inflation at {up[0]:g} to {up[-1]:g} MPa and {reached} share none"
+                )
+            if not shared.all():
+                lost = ", ".join(f"{p:g}" for p in up[~shared])
+                notes.append(
+                    f"{words}: inflation at {lost} MPa left out, which the {reached} does not reach"
+                )
+            mean = 0.5 * (risen.to_numpy() + np.interp(up, down, fallen.to_numpy()))
+            columns = {"pressure": up[shared], "contraction": mean[shared], "load": load}
+            parts.append(
+                frame.iloc[:0].reindex(range(shared.sum())).assign(**columns, specimen=specimen)
+            )
+        columns = {
+            name: np.concatenate([part[name].to_numpy() for part in parts]) for name in COLUMNS
+        }
+        return Measurements(
+            **{**columns, "direction": ""}, ignored=self.ignored, notes=tuple(notes)
+        )
+
+    def _list_rows(self) -> pandas.DataFrame:
+        """Return the rows as a table, loads that are equal but for round-off made equal."""
+        import pandas
+
+        frame = pandas.DataFrame({name: getattr(self, name) for name in COLUMNS})
+        return frame.assign(load=frame["load"].round(9))
 
     def repeat_statistics(self, *, tolerance: float = 1e-6) -> RepeatStatistics:
         """Return mean and spread of the rows that repeat a state.
@@ -306,7 +283,25 @@ class Measurements:
         InputError
             If the tolerance is negative.
         """
-        return summarise_repeats(self, tolerance)
+        check_number("tolerance", tolerance, low=0.0, unit="MPa")
+        frame = self._list_rows().sort_values(["load", "direction", "pressure"], kind="stable")
+        fresh = (frame["pressure"].diff() > tolerance) | (frame["load"].diff() != 0.0)
+        fresh |= frame["direction"] != frame["direction"].shift()
+        groups = frame.groupby(fresh.cumsum())
+        count = groups.size().to_numpy()
+        spread = groups["contraction"].std(ddof=1).fillna(0.0).to_numpy()
+        freedom = int((count - 1).sum())
+        pooled = float(np.sqrt((spread**2 * (count - 1)).sum() / max(freedom, 1)))
+        return RepeatStatistics(
+            pressure=groups["pressure"].mean().to_numpy(),
+            load=groups["load"].first().to_numpy(),
+            direction=groups["direction"].first().to_numpy(dtype=np.str_),
+            count=count,
+            mean=groups["contraction"].mean().to_numpy(),
+            deviation=spread,
+            pooled_deviation=pooled,
+            degrees_of_freedom=freedom,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -376,7 +371,20 @@ def read_measurements(
     MissingExtraError
         If a Parquet file is given and ``pyarrow`` is not installed.
     """
-    return read_table(Path(path), muscle=muscle, units=units or {})
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in _PARQUET_SUFFIXES:
+        sheet = _read_parquet(path)
+    elif suffix in _TEXT_SUFFIXES:
+        sheet = _read_text(path)
+    else:
+        known = ", ".join(_TEXT_SUFFIXES + _PARQUET_SUFFIXES)
+        raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
+    try:
+        data = _take_sheet(sheet, muscle, units or {})
+    except InputError as error:
+        raise type(error)(f"{path.name}: {error}") from None
+    return dataclasses.replace(data, source=path.name)
 
 
 def take_measurements(
@@ -404,10 +412,7 @@ def take_measurements(
         return data
     if not hasattr(data, "columns"):
         raise InputError(f"data is a {type(data).__name__}: it must be Measurements or a DataFrame")
-    table = data.astype(object).where(data.notna(), "")
-    rows = table.to_numpy().tolist()
-    sheet = _Sheet([_show(name) for name in table.columns], rows, range(1, len(rows) + 1))
-    return _take_sheet(sheet, muscle, units or {})
+    return _take_sheet(_take_frame(data), muscle, units or {})
 
 
 def write_measurements(path: str | os.PathLike[str], data: Measurements) -> Path:
@@ -418,7 +423,7 @@ def write_measurements(path: str | os.PathLike[str], data: Measurements) -> Path
     OutputError
         If the file cannot be written.
     """
-    return write_table(Path(path), data)
+    return write_text(Path(path), data.to_frame().to_csv(index=False, lineterminator="\n"))
 
 
 def check_length(where: str, length: float, strand: float) -> float:
@@ -429,113 +434,6 @@ def check_length(where: str, length: float, strand: float) -> float:
             f"it must lie in (0, {strand:g}] mm"
         )
     return check_number(f"{where}length", length, low=0.0, low_open=True, high=strand, unit="mm")
-
-
-def _set(data: Measurements, **values: object) -> None:
-    for name, value in values.items():
-        object.__setattr__(data, name, value)
-
-
-# Mean of inflation and deflation, and the statistics of repeated measurements.
-
-
-def average_directions(data: Measurements) -> Measurements:
-    """Return the mean of inflation and deflation; see `Measurements.mean_of_directions`."""
-    known = data.direction != ""
-    parts: list[tuple[Any, ...]] = [
-        (p, x, f, s)
-        for p, x, f, s in zip(
-            data.pressure[~known],
-            data.contraction[~known],
-            data.load[~known],
-            data.specimen[~known],
-            strict=True,
-        )
-    ]
-    notes = list(data.notes)
-    for (load, specimen), rows in _group(data, data.load.round(9), data.specimen, where=known):
-        branches = {}
-        for name in ("inflating", "deflating"):
-            branch = rows[data.direction[rows] == name]
-            if not len(branch):
-                raise InputError(
-                    f"specimen {str(specimen)!r} at {load:g} N has no {name} row: "
-                    "a mean of directions needs both"
-                )
-            branches[name] = _average(data.pressure[branch], data.contraction[branch])
-        (up, risen), (down, fallen) = branches["inflating"], branches["deflating"]
-        shared = (up >= down[0]) & (up <= down[-1])
-        if not shared.any():
-            raise InputError(
-                f"specimen {str(specimen)!r} at {load:g} N: inflation at {up[0]:g} to "
-                f"{up[-1]:g} MPa and deflation at {down[0]:g} to {down[-1]:g} MPa share none"
-            )
-        if not shared.all():
-            notes.append(
-                f"specimen {str(specimen)!r} at {load:g} N: inflation at "
-                f"{', '.join(f'{p:g}' for p in up[~shared])} MPa left out, which the deflation at "
-                f"{down[0]:g} to {down[-1]:g} MPa does not reach"
-            )
-        mean = 0.5 * (risen + np.interp(up, down, fallen))
-        parts += [(p, x, load, specimen) for p, x in zip(up[shared], mean[shared], strict=True)]
-    columns = list(zip(*parts, strict=True))
-    return Measurements(
-        pressure=np.array(columns[0]),
-        contraction=np.array(columns[1]),
-        load=np.array(columns[2]),
-        specimen=np.array(columns[3]),
-        ignored=data.ignored,
-        notes=tuple(notes),
-    )
-
-
-def summarise_repeats(data: Measurements, tolerance: float) -> RepeatStatistics:
-    """Return mean and spread of repeats; see `Measurements.repeat_statistics`."""
-    check_number("tolerance", tolerance, low=0.0, unit="MPa")
-    states = []
-    for (load, direction), rows in _group(data, data.load.round(9), data.direction):
-        rows = rows[np.argsort(data.pressure[rows], kind="stable")]
-        cuts = np.flatnonzero(np.diff(data.pressure[rows]) > tolerance) + 1
-        for same in np.split(rows, cuts):
-            values = data.contraction[same]
-            mean = float(values.mean())
-            squares = float(((values - mean) ** 2).sum())
-            states.append((data.pressure[same].mean(), load, direction, len(same), mean, squares))
-    columns = [np.array(column) for column in zip(*states, strict=True)]
-    count = columns[3]
-    freedom = int((count - 1).sum())
-    return RepeatStatistics(
-        pressure=columns[0],
-        load=columns[1],
-        direction=columns[2],
-        count=count,
-        mean=columns[4],
-        deviation=np.sqrt(columns[5] / np.maximum(count - 1, 1)),
-        pooled_deviation=float(np.sqrt(columns[5].sum() / max(freedom, 1))),
-        degrees_of_freedom=freedom,
-    )
-
-
-def _group(
-    data: Measurements, *keys: NDArray[np.generic], where: NDArray[np.bool_] | None = None
-) -> Iterator[tuple[tuple[Any, ...], NDArray[np.intp]]]:
-    """Give each combination of keys, in order, and its rows."""
-    groups: dict[tuple[Any, ...], list[int]] = {}
-    for row in np.arange(len(data)) if where is None else np.flatnonzero(where):
-        groups.setdefault(tuple(key[row].item() for key in keys), []).append(int(row))
-    for name in sorted(groups):
-        yield name, np.array(groups[name])
-
-
-def _average(
-    pressure: NDArray[np.float64], contraction: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the pressures in order, each once, and the mean contraction at each."""
-    levels, place = np.unique(pressure, return_inverse=True)
-    return levels, np.bincount(place, weights=contraction) / np.bincount(place)
-
-
-# Reading a table of measurements: columns, units, numbers; and one clear line for a bad one.
 
 
 KINDS = {"pressure": "pressure", "contraction": "length", "length": "length", "load": "force"}
@@ -580,39 +478,9 @@ class _Sheet:
     numbers: Sequence[int]
 
 
-def read_table(path: Path, *, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:
-    """Read a file of measurements; see `bozzini.muscle.dataset.read_measurements`."""
-    suffix = path.suffix.lower()
-    if suffix in _PARQUET_SUFFIXES:
-        sheet = _read_parquet(path)
-    elif suffix in _TEXT_SUFFIXES:
-        sheet = _read_text(path)
-    else:
-        known = ", ".join(_TEXT_SUFFIXES + _PARQUET_SUFFIXES)
-        raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
-    try:
-        data = _take_sheet(sheet, muscle, units)
-    except InputError as error:
-        raise type(error)(f"{path.name}: {error}") from None
-    return dataclasses.replace(data, source=path.name)
-
-
-def write_table(path: Path, data: Measurements) -> Path:
-    """Write measurements as CSV with their units in the header."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = ["pressure [MPa]", "contraction [mm]", "load [N]", "direction", "specimen"]
-    writer.writerow(names)
-    for p, x, f, direction, specimen in zip(
-        data.pressure, data.contraction, data.load, data.direction, data.specimen, strict=True
-    ):
-        writer.writerow([repr(float(p)), repr(float(x)), repr(float(f)), direction, specimen])
-    content = text.getvalue().encode("utf-8")
-    return write_atomically(path, lambda temporary: _put_bytes(temporary, content))
-
-
-def _put_bytes(path: Path, content: bytes) -> None:
-    path.write_bytes(content)
+def _take_frame(table: pandas.DataFrame) -> _Sheet:
+    cells = table.astype(object).where(table.notna(), "").to_numpy().tolist()
+    return _Sheet([_show(name) for name in table.columns], cells, range(1, len(cells) + 1))
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -692,9 +560,7 @@ def _read_parquet(path: Path) -> _Sheet:
     except (ArrowException, OSError) as error:
         what = " ".join(str(error).split())
         raise FileFormatError(f"{path.name} is not a Parquet file: {what}") from None
-    columns = [column.to_pylist() for column in table.columns]
-    rows = [["" if cell is None else cell for cell in row] for row in zip(*columns, strict=True)]
-    return _Sheet([_show(name) for name in table.column_names], rows, range(1, len(rows) + 1))
+    return _take_frame(table.to_pandas())
 
 
 def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:

@@ -21,9 +21,6 @@ from ..checks import (
 )
 from ..errors import InputError
 
-# The braid: strands that cannot stretch, wound both ways round a cylinder.
-
-
 LOCKING_ANGLE = math.atan(math.sqrt(2.0))
 """The angle at which a braid of given strands holds the largest volume [rad]: 54.7356 degrees."""
 
@@ -156,9 +153,6 @@ class Braid:
         hint = ", the length of a strand"
         check_range("braid length", lengths, 0.0, self.strand_length, "mm", hint=hint)
         return lengths
-
-
-# The tube: a thick-walled cylinder of a linear elastic material (Lamé).
 
 
 STRESS_LIMIT = 1e6
@@ -330,9 +324,6 @@ def _take_stress(name: str, values: ArrayLike) -> NDArray[np.float64]:
     stresses = check_array(name, values)
     check_range(name, stresses, -STRESS_LIMIT, STRESS_LIMIT, "MPa")
     return stresses
-
-
-# The design of a miniature pneumatic muscle: a tube, a braid round it, and their materials.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -512,9 +503,6 @@ class Muscle:
             if name not in names:
                 raise InputError(f"a muscle has no field '{name}': its fields are {names}")
         return dataclasses.replace(self, **changes)
-
-
-# Muscles that others have described, by name.
 
 
 PRESETS: dict[str, Muscle] = {

@@ -59,22 +59,7 @@ GAP_SPAN = 3.0
 def judge_parameters(
     free: Sequence[str], data: Measurements, *, contact_pressure: float = 0.0
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return which of these parameters such data cannot determine, before a fit.
-
-    Parameters
-    ----------
-    free : sequence of str
-    data : Measurements
-    contact_pressure : float
-        Pressure at which the tube meets the braid [MPa].
-
-    Returns
-    -------
-    never : tuple of str
-        Sets that must not be fitted together: on one curve their effects are the same.
-    doubts : tuple of str
-        Parameters that the data hardly determine.
-    """
+    """Return sets that must not be fitted together, and what the data hardly determine."""
     never, doubts = [], []
     if "braid_angle" in free and not data.has_load:
         reason = "needs rows at a second load, or forces of the blocked muscle"
@@ -102,16 +87,7 @@ def judge_parameters(
 def judge_fit(
     free: Sequence[str], correlations: NDArray[np.float64], condition: float
 ) -> list[str]:
-    """Return warnings on what a fit could not determine.
-
-    Parameters
-    ----------
-    free : sequence of str
-    correlations : ndarray, shape (k, k)
-        Of the estimates.
-    condition : float
-        Of the Jacobian with columns of length 1.
-    """
+    """Return warnings on what a fit could not determine."""
     warnings = []
     if condition > CONDITION_LIMIT:
         warnings.append(
@@ -133,14 +109,6 @@ def judge_repeats(
     """Return a warning if a fit misses the data by more than the data miss each other.
 
     The F-test of lack of fit at 0.1 %: it needs rows that repeat a state.
-
-    Parameters
-    ----------
-    data : Measurements
-    residuals : ndarray, shape (n,)
-        Of the fit [mm].
-    parameters : int
-        How many parameters were fitted.
     """
     from scipy.stats import f as fisher
 
@@ -183,15 +151,7 @@ _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 def find_minimum(
     problem: Problem, start: NDArray[np.float64], *, limit: int = EVALUATIONS
 ) -> OptimizeResult:
-    """Return SciPy's result of the best search; `nfev` counts all of them.
-
-    Parameters
-    ----------
-    problem : Problem
-    start : ndarray, shape (k,)
-    limit : int
-        Largest number of evaluations of one search.
-    """
+    """Return SciPy's result of the best search; `nfev` counts all of them."""
     best = _search(problem, start, limit)
     evaluations = best.nfev
     if "gap" in problem.free:
@@ -217,16 +177,6 @@ def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
     """Return the best of searches from several starts, and the problem it began with.
 
     A search that ends with an answer at all rows is better than any that does not.
-
-    Parameters
-    ----------
-    starts : sequence of Problem
-        One problem, with several starts.
-
-    Raises
-    ------
-    InputError
-        If none of the searches ends with an answer at all rows.
     """
     tries = [(find_minimum(one, one.choose_start(), limit=_FIRST), one) for one in starts]
     tries.sort(key=_judge)
@@ -344,18 +294,7 @@ _LEAST_STIFFNESS_N_PER_MM = 1e-12  # keeps a weight finite where the model has n
 def find_starts(
     problem: Problem, *, linear: tuple[str, ...], seed: int = 0, count: int = 6
 ) -> list[Problem]:
-    """Return the problem with a few starts, the most promising first.
-
-    Parameters
-    ----------
-    problem : Problem
-    linear : tuple of str
-        Those of the unknowns that the force is linear in.
-    seed : int
-        Of the trials.
-    count : int
-        Largest number of starts.
-    """
+    """Return the problem with a few starts, the most promising first."""
     random = np.random.default_rng(seed)
     points = [problem.choose_start()]
     points += [draw_point(problem, random) for _ in range(_TRIALS - 1)]
@@ -442,9 +381,6 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
     return best
 
 
-# What is free in a fit, and where the constants of a model start.
-
-
 def choose_free(
     free: Sequence[str] | None,
     model_class: Callable[..., MuscleModel],
@@ -505,9 +441,6 @@ def choose_constants(
     return constants
 
 
-# The fit: bounded least squares in contraction, of fields of the muscle and constants of a model.
-
-
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
     """Bounds and starts of a fit.
@@ -544,8 +477,10 @@ class Calibration(Result):
         Name of the model.
     free : tuple of str
         The parameters that were fitted, the order of `correlations`.
+    units : dict
+        Their units: mm, MPa, rad, or those on the model's card.
     estimates : dict
-        Their values, in mm, MPa, rad, or the unit on the model's card.
+        Their values.
     standard_errors : dict
         Standard deviations of the estimates, linearised.
     intervals : dict
@@ -576,6 +511,7 @@ class Calibration(Result):
 
     model: str
     free: tuple[str, ...]
+    units: dict[str, str]
     estimates: dict[str, float]
     standard_errors: dict[str, float]
     intervals: dict[str, tuple[float, float]]
@@ -606,10 +542,26 @@ class Calibration(Result):
         return {
             "parameter": list(self.free),
             "estimate": [self.estimates[name] for name in self.free],
+            "unit": [self.units[name] for name in self.free],
             "standard_error": [self.standard_errors[name] for name in self.free],
             "low_95": [self.intervals[name][0] for name in self.free],
             "high_95": [self.intervals[name][1] for name in self.free],
         }
+
+    def format_table(self) -> str:
+        """Return the estimates as a table of text, with what is to be known of them."""
+        wide = max(16, *(len(name) + 1 for name in self.free))
+        lines = [
+            f"{name:<{wide}}{self.estimates[name]:10.4g} {self.units[name]:<4} "
+            "95 %: {:.4g} to {:.4g}".format(*self.intervals[name])
+            for name in self.free
+        ]
+        lines.append(
+            f"residuals {self.sigma:.3g} mm, condition {self.condition:.1f}; "
+            f"{'converged' if self.converged else 'not converged'}: {self.reason}"
+        )
+        lines += [f"{name}: {reason}" for name, reason in self.held.items()]
+        return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the residuals in the order of the rows, and return the axes."""
@@ -706,6 +658,7 @@ def calibrate(
         answered=answered,
         fitted=model,
         held=held,
+        units={name: own[name].unit if name in own else PARAMETER_UNITS[name] for name in names},
     )
 
 
@@ -750,6 +703,7 @@ def _conclude(
     answered: bool,
     fitted: MuscleModel,
     held: dict[str, str],
+    units: dict[str, str],
 ) -> Calibration:
     """Put the statistics together from the residuals and the Jacobian at the minimum."""
     from scipy.stats import t as student
@@ -772,6 +726,7 @@ def _conclude(
     return Calibration(
         model=fitted.name,
         free=free,
+        units=units,
         estimates=estimates,
         standard_errors=errors,
         intervals={

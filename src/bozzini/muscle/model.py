@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_range, name_at
 from ..errors import BozziniError, InputError
-from ..results import Result, take_axes
+from ..results import Result, measured, take_axes
 from .design import Muscle
 from .hysteresis import Hysteresis
 
@@ -67,13 +67,13 @@ class MuscleState(Result):
         Why the solver stopped where it did not converge; empty where it did.
     """
 
-    contraction: Floats
-    length: Floats
-    braid_angle: Floats
-    contact_pressure: Floats
-    force: Floats
+    contraction: Floats = measured("mm")
+    length: Floats = measured("mm")
+    braid_angle: Floats = measured("rad")
+    contact_pressure: Floats = measured("MPa")
+    force: Floats = measured("N")
     converged: NDArray[np.bool_]
-    residual: Floats
+    residual: Floats = measured("N")
     iterations: NDArray[np.int64]
     reason: NDArray[np.str_]
 
@@ -84,15 +84,7 @@ class MuscleState(Result):
 
     def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns of `to_frame`, a row for each state."""
-        columns = {
-            "contraction_mm": self.contraction,
-            "length_mm": self.length,
-            "braid_angle_rad": self.braid_angle,
-            "contact_pressure_MPa": self.contact_pressure,
-            "force_N": self.force,
-            "residual_N": self.residual,
-        }
-        return {name: np.ravel(values) for name, values in columns.items()}
+        return self.list_measured()
 
 
 @dataclass(frozen=True)
@@ -398,16 +390,3 @@ def parse_direction(direction: ArrayLike | None) -> Floats:
             f"direction is '{error.args[0]}': it must be 'inflating', 'deflating' or empty"
         ) from None
     return np.asarray(signs, dtype=np.float64).reshape(words.shape)
-
-
-def bisect(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return where an increasing `function` crosses zero in `[low, high]`, to the last bits."""
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        if not low < middle < high:
-            break
-        if function(middle) > 0.0:
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high) if math.isfinite(low + high) else low

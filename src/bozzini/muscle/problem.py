@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from .model import MuscleModel
     from .models.card import Parameter
 
-# What a model gives at the rows of measurements: contraction, force, stiffness.
-
 
 def answer_rows(
     answer: Callable[[Measurements], NDArray[np.float64]], data: Measurements
@@ -33,18 +31,6 @@ def answer_rows(
     """Return what a model answers at the rows, and which rows it has an answer for.
 
     Where it refuses a batch, the halves are asked, down to single rows.
-
-    Parameters
-    ----------
-    answer : callable
-        From measurements of k rows to an array of shape (k, m).
-    data : Measurements
-
-    Returns
-    -------
-    values : ndarray, shape (n, m)
-        0 in rows without an answer.
-    held : ndarray of bool, shape (n,)
     """
     try:
         values = answer(data)
@@ -61,13 +47,7 @@ def answer_rows(
 
 
 def predict_contraction(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
-    """Return the model's contraction at the pressure, load and direction of each row [mm].
-
-    Raises
-    ------
-    InputError
-        If the model has no answer for a row; the row is named.
-    """
+    """Return the model's contraction at the pressure, load and direction of each row [mm]."""
     try:
         return ask_contraction(model, data)
     except BozziniError as error:
@@ -119,9 +99,6 @@ def _take_direction(data: Measurements) -> NDArray[np.str_] | None:
     return data.direction if (data.direction != "").any() else None
 
 
-# The unknowns of a fit: fields of a muscle and constants of a model, their bounds and scales.
-
-
 PARAMETER_UNITS = {
     name: quantity.unit
     for name, quantity in list_quantities(Muscle).items()
@@ -135,16 +112,7 @@ measured.
 
 
 def choose_scale(name: str, start: float, *, own: bool) -> float:
-    """Return how much of an unknown matters.
-
-    Parameters
-    ----------
-    name : str
-    start : float
-        Where its search starts.
-    own : bool
-        Whether it is a constant of the model, not a field of the muscle.
-    """
+    """Return how much of an unknown matters."""
     scale = 0.1 * abs(start) or 0.1
     known = None if own else list_quantities(Muscle)[name].scale
     return scale if known is None else known
@@ -156,23 +124,7 @@ def choose_bounds(
     bounds: Mapping[str, tuple[float, float]],
     own: Mapping[str, Parameter] | None = None,
 ) -> NDArray[np.float64]:
-    """Return the bounds of the free parameters, shape (k, 2): those given, or wide ones.
-
-    Parameters
-    ----------
-    free : sequence of str
-    muscle : Muscle
-    bounds : mapping
-        Those given.
-    own : mapping of str to Parameter, optional
-        The constants of the model, which have bounds of their own.
-
-    Raises
-    ------
-    InputError
-        If bounds are given for a parameter that is not free, are no pair, lie outside what the
-        muscle may have, or low is not below high.
-    """
+    """Return the bounds of the free parameters, shape (k, 2): those given, or wide ones."""
     radius = muscle.outer_radius
     wide = {
         "modulus": (0.01, 20.0),
@@ -221,9 +173,6 @@ def _take_pair(
         f"upper bound of {name}", pair[1], low=low, high=most, low_open=True, unit=unit
     )
     return low, high
-
-
-# What a fit needs: predictions of a model, and their derivatives by its unknowns.
 
 
 _NO_ANSWER_MM = 1e5  # what the search sees at a row that a trial has no answer for [mm]
@@ -388,18 +337,6 @@ def differentiate(
     By the theorem of implicit functions, dx/dp = (dF/dp) / stiffness: the one is a difference of
     the force, which has a closed form in `EnergyMuscle`, the other the model's own. For a model
     without force, or where a difference leaves its domain, they are differences of the contraction.
-
-    Parameters
-    ----------
-    build : callable
-        Makes the model from values of the parameters.
-    values : mapping
-        The parameters.
-    bounds : ndarray, shape (k, 2)
-    scales : ndarray, shape (k,)
-    data : Measurements
-    predicted : ndarray, shape (n,)
-        Contraction of the model at `values` [mm].
     """
     pairs = []
     for (name, value), (low, high), scale in zip(values.items(), bounds, scales, strict=True):
@@ -441,9 +378,6 @@ def _differentiate_directly(
         ends = [ask_contraction(build({**values, name: value}), data) for value in (low, high)]
         columns.append((ends[1] - ends[0]) / (high - low))
     return np.stack(columns, axis=-1)
-
-
-# Which unknowns of a model a fit can be for: its own constants, and fields of the muscle.
 
 
 _TRIALS = 16  # points at which the data are examined
@@ -521,22 +455,6 @@ def choose_unknowns(
     Fitted are the constants that the model's source fitted, and those that it must be given and
     that are not. What the data do not determine, having no effect or the same as others, is held
     where the fit would start.
-
-    Parameters
-    ----------
-    model_class : callable
-        A model's class, or a ``functools.partial`` of it with the constants that are known.
-    muscle : Muscle
-    data : Measurements
-    fields : tuple of str, optional
-        Fields of the muscle to fit; `name_default_fields` by default.
-
-    Raises
-    ------
-    MissingLawError
-        If the model needs a law that is not given.
-    InputError
-        If the muscle and the constants do not go together.
     """
     wanted = name_default_fields(model_class) if fields is None else fields
     kind, given = split_model(model_class)

@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 
     from .model import MuscleModel
 
-# Compare models on one set of measurements: standard error, RMSE, bias.
-
-
 _LEAST_CONTRACTION_MM = 1e-3  # largest contraction that errors can be a percentage of [mm]
 
 
@@ -74,17 +71,30 @@ class ModelScore:
     largest: float
     predicted: NDArray[np.float64]
 
+    def describe(self) -> dict[str, Any]:
+        """Return the score as plain values, with units in the names."""
+        return {
+            "model": self.name,
+            "standard_error_mm": self.standard_error,
+            "standard_error_percent": self.standard_error_percent,
+            "rmse_mm": self.rmse,
+            "bias_mm": self.bias,
+            "largest_error_mm": self.largest,
+        }
 
-def list_scores(scores: Sequence[ModelScore]) -> dict[str, list[Any]]:
-    """Return scores as columns, units in their names."""
-    return {
-        "model": [score.name for score in scores],
-        "standard_error_mm": [score.standard_error for score in scores],
-        "standard_error_percent": [score.standard_error_percent for score in scores],
-        "rmse_mm": [score.rmse for score in scores],
-        "bias_mm": [score.bias for score in scores],
-        "largest_error_mm": [score.largest for score in scores],
-    }
+    def format_row(self, wide: int) -> str:
+        """Return the score as a row of a table whose first column is so wide."""
+        return (
+            f"{self.name:<{wide}}  {self.standard_error:6.3f} mm"
+            f"{self.standard_error_percent:5.1f} %{self.rmse:7.3f} mm"
+            f"{self.bias:+7.3f} mm{self.largest:7.3f} mm"
+        )
+
+
+def list_columns(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
+    """Return rows as columns; what only some rows have is None in the others."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row.get(name) for row in rows] for name in names}
 
 
 def _draw_bars(ax: Axes | None, scores: Sequence[ModelScore]) -> Axes:
@@ -114,12 +124,7 @@ class Comparison(Result):
         """Return the scores as a table of text."""
         wide = max([5, *(len(score.name) for score in self.scores)])
         lines = [f"{'model':<{wide}}  standard error      RMSE      bias   largest"]
-        lines += [
-            f"{score.name:<{wide}}  {score.standard_error:6.3f} mm"
-            f"{score.standard_error_percent:5.1f} %{score.rmse:7.3f} mm"
-            f"{score.bias:+7.3f} mm{score.largest:7.3f} mm"
-            for score in self.scores
-        ]
+        lines += [score.format_row(wide) for score in self.scores]
         lines += [f"{name}: no answer: {reason}" for name, reason in self.refusals.items()]
         return "\n".join(lines)
 
@@ -140,7 +145,7 @@ class Comparison(Result):
 
     def list_columns(self) -> dict[str, list[Any]]:
         """Return the columns of `to_frame`, a row for each model."""
-        return list_scores(self.scores)
+        return list_columns([score.describe() for score in self.scores])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the models' root mean squares as bars, and return the axes."""
@@ -209,17 +214,7 @@ def check_largest(data: Measurements) -> None:
 def score_model(
     name: str, predicted: NDArray[np.float64], data: Measurements, *, fitted: int
 ) -> ModelScore:
-    """Return how near predicted contractions [mm] of shape (n,) come to the measured ones.
-
-    Parameters
-    ----------
-    name : str
-        Name of the model.
-    predicted : ndarray, shape (n,)
-    data : Measurements
-    fitted : int
-        How many parameters were fitted to these data, less than n.
-    """
+    """Return how near predicted contractions [mm] of shape (n,) come to the measured ones."""
     error = predicted - data.contraction
     squares = float(error @ error)
     standard = float(np.sqrt(squares / (len(data) - fitted)))
@@ -247,22 +242,7 @@ def score_model(
 
 
 def compute_aicc(squares: float, rows: int, parameters: int) -> float:
-    """Return Akaike's criterion, corrected for few rows.
-
-    Parameters
-    ----------
-    squares : float
-        Sum of the squared residuals.
-    rows : int
-        How many residuals, at least `parameters` + 3.
-    parameters : int
-        How many parameters were fitted, the variance not counted.
-
-    Raises
-    ------
-    InputError
-        If a number is outside its range.
-    """
+    """Return Akaike's criterion, corrected for few rows."""
     count = check_integer("number of fitted parameters", parameters, low=0) + 1
     check_integer("number of rows", rows, low=count + 2)
     return (
@@ -271,31 +251,14 @@ def compute_aicc(squares: float, rows: int, parameters: int) -> float:
 
 
 def compute_bic(squares: float, rows: int, parameters: int) -> float:
-    """Return the Bayesian (Schwarz's) criterion; the arguments are those of `compute_aicc`.
-
-    Raises
-    ------
-    InputError
-        If a number is outside its range; 1 row is enough.
-    """
+    """Return the Bayesian (Schwarz's) criterion; the arguments are those of `compute_aicc`."""
     count = check_integer("number of fitted parameters", parameters, low=0) + 1
     check_integer("number of rows", rows, low=1)
     return _weigh_misfit(squares, rows) + count * math.log(rows)
 
 
 def weigh_models(criteria: Sequence[float] | ArrayLike) -> NDArray[np.float64]:
-    """Return Akaike's weights, ``exp(-difference / 2)`` made to sum to 1.
-
-    Parameters
-    ----------
-    criteria : array_like, shape (m,)
-        Values of one criterion for models of the same rows.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return Akaike's weights, ``exp(-difference / 2)`` made to sum to 1."""
     values = np.atleast_1d(check_array("criteria", criteria))
     if not values.size:
         raise InputError("there are 0 models to weigh: give 1 or more")
@@ -306,9 +269,6 @@ def weigh_models(criteria: Sequence[float] | ArrayLike) -> NDArray[np.float64]:
 def _weigh_misfit(squares: float, rows: int) -> float:
     number = check_number("sum of squares", squares, low=0.0, low_open=True)
     return rows * math.log(number / rows)
-
-
-# Cross-validation: how far off a model is at rows that it was not fitted to.
 
 
 _TOLERANCE = 1e-6  # difference of pressures that counts as none [MPa]
@@ -337,18 +297,7 @@ class CrossValidation:
 
 
 def split_rows(data: Measurements, *, folds: int, seed: int = 0) -> tuple[NDArray[np.bool_], ...]:
-    """Deal the rows into folds at random; rows that repeat a state stay in one.
-
-    Returns
-    -------
-    tuple of ndarray of bool, shape (n,)
-        For each fold the rows that are left out.
-
-    Raises
-    ------
-    InputError
-        If there are fewer states than folds.
-    """
+    """Deal the rows into folds at random; rows that repeat a state stay in one."""
     states, of_row = _find_states(data)
     if folds > states:
         raise InputError(f"folds is {folds}: there are {states} different state(s) to deal")
@@ -382,16 +331,7 @@ def cross_validate(
     data: Measurements,
     parts: tuple[NDArray[np.bool_], ...],
 ) -> CrossValidation:
-    """Return the error at rows left out, each part in turn.
-
-    Parameters
-    ----------
-    fit : callable
-        From some rows to the model fitted to them, and whether that fit converged.
-    data : Measurements
-    parts : tuple of ndarray of bool, shape (n,)
-        The rows left out in each turn.
-    """
+    """Return the error at rows left out, each part in turn."""
     squares, reason, unsettled = [], "", 0
     for part in parts:
         rows = data.select(part)
@@ -411,9 +351,6 @@ def cross_validate(
         reason=reason,
         unsettled=unsettled,
     )
-
-
-# The result of a ranking, and its table.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -466,6 +403,31 @@ class RankedModel:
         """Root mean square of the rows left out [mm]; infinite where it could not be had."""
         found = self.validation
         return math.inf if found is None or found.reason else found.error
+
+    def describe(self) -> dict[str, Any]:
+        """Return the entry as plain values, with units in the names."""
+        left_out, found = self.validation, self.calibration
+        fit: dict[str, Any] = {"fitted": {}}
+        if found is not None:
+            fit = {
+                "fitted": found.estimates,
+                "fit_warnings": found.warnings,
+                "fit_converged": found.converged,
+                "fit_reason": found.reason,
+            }
+        return {
+            **self.score.describe(),
+            "aicc": self.aicc,
+            "bic": self.bic,
+            "weight": self.weight,
+            "parameters": self.parameters,
+            "left_out_mm": self.validation_error,
+            "left_out_reason": "" if left_out is None else left_out.reason,
+            "left_out_not_converged": 0 if left_out is None else left_out.unsettled,
+            "same_as": self.same_as,
+            "held": self.held,
+            **fit,
+        }
 
     @property
     def doubt(self) -> str:
@@ -537,12 +499,7 @@ class Ranking(Result):
                 for name in ("aicc", "bic")}  # fmt: skip
         counts = {entry.name: entry.parameters for entry in self.models}
         for entry in self.models:
-            score = entry.score
-            line = (
-                f"{score.name:<{wide}}  {score.standard_error:6.3f} mm"
-                f"{score.standard_error_percent:5.1f} %{score.rmse:7.3f} mm"
-                f"{score.bias:+7.3f} mm{score.largest:7.3f} mm"
-            )
+            line = entry.score.format_row(wide)
             if self.folds:
                 error = entry.validation_error
                 line += f"{error:7.3f} mm" if math.isfinite(error) else f"{'none':>10}"
@@ -573,22 +530,17 @@ class Ranking(Result):
 
     def list_columns(self) -> dict[str, list[Any]]:
         """Return the columns of `to_frame`, a row for each model, the best first."""
-        return {
-            **list_scores([entry.score for entry in self.models]),
-            "left_out_mm": [entry.validation_error for entry in self.models],
-            "parameters": [entry.parameters for entry in self.models],
-            "aicc": [entry.aicc for entry in self.models],
-            "bic": [entry.bic for entry in self.models],
-            "weight": [entry.weight for entry in self.models],
-            "same_as": [entry.same_as for entry in self.models],
-        }
+        rows = [entry.describe() for entry in self.models]
+        return list_columns(
+            [
+                {name: value for name, value in row.items() if not isinstance(value, (dict, tuple))}
+                for row in rows
+            ]
+        )
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the models' root mean squares as bars, the best first, and return the axes."""
         return _draw_bars(ax, [entry.score for entry in self.models])
-
-
-# Fit all models that can be fitted to one set of measurements, and rank them.
 
 
 _FOLDS = 5

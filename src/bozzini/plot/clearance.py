@@ -30,6 +30,7 @@ from .style import (
     RED,
     ClearanceScale,
     choose_clearance_scale,
+    draw_marker,
     style_axes,
     take_panel,
 )
@@ -238,10 +239,7 @@ def _mark_tightest(
         return
     spot = (over[row], 0.5 * (sample.places[row, link] + sample.places[row, link + 1]))
     for edge, wide in (("white", 4.0), (INK, 1.8)):
-        axes.plot(
-            *spot, "o", markersize=15, markerfacecolor="none", markeredgecolor=edge, mew=wide,
-            clip_on=False,
-        )  # fmt: skip
+        draw_marker(axes, spot, "o", size=15, color=edge, width=wide, clip_on=False)
     side = -1 if over[row] > 0.5 * (over[0] + over[-1]) else 1
     axes.annotate(
         f"tightest: {_show(sample.visible[row, link])} mm",
@@ -319,10 +317,7 @@ def fill_clearance(axes: Axes, sample: MotionSample, *, scale: ClearanceScale, i
     )
     axes.axhline(0.0, color=ink, linewidth=1.0)
     low = int(np.argmin(height))
-    axes.plot(
-        over[low], height[low], "o", markersize=10, markerfacecolor="none", markeredgecolor=ink,
-        markeredgewidth=1.6, clip_on=False,
-    )  # fmt: skip
+    draw_marker(axes, (over[low], height[low]), "o", size=10, color=ink, width=1.6, clip_on=False)
     left_half = over[low] < 0.5 * (over[0] + over[-1])
     axes.annotate(
         f"{_show(height[low])} mm",

@@ -73,7 +73,7 @@ def measure_contact(plan: Plan, field: SampledField, *, count: int = 300) -> Con
     ----------
     plan : Plan
         Its clearances are those to the wall at rest: links below 0 are looked at closely, and
-        the deepest on each is what they say.
+        the deepest point of each has the clearance of the plan.
     field : SampledField
         The lumen at rest.
     count : int

@@ -6,8 +6,8 @@ Lengths are in mm, one mm the same in all directions.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number, check_points
 from ..errors import InputError
+from ..results import take_axes
 from .style import (
     AMBER,
     BLUE,
@@ -22,6 +23,7 @@ from .style import (
     INK,
     LUMEN,
     RED,
+    Dash,
     fit_space,
     make_figure,
     make_panels,
@@ -30,10 +32,12 @@ from .style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 
     from ..continuum import Shape
-    from ..continuum.dexterity import DexterityMap
+    from ..continuum.workspace import DexterityMap
     from ..motion.actuate.actuation import Actuation
 
 
@@ -64,7 +68,7 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
     )
     for place, (values, name, colors, low) in enumerate(panels, start=1):
         if found.half_plane:
-            axes: Any = figure.add_subplot(1, 2, place)
+            axes = figure.add_subplot(1, 2, place)
             drawn = _fill_cells(axes, found, values, colors, low)
             if length is not None:
                 axes.plot([0.0, 0.0], [0.0, length], color=INK, linewidth=2.0, label="at rest")
@@ -81,9 +85,24 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
     return figure
 
 
+def plot_map(found: DexterityMap, ax: Axes | None, *, length: float) -> Axes:
+    """Draw the share of directions of a dexterity map seen along y, the robot at rest with it."""
+    across = "distance from the axis" if found.half_plane else "x"
+    ax = take_axes(ax, x=f"{across} [mm]", y="z [mm]", equal=True)
+    if found.half_plane:
+        drawn = _fill_cells(ax, found, found.direction_share, "viridis", 0.0)
+    else:
+        order = np.argsort(found.direction_share)
+        x, _, z = found.centres[order].T
+        drawn = ax.scatter(x, z, c=found.direction_share[order], s=6.0, cmap="viridis", vmin=0.0)
+    ax.plot([0.0, 0.0], [0.0, length], color=INK, linewidth=2.0, label="at rest")
+    ax.figure.colorbar(drawn, ax=ax, label="share of directions")
+    return ax
+
+
 def _fill_cells(
-    axes: Any, found: DexterityMap, values: NDArray[np.float64], colors: str, low: float | None
-) -> Any:
+    axes: Axes, found: DexterityMap, values: NDArray[np.float64], colors: str, low: float | None
+) -> QuadMesh:
     """Draw the cells of a half-plane as squares, those without a tip left white."""
     index = np.rint(found.centres[:, (0, 2)] / found.cell - 0.5).astype(np.int64)
     first, last = index.min(axis=0), index.max(axis=0)
@@ -227,7 +246,7 @@ def _spread_colors(count: int) -> list[tuple[float, float, float, float]]:
 Floats = NDArray[np.float64]
 
 _COLORS = (BLUE, AMBER, GREEN, RED, "#6f4fa8", "#2a94b8", "#7a6a58", "#c0508f")
-_STYLES = {
+_STYLES: dict[str, tuple[str, Dash]] = {
     "arc": (BLUE, (0, (6, 2))),
     "linkage": (AMBER, (0, (2, 1.5))),
     "energy": (GREEN, (0, (6, 2, 1.5, 2))),
@@ -239,6 +258,15 @@ _NAMED = 8
 _MATCH = 1e-6
 _AZIMUTHS = (-60.0, 30.0, 120.0, -150.0)
 """From where the robot may be seen [deg]: never along an axis."""
+
+
+def plot_shape(shape: Shape, ax: Axes | None) -> Axes:
+    """Draw one shape from the side: the plane of the picture holds the base's axis and the tip."""
+    _check_single("shape", shape)
+    turn, words = _side_view(shape)
+    ax = take_axes(ax, x=f"{words} [mm]", y="z [mm]", equal=True)
+    _draw_body(ax, shape, np.stack([turn[0], (0.0, 0.0, 1.0)]), named=True)
+    return ax
 
 
 def draw_shape(
@@ -268,7 +296,7 @@ def draw_shape(
     rims = _rings(shape).reshape(-1, 3)
     wide, deep = _span(rims @ turn[0], rims[:, 2])
     grid = figure.add_gridspec(1, 3, width_ratios=(1.1, min(max(wide / deep, 0.5), 1.1), 0.8))
-    space: Any = figure.add_subplot(grid[0], projection="3d")
+    space = figure.add_subplot(grid[0], projection="3d")
     side, top = figure.add_subplot(grid[1]), figure.add_subplot(grid[2])
     marks = [] if target is None else [_check_vector("target", target)]
     arrow = None
@@ -366,7 +394,7 @@ def draw_comparison(shapes: Mapping[str, Shape], *, reference: str | None = "rod
     return figure
 
 
-def _draw_distances(axes: Any, shapes: Mapping[str, Shape], reference: str) -> None:
+def _draw_distances(axes: Axes, shapes: Mapping[str, Shape], reference: str) -> None:
     """Draw distances at the arc lengths that a shape shares with the reference."""
     theirs = shapes[reference]
     drawn = False
@@ -386,7 +414,7 @@ def _draw_distances(axes: Any, shapes: Mapping[str, Shape], reference: str) -> N
     axes.set(xlabel="arc length [mm]", ylabel=f"distance from the {reference} [mm]")
 
 
-def _draw_body(axes: Any, shape: Shape, views: Floats, *, named: bool) -> None:
+def _draw_body(axes: Axes | Axes3D, shape: Shape, views: Floats, *, named: bool) -> None:
     """Draw discs, tendons and backbone in the plane or space that `views` leads to."""
     if len(views) == 2:
         _fill_discs(axes, shape, views)
@@ -405,7 +433,7 @@ def _draw_body(axes: Any, shape: Shape, views: Floats, *, named: bool) -> None:
               label="backbone" if named and few else None)  # fmt: skip
 
 
-def _fill_discs(axes: Any, shape: Shape, views: Floats) -> None:
+def _fill_discs(axes: Axes, shape: Shape, views: Floats) -> None:
     for ring in _rings(shape):
         axes.fill(*(views @ ring.T), facecolor="#dfe8f1", edgecolor=_DISC, linewidth=0.8,
                   alpha=0.55, zorder=1)  # fmt: skip
@@ -442,7 +470,7 @@ def _span(*values: Floats) -> tuple[float, ...]:
     return tuple(float(np.ptp(row)) for row in values)
 
 
-def _pick_styles(names: Any) -> dict[str, tuple[str, Any]]:
+def _pick_styles(names: Iterable[str]) -> dict[str, tuple[str, Dash]]:
     return {
         name: _STYLES.get(name, (_COLORS[k % len(_COLORS)], (0, ())))
         for k, name in enumerate(names)

@@ -24,6 +24,7 @@ from .style import (
     GRID,
     INK,
     RED,
+    Look,
     fit_space,
     make_figure,
     make_panels,
@@ -50,7 +51,7 @@ Floats = NDArray[np.float64]
 
 _OWN = {"R": RED, "G": GREEN, "B": BLUE}
 _RISING, _FALLING = (0, (4, 1.5)), (0, (1, 1.5))
-_CUBIC: dict[str, Any] = {"color": INK, "linewidth": 1.1}
+_CUBIC: Look = {"color": INK, "linewidth": 1.1}
 LEAST_SIDE = 26.0
 """Shortest side of a 3-D panel [mm]."""
 _SMALL = 1e-6  # an error of the trace that is round-off [mm]
@@ -168,7 +169,7 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
                 "pressure with method='fixed-point'"
             )
         force, _, lateral, following = table[:, :4].T
-        style: dict[str, Any] = {
+        style: Look = {
             "color": COLORS[k % len(COLORS)],
             "markersize": 4.5,
             "linewidth": 1.5,
@@ -340,7 +341,7 @@ def draw_force(
     force.set_title(
         f"largest force [N], tip held at {place[0]:g}, {place[1]:g} mm", fontsize=10, loc="left"
     )
-    shown: list[tuple[Any, str, dict[str, Any]]] = [
+    shown: list[tuple[Floats, str, Look]] = [
         (passive, "without pressure", {"color": _FAINT, "linestyle": DASHES[1]})
     ]
     if not np.array_equal(matrix, passive):
@@ -370,19 +371,6 @@ def _find_free_angle(effector: Effector) -> float:
     return math.degrees(angles[widest] + 0.5 * gaps[widest])
 
 
-UNITS = {
-    **dict.fromkeys(("offset", "length", "backbone_length", "holder_length"), "mm"),
-    **dict.fromkeys(("flexural_rigidity", "catheter_rigidity"), "N mm²"),
-    **dict.fromkeys(("pressure_limit", "muscle.modulus", "muscle.strand_modulus"), "MPa"),
-    "muscle.braid_angle": "rad",
-    **{
-        f"muscle.{name}": "mm"
-        for name in ("outer_radius", "inner_radius", "gap", "strand_radius", "end_length",
-                     "dead_length", "friction_length")
-    },
-}  # fmt: skip
-
-
 def draw_sweep(sweep: Sweep) -> Figure:
     """Return a figure of a sweep over the first parameter, a line for each value of the others.
 
@@ -394,7 +382,11 @@ def draw_sweep(sweep: Sweep) -> Figure:
     ----------
     sweep : Sweep
     """
+    from ..effector.study import find_quantity
+
     first, *others = sweep.parameters
+    known = find_quantity(first)
+    unit = known.unit.replace("^2", "²") if known else ""
     over, labels = _number([row.changes[first] for row in sweep.rows])
     groups: dict[str, list[int]] = {}
     for index, row in enumerate(sweep.rows):
@@ -423,7 +415,7 @@ def draw_sweep(sweep: Sweep) -> Figure:
                 label=name if axes is right else None,
             )  # fmt: skip
     for axes in (left, right):
-        axes.set_xlabel(f"{first} [{UNITS[first]}]" if first in UNITS else first)
+        axes.set_xlabel(f"{first} [{unit}]" if unit else first)
         top = float(axes.dataLim.y1)
         axes.set_ylim(0.0, 1.06 * top if 0.0 < top < np.inf else 1.0)
         if failed.size:
@@ -445,7 +437,7 @@ def draw_sweep(sweep: Sweep) -> Figure:
     return figure
 
 
-def _number(values: list[Any]) -> tuple[Any, list[str]]:
+def _number(values: list[object]) -> tuple[Floats, list[str]]:
     """Return places on an axis, and labels if the values are no numbers."""
     if all(isinstance(value, (int, float)) for value in values):
         return np.array(values, dtype=np.float64), []
@@ -459,7 +451,7 @@ def _format(value: object) -> str:
     return f"{value:g}" if isinstance(value, (int, float)) else str(value)
 
 
-def _take(rows: list[SweepRow], quantity: str) -> Any:
+def _take(rows: list[SweepRow], quantity: str) -> Floats:
     scale = 1e3 if quantity == "needed_pressure" else 1.0
     return scale * np.array([getattr(row, quantity) for row in rows])
 

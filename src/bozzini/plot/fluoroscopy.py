@@ -1,8 +1,8 @@
 """Fluoroscopy: the lumen seen through the body, as on a barium X-ray, from its sampled field.
 
 The picture is an orthographic projection along the grid axis that lies nearest to a world axis.
-Where the world's axes point in the patient, the field says (`SampledField.frame`); where it does
-not, they are read as RAS: +x to the patient's right, +y to the front, +z to the head. Views follow
+`SampledField.frame` states where the world's axes point in the patient; without it they are read
+as RAS: +x to the patient's right, +y to the front, +z to the head. Views follow
 radiological custom: the coronal view faces the patient (the patient's right is on the left of the
 picture), the sagittal view looks from the patient's left (front on the left), the axial view looks
 from the feet (front on top).
@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -256,7 +256,7 @@ def draw_segmentation(volume: Volume, result: Segmentation) -> Figure:
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
 
-    image: Any = volume.array.reshape(result.labels.shape, order="A")
+    image = volume.array.reshape(result.labels.shape, order="A")
     spacing = np.linalg.norm(result.affine[:3, :3], axis=0)
     figure = Figure(figsize=(12.0, 5.0), dpi=100, layout="constrained")
     colours = ListedColormap([f"C{k % 10}" for k in range(len(result.segments))])

@@ -7,7 +7,7 @@ figure. Pressure is shown in kPa, angles in degrees.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from .style import (
     DASHES,
     INK,
     RED,
+    Look,
     make_panels,
     take_panel,
 )
@@ -33,14 +34,14 @@ if TYPE_CHECKING:
     from ..muscle.data import Measurements
     from ..muscle.hysteresis import Hysteresis, HysteresisFit
     from ..muscle.model import MuscleModel
-    from ..muscle.ranking import Comparison, RankedModel, Ranking
+    from ..muscle.ranking import Comparison, Ranking
 
 LOCKING_ANGLE = math.degrees(math.atan(math.sqrt(2.0)))
 _MARKS = {"inflating": "^", "deflating": "v", "": "o"}
 _PRESSURE = "pressure [kPa]"
 _CONTRACTION = "contraction [mm]"
 _FINE = 201
-_PHASES: tuple[dict[str, Any], ...] = (
+_PHASES: tuple[Look, ...] = (
     {"color": "#d7e3ee", "label": "gap: the tube grows alone"},
     {"color": "#fbe7c6", "label": "contact, longer than at rest"},
 )
@@ -64,14 +65,8 @@ def draw_phases(
     Parameters
     ----------
     model : MuscleModel
-    pressure : float
-        Largest pressure [MPa].
-    load : float
-        Tension that the muscle holds [N].
-    direction : str, optional
-        ``"inflating"`` or ``"deflating"`` for a branch of friction.
-    lowest : float
-        Pressure at which the line begins [MPa], for a model without an answer below it.
+    pressure, load, direction, lowest
+        As for `draw_contraction`.
 
     Raises
     ------
@@ -236,18 +231,8 @@ def draw_braid_angle(
 
     Parameters
     ----------
-    models : mapping of str to MuscleModel
-        What to draw, by the name in the legend.
-    pressure : float
-        Largest pressure [MPa]; the axis is logarithmic over four decades.
-    load : float
-        Tension that the muscle holds [N].
-    direction : str, optional
-        ``"inflating"`` or ``"deflating"`` for a branch of friction.
-    lowest : float
-        Pressure at which the line begins [MPa], for a model without an answer below it.
-    ax : Axes, optional
-        Axes to draw into.
+    models, pressure, load, direction, lowest, ax
+        As for `draw_contraction`; the axis of pressure is logarithmic over four decades.
 
     Raises
     ------
@@ -290,72 +275,60 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
     """
     data = comparison.data
     figure, (left, right) = make_panels(1, 2, width_ratios=(1.5, 1.0))
-    loads = np.unique(data.load)
-    for direction, mark in _MARKS.items():
-        rows = data.direction == direction
-        if rows.any():
-            left.plot(
-                1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.5,
-                markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
-            )  # fmt: skip
+    _draw_rows(left, data)
     names = [score.name for score in comparison.scores]
     for style, score in zip(_list_styles(names), comparison.scores, strict=True):
         if score.name not in models:
             raise InputError(f"model '{score.name}' was compared, but is not among those given")
-        label: str | None = f"{score.name}: {score.standard_error_percent:.1f} %"
-        for load in loads:
-            for direction in dict.fromkeys(data.direction[data.load == load].tolist()):
-                rows = (data.load == load) & (data.direction == direction)
-                _draw_line(
-                    left,
-                    models[score.name],
-                    data.select(rows),
-                    predicted=score.predicted[rows],
-                    style={**style, "label": label},
-                )
-                label = None
+        label = f"{score.name}: {score.standard_error_percent:.1f} %"
+        _draw_lines(left, models[score.name], data, score.predicted, {**style, "label": label})
         right.plot(
             1e3 * data.pressure, score.predicted - data.contraction, "o", markersize=3.5,
             color=style["color"],
         )  # fmt: skip
     right.axhline(0.0, color=INK, linewidth=0.8)
-    left.set(xlabel=_PRESSURE, ylabel=_CONTRACTION)
     right.set(xlabel=_PRESSURE, ylabel="model less measurement [mm]")
-    if len(loads) > 1:
-        left.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
     left.legend(frameon=False, fontsize=9)
     return figure
 
 
-def _draw_line(
+def _draw_rows(axes: Axes, data: Measurements) -> None:
+    """Draw measured rows, a mark for each direction."""
+    for direction, mark in _MARKS.items():
+        rows = data.direction == direction
+        if rows.any():
+            axes.plot(
+                1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.5,
+                markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
+            )  # fmt: skip
+    axes.set(xlabel=_PRESSURE, ylabel=_CONTRACTION)
+    loads = np.unique(data.load)
+    if len(loads) > 1:
+        axes.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
+
+
+def _draw_lines(
     axes: Axes,
     model: MuscleModel,
-    rows: Measurements,
-    *,
+    data: Measurements,
     predicted: NDArray[np.float64],
-    style: Mapping[str, Any],
+    style: Look,
 ) -> None:
-    """Draw a model between rows of one load and direction; without an answer there, only at them.
-
-    Parameters
-    ----------
-    axes : Axes
-    model : MuscleModel
-    rows : Measurements
-        Rows of one load and direction.
-    predicted : ndarray, shape (n,)
-        Contraction at the rows [mm].
-    style : mapping
-        Of the line.
-    """
-    over = np.linspace(rows.pressure.min(), rows.pressure.max(), _FINE)
-    direction = str(rows.direction[0]) or None
-    try:
-        line = np.asarray(model.contraction(over, rows.load[0], direction=direction))
-    except BozziniError:
-        order = np.argsort(rows.pressure, kind="stable")
-        over, line = rows.pressure[order], predicted[order]
-    axes.plot(1e3 * over, line, **style)
+    """Draw a model between the rows of each load and direction; without an answer, at the rows."""
+    label = style["label"]
+    for load, direction in dict.fromkeys(
+        zip(data.load.tolist(), data.direction.tolist(), strict=True)
+    ):
+        rows = (data.load == load) & (data.direction == direction)
+        pressure = data.pressure[rows]
+        over = np.linspace(pressure.min(), pressure.max(), _FINE)
+        try:
+            line = np.asarray(model.contraction(over, load, direction=direction or None))
+        except BozziniError:
+            order = np.argsort(pressure, kind="stable")
+            over, line = pressure[order], predicted[rows][order]
+        axes.plot(1e3 * over, line, **{**style, "label": label})
+        label = None
 
 
 def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
@@ -365,7 +338,7 @@ def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
     return levels
 
 
-def _list_styles(names: Any) -> list[dict[str, Any]]:
+def _list_styles(names: Collection[str]) -> list[Look]:
     if not len(names):
         raise InputError("there are 0 models to draw: give 1 or more")
     return [
@@ -408,7 +381,12 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     shown = [entry for entry in ranking.models if not entry.same_as][:curves]
     colors = {entry.name: color for entry, color in zip(shown, COLORS, strict=False)}
     _draw_errors(left, ranking, colors)
-    _draw_curves(right, ranking, shown)
+    _draw_rows(right, ranking.data)
+    for entry, dash in zip(shown, DASHES, strict=False):
+        style = {"color": colors[entry.name], "linestyle": dash, "linewidth": 1.5}
+        style["label"] = entry.name
+        _draw_lines(right, entry.model, ranking.data, entry.score.predicted, style)
+    right.legend(frameon=False, fontsize=8)
     return figure
 
 
@@ -442,7 +420,8 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
                   va="center", color=INK)  # fmt: skip
     axes.text(1.02, -1.0, "ΔAICc", transform=axes.get_yaxis_transform(), fontsize=8,
               va="center", color=INK)  # fmt: skip
-    axes.set_yticks(range(len(ranking.models)), [_label(entry) for entry in ranking.models])
+    labels = [f"{entry.name} ({entry.parameters})" for entry in ranking.models]
+    axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis="y", labelsize=8)
     axes.set_ylim(len(ranking.models) - 0.4, -1.6)
     axes.set_xscale("log")
@@ -451,36 +430,6 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
     words = {"aicc": "AICc", "bic": "BIC", "cv": "the rows left out"}[ranking.criterion]
     axes.set_title(f"ranked by {words}; number of constants fitted", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=8, loc="lower left")
-
-
-def _label(entry: RankedModel) -> str:
-    return f"{entry.name} ({entry.parameters})"
-
-
-def _draw_curves(axes: Axes, ranking: Ranking, shown: list[RankedModel]) -> None:
-    data = ranking.data
-    for direction, mark in _MARKS.items():
-        rows = data.direction == direction
-        if rows.any():
-            axes.plot(
-                1e3 * data.pressure[rows], data.contraction[rows], mark, color=INK, markersize=4.0,
-                markerfacecolor="none", label=f"measured {direction}".strip(), zorder=4,
-            )  # fmt: skip
-    for entry, color, dash in zip(shown, COLORS, DASHES, strict=False):
-        label: str | None = entry.name
-        for load, direction in dict.fromkeys(
-            zip(data.load.tolist(), data.direction.tolist(), strict=True)
-        ):
-            rows = (data.load == load) & (data.direction == direction)
-            style = {"color": color, "linestyle": dash, "linewidth": 1.5, "label": label}
-            predicted = entry.score.predicted[rows]
-            _draw_line(axes, entry.model, data.select(rows), predicted=predicted, style=style)
-            label = None
-    axes.set(xlabel="pressure [kPa]", ylabel="contraction [mm]")
-    loads = np.unique(data.load)
-    if len(loads) > 1:
-        axes.set_title(f"loads {loads[0]:g} to {loads[-1]:g} N", fontsize=10, loc="left")
-    axes.legend(frameon=False, fontsize=8)
 
 
 # Figures of hysteresis: loops of operators, and a fit against the loops measured.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..motion.measures import measure_displacement
 from ..motion.plan import Plan
 from ..motion.refusal import floor_mm
+from ..results import Json
 
 if TYPE_CHECKING:
     from ..duct.field import SampledField
@@ -125,7 +126,7 @@ class RefusalMark:
     at : float
         Arc length of the centreline [mm].
     needs, offers : float or None
-        Room needed and room there, from the scope's axis to the wall [mm].
+        Clearance needed and clearance there, from the scope's axis to the wall [mm].
     """
 
     code: str
@@ -159,13 +160,10 @@ def find_refusal(plan: Plan, summary: Record | None = None) -> RefusalMark | Non
 
 def share_centreline(plans: Sequence[Plan]) -> list[Plan]:
     """Give plans without a centreline that of the others, so that places mean the same."""
-    lines = [plan.meta["centreline"] for plan in plans if plan.meta.get("centreline")]
+    lines = [plan.centreline for plan in plans if plan.centreline is not None]
     if not lines:
         return list(plans)
-    return [
-        replace(plan, meta={**plan.meta, "centreline": plan.meta.get("centreline") or lines[0]})
-        for plan in plans
-    ]
+    return [replace(plan, centreline=plan.centreline or lines[0]) for plan in plans]
 
 
 def read_centreline(plan: Plan) -> PlanCentreline:
@@ -195,19 +193,10 @@ def read_centreline(plan: Plan) -> PlanCentreline:
 
 
 def _parse_centreline(plan: Plan) -> tuple[Floats, Floats, Floats] | None:
-    record = read_part(plan.meta, "centreline")
-    try:
-        points, arc, radius = (
-            np.asarray(record[key], dtype=np.float64)
-            for key in ("points_mm", "arc_length_mm", "radius_mm")
-        )
-    except (KeyError, TypeError, ValueError):
+    line = plan.centreline
+    if line is None or line.points.shape[1] != 3 or not (np.diff(line.arc_length) > 0.0).all():
         return None
-    fits = points.ndim == 2 and points.shape[1] == 3 and len(points) >= 2
-    if not fits or arc.shape != (len(points),) or radius.shape != arc.shape:
-        return None
-    finite = all(np.isfinite(values).all() for values in (points, arc, radius))
-    return (points, arc, radius) if finite and (np.diff(arc) > 0.0).all() else None
+    return line.points, line.arc_length, line.radius
 
 
 def _thin(count: int) -> NDArray[np.int64]:
@@ -543,7 +532,7 @@ METHOD_NAMES = {
 """Methods in words."""
 
 
-def list_methods(plans: Sequence[Plan], records: Sequence[Record] = ()) -> list[dict[str, Any]]:
+def list_methods(plans: Sequence[Plan], records: Sequence[Record] = ()) -> list[Json]:
     """Return one record for each method, with the keys of the summary's `comparison`.
 
     Parameters
@@ -564,7 +553,7 @@ def list_methods(plans: Sequence[Plan], records: Sequence[Record] = ()) -> list[
     return rows
 
 
-def _describe(plan: Plan, *, skip: Record) -> dict[str, Any]:
+def _describe(plan: Plan, *, skip: Record) -> Json:
     """Return the record of a method by its plan alone."""
     measures = read_part(plan.meta, "measures")
     certified = bool(plan.meta.get("certified", False))

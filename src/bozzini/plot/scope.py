@@ -18,7 +18,7 @@ from .plan_data import (
     RefusalMark,
     read_number,
 )
-from .style import ClearanceScale, color_lumen
+from .style import ClearanceScale, color_lumen, draw_marker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -223,30 +223,13 @@ def draw_scope(
         LineCollection(list(links[order]), colors=colors[order], linewidths=width, capstyle="round")
     )
     size = max(6.5, 1.12 * width)
-    axes.plot(
-        *place[0],
-        marker="o",
-        markersize=size,
-        markerfacecolor="white",
-        markeredgecolor=_OUTLINE,
-        markeredgewidth=1.4,
-        linestyle="none",
-    )
+    draw_marker(axes, place[0], "o", size=size, face="white", color=_OUTLINE, width=1.4)
     spots = find_violations(sample.visible[row])
     if spots:
         middle = links[spots].mean(axis=1)
         ring = max(15.0, width + 12.0)
         for edge, wide in ((_OUTLINE, 3.4), ("#ffffff", 1.7)):
-            axes.plot(
-                middle[:, 0],
-                middle[:, 1],
-                marker="o",
-                markersize=ring,
-                markerfacecolor="none",
-                markeredgecolor=edge,
-                markeredgewidth=wide,
-                linestyle="none",
-            )
+            draw_marker(axes, middle.T, "o", size=ring, color=edge, width=wide)
 
 
 def draw_rest(
@@ -278,20 +261,14 @@ def draw_rest(
     if mark is not None:
         spot = picture.project(line.point_at(mark.at))
         for color, wide, size in ((_OUTLINE, 6.0, 15.0), (REST, 3.0, 13.0)):
-            axes.plot(
-                *spot, marker="x", markersize=size, markeredgecolor=color, markeredgewidth=wide,
-                linestyle="none", zorder=4,
-            )  # fmt: skip
+            draw_marker(axes, spot, "x", size=size, color=color, width=wide, zorder=4)
 
 
 def draw_marks(axes: Axes, picture: Projection, marks: Sequence[EndMark]) -> None:
     """Draw the ends of the tract as numbered rings."""
     for mark in marks:
         u, v = picture.project(mark.point)
-        axes.plot(
-            u, v, marker="o", markersize=7.0, markerfacecolor="none", markeredgecolor=MARK,
-            markeredgewidth=1.4, linestyle="none", zorder=5,
-        )  # fmt: skip
+        draw_marker(axes, (u, v), "o", size=7.0, color=MARK, width=1.4, zorder=5)
         axes.annotate(
             str(mark.number),
             (u, v),

@@ -37,8 +37,13 @@ LUMEN = "#d7e3ee"
 COLORS = (BLUE, AMBER, GREEN, RED, "#6f4fa8", "#45b5d9", "#7a6a58", INK)
 """Colours of lines, in turn."""
 
-DASHES: tuple[Any, ...] = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
+Dash = tuple[int, tuple[float, ...]]
+
+DASHES: tuple[Dash, ...] = ((0, ()), (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
 """Styles of lines, in turn."""
+
+Look = dict[str, Any]
+"""Keywords of a line for matplotlib."""
 
 _NEGATIVE = ("#7a0a2e", "#f2453d")
 _POSITIVE = ("#ffe066", "#8fd6a8", "#45b5d9", "#2f7fd0")
@@ -170,3 +175,13 @@ def fit_space(space: Axes3D, points: NDArray[np.float64], *, least: float, zoom:
     space.set_box_aspect(2.0 * half, zoom=zoom)
     space.tick_params(labelsize=8.5)
     space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+
+
+def draw_marker(axes: Axes, place: ArrayLike, marker: str, *, size: float, **look: Any) -> None:
+    """Draw markers at (x, y) that are not joined: rings, if no `face` is given."""
+    x, y = np.asarray(place)
+    axes.plot(
+        x, y, marker=marker, markersize=size, linestyle="none",
+        markerfacecolor=look.pop("face", "none"), markeredgecolor=look.pop("color"),
+        markeredgewidth=look.pop("width"), **look,
+    )  # fmt: skip

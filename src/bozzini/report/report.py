@@ -1,4 +1,4 @@
-"""The report: one HTML file that stands alone and says whether the scope fits.
+"""The report: one HTML file that stands alone and states whether the scope fits.
 
 Pictures, data and the small script are all inside the file; nothing is loaded from anywhere.
 Every text that comes from outside (file names, reasons, findings) is escaped.
@@ -16,7 +16,7 @@ from functools import cache
 from html import escape
 from importlib.resources import files as package_files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,7 @@ from ..plot.style import (
     color_lumen,
     list_clearance_colors,
 )
+from ..results import Json
 from .text import (
     list_limitations,
     list_rows,
@@ -97,10 +98,10 @@ def pack_viewer(
     places: NDArray[np.float64],
     scale: ClearanceScale,
     radius: float,
-) -> dict[str, Any]:
+) -> Json:
     """Return a JSON-able object for the report's script.
 
-    `places` says where along the tract each step is tightest [mm]. Joints are given per picture
+    `places` is where along the tract each step is tightest [mm]. Joints are given per picture
     from its upper left corner, right and down, in steps of 0.1 mm; clearances in steps of
     0.01 mm, with -32768 for links still in the introducer. Both are little-endian 16-bit
     integers in base64.
@@ -254,7 +255,7 @@ def render_comparison(plan: Plan, summary: Record, comparison: Sequence[Plan]) -
     rigid = " against the wall at rest, taken as rigid" if soft else ""
     return (
         f"<h2>Methods side by side</h2><p>The same scope and tract, planned by each method{rigid}. "
-        "A clearance is proved or an estimate, as it says; joint movement is the sum over all "
+        "A clearance is marked as proved or as an estimate; joint movement is the sum over all "
         "joints and steps, against a chain pulled freely along the same head path (no wall "
         "holds it back) and one whose joints all follow that path.</p>"
         f"{render_methods(rows)}{figure}"
@@ -459,13 +460,13 @@ def _render_provenance(plan: Plan, summary: Record) -> str:
     return "".join(parts)
 
 
-def _show(value: Any) -> str:
+def _show(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
 
 
-def _embed_json(value: Any) -> str:
+def _embed_json(value: Json) -> str:
     """Return JSON that no browser takes for the end of its script element."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 

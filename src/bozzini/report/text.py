@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..motion.plan import Plan
 from ..motion.refusal import floor_mm
@@ -119,7 +119,7 @@ def _describe_estimate(field: SampledField) -> list[str]:
 _MINUS = "\N{MINUS SIGN}"
 
 
-def _show(value: Any, digits: int, unit: str = "") -> str:
+def _show(value: object, digits: int, unit: str = "") -> str:
     """Return a number for reading, or a dash where there is none."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return "–"

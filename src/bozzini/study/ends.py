@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +23,8 @@ from ..duct import Centreline, SampledField, find_centreline
 from ..duct.field import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Plan
-from ..motion.introducer import Introducer
 from ..progress import Progress, no_progress
+from ..results import Json
 
 __all__ = [
     "Candidate",
@@ -112,7 +112,7 @@ class Candidate:
     radius: float | None = None
     length: float | None = None
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Json:
         """Return JSON-able values."""
         return {
             "kind": self.kind,
@@ -278,7 +278,7 @@ def find_introducer_crossing(
     Rays along it are sampled in the lumen before inflation; each may leave it once. An entry that
     was given must lie at an end of the lumen.
     """
-    tube = Introducer.from_description(plan.meta["introducer"])
+    tube = plan.get_introducer()
     rest = field.inflate(-field.inflation)
     step = 0.5 * float(rest.spacing.min())
     box = np.array(rest.values.shape) * rest.spacing

@@ -10,25 +10,26 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..anatomy.files import encode_volume
 from ..anatomy.frame import convert_frame
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..anatomy.write import encode_volume
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, refine_field
-from ..io.files import new_directory, write_atomically, write_text
+from ..io.files import new_directory, write_bytes, write_text
 from ..motion import (
-    METHODS,
+    PLANNERS,
+    FreeSpace,
     Largest,
     Passage,
     Plan,
+    PlannerOptions,
     Scope,
-    TubeOptions,
     find_largest,
     find_passage,
     plan_insertion,
@@ -37,9 +38,10 @@ from ..motion import (
 from ..motion.actuate.actuate import actuate_plan
 from ..motion.actuate.actuation import Actuation
 from ..motion.measures import measure_displacement
+from ..motion.plan import TractInput
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
-from ..results import Result
+from ..results import Json, Result
 from .ends import (
     OrientedCentreline,
     find_introducer_crossing,
@@ -56,7 +58,7 @@ if TYPE_CHECKING:
 # The summary of a plan: what ``--json`` prints and ``summary.json`` holds.
 
 
-def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[str, Any]:
+def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> Json:
     """Return a plan's summary as JSON-able values.
 
     Parameters
@@ -67,17 +69,18 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
     line : Centreline
         From the entry to the goal.
     """
-    measures, certificate = plan.meta["measures"], plan.meta["certificate"]
+    meta = plan.meta
+    measures = meta["measures"]
     inside = bool(np.isfinite(plan.clearance).any())
     narrow = int(np.argmin(line.radius))
-    summary: dict[str, Any] = {
+    summary: Json = {
         "method": plan.method,
         "status": plan.status,
         "reason": plan.reason,
         "reason_code": plan.reason_code,
-        "certified": bool(plan.meta["certified"]),
+        "certified": plan.certified,
         # A bound below zero proves nothing, and is loose outside the lumen: no number to quote.
-        "clearance_certified_mm": certificate["clearance_mm"] if plan.meta["certified"] else None,
+        "clearance_certified_mm": plan.proved,
         "stopped_at_mm": plan.inserted if plan.status == "stopped" else None,
         "centreline_length_mm": line.length,
         "inserted_mm": plan.inserted,
@@ -86,24 +89,24 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
         "clearance_min_mm": measures["clearance_min_mm"] if inside else None,
         "clearance_where_mm": measures["clearance_where_mm"] if inside else None,
         "clearance_insertion_mm": measures["clearance_insertion_mm"] if inside else None,
-        "clearance_error_mm": plan.meta["field"]["clearance_error_mm"],
+        "clearance_error_mm": meta["field"]["clearance_error_mm"],
         "joint_step_max_mm": measures["joint_step_max_mm"],
         "joint_step_ratio_max": measures["joint_step_ratio_max"],
-        "head_step_mm": plan.meta["head_step_mm"],
+        "head_step_mm": meta["head_step_mm"],
         "joint_angle_max_rad": measures["joint_angle_max_rad"],
         "joint_travel_mm": measures["joint_travel_mm"],
         "displacement_ratio": measure_displacement(plan),
         "radius_min_mm": float(line.radius[narrow]),
         "radius_min_where_mm": float(line.arc_length[narrow]),
-        "wall": plan.meta["wall"],
+        "wall": plan.wall,
         "wall_error_mm": field.wall_error,
         "voxel_mm": [float(h) for h in field.spacing],
         "inflation_mm": field.inflation,
-        "scope": plan.meta["scope"],
+        "scope": meta["scope"],
     }
     for key in ("refusal", "soft_wall", "candidates", "input"):
-        if key in plan.meta and plan.meta[key] is not None:
-            summary[key] = plan.meta[key]
+        if meta.get(key) is not None:
+            summary[key] = meta[key]
     return summary
 
 
@@ -211,7 +214,7 @@ def write_volumes(
     axes[:3, :3] = field.rotation * field.spacing
     axes[:3, 3] = field.origin
     values = np.asarray(field.values, dtype=np.float32) - np.float32(field.inflation)
-    volumes: dict[str, dict[str, Any]] = {"field": {"values": values, "affine": axes}}
+    volumes: dict[str, Json] = {"field": {"values": values, "affine": axes}}
     if isinstance(tract, LabelTract):
         volumes["labels"] = {
             "values": tract.labels, "affine": tract.affine, "names": tract.label_names
@@ -221,14 +224,7 @@ def write_volumes(
         volumes["labels"] = {"values": inside, "affine": axes}
     for name, volume in volumes.items():
         path = folder / f"{name}.nii.gz"
-        _write_bytes(path, encode_volume(path, **volume, frame=frame))
-
-
-def _write_bytes(path: Path, data: bytes) -> None:
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(data)
-
-    write_atomically(path, write)
+        write_bytes(path, encode_volume(path, **volume, frame=frame))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -275,7 +271,7 @@ class InsertionStudy(Result):
     robot: Actuation | None = None
     findings: tuple[Finding, ...] = ()
     unreached: tuple[Unreached, ...] = ()
-    entries: tuple[dict[str, Any], ...] = ()
+    entries: tuple[Json, ...] = ()
     label_error: float | None = None
 
     @property
@@ -293,12 +289,10 @@ class InsertionStudy(Result):
         """
         if not self.centreline.given and any(p.stated and p.cut_off for p in self.unreached):
             return False
-        certified = bool(self.plan.meta["certified"])
-        if self.label_error is not None:
-            proof = self.plan.meta.get("certificate") or {}
-            if not certified or proof["clearance_mm"] < self.label_error:
-                return False
-        proved = certified if self.robot is None else self.robot.fits
+        bound = self.plan.proved
+        if self.label_error is not None and (bound is None or bound < self.label_error):
+            return False
+        proved = self.plan.certified if self.robot is None else self.robot.fits
         return self.plan.status == "complete" and proved
 
     @property
@@ -317,7 +311,7 @@ class InsertionStudy(Result):
         """Largest error of the clearance between the nodes of the grid [mm]."""
         return float(self.plan.meta["field"]["clearance_error_mm"])
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
         summary = summarise_plan(self.plan, self.field, self.line)
         summary["fits"] = self.fits
@@ -367,7 +361,7 @@ class InsertionStudy(Result):
         force: bool = False,
         export: bool = False,
         progress: Progress = no_progress,
-    ) -> dict[str, Any]:
+    ) -> Json:
         """Write the plan, the report, pictures, the scene, the centreline and the summary.
 
         These are plan.npz, report.html, picture.png, scene.glb, summary.json, centreline.mrk.json
@@ -428,7 +422,7 @@ class InsertionStudy(Result):
         """Write the wall and the body: the robot's arcs, or the scope's chain."""
         from .. import scene
 
-        joints, diameter = self.plan.joints, float(self.plan.meta["scope"]["diameter_mm"])
+        joints, diameter = self.plan.joints, float(self.plan.get_scope().diameter)
         if self.robot is not None:
             joints = self.robot.place_body(np.arange(self.robot.steps), pitch=5.0)
             diameter = 2.0 * self.robot.robot.radius
@@ -438,7 +432,7 @@ class InsertionStudy(Result):
             joints=joints,
             diameter=diameter,
             path=self.plan.path,
-            title=f"Insertion: {Path(self.tract.source).name}",
+            options=scene.SceneOptions(title=f"Insertion: {Path(self.tract.source).name}"),
         )
 
     def _draw_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -471,7 +465,7 @@ def run_insertion(
     options: InsertionOptions | None = None,
     *,
     robot: ContinuumRobot | None = None,
-    inputs: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, object] | None = None,
     progress: Progress = no_progress,
 ) -> InsertionStudy:
     """Run the main job: sample the lumen, find its centreline, plan the insertion.
@@ -513,16 +507,15 @@ def run_insertion(
 
         def make_plan(along: Centreline, duct: SampledField | RefinedField = field) -> Plan:
             return plan_with_soft_wall(
-                duct,  # type: ignore[arg-type]
-                along,
-                scope=scope,
+                FreeSpace(duct, along),
+                scope,
                 soft_wall=options.soft_wall,
                 method=options.method,
+                options=options.motion,
                 progress=progress,
-                **options.motion,
             )
 
-        entries: tuple[dict[str, Any], ...] = ()
+        entries: tuple[Json, ...] = ()
         with _clock(times, "plan"):
             if ends.decided:
                 plan = make_plan(ends.line)
@@ -547,9 +540,7 @@ def run_insertion(
     moved = None
     if robot is not None:
         with _clock(times, "robot"):
-            soft = plan.meta.get("soft_wall") or {}
-            lumen = field.inflate(float(soft.get("used_mm", 0.0)))
-            moved = actuate_plan(plan, robot, lumen, progress=progress)
+            moved = actuate_plan(plan, robot, field.inflate(plan.displaced), progress=progress)
         if moved.status != "complete":
             message = f"the robot '{robot.name}' does not get there: {moved.reason}"
             findings = (*findings, Finding("robot", "warning", message))
@@ -559,41 +550,53 @@ def run_insertion(
     if options.largest:
         with _clock(times, "largest"):
             freedom = 0.0 if options.method == "follow" else 1.0
-            tube = TubeOptions(freedom=freedom, **options.motion)
-            found = find_largest(field, line, scope=scope, options=tube, progress=progress)
+            found = find_largest(
+                field,
+                line,
+                scope=scope,
+                options=options.motion,
+                freedom=freedom,
+                progress=progress,
+            )
     comparison: list[Plan] = []
     if options.compare:
         with _clock(times, "compare"):
-            others = [name for name in METHODS if name != "best"]
+            others = [name for name in PLANNERS if name != "best"]
             for other in others:
-                plain = {"head_step": options.head_step} if other == "thesis" else options.motion
-                comparison.append(plan_insertion(field, line, scope=scope, method=other, **plain))
+                plain = PlannerOptions(head_step=options.head_step)
+                chosen = plain if other == "thesis" else options.motion
+                comparison.append(
+                    plan_insertion(field, line, scope=scope, method=other, options=chosen)
+                )
                 progress("compare", len(comparison) / len(others))
-    given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
+    given: Json = {"source": tract.source, **(inputs or {})}
     for name, place in (("start", places[0]), ("end", places[1])):
         if place is not None:
             given[name] = place.given
     if places[2]:
         given["via"] = [place.given for place in places[2]]
-    shared = {
-        "input": given,
-        "ends": [candidate.describe() for candidate in ends.candidates],
-        "findings": [f"{item.severity}: {item.message}" for item in findings],
-        "centreline": {
-            "points_mm": _round(line.points).tolist(),
-            "arc_length_mm": _round(line.arc_length).tolist(),
-            "radius_mm": _round(line.radius).tolist(),
-        },
-    }
+    rounded = Centreline(
+        points=_round(line.points), arc_length=_round(line.arc_length), radius=_round(line.radius)
+    )
+
+    def state(each: Plan) -> Plan:
+        return replace(
+            each,
+            input=TractInput.read(given),
+            centreline=rounded,
+            findings=tuple(f"{item.severity}: {item.message}" for item in findings),
+            more={"ends": [candidate.describe() for candidate in ends.candidates]},
+        )
+
     return InsertionStudy(
         tract=tract,
         field=field,
         centreline=ends,
-        plan=replace(plan, meta=plan.meta | shared),
+        plan=state(plan),
         seconds=times,
         passage=passage,
         largest=found,
-        comparison=tuple(replace(other, meta=other.meta | shared) for other in comparison),
+        comparison=tuple(map(state, comparison)),
         robot=moved,
         findings=findings,
         unreached=unreached,
@@ -617,10 +620,9 @@ def _may_profit(plan: Plan, field: SampledField) -> bool:
     """Whether a plan fails by so little that a finer grid may show that it fits."""
     if plan.status == "complete" or plan.method == "thesis" or field.spacing.max() <= FINE:
         return False
-    refusal = plan.meta.get("refusal") or {}
     if plan.reason_code not in GRID_CODES:
         return False
-    lack = float(refusal.get("needs_mm", 0.0)) - float(refusal.get("offers_mm", 0.0))
+    lack = 0.0 if plan.refusal is None else plan.refusal.needs - plan.refusal.offers
     return plan.reason_code == "CERTIFICATE_UNRESOLVED" or lack <= field.error
 
 
@@ -628,11 +630,11 @@ def _choose_finer(plan: Plan, fine: Plan) -> tuple[Plan, tuple[Finding, ...]]:
     """Return the better of a plan and its repetition on a finer grid, and a note on that."""
     near = f"a grid of {FINE:g} mm within {CORRIDOR:g} mm of the centreline"
     if _is_better(fine, plan):
-        grid = {**fine.meta["field"], "fine_spacing_mm": FINE, "fine_distance_mm": CORRIDOR}
         note = f"planned and proved on {near}: on the coarser one it ended: {plan.reason}"
-        return replace(fine, meta={**fine.meta, "field": grid}), (
-            Finding("finer-grid", "note", note),
-        )
+        if fine.field is not None:
+            grid = replace(fine.field, fine_spacing=FINE, fine_distance=CORRIDOR)
+            fine = replace(fine, field=grid)
+        return fine, (Finding("finer-grid", "note", note),)
     note = f"tried again on {near}, which did not help"
     return plan, (Finding("finer-grid", "note", note),)
 
@@ -643,7 +645,7 @@ def _try_both_ends(
     make_plan: Callable[[Centreline], Plan],
     *,
     reverse: bool,
-) -> tuple[OrientedCentreline, Plan, tuple[dict[str, Any], ...]]:
+) -> tuple[OrientedCentreline, Plan, tuple[Json, ...]]:
     """Plan from either end of a centreline; the better result, and both in short.
 
     Better is: fits, proved; else gets farther; else the larger certified clearance. Of equal
@@ -670,10 +672,8 @@ def _try_both_ends(
         {
             "point_mm": _round(each.line.points[0]).tolist(),
             "status": result.status,
-            "certified": bool(result.meta["certified"]),
-            "clearance_certified_mm": result.meta["certificate"]["clearance_mm"]
-            if result.meta["certified"]
-            else None,
+            "certified": result.certified,
+            "clearance_certified_mm": result.proved,
             "inserted_mm": result.inserted,
             "reason": result.reason,
         }
@@ -684,14 +684,12 @@ def _try_both_ends(
 
 
 def _judge(plan: Plan) -> tuple[bool, float, float]:
-    certified = bool(plan.meta["certified"])
-    clearance = plan.meta["certificate"]["clearance_mm"] if certified else None
     # A path along which links pass is a few mm longer or shorter from the one end or the other.
     inserted = np.inf if plan.status == "complete" else 10.0 * round(0.1 * plan.inserted)
     return (
-        plan.status == "complete" and certified,
+        plan.status == "complete" and plan.certified,
         inserted,
-        round(-1.0 if clearance is None else clearance, 1),
+        round(-1.0 if plan.proved is None else plan.proved, 1),
     )
 
 
@@ -699,7 +697,7 @@ def _is_better(plan: Plan, other: Plan) -> bool:
     return _judge(plan) > _judge(other)
 
 
-def _find_other_entry(entries: Sequence[Mapping[str, Any]]) -> tuple[Finding, ...]:
+def _find_other_entry(entries: Sequence[Json]) -> tuple[Finding, ...]:
     """Return a warning that names both results where both ends were tried."""
     if not entries:
         return ()

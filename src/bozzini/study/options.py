@@ -10,11 +10,13 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..checks import check_fields, quantity
+from ..motion.planners import PLANNERS, PlannerOptions
+from ..results import Json
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -24,9 +26,6 @@ if TYPE_CHECKING:
 
 ORGANS = ("upper-tract", "small-bowel", "colon")
 """As `bozzini.anatomy.ORGANS`."""
-
-METHODS = ("best", "tube", "follow", "thesis")
-"""As `bozzini.motion.METHODS`."""
 
 SHAPES = ("cones", "cylinders", "superellipsoids")
 """As `bozzini.duct.fitting.fit` knows them."""
@@ -108,7 +107,7 @@ class ReadOptions:
         )
         return tract if self.organ is None else replace(tract, organ=self.organ)  # type: ignore[arg-type]
 
-    def describe(self, source: str | os.PathLike[str]) -> dict[str, Any]:
+    def describe(self, source: str | os.PathLike[str]) -> Json:
         """Return what the tract was read with as JSON-able values: enough to read it again."""
         from ..anatomy.read import hash_input
 
@@ -123,7 +122,7 @@ class ReadOptions:
         }
 
     @staticmethod
-    def _shorten(parts: Sequence[str]) -> Any:
+    def _shorten(parts: Sequence[str]) -> str | list[str] | None:
         """Return no part as None, one as itself, several as a list."""
         return (parts[0] if len(parts) == 1 else list(parts)) if parts else None
 
@@ -205,6 +204,7 @@ class FitOptions(PathOptions):
         default=1.0,
         low=0.0,
         low_open=True,
+        label="--max-error",
     )
     pieces: int | None = quantity(
         help="How many shapes at most (default: so many that no more clearance than --max-error is "
@@ -213,12 +213,19 @@ class FitOptions(PathOptions):
         default=None,
         low=1,
         high=500,
+        label="--pieces",
     )
     least_squares: bool = quantity(
         "flag",
         "Fit the wall from both sides, and not only from inside: not for planning.",
         default=False,
     )
+
+
+def _as_planner(name: str) -> Any:
+    """Return a field as `PlannerOptions` has it."""
+    known = PlannerOptions.__dataclass_fields__[name]
+    return field(default=known.default, metadata=known.metadata)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,21 +252,11 @@ class InsertionOptions(PathOptions):
         "The planner: best (of the next two and some between), tube (whole body, proved), follow "
         "(the leader), thesis (joints only).",
         default="best",
-        words=METHODS,
+        words=tuple(PLANNERS),
     )
-    head_step: float = quantity(
-        "length", "How far the head moves per step.", default=0.25, low=1e-3
-    )
-    slip: float = quantity(
-        "dimensionless",
-        "0: tails are pulled; 1: they move like the head (thesis App. C).",
-        default=0.0,
-        low=0.0,
-        high=1.0,
-    )
-    angle_limit: float | None = quantity(
-        "angle", "Largest angle between links, e.g. 45deg.", default=None
-    )
+    head_step: float = _as_planner("head_step")
+    slip: float = _as_planner("slip")
+    angle_limit: float | None = _as_planner("angle_limit")
     route: Sequence[float] | str = quantity(
         "text",
         "Advance only, or also retract, or go in again.",
@@ -292,20 +289,20 @@ class InsertionOptions(PathOptions):
         return ROUTES[self.route] if isinstance(self.route, str) else tuple(self.route)
 
     @property
-    def motion(self) -> dict[str, Any]:
-        """What every planner but the thesis's takes."""
-        return {
-            "head_step": self.head_step,
-            "slip": self.slip,
-            "angle_limit": self.angle_limit,
-            "route": self.fractions,
-        }
+    def motion(self) -> PlannerOptions:
+        """The options of the planner."""
+        return PlannerOptions(
+            head_step=self.head_step,
+            slip=self.slip,
+            angle_limit=self.angle_limit,
+            route=self.fractions,
+        )
 
     def check(self, scope: Scope) -> None:
         """Raise `InputError` for what is not legal for this scope in any tract."""
-        from ..motion.insertion import check_options
+        from ..motion.planner import make_planner
 
-        check_options(scope=scope, method=self.method, **self.motion)
+        make_planner(self.method).check(scope, self.motion)
 
 
 @contextmanager

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..duct import Centreline, SampledField
+from ..results import Json
 from .ends import LANDMARK_REACH, measure_gap, name_landmarks
 
 __all__ = ["Unreached", "find_unreached"]
@@ -93,7 +94,7 @@ class Unreached:
             return f"{size} before the entry"
         return f"a side branch of {size} at {self.at or 0.0:.0f} mm of the centreline"
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Json:
         """Return JSON-able values."""
         return {
             "kind": self.kind,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..duct.fitting.fit import FittedDuct, ShapeFitOptions, fit_duct, mesh_from_
 from ..duct.fitting.measure import PERCENTS, SectionCircles, Sections, cut_sections
 from ..duct.shapes.mesh import TriangleMesh
 from ..progress import Progress, no_progress
-from ..results import Result
+from ..results import Json, Result
 from .ends import OrientedCentreline, orient_centreline, resolve_places
 from .options import FitOptions, PathOptions, explain_scale
 
@@ -72,7 +72,7 @@ class FitStudy(Result):
         points = line.points[inner] if inner.any() else line.points
         return float(-self.fitted.duct.signed_distance(points).max())
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return JSON-able values."""
         fitted, report = self.fitted, self.fitted.report
         return {
@@ -144,7 +144,7 @@ class SectionStudy(Result):
         """Largest root mean square of a circle by least squares [mm]."""
         return float(np.max(self.fitted.residuals))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return JSON-able values."""
         clearance = -self.field.signed_distance(self.sections.centres)
         return {

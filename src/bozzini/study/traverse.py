@@ -23,7 +23,7 @@ from ..duct.shapes.cylinders import ConnectedCylinders
 from ..errors import InputError
 from ..motion.traverse import DiameterLimits, LinkLimits, find_diameter_limits, find_link_limits
 from ..progress import Progress, no_progress
-from ..results import Result
+from ..results import Json, Result
 from .ends import list_branches
 from .options import PathOptions
 from .shapes import find_line
@@ -96,7 +96,7 @@ class LimitsStudy(Result):
 
     residual = 0.0
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return JSON-able values; infinite numbers stay infinite."""
         narrow = self.diameters_of_link
         return {
@@ -193,7 +193,7 @@ def _lower_top(diameters: DiameterLimits, links: LinkLimits) -> DiameterLimits:
 
 
 def _explain_fit(fit: str, duct: Duct) -> tuple[Finding, ...]:
-    """Return a warning that says what bounds of fitted shapes are about."""
+    """Return a warning that bounds of fitted shapes are not bounds of the tract."""
     if fit == "inscribed":
         message = (
             "the shapes lie inside a tract and leave out a part of it: upper bounds do not hold "

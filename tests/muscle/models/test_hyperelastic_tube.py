@@ -13,8 +13,8 @@ from scipy.integrate import quad
 from bozzini.errors import InputError, MissingLawError
 from bozzini.muscle import EnergyMuscle, Muscle
 from bozzini.muscle.models import MODELS
-from bozzini.muscle.models.base import find_between
 from bozzini.muscle.models.ideal import Wall, find_radius, pull_ideal
+from bozzini.numeric.roots import find_between
 from tests.muscle.models.catalogue import MUSCLE, build, differentiate, find_lengths
 from tests.muscle.models.relations import (
     ask_anything,

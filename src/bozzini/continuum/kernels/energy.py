@@ -13,6 +13,8 @@ import math
 import numpy as np
 from numba import njit
 
+from ...numeric.kernels.linear_algebra import invert_three, solve_bounded
+
 # Numba kernels of one segment of the discrete rod: tendon length, its gradient and its Hessian.
 #
 # Everything is a sum of ``d . f(w) r`` with ``f(w) = f_n I + f_(n+1) [w] + f_(n+2) w w^T`` and the
@@ -229,112 +231,6 @@ def measure_channel(w, length, guides, weights, tension, slope, psd, full):
     return total
 
 
-# Numba kernel of the tensions: a small convex quadratic problem with bounds.
-#
-# ``minimise 1/2 T^T A T + b^T T`` over ``low <= T <= high``, by an active-set method: bounds are
-# released one at a time, the free ones solved by Cholesky. With a strictly convex ``A`` (the caller
-# adds a little to its diagonal) it ends after finitely many steps.
-
-
-@njit(cache=True)
-def solve_cholesky(matrix, right, size):
-    """Solve in place; the answer is in ``right``, ``matrix`` is lost. False if not definite."""
-    for i in range(size):
-        for k in range(i + 1):
-            total = matrix[i, k]
-            for n in range(k):
-                total -= matrix[i, n] * matrix[k, n]
-            if i > k:
-                matrix[i, k] = total / matrix[k, k]
-            elif total <= 0.0:
-                return False
-            else:
-                matrix[i, i] = math.sqrt(total)
-    for i in range(size):
-        for n in range(i):
-            right[i] -= matrix[i, n] * right[n]
-        right[i] /= matrix[i, i]
-    for i in range(size - 1, -1, -1):
-        for n in range(i + 1, size):
-            right[i] -= matrix[n, i] * right[n]
-        right[i] /= matrix[i, i]
-    return True
-
-
-@njit(cache=True)
-def solve_bounded(matrix, vector, low, high, tension):
-    """Fill ``tension`` (k,) with the minimiser, from where it stands. False if it did not end."""
-    size = vector.size
-    state = np.zeros(size, dtype=np.int8)  # 0 free, -1 at the lower bound, 1 at the upper
-    blocked = np.zeros(size, dtype=np.bool_)
-    free = np.empty(size, dtype=np.int64)
-    square = np.empty((size, size))
-    right = np.empty(size)
-    scale = 0.0
-    for k in range(size):
-        tension[k] = min(max(tension[k], low[k]), high[k])
-        if tension[k] <= low[k]:
-            state[k] = -1
-        elif tension[k] >= high[k]:
-            state[k] = 1
-        scale = max(scale, abs(vector[k]))
-    for _ in range(20 * size + 20):
-        # The free ones, until all of them stay inside their bounds.
-        for _ in range(size + 1):
-            count = 0
-            for k in range(size):
-                if state[k] == 0:
-                    free[count] = k
-                    count += 1
-            if count == 0:
-                break
-            for i in range(count):
-                total = -vector[free[i]]
-                for k in range(size):
-                    if state[k] != 0:
-                        total -= matrix[free[i], k] * tension[k]
-                right[i] = total
-                for k in range(count):
-                    square[i, k] = matrix[free[i], free[k]]
-            if not solve_cholesky(square, right, count):
-                return False
-            share, first = 1.0, -1
-            for i in range(count):
-                k = free[i]
-                move = right[i] - tension[k]
-                if right[i] < low[k] and (low[k] - tension[k]) > share * move:
-                    share, first = (low[k] - tension[k]) / move, i
-                elif right[i] > high[k] and (high[k] - tension[k]) < share * move:
-                    share, first = (high[k] - tension[k]) / move, i
-            for i in range(count):
-                tension[free[i]] += share * (right[i] - tension[free[i]])
-            if share > 0.0:
-                blocked[:] = False
-            if first < 0:
-                break
-            k = free[first]
-            state[k] = -1 if right[first] < low[k] else 1
-            tension[k] = low[k] if state[k] < 0 else high[k]
-            blocked[k] = True
-        # The bound that most wants to be released.
-        worst, most = -1, 1e-15 * scale
-        for k in range(size):
-            if state[k] == 0 or blocked[k]:
-                continue
-            pull = vector[k]
-            reach = abs(vector[k])
-            for i in range(size):
-                pull += matrix[k, i] * tension[i]
-                reach = max(reach, abs(matrix[k, i] * tension[i]))
-            gain = -pull if state[k] < 0 else pull
-            if gain > most and gain > 1e-14 * reach:
-                worst, most = k, gain
-        if worst < 0:
-            return True
-        state[worst] = 0
-    return False
-
-
 # Numba kernels of the discrete rod: lengths of its tendons, its frames, and its linear problem.
 #
 # A ``grid`` is what they all take: the segments' lengths (n,), their moments by turn about x, y and
@@ -424,31 +320,6 @@ def fill_frames(grid, turns, rotations, points):
 
 
 @njit(cache=True)
-def invert(matrix, least, inverse):
-    """Inverse of a symmetric 3x3 matrix; False unless its pivots exceed ``least`` (3,)."""
-    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
-    d, e, g = matrix[1, 1], matrix[1, 2], matrix[2, 2]
-    if a <= least[0]:
-        return False
-    second = d - b * b / a
-    if second <= least[1]:
-        return False
-    cross = e - b * c / a
-    third = g - c * c / a - cross * cross / second
-    if third <= least[2]:
-        return False
-    whole = a * second * third
-    inverse[0, 0] = (d * g - e * e) / whole
-    inverse[0, 1] = (c * e - b * g) / whole
-    inverse[0, 2] = (b * e - c * d) / whole
-    inverse[1, 1] = (a * g - c * c) / whole
-    inverse[1, 2] = (b * c - a * e) / whole
-    inverse[2, 2] = (a * d - b * b) / whole
-    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
-    return True
-
-
-@njit(cache=True)
 def invert_blocks(stiffness, psd, full, exact, inverses):
     """Invert the Hessian (n, 3, 3); where it is not positive, the part of it that is. Counts."""
     block, least = np.empty((3, 3)), np.empty(3)
@@ -461,7 +332,7 @@ def invert_blocks(stiffness, psd, full, exact, inverses):
                 for k in range(3):
                     block[i, k] = full[j, i, k]
                 block[i, i] += stiffness[j, i]
-            done = invert(block, least, inverses[j])
+            done = invert_three(block, least, inverses[j])
         if not done:
             replaced += 1
             least[:] = 0.0
@@ -469,7 +340,7 @@ def invert_blocks(stiffness, psd, full, exact, inverses):
                 for k in range(3):
                     block[i, k] = psd[j, i, k] if exact else 0.0
                 block[i, i] += stiffness[j, i]
-            invert(block, least, inverses[j])
+            invert_three(block, least, inverses[j])
     return replaced
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_number, name_at
+from ...checks import check_number, refuse_first
 from ...errors import InputError
 from ..kernels import hysteresis as kernels
-from .operator import LIMIT, HysteresisFit, Loops, Operator, search
+from .operator import HysteresisFit, Loops, Operator, number, search
 
 Floats = NDArray[np.float64]
 
@@ -54,25 +54,16 @@ class BoucWen(Operator):
         If they are no such numbers.
     """
 
-    slope: float
-    alpha: float
-    beta: float
-    gamma: float
-    exponent: float = 1.0
-    scale: float = 1.0
-    offset: float = field(default=0.0)
+    slope: float = number()
+    alpha: float = number(0.0, low_open=True)
+    beta: float = number(0.0)
+    gamma: float = number()
+    exponent: float = number(1.0, _HIGHEST, default=1.0)
+    scale: float = number(default=1.0)
+    offset: float = number(default=0.0)
 
     def __post_init__(self) -> None:
-        for name in ("slope", "scale", "offset", "gamma"):
-            value = check_number(name, getattr(self, name), low=-LIMIT, high=LIMIT)
-            object.__setattr__(self, name, value)
-        for name, low, high, low_open in (
-            ("alpha", 0.0, LIMIT, True),
-            ("beta", 0.0, LIMIT, False),
-            ("exponent", 1.0, _HIGHEST, False),
-        ):
-            value = check_number(name, getattr(self, name), low=low, high=high, low_open=low_open)
-            object.__setattr__(self, name, value)
+        super().__post_init__()
         both = self.beta + self.gamma
         if both <= 0.0 or self.beta > _SHARE * both:
             least = max(0.0, self.beta / _SHARE)
@@ -176,12 +167,8 @@ class BoucWen(Operator):
 
     def _check_memory(self, memory: Floats) -> None:
         beyond = np.abs(memory) > self.bound * (1.0 + 1e-12)
-        if beyond.any():
-            index = int(np.argmax(beyond))
-            raise InputError(
-                f"{name_at('memory', memory, index)} of the initial state is "
-                f"{memory.flat[index]:g}: it must lie in [{-self.bound:g}, {self.bound:g}]"
-            )
+        must = f"it must lie in [{-self.bound:g}, {self.bound:g}]"
+        refuse_first(beyond, "memory{} of the initial state", memory, must)
 
 
 def _run_normalised(inputs: Floats, exponent: float, share: float, reach: float) -> Floats:

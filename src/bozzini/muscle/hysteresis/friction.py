@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_integer, check_number, name_at
+from ...checks import broadcast, check_array, check_integer, check_number, refuse_first
 from ...errors import InputError
 from ..kernels import hysteresis as kernels
 from .operator import (
@@ -17,15 +17,15 @@ from .operator import (
     Loops,
     Operator,
     fit_linear,
+    list_rows,
+    number,
+    numbers,
     take_history,
     take_ladder,
     take_numbers,
     take_same_count,
 )
 from .prandtl_ishlinskii import PrandtlIshlinskii, default_thresholds
-
-# Maxwell slip: springs in series with sliders, and the same by return points, (2.51).
-
 
 Floats = NDArray[np.float64]
 
@@ -55,14 +55,8 @@ class MaxwellSlip(Operator):
         If they are no such numbers, or not as many.
     """
 
-    stiffnesses: tuple[float, ...]
-    limits: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        for name in ("stiffnesses", "limits"):
-            numbers = take_numbers(name, getattr(self, name), low=0.0, low_open=True)
-            object.__setattr__(self, name, numbers)
-        take_same_count("stiffnesses", self.stiffnesses, "limits", self.limits)
+    stiffnesses: tuple[float, ...] = numbers(low=0.0, low_open=True)
+    limits: tuple[float, ...] = numbers(low=0.0, low_open=True, like="stiffnesses")
 
     @property
     def memory_size(self) -> int:
@@ -93,10 +87,8 @@ class MaxwellSlip(Operator):
             As `run` does.
         """
         inputs = take_history("history", history)
-        rows = int(np.prod(inputs.shape[:-1], dtype=np.int64))
-        flat = np.ascontiguousarray(inputs.reshape(rows, inputs.shape[-1]))
         output = kernels.follow_return_points(
-            flat, np.array(self.stiffnesses), np.array(self.limits)
+            list_rows(inputs), np.array(self.stiffnesses), np.array(self.limits)
         )
         return np.asarray(output.reshape(inputs.shape))
 
@@ -198,16 +190,12 @@ class MaxwellSlip(Operator):
 
     def _check_memory(self, memory: Floats) -> None:
         beyond = np.abs(memory) > np.array(self.limits) * (1.0 + 1e-12)
-        if beyond.any():
-            index = int(np.argmax(beyond))
+
+        def must(index: int) -> str:
             limit = self.limits[index % len(self.limits)]
-            raise InputError(
-                f"{name_at('memory', memory, index)} of the initial state is "
-                f"{memory.flat[index]:g}: it must lie in [{-limit:g}, {limit:g}]"
-            )
+            return f"it must lie in [{-limit:g}, {limit:g}]"
 
-
-# A band of friction about a mean curve, (2.49).
+        refuse_first(beyond, "memory{} of the initial state", memory, must)
 
 
 @dataclass(frozen=True)
@@ -237,13 +225,8 @@ class FrictionBand(Operator):
         If they are not numbers; at `run`, if a pressure has a mu outside [0, 1].
     """
 
-    kappa1: float
-    kappa2: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("kappa1", "kappa2"):
-            value = check_number(name, getattr(self, name), low=-LIMIT, high=LIMIT)
-            object.__setattr__(self, name, value)
+    kappa1: float = number()
+    kappa2: float = number(default=0.0)
 
     @property
     def memory_size(self) -> int:
@@ -275,9 +258,7 @@ class FrictionBand(Operator):
             ("pressure", take_history("pressure", pressure)),
         )
         self._check_history(pressures, None)
-        rows = int(np.prod(pressures.shape[:-1], dtype=np.int64))
-        flat = np.ascontiguousarray(pressures.reshape(rows, pressures.shape[-1]))
-        steps = np.sign(np.diff(flat, axis=-1, prepend=0.0))
+        steps = np.sign(np.diff(list_rows(pressures), axis=-1, prepend=0.0))
         ways = _hold_last(steps).reshape(pressures.shape)
         return np.asarray(forces * (1.0 - ways * self.friction(pressures)))
 
@@ -287,18 +268,8 @@ class FrictionBand(Operator):
     ) -> HysteresisFit[FrictionBand]:
         """Fit kappa1 and kappa2 to measured loops: linear least squares with bounds.
 
-        Parameters
-        ----------
-        history, response : array_like, shape (..., n)
-            Pressures in the order of time, each history from rest at 0, and the pressures that
-            would give the same without friction.
-        skip : int
-            Samples at the beginning of each history that only move the memory.
-
-        Raises
-        ------
-        InputError
-            If they are not finite arrays of one shape, or the pressure is constant.
+        History, response and skip are those of all operators, see `Operator`; the response is the
+        pressures that would give the same without friction.
         """
         loops = Loops.take(history, response, skip)
         inputs = loops.inputs
@@ -321,21 +292,19 @@ class FrictionBand(Operator):
     def _check_history(self, inputs: Floats, last: Floats | None) -> None:
         frictions = self.friction(inputs)
         beyond = (frictions < -1e-12) | (frictions > 1.0 + 1e-12)
-        if beyond.any():
-            index = int(np.argmax(beyond))
-            raise InputError(
-                f"{name_at('history', inputs, index)} is {inputs.flat[index]:g}: there mu = "
-                f"-(kappa1 + kappa2 P) is {frictions.flat[index]:g}: it must lie in [0, 1]"
-            )
+        refuse_first(
+            beyond,
+            "history",
+            inputs,
+            lambda index: (
+                f"there mu = -(kappa1 + kappa2 P) is {frictions.flat[index]:g}: it must lie in "
+                "[0, 1]"
+            ),
+        )
 
     def _check_memory(self, memory: Floats) -> None:
         wrong = ~np.isin(memory, (-1.0, 0.0, 1.0))
-        if wrong.any():
-            index = int(np.argmax(wrong))
-            raise InputError(
-                f"{name_at('memory', memory, index)} of the initial state is "
-                f"{memory.flat[index]:g}: it must be -1, 0 or 1"
-            )
+        refuse_first(wrong, "memory{} of the initial state", memory, "it must be -1, 0 or 1")
 
 
 def _hold_last(steps: Floats) -> Floats:

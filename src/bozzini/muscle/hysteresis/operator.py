@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array, check_integer, check_number, check_range
+from ...checks import (
+    check_array,
+    check_fields,
+    check_integer,
+    check_number,
+    check_range,
+    quantity,
+)
 from ...errors import InputError
 from ...results import Result
-
-# What a model asks of a hysteresis operator.
 
 
 @runtime_checkable
@@ -31,9 +36,6 @@ class Hysteresis(Protocol):
         The operator starts anew at each call: its memory lives inside one history.
         """
         ...
-
-
-# What all hysteresis operators share: histories in batches, memory in and out.
 
 
 Floats = NDArray[np.float64]
@@ -76,6 +78,32 @@ class HysteresisState:
             )
 
 
+def number(low: float = -LIMIT, high: float = LIMIT, **known: Any) -> Any:
+    """Return a dataclass field that is a number; see `bozzini.checks.quantity`."""
+    return quantity(low=low, high=high, **known)
+
+
+def numbers(*, like: str = "", ladder: bool = False, default: Any = MISSING, **limits: Any) -> Any:
+    """Return a dataclass field that is a sequence of numbers, as many as `like` has.
+
+    Those of a `ladder` increase; the limits are those of `take_numbers`.
+    """
+    metadata = {"take": take_ladder if ladder else take_numbers, "like": like, "limits": limits}
+    return field(default=default, metadata=metadata)
+
+
+def take_fields(item: Any) -> None:
+    """Check the fields of a dataclass made by `number` and `numbers`, and make them plain."""
+    check_fields(item)
+    known = [one for one in fields(item) if "take" in one.metadata]
+    for one in known:
+        given = one.metadata["take"](one.name, getattr(item, one.name), **one.metadata["limits"])
+        object.__setattr__(item, one.name, given)
+    for one in known:
+        if like := one.metadata["like"]:
+            take_same_count(like, getattr(item, like), one.name, getattr(item, one.name))
+
+
 class Operator(ABC):
     """A rate-independent map from a history of inputs to a history of outputs.
 
@@ -88,6 +116,9 @@ class Operator(ABC):
     raises `InputError` if these are not finite arrays of one shape, the history is constant, or an
     option is out of its range.
     """
+
+    def __post_init__(self) -> None:
+        take_fields(self)
 
     @property
     @abstractmethod
@@ -160,11 +191,9 @@ class Operator(ABC):
         batch = inputs.shape[:-1]
         state = self.rest() if initial is None else self._take_state(initial, batch)
         self._check_history(inputs, None if initial is None else state.last)
-        count = int(np.prod(batch, dtype=np.int64))
-        flat = np.ascontiguousarray(inputs.reshape(count, inputs.shape[-1]))
-        size = self.memory_size
-        last = np.array(np.broadcast_to(state.last, batch)).reshape(count)
-        memory = np.array(np.broadcast_to(state.memory, (*batch, size))).reshape(count, size)
+        flat, size = list_rows(inputs), self.memory_size
+        last = np.array(np.broadcast_to(state.last, batch)).reshape(len(flat))
+        memory = np.array(np.broadcast_to(state.memory, (*batch, size))).reshape(len(flat), size)
         output = self._advance(flat, last, memory).reshape(inputs.shape)
         if inputs.shape[-1]:
             last = flat[:, -1]
@@ -192,6 +221,12 @@ class Operator(ABC):
         check_range("last of the initial state", state.last, -LIMIT, LIMIT)
         self._check_memory(state.memory)
         return state
+
+
+def list_rows(histories: Floats) -> Floats:
+    """Return histories (..., n) as rows (m, n)."""
+    count = int(np.prod(histories.shape[:-1], dtype=np.int64))
+    return np.ascontiguousarray(histories.reshape(count, histories.shape[-1]))
 
 
 def take_history(name: str, history: ArrayLike) -> Floats:
@@ -242,8 +277,6 @@ def take_same_count(
     if len(one) != len(two):
         raise InputError(f"{second} has {len(two)} number(s): it must have {len(one)}, as {first}")
 
-
-# What a fit of hysteresis to loops reports, and the bounded linear least squares under all.
 
 Fitted = TypeVar("Fitted")
 
@@ -305,21 +338,10 @@ def fit_linear(
     offset: bool = True,
     judge: bool = True,
 ) -> LinearFit:
-    """Fit ``columns @ values + offset`` to a target, with bounds on the values.
+    """Fit ``columns @ values + offset`` (n,) to a target, with bounds on the values (k,).
 
-    Parameters
-    ----------
-    columns : (n, k) ndarray
-    target : (n,) ndarray
-    names : sequence of str
-        Of the values.
-    limits : tuple of float or (k,) ndarray
-        Lowest and highest values; a column that is constant determines nothing and gets the value
-        nearest to 0.
-    offset : bool
-        Whether there is an offset; it has no bounds.
-    judge : bool
-        Whether to look for what is undetermined.
+    A constant column determines nothing and gets the value nearest to 0. The offset, if there is
+    one, has no bounds. With `judge` the names of values that are undetermined are looked for.
     """
     from scipy.optimize import lsq_linear
 
@@ -370,8 +392,6 @@ def fit_linear(
     )
 
 
-# Measured loops as the fits take them: histories (m, n) and what is fitted of them.
-
 FittedOperator = TypeVar("FittedOperator", bound=Operator)
 
 EVALUATIONS = 100
@@ -390,14 +410,7 @@ class Loops:
 
     @classmethod
     def take(cls, history: ArrayLike, response: ArrayLike, skip: int) -> Loops:
-        """Return loops, checked.
-
-        Raises
-        ------
-        InputError
-            If they are not finite arrays of one shape, the history does not move, or nothing is
-            left to fit.
-        """
+        """Return loops, checked."""
         inputs = take_history("history", history)
         outputs = take_history("response", response)
         if inputs.shape != outputs.shape:
@@ -412,7 +425,7 @@ class Loops:
     @property
     def inputs(self) -> Floats:
         """The histories as rows (m, n)."""
-        return np.ascontiguousarray(self.history.reshape(-1, self.history.shape[-1]))
+        return list_rows(self.history)
 
     @property
     def target(self) -> Floats:
@@ -451,19 +464,9 @@ def search(
     bounds: tuple[ArrayLike, ArrayLike],
     **options: Any,
 ) -> tuple[Floats, LinearFit]:
-    """Find parameters of which columns depend; what is linear in the columns is solved within.
+    """Return the best parameters on which columns (n, k) depend, from several starts.
 
-    Parameters
-    ----------
-    columns_at : callable
-        From parameters to columns (n, k).
-    target : (n,) ndarray
-    starts : list of list of float
-        Where to begin; the best end counts.
-    bounds : tuple of array_like
-        Of the parameters.
-    **options
-        For `fit_linear`.
+    What is linear in the columns is solved within, by `fit_linear` with the options.
     """
     from scipy.optimize import least_squares
 

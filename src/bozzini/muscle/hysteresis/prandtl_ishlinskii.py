@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,15 +22,14 @@ from .operator import (
     Loops,
     Operator,
     fit_linear,
+    list_rows,
+    number,
+    numbers,
     search,
     take_history,
     take_ladder,
     take_numbers,
-    take_same_count,
 )
-
-# Sums of plays: what the three Prandtl-Ishlinskii operators share.
-
 
 Floats = NDArray[np.float64]
 
@@ -111,10 +110,9 @@ class SteppedPlaySum(PlaySum):
         batch = outputs.shape[:-1]
         state = self.rest() if initial is None else self._take_state(initial, batch)
         self._check_history(np.array([low, high]), None if initial is None else state.last)
-        rows = int(np.prod(batch, dtype=np.int64))
-        flat = np.ascontiguousarray(outputs.reshape(rows, outputs.shape[-1]))
+        flat = list_rows(outputs)
         memory = np.array(np.broadcast_to(state.memory, (*batch, self.memory_size)))
-        memory = memory.reshape(rows, self.memory_size)
+        memory = memory.reshape(len(flat), self.memory_size)
         inputs, row, sample, bottom, top = kernels.invert_plays(
             flat, *self._plays(), memory, low, high
         )
@@ -141,9 +139,6 @@ def default_thresholds(inputs: Floats, count: int) -> tuple[float, ...]:
     """
     span = float(inputs.max() - inputs.min())
     return tuple((0.5 * span * np.arange(count) / count).tolist())
-
-
-# Prandtl-Ishlinskii: a weighted sum of plays, (2.54), with its inverse in closed form.
 
 
 @dataclass(frozen=True)
@@ -175,18 +170,10 @@ class PrandtlIshlinskii(PlaySum):
         If they are no such numbers.
     """
 
-    thresholds: tuple[float, ...]
-    weights: tuple[float, ...]
-    origin: float = field(default=0.0, kw_only=True)
-    offset: float = field(default=0.0, kw_only=True)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "thresholds", take_ladder("thresholds", self.thresholds))
-        object.__setattr__(self, "weights", take_numbers("weights", self.weights))
-        take_same_count("thresholds", self.thresholds, "weights", self.weights)
-        for name in ("origin", "offset"):
-            value = check_number(name, getattr(self, name), low=-LIMIT, high=LIMIT)
-            object.__setattr__(self, name, value)
+    thresholds: tuple[float, ...] = numbers(ladder=True)
+    weights: tuple[float, ...] = numbers(like="thresholds")
+    origin: float = number(default=0.0, kw_only=True)
+    offset: float = number(default=0.0, kw_only=True)
 
     @property
     def rest_input(self) -> float:
@@ -320,9 +307,6 @@ def _symmetric_edges(thresholds: Sequence[float]) -> tuple[Floats, Floats]:
     return lower, upper
 
 
-# Asymmetric Prandtl-Ishlinskii, (2.55): plays whose descending edge is a curve of its own.
-
-
 @dataclass(frozen=True)
 class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
     """Ascending and descending plays, thesis (2.55), for loops that are not symmetric.
@@ -358,22 +342,15 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
         If they are no such numbers.
     """
 
-    slope: float
-    thresholds: tuple[float, ...]
-    ascending_weights: tuple[float, ...]
-    descending_weights: tuple[float, ...]
-    envelope: tuple[float, float, float] = (0.0, 1.0, 0.0)
-    offset: float = field(default=0.0, kw_only=True)
+    slope: float = number()
+    thresholds: tuple[float, ...] = numbers(ladder=True)
+    ascending_weights: tuple[float, ...] = numbers(like="thresholds")
+    descending_weights: tuple[float, ...] = numbers(like="thresholds")
+    envelope: tuple[float, ...] = numbers(default=(0.0, 1.0, 0.0))
+    offset: float = number(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("slope", "offset"):
-            value = check_number(name, getattr(self, name), low=-LIMIT, high=LIMIT)
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "thresholds", take_ladder("thresholds", self.thresholds))
-        for name in ("ascending_weights", "descending_weights", "envelope"):
-            object.__setattr__(self, name, take_numbers(name, getattr(self, name)))
-        for name in ("ascending_weights", "descending_weights"):
-            take_same_count("thresholds", self.thresholds, name, getattr(self, name))
+        super().__post_init__()
         if len(self.envelope) != 3:
             raise InputError(f"envelope has {len(self.envelope)} number(s): it must have 3")
 
@@ -401,19 +378,16 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
         which keeps to what is legal on the history. k1 is kept at or above the sum of all weights,
         so that the operator found does not fall as its input rises.
 
+        History, response and skip are those of all operators, see `Operator`.
+
         Parameters
         ----------
-        history, response : array_like, shape (..., n)
-            Inputs in the order of time, each history from rest at 0, and the outputs measured.
         thresholds : sequence of float, optional
             Thresholds; else `count` of them, evenly from above 0 to half the span of the inputs.
         count : int
             How many, 1 to 100.
         envelope : sequence of float, optional
             a0, a1, a2 where they are known; fitted without.
-
-
-        History, response and skip are those of all operators, see `Operator`.
         """
         loops = Loops.take(history, response, skip)
         count = check_integer("count", count, low=1, high=100)
@@ -528,9 +502,6 @@ def _enveloped_edges(
     return lower, upper
 
 
-# Extended unparallel Prandtl-Ishlinskii, (2.56): plays whose edges have different slopes.
-
-
 _STEEPEST = 20.0  # ratio of slopes that a fit tries
 
 
@@ -563,22 +534,11 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
         If they are no such numbers.
     """
 
-    thresholds: tuple[float, ...]
-    weights: tuple[float, ...]
-    ascending_slopes: tuple[float, ...]
-    descending_slopes: tuple[float, ...]
-    offset: float = field(default=0.0, kw_only=True)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "thresholds", take_ladder("thresholds", self.thresholds))
-        object.__setattr__(self, "weights", take_numbers("weights", self.weights))
-        for name in ("ascending_slopes", "descending_slopes"):
-            numbers = take_numbers(name, getattr(self, name), low=0.0, low_open=True)
-            object.__setattr__(self, name, numbers)
-        for name in ("weights", "ascending_slopes", "descending_slopes"):
-            take_same_count("thresholds", self.thresholds, name, getattr(self, name))
-        offset = check_number("offset", self.offset, low=-LIMIT, high=LIMIT)
-        object.__setattr__(self, "offset", offset)
+    thresholds: tuple[float, ...] = numbers(ladder=True)
+    weights: tuple[float, ...] = numbers(like="thresholds")
+    ascending_slopes: tuple[float, ...] = numbers(low=0.0, low_open=True, like="thresholds")
+    descending_slopes: tuple[float, ...] = numbers(low=0.0, low_open=True, like="thresholds")
+    offset: float = number(default=0.0, kw_only=True)
 
     @property
     def _steepness(self) -> float:
@@ -609,17 +569,14 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
         ``be / al``, which all plays of r > 0 share; al is 1. It keeps to what is legal on the
         history. A play of r = 0 is the input itself.
 
+        History, response and skip are those of all operators, see `Operator`.
+
         Parameters
         ----------
-        history, response : array_like, shape (..., n)
-            Inputs in the order of time, each history from rest at 0, and the outputs measured.
         thresholds : sequence of float, optional
             Thresholds; else `count` of them, evenly from 0 to below half the span of the inputs.
         count : int
             How many, 2 to 200.
-
-
-        History, response and skip are those of all operators, see `Operator`.
         """
         loops = Loops.take(history, response, skip)
         count = check_integer("count", count, low=2, high=200)

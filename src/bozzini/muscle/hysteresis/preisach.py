@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_integer, check_number, check_range, name_at
+from ...checks import broadcast, check_array, check_integer, check_range, refuse_first
 from ...errors import InputError
 from ..kernels import hysteresis as kernels
 from .operator import (
@@ -18,13 +18,12 @@ from .operator import (
     Loops,
     Operator,
     fit_linear,
+    number,
+    numbers,
+    take_fields,
     take_history,
     take_ladder,
-    take_numbers,
 )
-
-# Preisach: a weighted sum of relays, the W of (2.50).
-
 
 Floats = NDArray[np.float64]
 
@@ -56,24 +55,20 @@ class Preisach(Operator):
         If they are no such numbers.
     """
 
-    levels: tuple[float, ...]
-    weights: tuple[float, ...]
-    offset: float = field(default=0.0, kw_only=True)
+    levels: tuple[float, ...] = numbers(ladder=True, low=-LIMIT)
+    weights: tuple[float, ...] = numbers()
+    offset: float = number(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        levels = take_ladder("levels", self.levels, low=-LIMIT)
-        weights = take_numbers("weights", self.weights)
-        steps = len(levels) - 1
+        super().__post_init__()
+        count, steps = len(self.levels), len(self.levels) - 1
         if not 1 <= steps <= 200:
-            raise InputError(f"levels has {len(levels)} number(s): it must have 2 to 201")
-        if len(weights) != steps * (steps + 1) // 2:
+            raise InputError(f"levels has {count} number(s): it must have 2 to 201")
+        if len(self.weights) != steps * (steps + 1) // 2:
             raise InputError(
-                f"weights has {len(weights)} number(s): with {len(levels)} levels it must have "
+                f"weights has {len(self.weights)} number(s): with {count} levels it must have "
                 f"{steps * (steps + 1) // 2}"
             )
-        offset = check_number("offset", self.offset, low=-LIMIT, high=LIMIT)
-        for name, value in (("levels", levels), ("weights", weights), ("offset", offset)):
-            object.__setattr__(self, name, value)
 
     @property
     def memory_size(self) -> int:
@@ -195,9 +190,6 @@ class Preisach(Operator):
         return state
 
 
-# The pleated muscle of van Damme et al.: a mean curve and relays about it, (2.50).
-
-
 @dataclass(frozen=True, kw_only=True)
 class PreisachForce:
     """Force of a pleated muscle along a history of strains, thesis (2.50).
@@ -229,21 +221,17 @@ class PreisachForce:
         If they are no such numbers, or `relays` is not a `Preisach`.
     """
 
-    length: float
-    coefficients: tuple[float, ...]
-    scale: float
+    length: float = number(0.0, 1e6, low_open=True, kind="length")
+    coefficients: tuple[float, ...] = numbers()
+    scale: float = number()
     relays: Preisach
 
     def __post_init__(self) -> None:
-        length = check_number("length", self.length, low=0.0, high=1e6, low_open=True, unit="mm")
-        scale = check_number("scale", self.scale, low=-LIMIT, high=LIMIT)
-        coefficients = take_numbers("coefficients", self.coefficients)
-        if len(coefficients) != 5:
-            raise InputError(f"coefficients has {len(coefficients)} number(s): it must have 5")
+        take_fields(self)
+        if len(self.coefficients) != 5:
+            raise InputError(f"coefficients has {len(self.coefficients)} number(s): it must have 5")
         if not isinstance(self.relays, Preisach):
             raise InputError(f"relays is a {type(self.relays).__name__}: it must be a Preisach")
-        for name, value in (("length", length), ("scale", scale), ("coefficients", coefficients)):
-            object.__setattr__(self, name, value)
 
     def mean_shape(self, strain: ArrayLike) -> Floats:
         """Return f, force over ``P l0**2`` on the mean curve.
@@ -284,10 +272,5 @@ class PreisachForce:
 
 
 def _take_strains(strains: Floats) -> Floats:
-    legal = (strains > 0.0) & (strains <= 1.0)
-    if not legal.all():
-        index = int(np.argmin(legal))
-        raise InputError(
-            f"{name_at('strain', strains, index)} is {strains.flat[index]:g}: it must lie in (0, 1]"
-        )
+    refuse_first(~((strains > 0.0) & (strains <= 1.0)), "strain", strains, "it must lie in (0, 1]")
     return strains

@@ -6,8 +6,9 @@ import dataclasses
 import inspect
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import broadcast, check_array, check_range, name_at
 from ...errors import BozziniError, InputError
+from ...numeric import roots as numeric_roots
 from ..design import Braid, Muscle
 from ..hysteresis import Hysteresis
 from ..model import (
@@ -28,36 +30,30 @@ from ..model import (
 )
 from .card import Card, describe_card, take_keywords
 
-# Where a force falls to a load: the equilibrium that a muscle at its free length moves to.
-
-
 Floats = NDArray[np.float64]
-Excess = Callable[[NDArray[np.intp], Floats], Floats]
 
 STEPS = 64
 """Lengths tried between the free length and the end of the legal ones."""
-MAX_ITERATIONS = 100
 
-_TOLERANCE = 4.0 * float(np.finfo(np.float64).eps)
+ANGLES = (math.radians(0.5), math.radians(89.0))
+"""Braid angles at the ends of the legal lengths [rad]: strands nearly straight, nearly hoops."""
+
+PRESSURE_LIMIT = 1e4
+"""Largest legal pressure [MPa]: a limit of the arithmetic."""
+
+TYPICAL_PRESSURE = 0.5
+"""Pressure at which a first guess of fitted constants is Gaylord's [MPa]."""
+
 _JUMP_SHARE = 1e-6
 """Share of the forces at a bracket's ends: more is left over only where a force jumps."""
 
 
 @dataclass(frozen=True, eq=False)
 class Roots:
-    """What `find_roots` found, arrays of shape (n,).
+    """Lengths (n,) at which a pull meets a load [mm], what is left over [N], and how it went.
 
-    Attributes
-    ----------
-    lengths : ndarray
-        The roots [mm]; where there is none, the last length tried.
-    residuals : ndarray
-        Pull less load there [N].
-    iterations : ndarray of int
-    found : ndarray of bool
-        Whether pull less load changes sign on the way.
-    jumps : ndarray of bool
-        Whether it does so without passing zero.
+    Where there is no root the length is the last one tried. `jumps` is where pull less load
+    changes its sign without passing zero.
     """
 
     lengths: Floats
@@ -66,19 +62,16 @@ class Roots:
     found: NDArray[np.bool_]
     jumps: NDArray[np.bool_]
 
+    @property
+    def stopped(self) -> NDArray[np.bool_]:
+        """Whether the iteration ran out of steps."""
+        return np.asarray(self.iterations >= numeric_roots.MAX_ITERATIONS)
 
-def find_roots(excess: Excess, start: Floats, low: Floats, high: Floats) -> Roots:
+
+def find_roots(excess: numeric_roots.Excess, start: Floats, low: Floats, high: Floats) -> Roots:
     """Return the first root on the way down from `start` where `excess` is positive, up otherwise.
 
-    `STEPS` lengths on the way bracket it; two roots between neighbours are missed. Then by
-    Chandrupatla's method (Advances in Engineering Software 28, 1997, 145-149).
-
-    Parameters
-    ----------
-    excess : callable
-        Pull less load [N] of elements ``index`` (k,) at lengths (k,) [mm].
-    start, low, high : ndarray, shape (n,)
-        Where to begin, and the ends of the way [mm].
+    `STEPS` lengths on the way bracket it; two roots between neighbours are missed. All are (n,).
     """
     every = np.arange(start.size)
     first = excess(every, start)
@@ -103,37 +96,23 @@ def find_roots(excess: Excess, start: Floats, low: Floats, high: Floats) -> Root
     lengths[open_ones], residuals[open_ones] = far[open_ones], far_excess[open_ones]
     flat = every[found & (first != 0.0) & (far_excess == 0.0)]
     far[flat], far_excess[flat] = _find_edge(excess, flat, near[flat], near_excess[flat], far[flat])
-    bracketed = every[found & (first != 0.0)]
+    inside = every[found & (first != 0.0)]
     iterations = np.zeros(start.size, dtype=np.int64)
     scale = np.maximum(np.abs(near_excess), np.abs(far_excess))
-    best, left, taken = _polish(
-        excess,
-        bracketed,
-        (far[bracketed], far_excess[bracketed]),
-        (near[bracketed], near_excess[bracketed]),
+    lengths[inside], residuals[inside], iterations[inside] = numeric_roots.polish(
+        excess, inside, (far[inside], far_excess[inside]), (near[inside], near_excess[inside])
     )
-    lengths[bracketed], residuals[bracketed], iterations[bracketed] = best, left, taken
-    jumps = found & (np.abs(residuals) > _JUMP_SHARE * scale)
-    return Roots(lengths, residuals, iterations, found, jumps)
-
-
-def find_between(excess: Excess, one: Floats, other: Floats) -> Floats:
-    """Return the lengths (n,) between `one` and `other` at which `excess` changes its sign [mm].
-
-    NaN where it has the same sign at both. What `excess` takes and gives is as for `find_roots`.
-    """
-    every = np.arange(one.size)
-    first, last = excess(every, one), excess(every, other)
-    lengths = np.full(one.shape, np.nan)
-    index = every[np.sign(first) * np.sign(last) <= 0.0]
-    ends = ((one[index], first[index]), (other[index], last[index]))
-    lengths[index], _, taken = _polish(excess, index, *ends)
-    lengths[index[taken >= MAX_ITERATIONS]] = np.nan
-    return lengths
+    return Roots(
+        lengths, residuals, iterations, found, found & (np.abs(residuals) > _JUMP_SHARE * scale)
+    )
 
 
 def _find_edge(
-    excess: Excess, index: NDArray[np.intp], near: Floats, near_excess: Floats, far: Floats
+    excess: numeric_roots.Excess,
+    index: NDArray[np.intp],
+    near: Floats,
+    near_excess: Floats,
+    far: Floats,
 ) -> tuple[Floats, Floats]:
     """Return the first length at which the excess is gone, where it stays at zero, and the excess.
 
@@ -150,56 +129,6 @@ def _find_edge(
         far[rest[gone]], left[rest[gone]] = middle[gone], value[gone]
         near[rest[~gone]] = middle[~gone]
     return far, left
-
-
-def _polish(
-    excess: Excess,
-    index: NDArray[np.intp],
-    one: tuple[Floats, Floats],
-    other: tuple[Floats, Floats],
-) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return roots between two ends of other signs, what is left there, and the iterations."""
-    (a, fa), (b, fb) = ((x.copy(), f.copy()) for x, f in (one, other))
-    c, fc = b.copy(), fb.copy()
-    share = np.full(a.shape, 0.5)
-    taken = np.full(a.shape, MAX_ITERATIONS, dtype=np.int64)
-    rest = np.arange(index.size)
-    for iteration in range(MAX_ITERATIONS):
-        best_is_a = np.abs(fa) < np.abs(fb)
-        best = np.where(best_is_a, a, b)
-        width = np.abs(b - a)
-        done = (width <= 2.0 * _TOLERANCE * np.abs(best)) | (fa == 0.0) | (fb == 0.0)
-        taken[rest[done[rest]]] = iteration
-        rest = rest[~done[rest]]
-        if not rest.size:
-            break
-        # Keep clear of the ends, so that the bracket shrinks from both sides.
-        edge = _TOLERANCE * np.abs(best[rest]) / width[rest]
-        t = np.clip(share[rest], np.minimum(edge, 0.5), np.maximum(1.0 - edge, 0.5))
-        at = a[rest] + t * (b - a)[rest]
-        value = excess(index[rest], at)
-        same = np.sign(value) == np.sign(fa[rest])
-        c[rest] = np.where(same, a[rest], b[rest])
-        fc[rest] = np.where(same, fa[rest], fb[rest])
-        b[rest] = np.where(same, b[rest], a[rest])
-        fb[rest] = np.where(same, fb[rest], fa[rest])
-        a[rest], fa[rest] = at, value
-        share[rest] = _choose_share(*(x[rest] for x in (a, fa, b, fb, c, fc)))
-    best_is_a = np.abs(fa) < np.abs(fb)
-    return np.where(best_is_a, a, b), np.where(best_is_a, fa, fb), taken
-
-
-def _choose_share(a: Floats, fa: Floats, b: Floats, fb: Floats, c: Floats, fc: Floats) -> Floats:
-    """Return where between `a` and `b` to go next: inverse quadratic if it is safe, else half."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
-        safe = (1.0 - np.sqrt(1.0 - xi) < phi) & (phi < np.sqrt(xi))
-        alpha = (c - a) / (b - a)
-        quadratic = fa / (fb - fa) * fc / (fb - fc) + alpha * fa / (fc - fa) * fb / (fc - fb)
-        return np.where(safe & np.isfinite(quadratic), quadratic, 0.5)
-
-
-# The slope of a force in the length, by differences.
 
 
 def find_slope(
@@ -222,16 +151,6 @@ def find_slope(
     fourth = (two - 4.0 * one + 6.0 * here - 4.0 * more + most) / 24.0
     slope = first + away * (2.0 * second + away * (3.0 * third + away * 4.0 * fourth))
     return np.asarray(slope / step)
-
-
-# A model from an explicit force law: all that a muscle model answers follows from the pull.
-
-
-ANGLES = (math.radians(0.5), math.radians(89.0))
-"""Braid angles at the ends of the legal lengths [rad]: strands nearly straight, nearly hoops."""
-
-PRESSURE_LIMIT = 1e4
-"""Largest legal pressure [MPa]: a limit of the arithmetic."""
 
 
 class ExplicitModel(MuscleModel):
@@ -310,12 +229,17 @@ class ExplicitModel(MuscleModel):
         pressures, loads, signs, roots = self._find_roots(pressure, load, direction)
         if not roots.found.all():
             raise self._refuse_load(int(np.argmin(roots.found)), pressures, loads, signs)
-        lengths = roots.lengths.reshape(pressures.shape)
-        iterations = roots.iterations.reshape(pressures.shape)
-        jumps = roots.jumps.reshape(pressures.shape)
-        stopped = iterations >= MAX_ITERATIONS
-        reason = np.where(stopped, describe_stop(MAX_ITERATIONS), "")
-        residual = roots.residuals.reshape(pressures.shape)
+        lengths, residual, iterations, jumps, stopped = (
+            values.reshape(pressures.shape)
+            for values in (
+                roots.lengths,
+                roots.residuals,
+                roots.iterations,
+                roots.jumps,
+                roots.stopped,
+            )
+        )
+        reason = np.where(stopped, describe_stop(numeric_roots.MAX_ITERATIONS), "")
         contraction = np.asarray(self.braid.length - lengths)
         return MuscleState(
             contraction=contraction,
@@ -342,7 +266,7 @@ class ExplicitModel(MuscleModel):
             If an argument is outside its legal range.
         """
         pressures, _, _, roots = self._find_roots(pressure, load, direction)
-        good = roots.found & ~roots.jumps & (roots.iterations < MAX_ITERATIONS)
+        good = roots.found & ~roots.jumps & ~roots.stopped
         shape = pressures.shape
         return (self.braid.length - roots.lengths).reshape(shape), good.reshape(shape)
 
@@ -378,6 +302,10 @@ class ExplicitModel(MuscleModel):
         """By how much less it pulls on the way up, and more on the way down [N]."""
         return np.zeros(np.shape(pressure))
 
+    def _sign_friction(self, sign: Floats) -> Floats:
+        """The sign of friction in the pull, along a branch."""
+        return sign
+
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         """Pressure between tube and braid [MPa]: all of it, where the wall bears nothing."""
         return pressure
@@ -395,6 +323,7 @@ class ExplicitModel(MuscleModel):
         """Pull along a branch of friction, finite [N]."""
         with np.errstate(all="ignore"):
             pull = np.asarray(self._pull(pressure, length), dtype=np.float64)
+            sign = self._sign_friction(sign)
             if sign.any():
                 pull = pull + sign * self._friction(pressure, length)
         self._demand_finite(pull, pressure, length)
@@ -411,10 +340,8 @@ class ExplicitModel(MuscleModel):
         self, pressure: ArrayLike, contraction: ArrayLike, direction: ArrayLike | None
     ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """Pressures, lengths, signs of friction, and legal lengths, of one shape."""
-        pressures, given = (
-            check_array("pressure", pressure),
-            check_array("contraction", contraction),
-        )
+        pressures = check_array("pressure", pressure)
+        given = check_array("contraction", contraction)
         check_range("pressure", pressures, *self.pressure_limits, "MPa")
         pressures, contractions, signs = broadcast(
             ("pressure", pressures),
@@ -473,18 +400,14 @@ class ExplicitModel(MuscleModel):
         )
 
 
-# What the models of the catalogue share: a card, and the keywords it names.
-
-
-TYPICAL_PRESSURE = 0.5
-"""Pressure at which a first guess of fitted constants is Gaylord's [MPa]."""
-
-
 @dataclass(frozen=True, init=False)
 class CatalogueModel(ExplicitModel):
     """A model of the survey (thesis chapter 2): an explicit pull at a pressure and a length.
 
-    A subclass brings a `card` and what `ExplicitModel` asks for, its pull.
+    A subclass brings a `card` and what `ExplicitModel` asks for, its pull. It may bring `guesses`,
+    where a fit of a parameter begins, as a number or from the muscle. Its friction is not asked
+    for where the parameter ``friction`` is 0; with `prints_one_way` the print takes friction off at
+    any direction.
 
     The survey's symbols are the muscle's: ``l0`` is `Muscle.active_length` (a dead length is in
     no paper, but costs nothing), ``r0`` is `Muscle.braid_radius`, ``t0`` the thickness of the
@@ -518,6 +441,8 @@ class CatalogueModel(ExplicitModel):
     braid: Braid = field(repr=False, compare=False)
 
     card: ClassVar[Card]
+    guesses: ClassVar[Mapping[str, float | Callable[[Muscle], float]]] = MappingProxyType({})
+    prints_one_way: ClassVar[bool] = False
 
     def __init_subclass__(cls, **rest: Any) -> None:
         super().__init_subclass__(**rest)
@@ -575,6 +500,10 @@ class CatalogueModel(ExplicitModel):
             value = item.default if item.default is not None else item.neutral
             if value is not None or not item.only_with:
                 guess[item.name] = sum(item.bounds) / 2.0 if value is None else value
+        for item in cls.card.parameters:
+            own = cls.guesses.get(item.name)
+            if own is not None:
+                guess[item.name] = float(own(muscle) if callable(own) else own)
         return guess
 
     @property
@@ -598,6 +527,11 @@ class CatalogueModel(ExplicitModel):
         """
         kept = {"as_printed": self.as_printed, "hysteresis": self.hysteresis, **self.keywords}
         return type(self)(self.muscle if muscle is None else muscle, **{**kept, **changes})
+
+    def _sign_friction(self, sign: Floats) -> Floats:
+        if self.parameters.get("friction", 1.0) == 0.0:
+            return np.zeros(())
+        return np.full(sign.shape, -1.0) if self.as_printed and self.prints_one_way else sign
 
     def _check(self) -> None:
         """Raise `InputError` if muscle and keywords do not go together."""

@@ -10,9 +10,6 @@ from typing import Any, TypeVar
 from ...checks import check_number
 from ...errors import InputError, MissingLawError
 
-# What is known of a model of the catalogue: source, equation, constants, errata.
-
-
 STATUSES = ("self-contained", "corrected", "fitted", "partial")
 """How much of a model the survey holds, worst last.
 
@@ -298,9 +295,6 @@ def count_statuses(cards: Iterable[Card]) -> dict[str, int]:
     return {status: found.count(status) for status in STATUSES}
 
 
-# A model's card in words, for its docstring and the command line.
-
-
 def describe_card(card: Card) -> str:
     """Return source, equation, constants, laws and errata of a model as lines of text."""
     lines = [
@@ -335,19 +329,8 @@ def describe_card(card: Card) -> str:
     return "\n".join(lines)
 
 
-# The keywords of a model of the catalogue, checked against its card.
-
-
 def take_keywords(card: Card, given: Mapping[str, Any], *, as_printed: bool) -> dict[str, Any]:
-    """Return parameters, choices and laws in the order of the card, defaults put in.
-
-    Raises
-    ------
-    MissingLawError
-        If a law is needed and not given.
-    InputError
-        If a keyword is unknown, needed and not given, or not legal.
-    """
+    """Return parameters, choices and laws in the order of the card, defaults put in."""
     for name in given:
         if name not in card.keywords:
             legal = ", ".join(card.keywords) or "none beside the muscle"

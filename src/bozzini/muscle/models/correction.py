@@ -10,13 +10,9 @@ from numpy.typing import NDArray
 
 from ...checks import check_range
 from ...errors import InputError
-from ..design import Muscle
 from .base import ANGLES, TYPICAL_PRESSURE, CatalogueModel
 from .card import BRAID_FIELDS, SHAPE_FIELDS, Card, Choice, Parameter, make_friction
-from .ideal import bracket, pull_by_strain
-
-# Gaylord's pull with corrections: of the strain, of the force, for friction (thesis 2.2.2).
-
+from .ideal import bracket, measure_ideal, pull_by_strain
 
 Floats = NDArray[np.float64]
 
@@ -27,23 +23,24 @@ _ITTO = (
     "T. Itto, K. Kogiso, Hybrid modeling of McKibben pneumatic artificial muscle systems, IEEE "
     "International Conference on Industrial Technology, 2011"
 )
-
-PRESSURE_UNIT = Parameter(
-    "pressure_unit [MPa]",
-    "unit of the pressure in the exponent, 0.1 for bar",
-    (1e-6, 1e3),
-    source="unit",
-    default=0.1,
+_ANDRIKOPOULOS = (
+    "G. Andrikopoulos, G. Nikolakopoulos, S. Manesis, Novel considerations on static force "
+    "modeling of pneumatic muscle actuators, IEEE/ASME Transactions on Mechatronics 21(6), 2016"
 )
-TONDU_PARAMETERS = (
+_WIDE = (-100.0, 100.0)
+_FADING = Parameter(
+    "kappa1", "part of the strain's factor that fades with pressure", _WIDE, neutral=0.0
+)
+_TONDU = (
+    _FADING,
+    Parameter("kappa2", "strain's factor at high pressure", _WIDE, neutral=1.0),
     Parameter(
-        "kappa1",
-        "part of the strain's factor that fades with pressure",
-        (-100.0, 100.0),
-        neutral=0.0,
+        "pressure_unit [MPa]",
+        "unit of the pressure in the exponent, 0.1 for bar",
+        (1e-6, 1e3),
+        source="unit",
+        default=0.1,
     ),
-    Parameter("kappa2", "strain's factor at high pressure", (-100.0, 100.0), neutral=1.0),
-    PRESSURE_UNIT,
 )
 _RATE = Parameter(
     "kappa2 [1/MPa]",
@@ -51,9 +48,9 @@ _RATE = Parameter(
     (-1000.0, 1000.0),
     neutral=0.0,
 )
-FRICTION = make_friction("coefficient of friction between strands")
-FRICTION_PARAMETERS = (
-    FRICTION,
+_FRICTION = make_friction("coefficient of friction between strands")
+_CONTACT_FRICTION = (
+    _FRICTION,
     Parameter(
         "contact_scale",
         "scale of the contact area; only friction / contact_scale matters",
@@ -62,19 +59,36 @@ FRICTION_PARAMETERS = (
         default=1.0,
     ),
 )
-"""Friction over Tondu and Lopez's contact area."""
+_MEASURED = (
+    Parameter(
+        "largest_force [N]",
+        "pull at the free length under the test pressure",
+        (0.0, 1e6),
+        linear=True,
+    ),
+    Parameter(
+        "largest_contraction [mm]", "contraction without load under the test pressure", (1e-6, 1e4)
+    ),
+    Parameter(
+        "test_pressure [MPa]",
+        "pressure of the test; only largest_force / test_pressure matters",
+        (1e-6, 1e4),
+        source="measured",
+    ),
+)
 
 
 class StrainCorrected(CatalogueModel):
     """A model whose strain is multiplied by a factor ``k(P)``: ``x = 1 - k eps`` for ``1 - eps``.
 
     Legal are lengths at which ``x`` is that of a braid angle in `ANGLES`: with ``x`` below, the
-    parabola would rise again. A factor outside ``[1e-6, 1e6]`` is refused.
+    parabola would rise again. A factor outside ``[1e-6, 1e6]`` is refused. Friction is
+    ``mu P S1 / S_scale``, if the model has it.
     """
 
     @abstractmethod
     def find_factor(self, pressure: Floats) -> Floats:
-        """The factor of the strain, ``k``."""
+        """Return the factor of the strain, ``k``."""
 
     def _strain_offset(self) -> float:
         """Strain that there is without contraction."""
@@ -87,17 +101,23 @@ class StrainCorrected(CatalogueModel):
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         return pull_by_strain(self.braid, pressure, self._find_stretch(pressure, length))
 
+    def _scale(self, blocked: Floats, pressure: Floats, length: Floats) -> Floats:
+        """Return Gaylord's pull scaled to a blocked force [N]."""
+        shape = bracket(self.braid, self._find_stretch(pressure, length))
+        return np.asarray(blocked * shape / bracket(self.braid, 1.0))
+
     def _length_limits(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
         factor = self.find_factor(pressure)
         words = f"strain factor k of the model {self.name} at pressure"
         check_range(words, factor, *_FACTORS)
         rest, cosine = self.braid.length, math.cos(self.braid.angle)
-        ends = self._base_lengths()
-        lengths = [
-            rest * (1.0 + self._strain_offset() - (1.0 - math.cos(angle) / cosine) / factor)
+        high, low = (
+            np.clip(
+                rest * (1.0 + self._strain_offset() - (1.0 - math.cos(angle) / cosine) / factor),
+                *self._base_lengths(),
+            )
             for angle in ANGLES
-        ]
-        high, low = (np.clip(length, *ends) for length in lengths)
+        )
         if np.any(low >= high):
             index = int(np.argmax(low >= high))
             raise InputError(
@@ -107,16 +127,20 @@ class StrainCorrected(CatalogueModel):
         return low, high
 
     def find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
-        """Tondu and Lopez's contact area of strands, ``S1`` [mm^2]: the lateral area at rest."""
+        """Return the contact area of the strands [mm^2], here Tondu and Lopez's ``S1``.
+
+        At rest it is the lateral area.
+        """
         braid = self.braid
         stretch = self._find_stretch(pressure, length)
         cosine = math.cos(braid.angle) * stretch
         scale = 2.0 * math.pi * braid.radius * braid.length * math.sin(braid.angle)
         return np.asarray(scale / (stretch * np.sqrt((1.0 - cosine) * (1.0 + cosine))))
 
-    def _rub(self, pressure: Floats, length: Floats) -> Floats:
-        """Friction ``mu P S1 / S_scale`` [N]."""
+    def _friction(self, pressure: Floats, length: Floats) -> Floats:
         given = self.parameters
+        if "contact_scale" not in given:
+            return super()._friction(pressure, length)
         share = given["friction"] / given["contact_scale"]
         return np.asarray(share * pressure * self.find_contact_area(pressure, length))
 
@@ -136,7 +160,7 @@ class TonduLopez(StrainCorrected):
         "actuators, IEEE Control Systems Magazine 20(2), 2000",
         equation="(2.6)-(2.8)",
         status="fitted",
-        parameters=(*TONDU_PARAMETERS, *FRICTION_PARAMETERS),
+        parameters=(*_TONDU, *_CONTACT_FRICTION),
         errata=("The exponent is printed without the unit of P: it is an argument here.",),
         latex=r"F = \pi r_0^2 P \left[q_1 x^2 - q_2\right] \mp \mu_s P \frac{S_1}{S_s}, \quad "
         r"x = 1 - \left(\kappa_1 e^{-P/P_u} + \kappa_2\right) \epsilon, \quad "
@@ -145,10 +169,9 @@ class TonduLopez(StrainCorrected):
 
     def find_factor(self, pressure: Floats) -> Floats:
         """Return the factor of the strain."""
-        return find_tondu_factor(self.parameters, pressure)
-
-    def _friction(self, pressure: Floats, length: Floats) -> Floats:
-        return self._rub(pressure, length)
+        given = self.parameters
+        fading = np.exp(-pressure / given["pressure_unit"])
+        return np.asarray(given["kappa1"] * fading + given["kappa2"])
 
 
 class IttoExponential(StrainCorrected):
@@ -162,14 +185,9 @@ class IttoExponential(StrainCorrected):
         equation="(2.6)",
         status="fitted",
         parameters=(
-            TONDU_PARAMETERS[0],
+            _FADING,
             _RATE,
-            Parameter(
-                "kappa3",
-                "part of the strain's factor that is constant",
-                (-100.0, 100.0),
-                neutral=1.0,
-            ),
+            Parameter("kappa3", "part of the strain's factor that is constant", _WIDE, neutral=1.0),
         ),
         latex=r"F = \pi r_0^2 P \left[q_1 (1 - k \epsilon)^2 - q_2\right], \quad "
         r"k = \kappa_1 e^{\kappa_2 P} + \kappa_3",
@@ -207,16 +225,7 @@ class IttoDoubled(StrainCorrected):
         return np.asarray(given["kappa1"] * (1.0 + np.exp(given["kappa2"] * pressure)))
 
 
-def find_tondu_factor(given: dict[str, float], pressure: Floats) -> Floats:
-    """Return ``kappa1 exp(-P) + kappa2``, with ``P`` in its unit."""
-    fading = np.exp(-pressure / given["pressure_unit"])
-    return np.asarray(given["kappa1"] * fading + given["kappa2"])
-
-
-# Tondu and Lopez's muscle with the contact area of round strands (thesis 2.2.2).
-
-
-class DavisCaldwell(StrainCorrected):
+class DavisCaldwell(TonduLopez):
     """Tondu and Lopez's pull, its friction over the area at which the strands lie side by side.
 
     The contact area of flat strands is that of the whole cylinder at the smallest braid angle
@@ -243,8 +252,8 @@ class DavisCaldwell(StrainCorrected):
         equation="(2.9)-(2.12)",
         status="fitted",
         parameters=(
-            *TONDU_PARAMETERS,
-            FRICTION,
+            *_TONDU,
+            _FRICTION,
             Parameter(
                 "strand_poisson_ratio",
                 "Poisson's ratio of a strand",
@@ -286,48 +295,38 @@ class DavisCaldwell(StrainCorrected):
     )
 
     @property
+    def _cover(self) -> float:
+        return self.muscle.strand_radius * self.muscle.strands / (math.pi * self.braid.radius)
+
+    @property
     def smallest_angle(self) -> float:
         """Braid angle at which the strands lie side by side [rad], by `minimum_angle`."""
-        share = self.muscle.strand_radius * self.muscle.strands / (math.pi * self.braid.radius)
-        if self.keywords["minimum_angle"] == "geometric":
-            share *= math.sin(self.braid.angle)
+        geometric = self.keywords["minimum_angle"] == "geometric"
+        share = self._cover * (math.sin(self.braid.angle) if geometric else 1.0)
         return 0.5 * math.asin(min(share, 1.0))
 
     def find_scale(self, pressure: Floats) -> Floats:
-        """Return how much more flat strands touch than round ones, by `scale`; not at 0 MPa.
-
-        Parameters
-        ----------
-        pressure : ndarray
-            Pressure [MPa].
-        """
+        """Return how much more flat strands touch than round ones, by `scale`; not at 0 MPa."""
         return np.asarray(1.0 / self._find_share(pressure))
 
     def _check(self) -> None:
-        share = self.muscle.strand_radius * self.muscle.strands / (math.pi * self.braid.radius)
-        if self.keywords["minimum_angle"] == "thesis" and share > 1.0:
+        if self.keywords["minimum_angle"] == "thesis" and self._cover > 1.0:
             most = math.pi * self.braid.radius / self.muscle.strands
             raise InputError(
                 f"muscle strand radius is {self.muscle.strand_radius:g} mm: for (2.10) as printed "
                 f"it must be at most {most:g} mm"
             )
 
-    def find_factor(self, pressure: Floats) -> Floats:
-        """Return the factor of the strain."""
-        return find_tondu_factor(self.parameters, pressure)
-
     def _find_share(self, pressure: Floats) -> Floats:
         """Round contact over flat contact."""
         ratio = self.parameters["strand_poisson_ratio"]
         strain = pressure * (1.0 - ratio**2) / self.muscle.strand_modulus
-        factor = 1.442 if self.as_printed else math.cbrt(3.0)
-        radii = factor * np.cbrt(strain)
+        radii = (1.442 if self.as_printed else math.cbrt(3.0)) * np.cbrt(strain)
         return np.asarray(radii if self.keywords["scale"] == "radii" else radii**2)
 
     def find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
         """Return the contact area of the strands [mm^2]."""
-        braid = self.braid
-        least = self.smallest_angle
+        braid, least = self.braid, self.smallest_angle
         top = math.sin(least) * math.cos(least)
         cosine = length / braid.strand_length
         bottom = cosine * np.sqrt((1.0 - cosine) * (1.0 + cosine))
@@ -335,42 +334,10 @@ class DavisCaldwell(StrainCorrected):
         return np.asarray(scale * (top if self.as_printed else top**2) / bottom)
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
-        friction = self.parameters["friction"]
-        if friction == 0.0:
-            return np.zeros(pressure.shape)
         area = self.find_contact_area(pressure, length)
-        return np.asarray(friction * pressure * area * self._find_share(pressure))
-
-
-# Gaylord's pull scaled to a measured blocked force and free contraction (thesis 2.2.2, 2.2.7).
-
-
-_ANDRIKOPOULOS = (
-    "G. Andrikopoulos, G. Nikolakopoulos, S. Manesis, Novel considerations on static force "
-    "modeling of pneumatic muscle actuators, IEEE/ASME Transactions on Mechatronics 21(6), 2016"
-)
-_MEASURED = (
-    Parameter(
-        "largest_force [N]",
-        "pull at the free length under the test pressure",
-        (0.0, 1e6),
-        linear=True,
-    ),
-    Parameter(
-        "largest_contraction [mm]", "contraction without load under the test pressure", (1e-6, 1e4)
-    ),
-    Parameter(
-        "test_pressure [MPa]",
-        "pressure of the test; only largest_force / test_pressure matters",
-        (1e-6, 1e4),
-        source="measured",
-    ),
-)
-
-
-def locking_strain(model: CatalogueModel) -> float:
-    """Strain at which the braid locks, ``1 - 1 / (sqrt(3) cos(theta0))``."""
-    return model.braid.locking_contraction / model.braid.length
+        return np.asarray(
+            self.parameters["friction"] * pressure * area * self._find_share(pressure)
+        )
 
 
 class Meller(StrainCorrected):
@@ -415,16 +382,12 @@ class Meller(StrainCorrected):
         r"k_f = \frac{\kappa_1 P + \kappa_2}{\pi r_0^2 P (q_1 - q_2)}, \quad k_\epsilon = "
         r"\frac{1}{\kappa_3 \ln (P / P_u)} \left(1 - \frac{1}{\sqrt{3} \cos\theta_0}\right)",
     )
-
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return Gaylord's blocked force, and its free strain at 0.5 MPa."""
-        guess = super().guess_parameters(muscle)
-        braid = muscle.braid
-        guess["kappa1"] = float(braid.ideal_force(1.0, braid.length))
-        strain = braid.locking_contraction / braid.length
-        guess["kappa3"] = max(1e-6, strain / math.log(TYPICAL_PRESSURE / guess["pressure_unit"]))
-        return guess
+    guesses = {
+        "kappa1": lambda muscle: measure_ideal(muscle)[0],
+        "kappa3": lambda muscle: max(
+            1e-6, measure_ideal(muscle)[2] / math.log(TYPICAL_PRESSURE / 0.001)
+        ),
+    }
 
     @property
     def pressure_limits(self) -> tuple[float, float]:
@@ -436,7 +399,7 @@ class Meller(StrainCorrected):
         """Return the factor of the strain."""
         given = self.parameters
         free = given["kappa3"] * np.log(pressure / given["pressure_unit"])
-        return np.asarray(locking_strain(self) / free)
+        return np.asarray(measure_ideal(self.muscle)[2] / free)
 
     def _find_blocked(self, pressure: Floats) -> Floats:
         given = self.parameters
@@ -448,8 +411,7 @@ class Meller(StrainCorrected):
         return super()._length_limits(pressure)
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
-        shape = bracket(self.braid, self._find_stretch(pressure, length))
-        return np.asarray(self._find_blocked(pressure) * shape / bracket(self.braid, 1.0))
+        return self._scale(self._find_blocked(pressure), pressure, length)
 
 
 class Andrikopoulos(StrainCorrected):
@@ -471,27 +433,21 @@ class Andrikopoulos(StrainCorrected):
         r"k_f = \frac{F_{max}}{\pi r_0^2 P_{test} (q_1 - q_2)}, \quad "
         r"k_\epsilon = \frac{l_0}{x_{max}} \left(1 - \sqrt{q_2 / q_1}\right)",
     )
-
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return the test that Gaylord's muscle would give at 0.5 MPa."""
-        guess = super().guess_parameters(muscle)
-        guess["test_pressure"] = TYPICAL_PRESSURE
-        guess["largest_force"] = float(muscle.braid.ideal_force(TYPICAL_PRESSURE, muscle.length))
-        share = muscle.active_length / muscle.length
-        guess["largest_contraction"] = share * muscle.braid.locking_contraction
-        return guess
+    guesses = {
+        "test_pressure": TYPICAL_PRESSURE,
+        "largest_force": lambda muscle: TYPICAL_PRESSURE * measure_ideal(muscle)[0],
+        "largest_contraction": lambda muscle: muscle.active_length * measure_ideal(muscle)[2],
+    }
 
     def find_factor(self, pressure: Floats) -> Floats:
         """Return the factor of the strain."""
         most = self.parameters["largest_contraction"]
-        return np.full(pressure.shape, self.braid.length / most * locking_strain(self))
+        return np.full(pressure.shape, self.braid.locking_contraction / most)
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         given = self.parameters
-        shape = bracket(self.braid, self._find_stretch(pressure, length))
         blocked = given["largest_force"] / given["test_pressure"] * pressure
-        return np.asarray(blocked * shape / bracket(self.braid, 1.0))
+        return self._scale(blocked, pressure, length)
 
 
 class AndrikopoulosThermal(Andrikopoulos):
@@ -510,7 +466,7 @@ class AndrikopoulosThermal(Andrikopoulos):
         status="fitted",
         parameters=(
             *_MEASURED,
-            *FRICTION_PARAMETERS,
+            *_CONTACT_FRICTION,
             Parameter(
                 "temperature_change [K]",
                 "by how much the bladder is warmer than in the test",
@@ -536,9 +492,4 @@ class AndrikopoulosThermal(Andrikopoulos):
 
     def _strain_offset(self) -> float:
         given = self.parameters
-        if given["temperature_change"] == 0.0:
-            return 0.0
-        return given["expansion"] * given["temperature_change"]
-
-    def _friction(self, pressure: Floats, length: Floats) -> Floats:
-        return self._rub(pressure, length)
+        return given["temperature_change"] * given.get("expansion", 0.0)

@@ -10,62 +10,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_range
-from ..design import Muscle
-from .base import find_between
+from ...numeric.roots import find_between
 from .card import WALL_FIELDS, Card, Choice, Law, Parameter, make_friction
 from .ideal import (
     ForceBalanceModel,
     Wall,
     WalledModel,
-    balance_forces,
-    find_contact_pressure,
     find_radius,
     pull_ideal,
 )
 
-# Muscles with a linear elastic bladder, all from the balance of forces (thesis 2.2.3).
-
-
 Floats = NDArray[np.float64]
 
 
-class ConstantThickness(WalledModel):
+class ConstantThickness(ForceBalanceModel):
     """A linear elastic bladder as thick as at rest, without the pressure on its wall.
 
-    A subclass brings the area of the cross-section that bears the axial stress.
+    A subclass brings the section, with the area that bears the axial stress.
     """
 
     keeps_thickness = True
+    wall_pressure = False
 
-    def _find_area(self, length: Floats) -> Floats | float:
-        """Area that bears the axial stress [mm^2]."""
-        raise NotImplementedError
-
-    def _find_hoop_stress(self, length: Floats) -> Floats:
-        braid = self.braid
-        return np.asarray(self.muscle.modulus * (find_radius(braid, length) / braid.radius - 1.0))
-
-    def _pull(self, pressure: Floats, length: Floats) -> Floats:
-        return balance_forces(
-            pressure,
-            length,
-            braid=self.braid,
-            section=(self.wall.thickness, self._find_area(length)),
-            stresses=(
-                self.muscle.modulus * (length / self.braid.length - 1.0),
-                self._find_hoop_stress(length),
-            ),
-            wall_pressure=False,
-        )
-
-    def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
-        return find_contact_pressure(
-            pressure,
-            length,
-            braid=self.braid,
-            thickness=self.wall.thickness,
-            hoop_stress=self._find_hoop_stress(length),
-        )
+    def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
+        modulus, braid = self.muscle.modulus, self.braid
+        hoop = find_radius(braid, length) / braid.radius - 1.0
+        return np.asarray(modulus * (length / braid.length - 1.0)), np.asarray(modulus * hoop)
 
 
 class Schulte(ConstantThickness):
@@ -116,9 +86,11 @@ class Schulte(ConstantThickness):
         "Schulte (1961). Only friction needs it.",
     )
 
-    def _find_area(self, length: Floats) -> Floats:
-        radius = find_radius(self.braid, length)
-        return np.asarray(2.0 * math.pi * radius * self.wall.thickness)
+    prints_one_way = True
+
+    def _section(self, length: Floats) -> tuple[float, Floats]:
+        thickness = self.wall.thickness
+        return thickness, 2.0 * math.pi * find_radius(self.braid, length) * thickness
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         if not self.as_printed:
@@ -130,20 +102,13 @@ class Schulte(ConstantThickness):
         round_it = scale * sine - 2.0 * math.pi * braid.radius
         wall = braid.length * sine - cosine**2 / sine * round_it
         elastic = scale * self.muscle.modulus * wall
-        return np.asarray(
-            pull_ideal(braid, pressure, length) + elastic - self._rub(pressure, length)
-        )
+        return np.asarray(pull_ideal(braid, pressure, length) + elastic)
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
-        return np.zeros(pressure.shape) if self.as_printed else self._rub(pressure, length)
-
-    def _rub(self, pressure: Floats, length: Floats) -> Floats:
-        friction = self.parameters["friction"]
-        if friction == 0.0:
-            return np.zeros(pressure.shape)
         radius = find_radius(self.braid, length)
         excess = np.maximum(pressure - self._call("inflation_pressure", radius), 0.0)
-        return np.asarray(friction * excess * 2.0 * math.pi * radius * self.braid.length)
+        round_it = 2.0 * math.pi * radius * self.braid.length
+        return np.asarray(self.parameters["friction"] * excess * round_it)
 
 
 class Ferraresi(ConstantThickness):
@@ -178,8 +143,8 @@ class Ferraresi(ConstantThickness):
         unprintable="its root of l**2 - b**2 is imaginary, a braid being shorter than its strands",
     )
 
-    def _find_area(self, length: Floats) -> float:
-        return self.wall.area_at_rest
+    def _section(self, length: Floats) -> tuple[float, float]:
+        return self.wall.thickness, self.wall.area_at_rest
 
 
 class KotheraBalance(ForceBalanceModel):
@@ -212,9 +177,6 @@ class KotheraBalance(ForceBalanceModel):
         modulus, rest, wall = self.muscle.modulus, self.braid.length, self.wall
         thinning = wall.thickness * rest / (wall.thickness_at(length) * length)
         return np.asarray(modulus * (length / rest - 1.0)), np.asarray(modulus * (thinning - 1.0))
-
-
-# Muscles whose pull is the slope of a Mooney-Rivlin energy (thesis 2.2.4).
 
 
 _STRETCHES = Choice(
@@ -267,16 +229,10 @@ class Stretches:
 
 
 def find_stretches(wall: Wall, length: Floats, *, at: str) -> Stretches:
-    """Return the stretches of a wall at a length.
+    """Return the stretches of a wall at lengths [mm].
 
-    Parameters
-    ----------
-    wall : Wall
-    length : ndarray
-        Length [mm].
-    at : str
-        Where the hoop stretch is taken: ``"middle"``, ``(2 r - t) / (2 r0 - t0)`` of (2.19), or
-        ``"outer"``, ``r / r0`` of (2.20).
+    The hoop stretch is taken at the ``"middle"``, ``(2 r - t) / (2 r0 - t0)`` of (2.19), or the
+    ``"outer"`` radius, ``r / r0`` of (2.20).
     """
     braid = wall.braid
     axial = length / braid.length
@@ -341,12 +297,10 @@ class HyperelasticModel(WalledModel):
 class MooneyRivlin(HyperelasticModel):
     """A bladder whose constants `c10` and `c01` are parameters; the pull is linear in them."""
 
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return the constants of the tube, from its modulus and Mooney ratio."""
-        sum_of_both, share = muscle.modulus / 6.0, muscle.mooney_ratio
-        own = {"c10": (1.0 - share) * sum_of_both, "c01": share * sum_of_both}
-        return {**super().guess_parameters(muscle), **own}
+    guesses = {
+        "c10": lambda muscle: (1.0 - muscle.mooney_ratio) * muscle.modulus / 6.0,
+        "c01": lambda muscle: muscle.mooney_ratio * muscle.modulus / 6.0,
+    }
 
     def _find_constants(self) -> tuple[float, float]:
         given = self.parameters
@@ -445,9 +399,6 @@ class KotheraEnergy(MooneyRivlin):
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         pull = self._pull(pressure, length)
         return np.asarray(self.parameters["friction"] * (pull if self.as_printed else np.abs(pull)))
-
-
-# Muscles from the inflation of a hyperelastic tube (thesis 2.2.4).
 
 
 _NEAR_LOCKING = 1.0 - 1e-9

@@ -1,4 +1,4 @@
-"""Empirical models (thesis 2.2.7)."""
+"""Empirical models: pulls with fitted constants (thesis 2.2.9)."""
 
 from __future__ import annotations
 
@@ -11,28 +11,29 @@ from numpy.typing import NDArray
 from ..design import Muscle
 from .base import TYPICAL_PRESSURE, CatalogueModel
 from .card import SHAPE_FIELDS, WALL_FIELDS, Card, Law, Parameter
-from .ideal import Chou
-
-# Gaylord's and Chou's pull with fitted shapes (thesis 2.2.9).
-
+from .ideal import Chou, measure_ideal
 
 Floats = NDArray[np.float64]
 
-
-def _fading(name: str, what: str, *, linear: bool = False, neutral: float | None) -> Parameter:
-    return Parameter(name, what, (-100.0, 100.0), neutral=neutral, linear=linear)
+_PAPERS = "One of the references [92] and [125]-[129] of the thesis, which gives them together"
+_WHO = "several, together in the survey"
+_HUGE = (-1e9, 1e9)
 
 
 def _pressure(name: str, what: str, partner: str) -> Parameter:
     return Parameter(f"{name} [MPa]", what, (1e-3, 1e3), only_with=partner)
 
 
+def _constant(index: int, unit: str, what: str, *, only_with: str = "") -> Parameter:
+    name = f"kappa{index} [{unit}]"
+    return Parameter(name, what, _HUGE, neutral=0.0, linear=True, only_with=only_with)
+
+
 class Takosoglu(CatalogueModel):
     """Gaylord's pull whose power and first constant fade with pressure.
 
-    ``F = pi r0**2 P [q1 (1 - eps)**n - q2]`` with ``n = kappa1 exp(-P / kappa2) + kappa3`` and
-    ``q1 = kappa4 exp(-P / kappa5) + kappa6``; ``q2`` stays ``1 / sin(theta0)**2``. With ``n = 2``
-    and ``q1 = 3 / tan(theta0)**2`` it is Gaylord's; as printed it is four times that.
+    With ``n = 2`` and ``q1 = 3 / tan(theta0)**2`` it is Gaylord's; as printed it is four times
+    that. ``q2`` stays ``1 / sin(theta0)**2``.
     """
 
     card = Card(
@@ -43,10 +44,10 @@ class Takosoglu(CatalogueModel):
         equation="(2.42)",
         status="fitted",
         parameters=(
-            _fading("kappa1", "part of the power that fades", neutral=0.0),
+            Parameter("kappa1", "part of the power that fades", (-100.0, 100.0), neutral=0.0),
             _pressure("kappa2", "pressure over which the power fades", "kappa1"),
-            _fading("kappa3", "power at high pressure", neutral=2.0),
-            _fading("kappa4", "part of q1 that fades", linear=True, neutral=0.0),
+            Parameter("kappa3", "power at high pressure", (-100.0, 100.0), neutral=2.0),
+            Parameter("kappa4", "part of q1 that fades", (-100.0, 100.0), linear=True, neutral=0.0),
             _pressure("kappa5", "pressure over which q1 fades", "kappa4"),
             Parameter("kappa6", "q1 at high pressure", (-1e4, 1e4), linear=True),
         ),
@@ -59,23 +60,16 @@ class Takosoglu(CatalogueModel):
         r"q_1 = \kappa_4 e^{-P / \kappa_5} + \kappa_6",
         latex_printed=r"F = 4 \pi r_0^2 P \left[q_1 (1 - \epsilon)^n - q_2\right]",
     )
-
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return Gaylord's pull: nothing fades, and would over 0.5 MPa."""
-        return {
-            **super().guess_parameters(muscle),
-            "kappa2": TYPICAL_PRESSURE,
-            "kappa5": TYPICAL_PRESSURE,
-            "kappa6": 3.0 / math.tan(muscle.braid_angle) ** 2,
-        }
+    guesses = {
+        "kappa2": TYPICAL_PRESSURE,
+        "kappa5": TYPICAL_PRESSURE,
+        "kappa6": lambda muscle: 3.0 / math.tan(muscle.braid_angle) ** 2,
+    }
 
     def _fade(self, pressure: Floats, part: str, over: str, rest: str) -> Floats:
         given = self.parameters
-        value = np.full(pressure.shape, given[rest])
-        if given[part] != 0.0:
-            value = value + given[part] * np.exp(-pressure / given[over])
-        return np.asarray(value)
+        fading = np.exp(-pressure / given[over]) if given[part] != 0.0 else np.zeros(pressure.shape)
+        return np.asarray(given[part] * fading + given[rest])
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         power = self._fade(pressure, "kappa1", "kappa2", "kappa3")
@@ -88,10 +82,9 @@ class Takosoglu(CatalogueModel):
 class Doric(Chou):
     """Chou's pull less an elastic force of the braid's width, and one of pressure times strain.
 
-    ``F = F_Chou - (1 - w / w0) kappa1 - kappa2 P eps / l0``. The survey does not define the width
-    ``w`` is: the law `relative_width` is ``w / w0`` as a function of the strain of contraction.
-    With ``w / w0 = 1 - eps`` the elastic force is a spring that resists contraction; a width that
-    grows as the muscle contracts would help it.
+    The survey does not define the width ``w``: the law `relative_width` is ``w / w0`` as a function
+    of the strain of contraction. With ``w / w0 = 1 - eps`` the elastic force is a spring that
+    resists contraction; a width that grows as the muscle contracts would help it.
     """
 
     card = Card(
@@ -112,7 +105,7 @@ class Doric(Chou):
             Parameter(
                 "kappa2 [mm^3]",
                 "force of shape per pressure and strain per length",
-                (-1e9, 1e9),
+                _HUGE,
                 neutral=0.0,
                 linear=True,
             ),
@@ -142,28 +135,6 @@ class Doric(Chou):
         return np.asarray(pull)
 
 
-# Pulls that are polynomials of strain and pressure, of fitted constants only (thesis 2.2.9).
-
-
-_PAPERS = "One of the references [92] and [125]-[129] of the thesis, which gives them together"
-_WHO = "several, together in the survey"
-
-
-def _constant(index: int, unit: str, what: str, *, neutral: float | None = 0.0) -> Parameter:
-    return Parameter(f"kappa{index} [{unit}]", what, (-1e9, 1e9), neutral=neutral, linear=True)
-
-
-def _ideal(muscle: Muscle) -> tuple[float, float, float]:
-    """Gaylord's pull per pressure at rest [N/MPa], its ``pi r0**2 q1``, and its locking strain."""
-    braid = muscle.braid
-    first = 3.0 * math.pi * braid.radius**2 / math.tan(braid.angle) ** 2
-    return (
-        float(braid.ideal_force(1.0, braid.length)),
-        first,
-        braid.locking_contraction / braid.length,
-    )
-
-
 class StrainPolynomial(CatalogueModel):
     """A pull that is a sum of constants ``kappa`` times terms of pressure and strain."""
 
@@ -172,11 +143,10 @@ class StrainPolynomial(CatalogueModel):
         """What ``kappa1``, ``kappa2`` and so on are multiplied by."""
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
-        given = self.parameters
         strain = np.asarray((self.braid.length - length) / self.braid.length)
         pull = np.zeros(pressure.shape)
         for i, term in enumerate(self._find_terms(pressure, strain), start=1):
-            pull = pull + given[f"kappa{i}"] * term
+            pull = pull + self.parameters[f"kappa{i}"] * term
         return pull
 
 
@@ -198,19 +168,20 @@ class QuarticStrain(StrainPolynomial):
         latex=r"F = (\kappa_1 + \kappa_2 \epsilon + \kappa_3 \epsilon^2) P + (\kappa_4 + "
         r"\kappa_5 \epsilon + \kappa_6 \epsilon^2 + \kappa_7 \epsilon^3 + \kappa_8 \epsilon^4)",
     )
-
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return Gaylord's pull."""
-        blocked, first, _ = _ideal(muscle)
-        guess = {"kappa1": blocked, "kappa2": -2.0 * first, "kappa3": first}
-        return {**super().guess_parameters(muscle), **guess}
+    guesses = {
+        "kappa1": lambda muscle: measure_ideal(muscle)[0],
+        "kappa2": lambda muscle: -2.0 * measure_ideal(muscle)[1],
+        "kappa3": lambda muscle: measure_ideal(muscle)[1],
+    }
 
     def _find_terms(self, pressure: Floats, strain: Floats) -> tuple[Floats | float, ...]:
-        return (
-            *(pressure * strain**k for k in range(3)),
-            *(strain**k for k in range(5)),
-        )
+        return (*(pressure * strain**k for k in range(3)), *(strain**k for k in range(5)))
+
+
+def _fall(muscle: Muscle) -> float:
+    """Fall of Gaylord's pull per pressure and strain, along a line to the free strain."""
+    blocked, _, locking = measure_ideal(muscle)
+    return -blocked / locking
 
 
 class QuadraticStrain(StrainPolynomial):
@@ -232,13 +203,7 @@ class QuadraticStrain(StrainPolynomial):
         latex=r"F = \kappa_1 + \kappa_2 \epsilon + \kappa_3 \epsilon^2 + \kappa_4 P "
         r"+ \kappa_5 \epsilon P",
     )
-
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return Gaylord's blocked force and free strain, with a line between."""
-        blocked, _, locking = _ideal(muscle)
-        guess = {"kappa4": blocked, "kappa5": -blocked / locking}
-        return {**super().guess_parameters(muscle), **guess}
+    guesses = {"kappa4": lambda muscle: measure_ideal(muscle)[0], "kappa5": _fall}
 
     def _find_terms(self, pressure: Floats, strain: Floats) -> tuple[Floats | float, ...]:
         return 1.0, strain, strain**2, pressure, strain * pressure
@@ -264,14 +229,7 @@ class DampedStrain(StrainPolynomial):
             _constant(3, "N", "pull per strain"),
             _constant(4, "N/MPa", "pull per pressure"),
             _constant(5, "N", "pull without pressure and strain"),
-            Parameter(
-                "kappa6 [N s]",
-                "pull per rate of strain, negative",
-                (-1e9, 1e9),
-                neutral=0.0,
-                linear=True,
-                only_with="strain_rate",
-            ),
+            _constant(6, "N s", "pull per rate of strain, negative", only_with="strain_rate"),
             Parameter(
                 "strain_rate [1/s]",
                 "rate of strain along a branch",
@@ -285,13 +243,7 @@ class DampedStrain(StrainPolynomial):
         latex=r"F = (\kappa_1 P^2 + \kappa_2 P + \kappa_3) \epsilon + \kappa_4 P + \kappa_5 "
         r"+ \kappa_6 \dot\epsilon",
     )
-
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return Gaylord's blocked force and free strain, with a line between."""
-        blocked, _, locking = _ideal(muscle)
-        guess = {"kappa2": -blocked / locking, "kappa4": blocked}
-        return {**super().guess_parameters(muscle), **guess}
+    guesses = {"kappa2": _fall, "kappa4": lambda muscle: measure_ideal(muscle)[0]}
 
     def _find_terms(self, pressure: Floats, strain: Floats) -> tuple[Floats | float, ...]:
         return pressure**2 * strain, pressure * strain, strain, pressure, 1.0
@@ -335,13 +287,10 @@ class LinearStrain(CatalogueModel):
         uses=SHAPE_FIELDS,
         latex=r"F = \kappa_1 F_{max} \left(1 - \frac{\epsilon}{\epsilon_{max}}\right)",
     )
-
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return Gaylord's blocked force at 0.5 MPa, and its free strain."""
-        blocked, _, locking = _ideal(muscle)
-        guess = {"largest_force": TYPICAL_PRESSURE * blocked, "largest_strain": locking}
-        return {**super().guess_parameters(muscle), **guess}
+    guesses = {
+        "largest_force": lambda muscle: TYPICAL_PRESSURE * measure_ideal(muscle)[0],
+        "largest_strain": lambda muscle: measure_ideal(muscle)[2],
+    }
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         given, rest = self.parameters, self.braid.length

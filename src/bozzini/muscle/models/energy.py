@@ -31,9 +31,6 @@ from ..model import (
     parse_direction,
 )
 
-# Batches of equilibria of `EnergyMuscle`: kernels in, arrays or one clear line out.
-
-
 Floats = NDArray[np.float64]
 
 PAST_LOCKING = 0.35
@@ -179,9 +176,6 @@ class Equilibrium:
                 "friction leaves the tapered ends no tension; it must be less, or the ends 'none'"
             )
         return out
-
-
-# The recommended model: one energy, from which force, contraction, stiffness and volume follow.
 
 
 Ends = Literal["none", "trellis"]

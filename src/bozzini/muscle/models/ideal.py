@@ -11,8 +11,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ...numeric.roots import bisect
 from ..design import Braid, Muscle
-from ..model import bisect
 from .base import CatalogueModel
 from .card import BRAID_FIELDS, WALL_FIELDS, Card
 
@@ -97,14 +97,8 @@ class Wall:
     ) -> tuple[float, float]:
         """Return the part of ``[low, high]`` about the free length in which there is a bore [mm].
 
-        It ends where 1/10,000 of the bore's area at rest is left.
-
-        Parameters
-        ----------
-        low, high : float
-            Lengths [mm].
-        keeps_thickness : bool
-            Whether the wall is as thick as at rest at every length, instead of keeping its volume.
+        It ends where 1/10,000 of the bore's area at rest is left. The wall keeps its volume, or
+        else its thickness.
         """
         return _find_lengths(self, low, high, keeps_thickness)
 
@@ -154,17 +148,8 @@ def balance_forces(
 ) -> Floats:
     """Return the pull of the muscle by the balance of forces [N].
 
-    Parameters
-    ----------
-    pressure, length : ndarray
-        Pressure [MPa] and length [mm], of one shape.
-    braid : Braid
-    section : tuple of ndarray or float
-        Thickness [mm] and area of the cross-section [mm^2] of the wall as it is then.
-    stresses : tuple of ndarray or float
-        Axial and hoop stress in the wall [MPa], tension positive.
-    wall_pressure : bool
-        Whether to have the term of the pressure on the wall; some papers leave it out.
+    The section is the wall's thickness [mm] and area [mm^2] as they are then, the stresses are
+    axial and hoop, tension positive [MPa]. Some papers leave out the pressure on the wall.
     """
     (thickness, area), (axial_stress, hoop_stress) = section, stresses
     radius = find_radius(braid, length)
@@ -215,14 +200,17 @@ class ForceBalanceModel(WalledModel):
     def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
         """Axial and hoop stress in the wall [MPa]."""
 
+    def _section(self, length: Floats) -> tuple[Floats | float, Floats | float]:
+        """Thickness of the wall [mm], and area that bears the axial stress [mm^2]."""
+        return self.wall.thickness_at(length), self.wall.area_at(length)
+
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
-        axial, hoop = self._stresses(pressure, length)
         return balance_forces(
             pressure,
             length,
             braid=self.braid,
-            section=(self.wall.thickness_at(length), self.wall.area_at(length)),
-            stresses=(axial, hoop),
+            section=self._section(length),
+            stresses=self._stresses(pressure, length),
             wall_pressure=self.wall_pressure,
         )
 
@@ -231,12 +219,9 @@ class ForceBalanceModel(WalledModel):
             pressure,
             length,
             braid=self.braid,
-            thickness=self.wall.thickness_at(length),
+            thickness=self._section(length)[0],
             hoop_stress=self._stresses(pressure, length)[1],
         )
-
-
-# Ideal muscles: a braid round a bladder that resists nothing (thesis 2.2.1).
 
 
 _PATENT = (
@@ -324,8 +309,7 @@ class Chou(WalledModel):
     )
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
-        braid = self.braid
-        thickness = self.muscle.outer_radius - self.muscle.inner_radius
+        braid, thickness = self.braid, self.wall.thickness
         cosine = length / braid.strand_length
         sine = np.sqrt((1.0 - cosine) * (1.0 + cosine))
         scale = braid.strand_length * thickness / (math.pi * braid.turns)
@@ -333,9 +317,8 @@ class Chou(WalledModel):
         return np.asarray(pull_ideal(braid, pressure, length) + math.pi * pressure * wall)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
-        thickness = self.muscle.outer_radius - self.muscle.inner_radius
         return find_contact_pressure(
-            pressure, length, braid=self.braid, thickness=thickness, hoop_stress=0.0
+            pressure, length, braid=self.braid, thickness=self.wall.thickness, hoop_stress=0.0
         )
 
 
@@ -351,3 +334,11 @@ def bracket(braid: Braid, stretch: Floats | float) -> Floats:
     """Return ``q1 stretch**2 - q2`` of a braid; with stretch 1, Gaylord's at rest."""
     cotangent = 1.0 / math.tan(braid.angle)
     return np.asarray(3.0 * (stretch * cotangent) ** 2 - 1.0 / math.sin(braid.angle) ** 2)
+
+
+def measure_ideal(muscle: Muscle) -> tuple[float, float, float]:
+    """Return Gaylord's pull per pressure at rest, its ``pi r0**2 q1`` [N/MPa], its free strain."""
+    braid = muscle.braid
+    first = 3.0 * math.pi * braid.radius**2 / math.tan(braid.angle) ** 2
+    free = braid.locking_contraction / braid.length
+    return float(braid.ideal_force(1.0, braid.length)), first, free

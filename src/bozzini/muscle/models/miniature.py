@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -11,14 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import broadcast, check_array, check_range, name_at
 from ...errors import InputError
-from ..design import Braid, Muscle
-from ..model import LOAD_LIMIT, bisect
+from ...numeric.roots import bisect
+from ..design import Braid
+from ..model import LOAD_LIMIT
 from .base import ANGLES, PRESSURE_LIMIT, CatalogueModel
 from .card import SHAPE_FIELDS, WALL_FIELDS, Card, Choice, Law, Parameter
-from .ideal import ForceBalanceModel, Wall, find_radius, pull_ideal
-
-# Miniature muscles: Gaylord's pull with dead band, threshold and a thin bladder (2.2.8).
-
+from .ideal import ForceBalanceModel, Wall, find_radius, measure_ideal, pull_ideal
 
 Floats = NDArray[np.float64]
 
@@ -176,9 +173,6 @@ class Sangian(CatalogueModel):
         return pull_ideal(self.braid, self._contact_pressure(pressure, length), length)
 
 
-# Miniature muscles by the balance of forces, with stresses fitted to strain (thesis 2.2.8).
-
-
 ORDERS = (1, 2, 3, 4)
 """Powers of the strain that a fitted stress has."""
 
@@ -207,13 +201,12 @@ _SLOPES = tuple(
 
 
 class StrainStress(ForceBalanceModel):
-    """A balance of forces whose stresses follow the strains along and round the muscle."""
+    """A balance of forces whose stresses are polynomials of the strains along and round the muscle.
 
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return a linear elastic bladder of the tube's modulus."""
-        guess = super().guess_parameters(muscle)
-        return {name: muscle.modulus if name == "modulus1" else guess[name] for name in guess}
+    Their coefficients may grow with the pressure.
+    """
+
+    guesses = {"modulus1": lambda muscle: muscle.modulus}
 
     def _find_strains(self, length: Floats) -> tuple[Floats, Floats]:
         """``l / l0 - 1`` and ``r / r0 - 1``."""
@@ -221,16 +214,13 @@ class StrainStress(ForceBalanceModel):
         axial = (length - braid.length) / braid.length
         return np.asarray(axial), np.asarray(find_radius(braid, length) / braid.radius - 1.0)
 
-
-def sum_powers(strain: Floats, factors: Sequence[Floats | float]) -> Floats:
-    """Return the sum of ``factors[i] strain**(i + 1)``."""
-    total: Floats = np.zeros(strain.shape)
-    for factor in reversed(factors):
-        total = (total + factor) * strain
-    return total
-
-
-# Miniature muscles of Hocking and Wereley: balance of forces with fitted stress (2.2.8).
+    def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
+        given, strains = self.parameters, self._find_strains(length)
+        totals = [np.zeros(length.shape), np.zeros(length.shape)]
+        for i in reversed(ORDERS):
+            factor = given[f"modulus{i}"] + given.get(f"modulus{i}_slope", 0.0) * pressure
+            totals = [(total + factor) * e for total, e in zip(totals, strains, strict=True)]
+        return totals[0], totals[1]
 
 
 _HOCKING = (
@@ -249,15 +239,9 @@ _PRINTED = r"\frac{P}{4 \pi N} (3 l^2 - b^2)"
 def correct_length(braid: Braid, length: Floats) -> Floats:
     """Return ``l - 2 (pi / 2 - 1) (r - r0)``, the length of a muscle with rounded ends [mm].
 
-    A sheath of length ``l`` from fitting to fitting, measured along it, that at each end bends
-    round a quarter of a circle from the fitting's radius ``r0`` to its own ``r``, is that long
-    along the axis. The survey puts it into the law of the force in the place of the length.
-
-    Parameters
-    ----------
-    braid : Braid
-    length : ndarray
-        Length [mm], known to be legal.
+    A sheath of length ``l``, measured along it, that at each end bends round a quarter of a circle
+    from the fitting's radius ``r0`` to its own ``r``, is that long along the axis. The survey puts
+    it into the law of the force in the place of the length.
     """
     excess = find_radius(braid, length) - braid.radius
     return np.asarray(length - (math.pi - 2.0) * excess)
@@ -376,11 +360,7 @@ class HockingPolynomial(HockingBase):
         r"\frac{r}{r_0} - 1\right)^i",
     )
 
-    def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
-        given = self.parameters
-        factors = [given[f"modulus{i}"] for i in ORDERS]
-        axial, hoop = (sum_powers(strain, factors) for strain in self._find_strains(length))
-        return axial, hoop
+    _stresses = StrainStress._stresses
 
 
 class HockingFriction(HockingPolynomial):
@@ -453,9 +433,6 @@ class HockingFriction(HockingPolynomial):
         return np.asarray(share * (pull if self.as_printed else np.abs(pull)))
 
 
-# A pull of Gaylord's form with fitted constants, solved for the strain (thesis 2.2.8).
-
-
 class PressureStiffening(StrainStress):
     """The balance of forces with a polynomial stress that grows with the pressure.
 
@@ -483,14 +460,6 @@ class PressureStiffening(StrainStress):
         r"- \frac{\sigma_\theta t l^2}{2 \pi N^2 r}, \quad "
         r"\sigma = \sum_i (E_{iI} + E_{iS} P) e^i",
     )
-
-    def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
-        given = self.parameters
-        factors = [
-            np.asarray(given[f"modulus{i}"] + given[f"modulus{i}_slope"] * pressure) for i in ORDERS
-        ]
-        axial, hoop = (sum_powers(strain, factors) for strain in self._find_strains(length))
-        return axial, hoop
 
 
 class StrainFit(CatalogueModel):
@@ -541,15 +510,10 @@ class StrainFit(CatalogueModel):
         r"+ \kappa_6}{\kappa_6 (1 - \epsilon)}} - 1",
     )
 
-    @classmethod
-    def guess_parameters(cls, muscle: Muscle) -> dict[str, float]:
-        """Return the constants of Gaylord's pull."""
-        area = math.pi * muscle.braid_radius**2
-        return {
-            **super().guess_parameters(muscle),
-            "kappa1": 3.0 * area / math.tan(muscle.braid_angle) ** 2,
-            "kappa3": -area / math.sin(muscle.braid_angle) ** 2,
-        }
+    guesses = {
+        "kappa1": lambda muscle: measure_ideal(muscle)[1],
+        "kappa3": lambda muscle: measure_ideal(muscle)[0] - measure_ideal(muscle)[1],
+    }
 
     def find_strain(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
         """Return the strain of contraction under a load, in closed form (2.40).

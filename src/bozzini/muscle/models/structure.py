@@ -14,9 +14,6 @@ from .base import CatalogueModel
 from .card import BRAID_FIELDS, WALL_FIELDS, Card, Law, Parameter, make_friction
 from .ideal import Wall, WalledModel, find_radius, pull_ideal
 
-# Muscles whose ends are no cylinders (thesis 2.2.5).
-
-
 Floats = NDArray[np.float64]
 
 _DOUMIT = "Doumit, Fahim and Munro (2009)"
@@ -120,6 +117,8 @@ class Doumit(CatalogueModel):
         f"needs: {_DOUMIT}",
     )
 
+    prints_one_way = True
+
     def _check(self) -> None:
         space = self.muscle.braid_radius - self.muscle.outer_radius + self.muscle.inner_radius
         if 2.0 * self.muscle.strand_radius >= space:
@@ -169,19 +168,11 @@ class Doumit(CatalogueModel):
         # m times (l / N) tan(angle) / (2 m r cos(angle)) is pi / cos(angle).
         thrust = math.pi * pressure * bore**2 * braid.strand_length / length
         tension = (on_cylinder + on_cones) / braid.turns - thrust
-        pull = tension * cone.cosine * np.cos(cone.angle)
-        if self.as_printed:
-            pull = pull - self._rub(pressure, length)
-        return np.asarray(pull)
+        return np.asarray(tension * cone.cosine * np.cos(cone.angle))
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
-        return np.zeros(pressure.shape) if self.as_printed else self._rub(pressure, length)
-
-    def _rub(self, pressure: Floats, length: Floats) -> Floats:
-        friction = self.parameters["friction"]
-        if friction == 0.0:
-            return np.zeros(pressure.shape)
-        return np.asarray(friction * pressure * self._call("contact_area", length, pressure))
+        area = self._call("contact_area", length, pressure)
+        return np.asarray(self.parameters["friction"] * pressure * area)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         outside = find_radius(self.braid, length) - 2.0 * self.muscle.strand_radius
@@ -255,9 +246,6 @@ class EllipticEnds(CatalogueModel):
         radius, thickness = self._find_section(length)
         hoop = self.muscle.modulus * (radius / self.braid.radius - 1.0)
         return np.asarray((pressure * (radius - thickness) - hoop * thickness) / radius)
-
-
-# Muscles whose bladder is a membrane, or many (thesis 2.2.6).
 
 
 _LIU = "Liu and Rahn (2003)"
@@ -438,13 +426,9 @@ class Ball(WalledModel):
 
         The latter is relative to a stress of minus the pressure in the bore, or as printed to none.
         """
-        flat = length.ravel()
         step = max(1, _BLOCK // int(self.parameters["n_layers"]))
-        blocks = [
-            self._cross_layers(flat[start : start + step])
-            for start in range(0, max(flat.size, 1), step)
-        ]
-        borne, along = np.concatenate(blocks, axis=-1)
+        parts = np.array_split(length.ravel(), range(step, length.size, step))
+        borne, along = np.concatenate([self._cross_layers(part) for part in parts], axis=-1)
         return borne.reshape(length.shape), along.reshape(length.shape)
 
     def _cross_layers(self, length: Floats) -> Floats:
@@ -479,16 +463,11 @@ class Ball(WalledModel):
         return np.asarray(pull)
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
-        friction = self.parameters["friction"]
-        if friction == 0.0:
-            return np.zeros(pressure.shape)
-        return np.asarray(friction * self._call("effective_pressure", length, pressure))
+        acting = self._call("effective_pressure", length, pressure)
+        return np.asarray(self.parameters["friction"] * acting)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         return np.asarray(pressure - self._go_outwards(length)[0])
-
-
-# Muscles in more detail: moments where the strands cross, and a first estimate (thesis 2.2.7).
 
 
 _CHEN = "Chen et al., reference [121] of the thesis"

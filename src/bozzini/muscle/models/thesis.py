@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import broadcast, check_array, check_range, name_at
 from ...errors import InputError
+from ...numeric.roots import bisect
 from ..design import Muscle
 from ..hysteresis import Hysteresis
 from ..kernels import interface
@@ -22,15 +23,12 @@ from ..model import (
     CompiledMuscle,
     MuscleModel,
     MuscleState,
-    bisect,
     check_hysteresis,
     demand_convergence,
     describe_stop,
     is_as_defined,
     parse_direction,
 )
-
-# Where the thesis's tube meets its braid, and what its second phase starts from.
 
 
 def find_contact_pressure(muscle: Muscle) -> float:
@@ -52,13 +50,7 @@ def find_contact_pressure(muscle: Muscle) -> float:
 
 
 def meet_braid(muscle: Muscle) -> tuple[float, tuple[float, ...]]:
-    """Return the pressure of contact [MPa] and the design of `kernels` from there on.
-
-    Raises
-    ------
-    InputError
-        If the strands lie over each other in eq. (2.10), or there is no contact to start from.
-    """
+    """Return the pressure of contact [MPa] and the design of `kernels` from there on."""
     cover = muscle.strands * muscle.strand_radius / (math.pi * muscle.outer_radius)
     if cover > 1.0:
         raise InputError(
@@ -91,9 +83,6 @@ def meet_braid(muscle: Muscle) -> tuple[float, tuple[float, ...]]:
         float(muscle.end_length),
         strands / (strands + wall),
     )
-
-
-# A reconstruction of the thesis's two-phase model of a miniature muscle (thesis 3.3).
 
 
 LoadPath = Literal["none", "bulk"]

@@ -15,13 +15,11 @@ from dataclasses import dataclass
 from ..checks import check_integer, check_number
 from ..errors import InputError
 
-__all__ = ["Bend", "limit_by_turning"]
+SIZE_MIN_MM, SIZE_MAX_MM = 1e-6, 1e6
+"""Radius and half width of a bend lie between these."""
 
-SIZE_MIN, SIZE_MAX = 1e-6, 1e6
-"""Radius and half width of a bend lie between these [mm]."""
-
-ANGLE_MIN = 1e-6
-"""A bend by less is straight [rad]."""
+ANGLE_MIN_RAD = 1e-6
+"""A bend by less is straight."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +40,7 @@ class Bend:
     Raises
     ------
     InputError
-        If a length is not in [1e-6, 1e6] mm, the body has no room, or the angle is not in
+        If a length is not in [1e-6, 1e6] mm, the body does not fit, or the angle is not in
         [1e-6, pi] rad.
     """
 
@@ -53,9 +51,9 @@ class Bend:
 
     def __post_init__(self) -> None:
         for name, size in (("radius of the bend", self.radius), ("half width", self.half_width)):
-            check_number(name, size, low=SIZE_MIN, high=SIZE_MAX, unit="mm")
+            check_number(name, size, low=SIZE_MIN_MM, high=SIZE_MAX_MM, unit="mm")
         check_number("body radius", self.body_radius, low=0.0, unit="mm")
-        check_number("angle of the bend", self.angle, low=ANGLE_MIN, high=math.pi, unit="rad")
+        check_number("angle of the bend", self.angle, low=ANGLE_MIN_RAD, high=math.pi, unit="rad")
         if self.body_radius >= self.half_width:
             raise InputError(
                 f"body radius is {self.body_radius:g} mm: it must lie in "
@@ -63,19 +61,19 @@ class Bend:
             )
 
     @property
-    def room(self) -> float:
+    def clearance(self) -> float:
         """How far the body's axis may be from the centreline [mm]."""
         return self.half_width - self.body_radius
 
     @property
     def inner(self) -> float:
         """Smallest radius of the body's axis [mm]; 0 if the bend has no inner wall for it."""
-        return max(self.radius - self.room, 0.0)
+        return max(self.radius - self.clearance, 0.0)
 
     @property
     def outer(self) -> float:
         """Largest radius of the body's axis [mm]."""
-        return self.radius + self.room
+        return self.radius + self.clearance
 
     def limit_rigid(self, *, flat_ends: bool = False) -> float:
         """Return the longest rigid link that gets through at all [mm].
@@ -106,18 +104,18 @@ class Bend:
         a, b = self.inner, self.outer
         if flat_ends:
             return self._limit_flat()
-        if self.radius <= self.room:
+        if self.radius <= self.clearance:
             return 2.0 * b
         half = 0.5 * self.angle
         if half >= math.acos(a / b):
-            return 4.0 * math.sqrt(self.radius * self.room)
+            return 4.0 * math.sqrt(self.radius * self.clearance)
         # b - a cos(half), without taking nearly equal numbers from each other.
-        return 2.0 * (2.0 * self.room + 2.0 * a * math.sin(0.5 * half) ** 2) / math.sin(half)
+        return 2.0 * (2.0 * self.clearance + 2.0 * a * math.sin(0.5 * half) ** 2) / math.sin(half)
 
     def _limit_flat(self) -> float:
         b = self.radius + self.half_width
         far = self.radius - self.half_width + 2.0 * self.body_radius
-        if self.radius <= self.room:
+        if self.radius <= self.clearance:
             raise InputError("flat ends are only for a bend with an inner wall for the body")
         if 0.5 * self.angle < math.acos(far / b):
             raise InputError(
@@ -129,11 +127,11 @@ class Bend:
     def limit_on_centreline(self) -> float:
         """Return the longest link with both joints on the centreline, body inside [mm].
 
-        The sagitta is at most the room: ``2 sqrt((R_t - r)(2 R_c - R_t + r))``; no chord is longer
-        than ``2 R_c``. For a bend that holds the whole link. This is the number for chains that
-        follow their leader.
+        The sagitta is at most the clearance: ``2 sqrt((R_t - r)(2 R_c - R_t + r))``; no chord is
+        longer than ``2 R_c``. For a bend that holds the whole link. This is the number for chains
+        that follow their leader.
         """
-        sagitta = min(self.room, self.radius)
+        sagitta = min(self.clearance, self.radius)
         return 2.0 * math.sqrt(sagitta * (2.0 * self.radius - sagitta))
 
     def limit_with_head_at(self, head_radius: float) -> float:
@@ -191,7 +189,7 @@ class Bend:
             does not settle on the inner wall (`limit_of_tractrix` is more than ``2 (a + r)``).
         """
         check_integer("links", links, low=1, high=2)
-        if self.radius <= self.room:
+        if self.radius <= self.clearance:
             raise InputError("a bend without an inner wall does not lock a link")
         if self.angle < math.pi:
             raise InputError(

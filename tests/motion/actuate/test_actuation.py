@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
-from bozzini.continuum._bend_limits import find_limits
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
+from bozzini.continuum.coupling import find_limits
 from bozzini.errors import FileFormatError, GeometryError, InputError
-from bozzini.motion import Introducer
+from bozzini.motion import FreeSpace
 from bozzini.motion.actuate.actuate import FitJob, actuate_plan, check_robot
 from bozzini.motion.actuate.actuation import Actuation, ArcCertificate
-from tests.continuum.motions import make_plan, make_robot, make_tube
+from tests.motion.actuate.motions import make_plan, make_robot, make_tube
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +205,7 @@ def test_columns_differ_whatever_tendons_are_called(moved):
 
 
 def test_tendons_that_turn_are_refused_without_advice_that_does_not_help():
-    helix = Tendon.helix("h", 1.5, turns=1.0, end=20.0)
+    helix = Tendon(name="h", offset=1.5, angle=Helix(turns=1.0), end=20.0)
     robot = ContinuumRobot([Section(length=20.0, radius=2.0, tendons=[helix])])
     with pytest.raises(GeometryError, match="a motion along a plan takes sections that bend in"):
         check_robot(robot)
@@ -215,7 +215,7 @@ def test_sections_are_not_bent_until_their_discs_meet():
     """A path with a corner asks for more than discs leave; what is told the model then takes."""
     plan, duct = make_plan(), make_tube()[0]
     arc = np.linspace(0.0, 100.0, 401)
-    introducer = Introducer.from_description(plan.meta["introducer"])
+    introducer = plan.introducer
     way = -introducer.outward
     aside = np.cross(way, np.roll(way, 1))
     aside /= np.linalg.norm(aside)
@@ -226,7 +226,7 @@ def test_sections_are_not_bent_until_their_discs_meet():
         plan, path=introducer.entry + corner, path_arc_length=arc, path_radius=np.full(401, 9.0)
     )
     robot = make_robot(4.0, 30, radius=5.0)
-    job = FitJob(cornered, check_robot(robot), duct, introducer)
+    job = FitJob(cornered, check_robot(robot), FreeSpace(duct, introducer=introducer))
     assert job.limits == pytest.approx(find_limits(robot).discs)
     free, held = (job.fit(-robot.radius, limited=limited) for limited in (False, True))
     assert free.angles.max() > 0.8 > held.angles.max()  # 4 mm / 5 mm

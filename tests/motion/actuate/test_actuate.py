@@ -9,14 +9,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
 from bozzini.continuum.coupling import coupling_matrix
 from bozzini.errors import FileFormatError, GeometryError, InputError, MissingExtraError
-from bozzini.motion import Introducer, Scope, plan_insertion
+from bozzini.motion import FreeSpace, Introducer, Scope
 from bozzini.motion.actuate.actuate import actuate_plan
 from bozzini.motion.actuate.actuation import ACTUATION_CODES, Actuation
 from bozzini.motion.actuate.executed import certify_arcs
-from tests.continuum.motions import EXACT, make_plan, make_robot, make_tube, place_at
+from bozzini.motion.plan import read_record
+from tests.motion.actuate.motions import EXACT, make_plan, make_robot, make_tube, place_at
+from tests.motion.plans import insert
 
 
 @pytest.fixture(scope="module")
@@ -162,8 +164,7 @@ def test_stretches_proved_one_by_one_prove_the_whole(plan, tube, moved):
         hard.robot,
         hard.bends,
         hard.base_advance,
-        tube,
-        introducer=Introducer.from_description(hard.meta["introducer"]),
+        FreeSpace(tube, introducer=read_record(Introducer, hard.meta["introducer"], "tube")),
     )
     assert proof.certified
     assert proof.clearance == pytest.approx(hard.certificate.clearance, abs=0.15)
@@ -208,7 +209,7 @@ def test_a_robot_thicker_than_the_bore_does_not_begin(plan, tube):
 def test_a_plan_that_stops_is_followed_as_far_as_it_goes():
     duct, line = make_tube()
     scope = Scope(diameter=4.0, link_length=5.0, length=60.0)
-    plan = plan_insertion(duct, line, scope=scope, head_step=1.0)
+    plan = insert(duct, line, scope=scope, head_step=1.0)
     moved = actuate_plan(plan, make_robot(20.0, 6), duct)
     assert (moved.reason_code, moved.steps) == ("PLAN_STOPPED", plan.steps)
     assert moved.certified and not moved.fits
@@ -280,7 +281,7 @@ def test_robots_that_cannot_be_steered_are_refused(plan, tube):
     with pytest.raises(GeometryError, match="give each section tendons all around, or rods"):
         actuate_plan(plan, two, tube)
     with pytest.raises(GeometryError, match="parallel"):
-        helix = Tendon.helix("h", 1.5, turns=1.0, end=20.0)
+        helix = Tendon(name="h", offset=1.5, angle=Helix(turns=1.0), end=20.0)
         actuate_plan(
             plan, ContinuumRobot([Section(length=20.0, radius=2.0, tendons=[helix])]), tube
         )
@@ -293,7 +294,7 @@ def test_planar_ducts_and_foreign_plans_are_refused(plan, tube):
     with pytest.raises(InputError, match="planar"):
         actuate_plan(plan, make_robot(20.0, 6), square)
     with pytest.raises(InputError, match="no introducer"):
-        actuate_plan(replace(plan, meta={}), make_robot(20.0, 6), tube)
+        actuate_plan(replace(plan, introducer=None), make_robot(20.0, 6), tube)
     with pytest.raises(InputError, match="roll"):
         actuate_plan(plan, make_robot(20.0, 6), tube, roll=math.nan)
 

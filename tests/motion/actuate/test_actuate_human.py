@@ -11,10 +11,11 @@ import pytest
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import build_field, find_centreline
-from bozzini.motion import Introducer, Scope, plan_insertion
+from bozzini.motion import FreeSpace, Scope
 from bozzini.motion.actuate.actuate import FitJob, actuate_plan, check_robot
-from tests.continuum.motions import make_robot, place_at
 from tests.exact import VoxelWall
+from tests.motion.actuate.motions import make_robot, place_at
+from tests.motion.plans import insert
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +29,7 @@ def plan_for(human, robot, **options):
     field, line, _ = human
     link = 0.5 * robot.sections[0].length
     scope = Scope(diameter=2.0 * robot.radius, link_length=link)
-    return plan_insertion(field, line, scope=scope, **options)
+    return insert(field, line, scope=scope, **options)
 
 
 @pytest.mark.parametrize(
@@ -57,8 +58,8 @@ def test_the_robot_passes_certified(human, section, radius, count, bend):
 def test_a_step_takes_less_than_a_millisecond(human):
     robot = make_robot(20.0, 17, radius=2.5)
     plan = plan_for(human, robot, head_step=1.0)
-    introducer = Introducer.from_description(plan.meta["introducer"])
-    job = FitJob(plan, check_robot(robot), human[0], introducer)
+    introducer = plan.introducer
+    job = FitJob(plan, check_robot(robot), FreeSpace(human[0], introducer=introducer))
     job.fit(1.0)
     seconds = []
     for _ in range(3):

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,25 +16,37 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points
 from ..duct.base import Duct, count_dimensions
 from ..duct.centreline import Centreline
-from ..duct.field import SampledField
+from ..duct.field import RefinedField, SampledField
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
-from .insertion import check_link, check_options, finish_plan, measure_body, plan_insertion
-from .introducer import Introducer, measure_bore
-from .plan import Plan
-from .scope import Scope
-from .shape import HOPELESS, _run
-from .tube import MARGINS, Job, TubeMotion, TubeOptions, plan_in_tube
+from .measures import measure_body
+from .plan import Plan, Replanned, SoftWall
+from .planner import check_link, finish_plan, make_planner, plan_insertion
+from .planners import PlannerOptions
+from .scope import Introducer, Scope, measure_bore
+from .shape import HOPELESS_MM
+from .space import FreeSpace
+from .tube import MARGINS, Job, Style, TubeMotion, plan_in_tube
 
-# A wall that gives way: let it be displaced as little as needed, and say where it is touched.
+# A wall that gives way: it is displaced as little as needed, and contacts are named.
 
-SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Shares of the allowed displacement that are tried in turn."""
+SHARES = (0.25, 0.5, 0.75, 1.0)
+"""Shares of the allowed displacement that are tried in turn, after none."""
+
+
+SOFT_WALL_MAX_MM = 100.0
+"""Largest displacement of a wall that can be allowed."""
 
 
 def plan_with_soft_wall(
-    duct: SampledField, line: Centreline, *, scope: Scope, soft_wall: float, **options: Any
+    space: FreeSpace,
+    scope: Scope,
+    *,
+    soft_wall: float,
+    method: str = "best",
+    options: PlannerOptions | None = None,
+    progress: Progress = no_progress,
 ) -> Plan:
     """Plan an insertion where the body may displace the wall by up to `soft_wall` mm.
 
@@ -45,63 +56,69 @@ def plan_with_soft_wall(
 
     Parameters
     ----------
+    space : FreeSpace
+        With a sampled field, and a line.
+    scope : Scope
     soft_wall : float
         Largest displacement allowed [mm].
-    **options
+    method, options, progress
         As for `plan_insertion`.
 
     Returns
     -------
     Plan
-        ``meta["soft_wall"]`` says what was allowed and used, the deepest contact, where it is,
-        and the share of steps with contact.
+        Its ``soft_wall`` states what was allowed and used, the deepest contact, where it is, and
+        the share of steps with contact.
 
     Raises
     ------
     InputError
         As `plan_insertion`, or if `soft_wall` is negative.
     """
-    check_number("soft wall", soft_wall, low=0.0, high=100.0, unit="mm")
-    best: Plan | None = None
-    used = 0.0
-    for share in SHARES:
-        trial = soft_wall * share
-        # With several shares, what would fit is only sought for the one that is taken.
-        advise = soft_wall == 0.0
-        plan = plan_insertion(duct.inflate(trial), line, scope=scope, advise=advise, **options)
-        if best is None or plan.inserted > best.inserted + 1.0 or plan.status == "complete":
-            best, used = plan, trial
-        if plan.status == "complete" or soft_wall == 0.0:
+    check_number("soft wall", soft_wall, low=0.0, high=SOFT_WALL_MAX_MM, unit="mm")
+    duct, line, options = space.duct, space.way, options or PlannerOptions()
+    if not isinstance(duct, (SampledField, RefinedField)):
+        raise InputError(f"the duct is a {type(duct).__name__}: a soft wall takes a sampled field")
+
+    def plan_displaced(by: float, *, advise: bool) -> Plan:
+        chosen = replace(options, advise=advise and options.advise)
+        moved = duct.inflate(by)
+        return plan_insertion(
+            moved, line, scope=scope, method=method, options=chosen, progress=progress
+        )
+
+    # With several shares, what would fit is only sought for the one that is taken.
+    best, used = plan_displaced(0.0, advise=soft_wall == 0.0), 0.0
+    for share in SHARES if soft_wall > 0.0 else ():
+        if best.status == "complete":
             break
-    if best is None:
-        raise RuntimeError("no share was tried")
+        plan = plan_displaced(soft_wall * share, advise=False)
+        if plan.inserted > best.inserted + 1.0 or plan.status == "complete":
+            best, used = plan, soft_wall * share
     if best.status == "stopped" and soft_wall > 0.0:
-        best = plan_insertion(duct.inflate(used), line, scope=scope, **options)
-    introducer = Introducer.from_description(best.meta["introducer"])
-    clearance, worst = measure_body(duct, best.joints, scope=scope, introducer=introducer)
-    inside = bool(np.isfinite(worst[-1]))
-    deepest = max(0.0, -float(worst[-1])) if inside else 0.0
-    place = worst[: line.points.shape[1]]
-    near = int(np.argmin(np.linalg.norm(line.points - place, axis=1)))
-    where = float(line.arc_length[near])
-    measures = {**best.meta["measures"]}
-    if inside:
-        measures |= {"clearance_min_mm": float(worst[-1]), "clearance_where_mm": where}
-    meta = {
-        **best.meta,
-        "measures": measures,
-        "soft_wall": {
-            "allowed_mm": soft_wall,
-            "used_mm": used,
-            "contact_max_mm": deepest,
-            "contact_where_mm": where if deepest > 0.0 else None,
-            "contact_step_share": float((clearance.min(axis=1) < 0.0).mean()),
-        },
-    }
-    if used > 0.0:
-        meta["wall"] = f"{duct.wall}, displaced by up to {used:g} mm"
-        meta["certificate"] = {**best.meta["certificate"], "wall": meta["wall"]}
-    return replace(best, clearance=clearance, meta=meta)
+        best = plan_displaced(used, advise=True)
+    if best.options is not None:
+        best = replace(best, options=options)
+    at_rest = FreeSpace(duct, line, best.introducer)
+    clearance, worst = measure_body(at_rest, best.joints, scope)
+    deepest, where, measures = 0.0, 0.0, best.measures
+    if np.isfinite(worst[-1]) and measures is not None:
+        deepest = max(0.0, -float(worst[-1]))
+        place = worst[: line.points.shape[1]]
+        where = float(line.arc_length[np.argmin(np.linalg.norm(line.points - place, axis=1))])
+        measures = replace(measures, clearance_min=float(worst[-1]), clearance_where=where)
+    soft = SoftWall(
+        allowed=soft_wall,
+        used=used,
+        contact_max=deepest,
+        contact_where=where if deepest > 0.0 else None,
+        contact_step_share=float((clearance.min(axis=1) < 0.0).mean()),
+    )
+    best = replace(best, clearance=clearance, measures=measures, soft_wall=soft)
+    if used == 0.0 or best.certificate is None:
+        return best
+    wall = f"{duct.wall}, displaced by up to {used:g} mm"
+    return replace(best, wall=wall, certificate=replace(best.certificate, wall=wall))
 
 
 Advect = Callable[[NDArray[np.float64]], ArrayLike]
@@ -151,10 +168,10 @@ def replan(
     Returns
     -------
     Plan
-        ``meta["replan"]`` says whether the moved path served (``warm``), with which ``margin_mm``
-        over the scope's radius and after how many ``sweeps`` (0: as it was), how far the path's
-        points were moved with the tissue (``tissue_move_mm``) and, if it did not serve, why
-        (``reason``). The certificate holds for the lumen given, not for the time between two
+        Its ``replan`` states whether the moved path served (``warm``), with which ``margin`` over
+        the scope's radius and after how many ``sweeps`` (0: as it was), how far the path's points
+        were moved with the tissue (``tissue_move``) and, if it did not serve, why (``reason``).
+        The certificate holds for the lumen given, not for the time between two
         lumens: a wall that moves by up to w mm takes up to w mm off the clearance.
 
     Raises
@@ -166,56 +183,34 @@ def replan(
     """
     _check(plan, duct, line)
     links = plan.links if scope is None else 0
-    scope = _read_scope(plan) if scope is None else scope
-    options = _read_options(plan)
+    scope = plan.get_scope() if scope is None else scope
+    options = plan.options or PlannerOptions()
+    make_planner(plan.method).check(scope, options)
+    style = Style(freedom=0.0 if plan.method == "follow" else (plan.freedom or 1.0))
     path = _advect(advect, plan.path)
-    introducer = _move_introducer(plan, advect, path[0], duct, scope)
     moved = _measure_line(path, duct)
-    check_options(
-        scope=scope,
-        method=plan.method,
-        head_step=options.head_step,
-        slip=options.slip,
-        angle_limit=options.angle_limit,
-        route=options.route,
-    )
+    space = FreeSpace(duct, moved, _move_introducer(plan, advect, path[0], duct, scope))
     check_link(scope, moved)
     links = links or scope.count_links(moved.length)
     progress("plan", 0.0)
     attempt = _Attempt(reason="the last plan did not reach its goal")
     if plan.status == "complete":
-        attempt = _try_path(Job(duct, moved, scope, options, introducer=introducer, links=links))
+        attempt = _try_path(Job(space, scope, options, style, links=links))
     motion = attempt.motion
     if motion is None:
         if line is not None:
-            introducer = Introducer.at_entry(duct, line, along=scope.link_length)
-        job = Job(
-            duct,
-            moved if line is None else line,
-            scope,
-            options,
-            introducer=introducer,
-            links=links,
-        )
-        motion = plan_in_tube(job, progress=progress)
-    result = finish_plan(
-        duct,
-        motion,
-        line=moved if line is None else line,
-        scope=scope,
-        introducer=introducer,
-        method=plan.method,
-        options=options,
-    )
+            space = FreeSpace.at_entry(duct, line, along=scope.link_length)
+        motion = plan_in_tube(Job(space, scope, options, style, links=links), progress=progress)
+    result = finish_plan(space, motion, scope=scope, options=options, asked=plan.method)
     progress("certify", 1.0)
-    note = {
-        "warm": attempt.motion is not None,
-        "margin_mm": attempt.margin,
-        "sweeps": attempt.sweeps,
-        "tissue_move_mm": float(np.linalg.norm(path - plan.path, axis=1).max()),
-        "reason": attempt.reason,
-    }
-    return replace(result, meta={**result.meta, "replan": note})
+    note = Replanned(
+        warm=attempt.motion is not None,
+        margin=attempt.margin,
+        sweeps=attempt.sweeps,
+        tissue_move=float(np.linalg.norm(path - plan.path, axis=1).max()),
+        reason=attempt.reason,
+    )
+    return replace(result, replan=note)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -233,11 +228,11 @@ def _try_path(job: Job) -> _Attempt:
     if job.bound[0] < job.scope.radius:
         return _Attempt(reason="the entry is narrower than the scope")
     base = np.ascontiguousarray(job.duct.to_grid(job.line.points))
-    length, reason, sweeps = job.scope.link_length, "", 0
+    reason, sweeps = "", 0
     for margin in MARGINS:
-        room = job.scope.radius + margin
+        band = job.band(margin)
         for schedule in SCHEDULES:
-            shaped = _run(job.data, job.intro, base, schedule, length, room, job.lead)
+            shaped = band.run(base, schedule)
             sweeps = sum(count for count, _ in schedule)
             if shaped.clear:
                 motion = job.follow(shaped, margin)
@@ -246,10 +241,10 @@ def _try_path(job: Job) -> _Attempt:
                 reason = "the moved path was clear, but no motion along it could be certified"
                 break
             reason = (
-                f"the moved path leaves {max(shaped.room, 0.0):.2f} mm after {sweeps} sweeps, "
-                f"{room:.2f} mm are needed"
+                f"the moved path leaves {max(shaped.clearance, 0.0):.2f} mm after {sweeps} sweeps, "
+                f"{band.clearance:.2f} mm are needed"
             )
-        if shaped.room < room - HOPELESS:
+        if shaped.clearance < band.clearance - HOPELESS_MM:
             break
     return _Attempt(sweeps=sweeps, reason=reason)
 
@@ -271,29 +266,6 @@ def _check(plan: Plan, duct: Duct, line: Centreline | None) -> None:
         )
 
 
-def _read_scope(plan: Plan) -> Scope:
-    try:
-        given = plan.meta["scope"]
-        return Scope(
-            diameter=float(given["diameter_mm"]), link_length=float(given["link_length_mm"])
-        )
-    except (KeyError, TypeError, ValueError):
-        raise InputError(
-            "the plan's meta has no scope (scope.diameter_mm, scope.link_length_mm): give scope"
-        ) from None
-
-
-def _read_options(plan: Plan) -> TubeOptions:
-    given: dict[str, Any] = plan.meta.get("options", {})
-    return TubeOptions(
-        head_step=plan.meta.get("head_step_mm", TubeOptions.head_step),
-        freedom=0.0 if plan.method == "follow" else given.get("freedom", TubeOptions.freedom),
-        slip=given.get("slip", TubeOptions.slip),
-        angle_limit=given.get("angle_limit_rad", TubeOptions.angle_limit),
-        route=given.get("route", TubeOptions.route),
-    )
-
-
 def _advect(advect: Advect | None, points: NDArray[np.float64]) -> NDArray[np.float64]:
     if advect is None:
         return points
@@ -311,10 +283,7 @@ def _move_introducer(
     scope: Scope,
 ) -> Introducer:
     """Carry the introducer along with the tissue around the entry: its end and its direction."""
-    try:
-        last = Introducer.from_description(plan.meta["introducer"])
-    except KeyError:
-        raise InputError("the plan's meta has no introducer") from None
+    last = plan.get_introducer()
     inner = (last.entry - scope.link_length * last.outward)[None]
     outward = entry - _advect(advect, inner)[0]
     size = float(np.linalg.norm(outward))

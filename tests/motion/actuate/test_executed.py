@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from bozzini.continuum import ContinuumRobot, Section
 from bozzini.errors import InputError
-from bozzini.motion import Introducer
+from bozzini.motion import FreeSpace, Introducer
 from bozzini.motion.actuate.actuation import ArcCertificate
 from bozzini.motion.actuate.executed import certify_arcs, choose_grid, find_base_frame, place_bodies
 from bozzini.motion.kernels.actuate import bound_bending
-from tests.continuum.motions import place_point
+from tests.motion.actuate.motions import place_point
 from tests.shapes import sample_field
 
 
@@ -153,13 +153,13 @@ def wave(steps, size):
 
 def test_certificate_is_below_sampled_clearance_and_not_far(hall):
     bends, advances = wave(9, 0.35)
-    proof = certify_arcs(ROBOT, bends, advances, hall.field, introducer=hall.introducer)
+    proof = certify_arcs(ROBOT, bends, advances, FreeSpace(hall.field, introducer=hall.introducer))
     found = sample_clearance(hall, bends, advances)
     assert proof.certified and proof.resolved
     assert proof.clearance <= found
     assert found - proof.clearance < 0.1 + proof.deviation + hall.field.error
     finer = certify_arcs(
-        ROBOT, bends, advances, hall.field, introducer=hall.introducer, deviation=0.001
+        ROBOT, bends, advances, FreeSpace(hall.field, introducer=hall.introducer), deviation=0.001
     )
     assert finer.deviation < proof.deviation
     assert finer.clearance <= found
@@ -179,10 +179,11 @@ def test_a_wall_that_is_hit_between_two_steps_only_is_seen():
     bends = np.zeros((2, 2, 2))
     bends[0, :, 0], bends[1, :, 0] = 1.4, -1.4
     advances = np.full(2, 96.0)
+    space = FreeSpace(field, introducer=introducer)
     for k in (0, 1):
         still = bends[k : k + 1]
-        assert certify_arcs(robot, still, advances[:1], field, introducer=introducer).certified
-    moving = certify_arcs(robot, bends, advances, field, introducer=introducer)
+        assert certify_arcs(robot, still, advances[:1], space).certified
+    moving = certify_arcs(robot, bends, advances, space)
     # The tip of the straight robot is at 100 mm, its end 2 mm farther: 22 mm in the wall.
     assert moving.clearance == pytest.approx(-22.0, abs=field.error + 0.2)
     assert (moving.section, moving.place[2]) == (1, pytest.approx(100.0, abs=0.5))
@@ -193,7 +194,7 @@ def test_a_wall_that_is_hit_between_two_steps_only_is_seen():
 def test_a_planted_violation_is_seen(hall, section):
     bends, advances = wave(9, 0.35)
     bends[4, section] += [2.2, 0.0]
-    proof = certify_arcs(ROBOT, bends, advances, hall.field, introducer=hall.introducer)
+    proof = certify_arcs(ROBOT, bends, advances, FreeSpace(hall.field, introducer=hall.introducer))
     assert sample_clearance(hall, bends, advances) < 0.0
     assert not proof.certified
     assert 3.0 < proof.step < 5.0
@@ -203,21 +204,21 @@ def test_a_planted_violation_is_seen(hall, section):
 
 def test_in_the_introducer_nothing_is_proved_and_nothing_is_wrong(hall):
     proof = certify_arcs(
-        ROBOT, np.zeros((3, 2, 2)), np.zeros(3), hall.field, introducer=hall.introducer
+        ROBOT, np.zeros((3, 2, 2)), np.zeros(3), FreeSpace(hall.field, introducer=hall.introducer)
     )
     assert proof.clearance > 0.0
     assert proof.section == 1 and proof.arc_length < ROBOT.length
     bent = np.full((3, 2, 2), 0.8)
     assert not certify_arcs(
-        ROBOT, bent, np.zeros(3), hall.field, introducer=hall.introducer
+        ROBOT, bent, np.zeros(3), FreeSpace(hall.field, introducer=hall.introducer)
     ).certified
 
 
 def test_blocks_do_not_change_the_bound(hall, monkeypatch):
     bends, advances = wave(9, 0.35)
-    whole = certify_arcs(ROBOT, bends, advances, hall.field, introducer=hall.introducer)
+    whole = certify_arcs(ROBOT, bends, advances, FreeSpace(hall.field, introducer=hall.introducer))
     monkeypatch.setattr("bozzini.motion.actuate.executed.BLOCK", 200)
-    pieces = certify_arcs(ROBOT, bends, advances, hall.field, introducer=hall.introducer)
+    pieces = certify_arcs(ROBOT, bends, advances, FreeSpace(hall.field, introducer=hall.introducer))
     assert pieces.clearance == pytest.approx(whole.clearance, abs=0.1)
     assert pieces.found == pytest.approx(whole.found, abs=0.1)
     assert pieces.step == pytest.approx(whole.step, abs=0.5)
@@ -225,7 +226,7 @@ def test_blocks_do_not_change_the_bound(hall, monkeypatch):
 
 def test_description_comes_back(hall):
     bends, advances = wave(3, 0.3)
-    proof = certify_arcs(ROBOT, bends, advances, hall.field, introducer=hall.introducer)
+    proof = certify_arcs(ROBOT, bends, advances, FreeSpace(hall.field, introducer=hall.introducer))
     again = ArcCertificate.from_description(proof.describe())
     assert again.describe() == proof.describe()
     with pytest.raises(InputError, match="not a certificate"):
@@ -239,7 +240,7 @@ def test_description_comes_back(hall):
         ({"bends": np.full((3, 2, 2), np.nan)}, "not finite"),
         ({"advances": np.zeros(2)}, r"advances has shape \(2,\)"),
         ({"deviation": 0.0}, "deviation is 0"),
-        ({"radius": -1.0}, "radius is -1"),
+        ({"roll": np.nan}, "roll is nan"),
         ({"bends": 1e5 * np.eye(3)[:, :2, None] * np.ones(2)}, "too coarse to certify"),
     ],
 )
@@ -247,4 +248,6 @@ def test_what_cannot_be_certified_is_said(hall, change, words):
     given = {"bends": np.zeros((3, 2, 2)), "advances": np.zeros(3), **change}
     bends, advances = given.pop("bends"), given.pop("advances")
     with pytest.raises(InputError, match=words):
-        certify_arcs(ROBOT, bends, advances, hall.field, introducer=hall.introducer, **given)
+        certify_arcs(
+            ROBOT, bends, advances, FreeSpace(hall.field, introducer=hall.introducer), **given
+        )

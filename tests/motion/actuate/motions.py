@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bozzini.continuum import ContinuumRobot, Section, Tendon
-from bozzini.motion import Scope, plan_insertion
+from bozzini.motion import Scope
+from tests.motion.plans import insert
 from tests.shapes import bend_curve, curve_distance, tube_lumen
 
 TUBE_RADIUS = 7.0
@@ -47,7 +48,7 @@ def make_tube():
 def make_plan(*, diameter=4.0, link=5.0, head_step=1.0, **options):
     duct, line = make_tube()
     scope = Scope(diameter=diameter, link_length=link)
-    return plan_insertion(duct, line, scope=scope, head_step=head_step, **options)
+    return insert(duct, line, scope=scope, head_step=head_step, **options)
 
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(24)
