@@ -56,7 +56,7 @@ def test_a_chain_that_stands_still_between_two_balls_has_a_way():
 
 def test_what_is_wrong_is_said():
     chain = make("cones")
-    with pytest.raises(GeometryError, match="one ball: there is no way"):
+    with pytest.raises(GeometryError, match="one ball: there is no path"):
         follow_chain(RoundCones(np.zeros((1, 3)), np.ones(1)))
     with pytest.raises(GeometryError, match="start .* lies outside the shapes by "):
         follow_chain(chain, (BEND[0] + [0.0, 0.0, 50.0], None))

@@ -226,7 +226,7 @@ def test_a_given_way_becomes_a_centreline():
 @pytest.mark.parametrize(
     ("points", "error", "message"),
     [
-        ([(0, 0, 0), (30, 40, 0)], GeometryError, r"the way leaves the duct at \(.*\) mm, by"),
+        ([(0, 0, 0), (30, 40, 0)], GeometryError, r"the path leaves the duct at \(.*\) mm, by"),
         ([(0, 0, 0)], InputError, r"points has shape \(1, 3\): it must be \(n, 3\)"),
         ([(0, 0), (1, 0)], InputError, r"points has shape \(2, 2\): it must be \(\.\.\., 3\)"),
         ([(0, 0, 0), (1, 0, 0), (1, 0, 0)], InputError, "points 1 and 2 are the same"),
