@@ -371,7 +371,7 @@ class RankedModel:
     parameters : int
         How many were fitted.
     aicc, bic : float
-        Criteria of `bozzini.muscle.information`. A root mean square below 1e-9 of the largest
+        Criteria by `compute_aicc` and `compute_bic`. A root mean square below 1e-9 of the largest
         contraction counts as that: among models that fit exactly the fewest parameters win.
         `aicc` is infinite with fewer than `parameters` + 3 rows.
     weight : float

@@ -259,12 +259,8 @@ class EnergyMuscle(MuscleModel):
         """The equations without friction as compiled functions; None with trellis ends."""
         if self.ends != "none" or not is_as_defined(self, EnergyMuscle):
             return None
-        return CompiledMuscle(
-            numbers=(*self._equilibrium.design, self.muscle.active_length),
-            start=interface.compile_start(kernels.start),
-            pull=interface.compile_pull(kernels.pull),
-            pressure=interface.compile_pressure(kernels.pressure),
-        )
+        numbers = (*self._equilibrium.design, self.muscle.active_length)
+        return interface.compile_model(kernels, numbers)
 
     @property
     def taper_length(self) -> float:
