@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial, wraps
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +14,12 @@ from click.shell_completion import CompletionItem
 from ..checks import list_quantities
 from ..errors import InputError
 from ..muscle.design import Muscle
-from .common import QuantityType, check_target, emit, force_option, format_csv, json_option
+from .common import (
+    QuantityType,
+    gather,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from ..muscle.data import Measurements
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
@@ -65,75 +65,6 @@ def option(
     return click.option(
         flag, *names, type=taken, metavar=metavar, help=help, show_default=shown, **more
     )
-
-
-def gather(
-    argument: str, make: Callable[..., Any], *options: Callable[[_Function], _Function]
-) -> Callable[[_Function], _Function]:
-    """Return what adds options whose values arrive together, as one argument that `make` makes."""
-
-    def decorate(function: _Function) -> _Function:
-        def probe() -> None: ...
-
-        for option in options:
-            option(probe)
-        names = [str(item.name) for item in probe.__click_params__]  # type: ignore[attr-defined]
-
-        @wraps(function)
-        def run(**values: Any) -> Any:
-            taken = {name: values.pop(name) for name in names}
-            return function(**{argument: make(**taken)}, **values)
-
-        for option in reversed(options):
-            option(run)
-        return run
-
-    return decorate
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Where the answer of a command goes: stdout as text or JSON, and perhaps a file."""
-
-    as_json: bool
-    out: Path | None = None
-
-    @property
-    def is_table(self) -> bool:
-        """Whether the file is a table."""
-        return self.out is not None and self.out.suffix.lower() == ".csv"
-
-    def write(self, columns: Mapping[str, object], draw: Callable[[], Figure | Axes]) -> None:
-        """Write the file that is asked for: a table of columns, or the picture `draw` makes."""
-        if self.out is None:
-            return
-        if self.is_table:
-            from ..io.files import write_text
-
-            write_text(self.out, format_csv(columns))
-        else:
-            from ..plot import write_figure
-
-            write_figure(draw(), self.out)
-
-    def give(self, result: Mapping[str, object], text: str) -> None:
-        """Write the answer on stdout."""
-        emit(result, as_json=self.as_json, text=text)
-
-
-def answer_options(*suffixes: str, text: str = "A picture.") -> Callable[[_Function], _Function]:
-    """Return what adds ``--out``, ``--force`` and ``--json`` as the argument ``answer``.
-
-    The file is refused before any work, if it could not be written later. Without suffixes there
-    is ``--json`` alone.
-    """
-
-    def make(as_json: bool, out: Path | None = None, force: bool = False) -> Answer:
-        check_target(out, suffixes, force=force)
-        return Answer(as_json, out)
-
-    out = option("--out FILE", text, click.Path(path_type=Path))
-    return gather("answer", make, *((out, force_option) if suffixes else ()), json_option)
 
 
 def design_options(function: _Function) -> _Function:

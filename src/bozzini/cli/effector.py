@@ -14,9 +14,6 @@ from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import EffectorDesign
 from ..errors import InputError
 from ._muscle_options import (
-    Answer,
-    answer_options,
-    gather,
     make_class,
     model_option,
     model_options,
@@ -25,9 +22,12 @@ from ._muscle_options import (
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
+    Answer,
     VectorType,
+    answer_options,
     format_csv,
     format_rows,
+    gather,
     progress_bar,
     quiet_option,
     run_exit,
@@ -146,7 +146,7 @@ effector_options = gather(
     model_option,
     model_options,
 )
-table_options = answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
+table_options = answer_options(".csv", *PICTURES, help="A table (.csv) or a picture.", quiet=False)
 cubic_option = option(
     "--cubic-from",
     "Fit the thesis's cubic from this pressure on, as in its controller.",
@@ -320,7 +320,8 @@ def command() -> None:
 @answer_options(
     ".csv",
     *PICTURES,
-    text="A picture, or the backbone as a table (.csv). With --table the picture or table of that.",
+    help="A picture, or the backbone as a table (.csv). With --table the picture or table of that.",
+    quiet=False,
 )
 def pose_command(
     pressure: str,
@@ -382,7 +383,7 @@ def pose_command(
     required=True,
 )
 @effector_options
-@answer_options(*PICTURES)
+@answer_options(*PICTURES, quiet=False)
 def reach_command(target: tuple[float, ...], asked: EffectorRequest, answer: Answer) -> None:
     """Find the pressures that bring the tip to a place seen along the axis.
 
@@ -842,7 +843,7 @@ def sweep_command(
 @option("--deflection", "Deflection that every muscle alone must reach.", "length", required=True)
 @effector_options
 @quiet_option
-@answer_options()
+@answer_options(quiet=False)
 def least_command(
     ranges: tuple[str, ...],
     choose_segments: str | None,

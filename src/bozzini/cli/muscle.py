@@ -14,17 +14,14 @@ from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
 from ._muscle_options import (
     FIELDS,
-    Answer,
     DataRequest,
     ModelType,
     Request,
-    answer_options,
     check_fields,
     check_friction,
     data_options,
     describe_model,
     directed_options,
-    gather,
     list_kinds,
     make_class,
     note_data,
@@ -38,8 +35,11 @@ from ._muscle_options import (
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
+    Answer,
+    answer_options,
     emit,
     format_csv,
+    gather,
     json_option,
     progress_bar,
     run_exit,
@@ -112,7 +112,7 @@ def _format_cards(cards: list[Card]) -> list[str]:
 @option("--pressure", "Gauge pressure.", "pressure", required=True)
 @option("--load", "Tension held.", "force", default="0N")
 @directed_options
-@answer_options()
+@answer_options(quiet=False)
 def solve_command(pressure: float, load: float, asked: Request, answer: Answer) -> None:
     """Find the contraction of a muscle at a pressure and a load.
 
@@ -159,7 +159,7 @@ def solve_command(pressure: float, load: float, asked: Request, answer: Answer) 
 @option("--load", "Tension held; not with --of force (default: 0N).", "force")
 @option("--points", "Rows of the table (default: 41).", int)
 @directed_options
-@answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
+@answer_options(".csv", *PICTURES, help="A table (.csv) or a picture.", quiet=False)
 def curve_command(
     kind: str,
     pressure: float,
@@ -283,7 +283,7 @@ def _draw_curve(model: MuscleModel, kind: str, pressure: float, **line: Any) -> 
 )
 @option("--anyway", "Fit also what the data cannot distinguish.", is_flag=True)
 @one_model_options
-@answer_options(*PICTURES)
+@answer_options(*PICTURES, quiet=False)
 def fit_command(
     table: DataRequest,
     free: str | None,
@@ -436,7 +436,7 @@ rank_options = gather(
 )
 @rank_options
 @request_options
-@answer_options(*PICTURES)
+@answer_options(*PICTURES, quiet=False)
 def compare_command(
     table: DataRequest,
     model_names: tuple[str, ...],

@@ -31,6 +31,7 @@ from .style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
@@ -65,6 +66,7 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
         (found.direction_share, "share of directions", "viridis", 0.0),
         (found.manipulability, f"mean manipulability [{unit}]", "cividis", None),
     )
+    drawn: ScalarMappable
     for place, (values, name, colors, low) in enumerate(panels, start=1):
         if found.half_plane:
             axes = figure.add_subplot(1, 2, place)

@@ -13,7 +13,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_points
 from ..errors import InputError
-from .style import AMBER, BLUE, COLORS, DASHES, GREEN, GRID, INK, RED, make_panels, style_axes
+from .style import (
+    AMBER,
+    BLUE,
+    COLORS,
+    DASHES,
+    GREEN,
+    GRID,
+    INK,
+    RED,
+    Look,
+    fit_space,
+    make_panels,
+    style_axes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +48,9 @@ Floats = NDArray[np.float64]
 
 _OWN = {"R": RED, "G": GREEN, "B": BLUE}
 _RISING, _FALLING = (0, (4, 1.5)), (0, (1, 1.5))
-_CUBIC: dict[str, Any] = {"color": INK, "linewidth": 1.1}
+_CUBIC: Look = {"color": INK, "linewidth": 1.1}
+LEAST_SIDE = 26.0
+"""Shortest side of a 3-D panel [mm]."""
 _SMALL = 1e-6  # an error of the trace that is round-off [mm]
 _PRESSURE = "pressure [kPa]"
 
@@ -151,7 +166,7 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
                 "pressure with method='fixed-point'"
             )
         force, _, lateral, following = table[:, :4].T
-        style: dict[str, Any] = {
+        style: Look = {
             "color": COLORS[k % len(COLORS)],
             "markersize": 4.5,
             "linewidth": 1.5,
@@ -322,7 +337,7 @@ def draw_force(
     force.set_title(
         f"largest force [N], tip held at {place[0]:g}, {place[1]:g} mm", fontsize=10, loc="left"
     )
-    shown: list[tuple[Any, str, dict[str, Any]]] = [
+    shown: list[tuple[Floats, str, Look]] = [
         (passive, "without pressure", {"color": _FAINT, "linestyle": DASHES[1]})
     ]
     if not np.array_equal(matrix, passive):
@@ -486,7 +501,7 @@ def draw_pose(
     for frame in (lines[:, 0], lines[:, -1]):
         ring = np.concatenate([frame, frame[:1]])
         space.plot(*ring.T, color=_PALE, linewidth=0.9)
-    _fit_box(space, np.concatenate([backbone, end[None], *lines]))
+    fit_space(space, np.concatenate([backbone, end[None], *lines]), least=LEAST_SIDE, zoom=1.0)
     space.view_init(elev=20.0, azim=_turn_view(math.degrees(float(pose.azimuth)) - 65.0))
     _name_lines(space)
 
@@ -559,20 +574,6 @@ def _name_lines(space: Axes3D) -> None:
     legend.set_in_layout(False)
 
 
-def _fit_box(space: Axes3D, points: Floats, *, least: float = 26.0, zoom: float = 1.0) -> None:
-    """Give a 3-D panel equal scales, and sides of at least `least` mm."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, half = 0.5 * (low + high), 0.5 * np.maximum(1.04 * (high - low), least)
-    for k, name in enumerate("xyz"):
-        getattr(space, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
-        axis = getattr(space, f"{name}axis")
-        axis.get_major_locator().set_params(nbins=5)
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-    space.set_box_aspect(2.0 * half, zoom=zoom)
-    space.tick_params(labelsize=8.5)
-    space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-
-
 def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     """Return a figure of the workspace: seen from the tip with its sectors, and in space.
 
@@ -624,7 +625,8 @@ def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     length = effector.design.backbone_length
     ends = np.array([length, length + effector.design.holder_length])
     space.plot(0.0 * ends, 0.0 * ends, ends, color=INK, linewidth=3.0, label="holder at rest")
-    _fit_box(space, np.concatenate([*surfaces]).reshape(-1, 3), zoom=1.2)
+    every = np.concatenate([*surfaces]).reshape(-1, 3)
+    fit_space(space, every, least=LEAST_SIDE, zoom=1.2)
     space.view_init(elev=28.0, azim=-60.0)
     _name_lines(space)
     return figure

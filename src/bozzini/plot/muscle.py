@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
-from .style import AMBER, BLUE, COLORS, DASHES, INK, RED, make_panels, take_panel
+from .style import (
+    AMBER,
+    BLUE,
+    COLORS,
+    DASHES,
+    INK,
+    RED,
+    Look,
+    make_panels,
+    take_panel,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +39,7 @@ _MARKS = {"inflating": "^", "deflating": "v", "": "o"}
 _PRESSURE = "pressure [kPa]"
 _CONTRACTION = "contraction [mm]"
 _FINE = 201
-_PHASES: tuple[dict[str, Any], ...] = (
+_PHASES: tuple[Look, ...] = (
     {"color": "#d7e3ee", "label": "gap: the tube grows alone"},
     {"color": "#fbe7c6", "label": "contact, longer than at rest"},
 )
@@ -293,7 +303,7 @@ def _draw_lines(
     model: MuscleModel,
     data: Measurements,
     predicted: NDArray[np.float64],
-    style: Mapping[str, Any],
+    style: Look,
 ) -> None:
     """Draw a model between the rows of each load and direction; without an answer, at the rows."""
     label = style.get("label")
@@ -319,7 +329,7 @@ def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
     return levels
 
 
-def _list_styles(names: Any) -> list[dict[str, Any]]:
+def _list_styles(names: Collection[object]) -> list[Look]:
     if not len(names):
         raise InputError("there are 0 models to draw: give 1 or more")
     return [
