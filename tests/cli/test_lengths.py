@@ -29,7 +29,7 @@ def list_options() -> list[tuple[str, ...]]:
                     visit(inner, (*words, name))
             return
         for option in command.params:
-            if isinstance(option.type, QuantityType) and option.type.kind == "length":
+            if isinstance(option.type, QuantityType) and option.type.name == "length":
                 found.append((*words, option.opts[0]))
 
     for name in COMMANDS:

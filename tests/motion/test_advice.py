@@ -85,9 +85,9 @@ def check_advice(lumen, *, diameter, link, **options):
         "link": re.search(r"links of (\d+\.\d\d) mm(?: or|$)", plan.reason.partition(". ")[2]),
         "inflation": re.search(r"inflated by (\d+\.\d) mm", plan.reason),
     }
-    keys = {"diameter": "diameter_max_mm", "link": "link_max_mm", "inflation": "inflate_mm"}
+    keys = {"diameter": "diameter_max", "link": "link_max", "inflation": "inflate"}
     for name, found in printed.items():
-        assert (found is None) == (refusal[keys[name]] is None)
+        assert (found is None) == (getattr(refusal, keys[name]) is None)
         if found is None:
             continue
         changed = {"diameter": diameter, "link": link, **options, name: float(found[1])}

@@ -7,6 +7,7 @@ import pytest
 
 from bozzini.motion import FreeSpace, Introducer, Scope
 from bozzini.motion.measures import measure_body
+from bozzini.motion.plan import write_record
 from tests.motion.plans import insert
 from tests.shapes import bend_curve, curve_distance, tube_lumen
 
@@ -73,4 +74,4 @@ def test_introducer_is_straight_and_starts_at_the_entry(case):
     assert chain[0] == pytest.approx(line.points[0])
     assert np.linalg.norm(np.diff(chain, axis=0), axis=1) == pytest.approx(9.0)
     assert introducer.outward @ (line.points[3] - line.points[0]) < 0.0
-    assert introducer.describe()["bore_mm"] == 5.0
+    assert write_record(introducer)["bore_mm"] == 5.0

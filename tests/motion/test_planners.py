@@ -101,12 +101,15 @@ def test_options_that_a_planner_ignores_must_be_as_by_default(plugins, tubes):
     space = FreeSpace(*tubes["straight"])
     with pytest.raises(InputError, match="'straight' has no slip, angle limit or route: .* best"):
         Straight().plan(space, SCOPE, PlannerOptions(slip=0.5))
+    for step in (0.0, 7.0):
+        with pytest.raises(InputError, match=rf"head step is {step:g} mm: .* \[0.001, 6\] mm"):
+            Straight().plan(space, SCOPE, PlannerOptions(head_step=step))
 
 
 @pytest.mark.parametrize(
     ("option", "words"),
     [
-        ({"head_step": 0.0}, r"head step is 0 mm: it must lie in \[0.001, 10000\] mm"),
+        ({"head_step": float("nan")}, "head step is nan"),
         ({"head_step": None}, "head step is None"),
         ({"slip": 1.5}, r"slip is 1.5: it must lie in \[0, 1\]"),
         ({"angle_limit": 0.0}, r"angle limit is 0 rad: it must lie in \(0, 3.14"),

@@ -20,7 +20,7 @@ from bozzini.duct import build_field, find_centreline
 from bozzini.duct.field import INFLATION_MAX
 from bozzini.duct.fitting.fit import KINDS
 from bozzini.errors import GeometryError, InputError
-from bozzini.motion import METHODS, Scope
+from bozzini.motion import PLANNERS, Scope
 from bozzini.report.verdict import judge_plan
 from bozzini.study import InsertionOptions, options, run_insertion
 from bozzini.study.ends import measure_gap, orient_centreline, resolve_places
@@ -510,6 +510,7 @@ def test_a_named_end_is_searched_once(tract, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_options_know_every_organ_method_and_shape() -> None:
     assert options.ORGANS == ORGANS
-    assert options.METHODS == METHODS
+    fields = options.InsertionOptions.__dataclass_fields__
+    assert fields["method"].metadata["quantity"].words == tuple(PLANNERS)
     assert options.SHAPES == KINDS
     assert options.INFLATION_MAX == INFLATION_MAX

@@ -26,6 +26,9 @@ from .refusal import Refusal
 from .scope import Scope
 from .space import FreeSpace, grid_of
 
+HEAD_STEP_MIN_MM = 1e-3
+"""Least step of the head."""
+
 LINKS_MAX = 10_000
 """A scope has at most as many links."""
 
@@ -155,7 +158,8 @@ class Planner(ABC):
                 f"{LINKS_MAX * scope.link_length:g} mm, {LINKS_MAX} links of "
                 f"{scope.link_length:g} mm"
             )
-        check_number("head step", options.head_step, low=1e-3, high=scope.link_length, unit="mm")
+        low, high = HEAD_STEP_MIN_MM, scope.link_length
+        check_number("head step", options.head_step, low=low, high=high, unit="mm")
         default = PlannerOptions()
         if any(getattr(options, name) != getattr(default, name) for name in self.ignored):
             *names, last = (name.replace("_", " ") for name in self.ignored)

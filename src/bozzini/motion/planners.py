@@ -53,7 +53,8 @@ class PlannerOptions:
     Parameters
     ----------
     head_step : float
-        How far the head moves per step, at least 0.001 mm and at most a link [mm].
+        How far the head moves per step, at least 0.001 mm and at most a link [mm]; checked when a
+        scope is planned.
     slip : float
         Thesis Appendix C, corrected: 0 tractrix ... 1 the tail moves like the head.
     angle_limit : float, optional
@@ -70,9 +71,7 @@ class PlannerOptions:
         If a value is outside its range, or the route has no fraction above 0.
     """
 
-    head_step: float = quantity(
-        "length", "How far the head moves per step.", low=1e-3, high=1e4, default=0.25
-    )
+    head_step: float = quantity("length", "How far the head moves per step.", default=0.25)
     slip: float = quantity(
         help="0: tails are pulled; 1: they move like the head (thesis App. C).",
         low=0.0,

@@ -128,7 +128,7 @@ def _find_widest(
     the ends do not count for the proof: they are corners of cells where the way begins or ends,
     not of faces that it crosses.
     """
-    from .kernels.measures import widest_level
+    from .kernels.passage import widest_level
 
     numbers = np.searchsorted(nodes, ends)
     own = [
@@ -176,7 +176,7 @@ def _bound_inflated_room(duct: SampledField, nodes: NDArray[np.int64]) -> NDArra
     """
     from scipy.spatial import KDTree
 
-    from .kernels.measures import find_rim
+    from .kernels.passage import find_rim
 
     level = np.float32(duct.inflation)
     level = np.nextafter(level, np.float32(np.inf)) if level < duct.inflation else level

@@ -377,7 +377,7 @@ def move_in_tube(
     All in the duct's own frame. The chain starts straight in the introducer.
     """
     from .kernels.path import tabulate_tube
-    from .kernels.tube import move_in_tube as move
+    from .kernels.tractrix import move_in_tube as move
 
     data, intro, length = band.space.data, band.space.intro, float(band.length)
     points, first, cap = shaped.points, shaped.first, DEVIATION_CAP * length

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,7 @@ from .problem import (
     choose_bounds,
     choose_unknowns,
     list_own,
+    list_unused,
     predict_contraction,
 )
 
@@ -71,7 +72,7 @@ class ModelScore:
     largest: float
     predicted: NDArray[np.float64]
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the score as plain values, with units in the names."""
         return {
             "model": self.name,
@@ -91,7 +92,7 @@ class ModelScore:
         )
 
 
-def list_columns(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
+def list_columns(rows: Sequence[dict[str, object]]) -> dict[str, list[object]]:
     """Return rows as columns; what only some rows have is None in the others."""
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
@@ -143,7 +144,7 @@ class Comparison(Result):
         """Smallest root mean square of all models [mm]; infinite without any."""
         return min((score.rmse for score in self.scores), default=math.inf)
 
-    def list_columns(self) -> dict[str, list[Any]]:
+    def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model."""
         return list_columns([score.describe() for score in self.scores])
 
@@ -169,7 +170,7 @@ def compare_models(
     fitted : mapping of str to int, optional
         How many parameters of a model were fitted to these data; 0 by default.
     refusals : mapping of str to str, optional
-        Models that gave up before, in their calibration for example, and why.
+        Models without an answer already before, in their calibration for example, and why.
 
     Raises
     ------
@@ -355,7 +356,7 @@ def cross_validate(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RankedModel:
-    """A model fitted to the measurements, and how it fares.
+    """A model fitted to the measurements, with its errors and criteria.
 
     Parameters
     ----------
@@ -366,7 +367,7 @@ class RankedModel:
     calibration : Calibration or None
         Its fit; None if there was nothing to fit.
     held : dict
-        Constants that were not fitted although nobody knows them, and why.
+        Unknown constants that were not fitted, and why.
     parameters : int
         How many were fitted.
     aicc, bic : float
@@ -404,10 +405,10 @@ class RankedModel:
         found = self.validation
         return math.inf if found is None or found.reason else found.error
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the entry as plain values, with units in the names."""
         left_out, found = self.validation, self.calibration
-        fit: dict[str, Any] = {"fitted": {}}
+        fit: dict[str, object] = {"fitted": {}}
         if found is not None:
             fit = {
                 "fitted": found.estimates,
@@ -528,7 +529,7 @@ class Ranking(Result):
         """Smallest root mean square of all models [mm]; infinite without any."""
         return min((entry.score.rmse for entry in self.models), default=math.inf)
 
-    def list_columns(self) -> dict[str, list[Any]]:
+    def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model, the best first."""
         rows = [entry.describe() for entry in self.models]
         return list_columns(
@@ -603,7 +604,7 @@ def rank(
         What makes each model, by the name to show: a class, or a ``functools.partial`` of it with
         the constants and laws that are known. All of `MODELS` by default.
     refusals : mapping of str to str, optional
-        Models that gave up before, and why.
+        Models without an answer already before, and why.
     options : RankOptions
         What is fitted, and what to rank by.
     progress : Progress
@@ -682,8 +683,7 @@ def _fit_model(
 ) -> RankedModel:
     wanted = options.fields
     if wanted is not None:
-        unused: Any = getattr(getattr(kind, "func", kind), "unused", ())
-        wanted = tuple(field for field in wanted if field not in unused)
+        wanted = tuple(field for field in wanted if field not in list_unused(kind))
     unknowns = choose_unknowns(kind, muscle, data, fields=wanted)
     count = len(unknowns.free)
     found: Calibration | None = None

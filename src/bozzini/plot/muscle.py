@@ -1,8 +1,4 @@
-"""Figures of muscles: curves, phases, models against measurements, rankings, loops.
-
-Functions of one panel draw into `ax` if it is given and return the axes; the others return a
-figure. Pressure is shown in kPa, angles in degrees.
-"""
+"""Figures of muscles: curves, phases, models against measurements, rankings, loops."""
 
 from __future__ import annotations
 
@@ -36,6 +32,8 @@ if TYPE_CHECKING:
     from ..muscle.model import MuscleModel
     from ..muscle.ranking import Comparison, Ranking
 
+# Drawn without pyplot; `bozzini.plot.write_figure` writes the figures. Pressures are in kPa.
+
 LOCKING_ANGLE = math.degrees(math.atan(math.sqrt(2.0)))
 _MARKS = {"inflating": "^", "deflating": "v", "": "o"}
 _PRESSURE = "pressure [kPa]"
@@ -62,11 +60,7 @@ def draw_phases(
     By some models the muscle gets longer, and has to contract to its length at rest
     first. The phases are those of `MuscleState.in_contact`.
 
-    Parameters
-    ----------
-    model : MuscleModel
-    pressure, load, direction, lowest
-        As for `draw_contraction`.
+    The model's keywords are those of `draw_contraction`.
 
     Raises
     ------
@@ -228,11 +222,8 @@ def draw_braid_angle(
 
     The range may go far beyond what a muscle bears, as in Fig. 3.17 of the thesis, to show
     whether a model comes to the locking angle of 54.74 degrees, and from which side.
-
-    Parameters
-    ----------
-    models, pressure, load, direction, lowest, ax
-        As for `draw_contraction`; the axis of pressure is logarithmic over four decades.
+    The axis of pressure is logarithmic over four decades; the arguments are those of
+    `draw_contraction`.
 
     Raises
     ------
@@ -315,18 +306,18 @@ def _draw_lines(
     style: Look,
 ) -> None:
     """Draw a model between the rows of each load and direction; without an answer, at the rows."""
-    label = style["label"]
+    label = style.get("label")
     for load, direction in dict.fromkeys(
         zip(data.load.tolist(), data.direction.tolist(), strict=True)
     ):
         rows = (data.load == load) & (data.direction == direction)
-        pressure = data.pressure[rows]
+        pressure, line = data.pressure[rows], predicted[rows]
         over = np.linspace(pressure.min(), pressure.max(), _FINE)
         try:
             line = np.asarray(model.contraction(over, load, direction=direction or None))
         except BozziniError:
             order = np.argsort(pressure, kind="stable")
-            over, line = pressure[order], predicted[rows][order]
+            over, line = pressure[order], line[order]
         axes.plot(1e3 * over, line, **{**style, "label": label})
         label = None
 
@@ -338,19 +329,20 @@ def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
     return levels
 
 
-def _list_styles(names: Collection[str]) -> list[Look]:
+def _list_styles(names: Collection[object]) -> list[Look]:
     if not len(names):
         raise InputError("there are 0 models to draw: give 1 or more")
     return [
         {
             "color": COLORS[i % len(COLORS)],
-            "linestyle": DASHES[i % 4],
+            "linestyle": DASHES[i % len(DASHES)],
             "linewidth": 1.7,
         }
         for i in range(len(names))
     ]
 
 
+_RANK_CURVES = 5
 _LEAST = 1e-3  # a percentage below is drawn there
 
 
@@ -373,18 +365,17 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     InputError
         If no model is ranked.
     """
-    check_integer("curves", curves, low=1, high=5)
+    check_integer("curves", curves, low=1, high=_RANK_CURVES)
     if not ranking.models:
         raise InputError("there are 0 models to draw: give 1 or more")
     height = max(4.2, 1.4 + 0.21 * len(ranking.models))
-    figure, (left, right) = make_panels(1, 2, size=(11.0, height), width_ratios=(1.25, 1.0))
+    figure, (left, right) = make_panels(1, 2, width_ratios=(1.25, 1.0), size=(11.0, height))
     shown = [entry for entry in ranking.models if not entry.same_as][:curves]
-    colors = {entry.name: color for entry, color in zip(shown, COLORS, strict=False)}
-    _draw_errors(left, ranking, colors)
+    styles = dict(zip((entry.name for entry in shown), _list_styles(shown), strict=True))
+    _draw_errors(left, ranking, {name: style["color"] for name, style in styles.items()})
     _draw_rows(right, ranking.data)
-    for entry, dash in zip(shown, DASHES, strict=False):
-        style = {"color": colors[entry.name], "linestyle": dash, "linewidth": 1.5}
-        style["label"] = entry.name
+    for entry in shown:
+        style = {**styles[entry.name], "label": entry.name}
         _draw_lines(right, entry.model, ranking.data, entry.score.predicted, style)
     right.legend(frameon=False, fontsize=8)
     return figure
@@ -430,9 +421,6 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
     words = {"aicc": "AICc", "bic": "BIC", "cv": "the rows left out"}[ranking.criterion]
     axes.set_title(f"ranked by {words}; number of constants fitted", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=8, loc="lower left")
-
-
-# Figures of hysteresis: loops of operators, and a fit against the loops measured.
 
 
 def fade_loops(
@@ -489,7 +477,8 @@ def draw_loops(
         raise InputError("there are 0 operators to draw: give 1 or more")
     columns = min(3, len(operators))
     rows = math.ceil(len(operators) / columns)
-    figure, panels = _make_grid(rows, columns)
+    size = (max(4.8, 3.4 * columns), max(3.4, 2.9 * rows))
+    figure, panels = make_panels(rows, columns, size=size)
     turns = _find_turns(inputs)
     for axes, (name, operator) in zip(panels, operators.items(), strict=False):
         outputs = np.asarray(operator.apply(inputs), dtype=np.float64)
@@ -535,7 +524,7 @@ def draw_fit(
             f"history has shape {inputs.shape} and response {outputs.shape}: the fit has "
             f"{fit.residual.shape}, and one history can be drawn"
         )
-    figure, (left, right) = _make_grid(1, 2)
+    figure, (left, right) = make_panels(1, 2, size=(6.8, 3.4))
     left.plot(inputs, outputs, ".", color=INK, markersize=3.0, alpha=0.5, label="measured")
     name = type(fit.operator).__name__
     left.plot(inputs, outputs - fit.residual, color=BLUE, linewidth=1.5, label=name)
@@ -565,7 +554,3 @@ def _find_turns(inputs: NDArray[np.float64]) -> NDArray[np.intp]:
     moved = np.flatnonzero(np.diff(inputs))
     ways = np.sign(np.diff(inputs)[moved])
     return moved[np.flatnonzero(np.diff(ways)) + 1]
-
-
-def _make_grid(rows: int, columns: int) -> tuple[Figure, list[Axes]]:
-    return make_panels(rows, columns, size=(max(4.8, 3.4 * columns), max(3.4, 2.9 * rows)))

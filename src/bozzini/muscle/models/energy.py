@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_range, name_at
+from ...checks import name_at
 from ...errors import InputError
 from ..design import Muscle
 from ..hysteresis import Hysteresis
@@ -19,7 +19,6 @@ from ..kernels import ends as end_kernels
 from ..kernels import energy as kernels
 from ..kernels import interface
 from ..model import (
-    LOAD_LIMIT,
     CompiledMuscle,
     ConvergenceError,
     MuscleModel,
@@ -28,7 +27,7 @@ from ..model import (
     demand_convergence,
     describe_stop,
     is_as_defined,
-    parse_direction,
+    take_arguments,
 )
 
 Floats = NDArray[np.float64]
@@ -41,14 +40,8 @@ PAST_LOCKING = 0.35
 class Equilibrium:
     """A muscle as the kernels take it; all methods take float arrays of one shape.
 
-    Attributes
-    ----------
-    design : tuple of float
-        See `kernels`; the last two are the legal stretches.
-    active : float
-        Length that contracts [mm].
-    tapered : bool
-        Whether the ends are trellis nets.
+    The last two of `design`, see `kernels`, are the legal stretches; `active` is the length that
+    contracts [mm]. With `tapered` the ends are trellis nets.
     """
 
     design: tuple[float, ...]
@@ -344,18 +337,18 @@ class EnergyMuscle(MuscleModel):
         stretches, iterations = self._equilibrium.find(pressures, loads, signs)
         contraction = self._equilibrium.shorten(pressures, stretches)
         pull, _, contact, _ = self._equilibrium.evaluate(pressures, stretches, signs)
-        converged = iterations < kernels.MAX_ITERATIONS
-        return MuscleState(
-            contraction=contraction,
-            length=np.asarray(self.muscle.length - contraction),
+        return self._report(
+            contraction,
             braid_angle=np.asarray(np.arccos(stretches * math.cos(self.muscle.braid_angle))),
             contact_pressure=contact,
             force=pull,
-            converged=np.asarray(converged),
             residual=np.asarray(pull - loads),
             iterations=iterations,
-            reason=np.where(converged, "", describe_stop(kernels.MAX_ITERATIONS)),
         )
+
+    @property
+    def _iteration_limit(self) -> int:
+        return kernels.MAX_ITERATIONS
 
     def volume(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
         """Return the volume of the bore [mm^3], over the length that contracts, without friction.
@@ -396,19 +389,12 @@ class EnergyMuscle(MuscleModel):
         self, pressure: ArrayLike, name: str, other: ArrayLike, direction: ArrayLike | None
     ) -> tuple[Floats, Floats, Floats]:
         """Arrays of one shape, checked: pressures, loads or contractions, signs of friction."""
-        pressures, others = check_array("pressure", pressure), check_array(name, other)
-        check_range("pressure", pressures, 0.0, PRESSURE_LIMIT, "MPa")
-        if name == "load":
-            slack = 1e-9 * self.muscle.modulus * self.muscle.tube.wall_area
-            check_range("load", others, 0.0, LOAD_LIMIT, "N", slack=slack)
-        else:
-            slack = 1e-9 * self.muscle.active_length
-            check_range("contraction", others, *self.contraction_limits, "mm", slack=slack)
-        signs = parse_direction(direction)
-        first, second, third = broadcast(
-            ("pressure", pressures), (name, others), ("direction", signs)
+        limits, slack = None, 1e-9 * self.muscle.modulus * self.muscle.tube.wall_area
+        if name == "contraction":
+            limits, slack = self.contraction_limits, 1e-9 * self.muscle.active_length
+        return take_arguments(
+            pressure, (name, other), direction, most=PRESSURE_LIMIT, limits=limits, slack=slack
         )
-        return first, second, third
 
     def _settle(
         self, pressure: ArrayLike, load: ArrayLike
