@@ -92,6 +92,21 @@ class Result:
         return f"<p>{escape(': '.join(words))}</p>{table}"
 
 
+class ClosedForm(Result):
+    """The result of a closed form: it always converges, and nothing is left over."""
+
+    converged = True
+    reason = ""
+    residual = 0.0
+
+
+def list_coordinates(name: str, points: Any) -> dict[str, Any]:
+    """Return points (..., k) [mm] as columns, such as ``tip_x_mm``; k is 2 or 3."""
+    flat = points.reshape(-1, points.shape[-1])
+    start = f"{name}_" if name else ""
+    return {f"{start}{axis}_mm": flat[:, k] for k, axis in enumerate("xyz"[: flat.shape[1]])}
+
+
 def measured(unit: str) -> Any:
     """Return a dataclass field of a result that has a unit."""
     return dataclasses.field(metadata={"unit": unit})

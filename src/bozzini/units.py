@@ -124,8 +124,10 @@ def parse_quantity(text: str | float, kind: str) -> float:
         raise UnitError(f"'{text}' is not a finite number: {hint}")
     largest = LARGEST.get(kind, _LARGEST_OTHER)
     if abs(value) > largest:
+        what = f"{article} {kind}" if unit else "a plain number"
+        shown = f"'{text}' is {value:g} {unit}".rstrip()
         legal = f"[-{largest:g}, {largest:g}] {unit}".rstrip()
-        raise UnitError(f"'{text}' is {value:g} {unit}: {article} {kind} must lie in {legal}")
+        raise UnitError(f"{shown}: {what} must lie in {legal}")
     return value
 
 

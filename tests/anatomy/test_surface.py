@@ -325,41 +325,6 @@ def test_a_tiny_or_huge_tract_hints_at_the_unit():
     assert "scale" in codes(tract_from_surface(*ball(2_500.0)))
 
 
-@pytest.mark.parametrize("radius", [0.02, 20_000.0])
-def test_an_absurd_size_is_refused_with_a_hint_at_the_unit(radius):
-    with pytest.raises(GeometryError, match="it must be 1 to 10000 mm; .*--unit m"):
-        tract_from_surface(*ball(radius))
-
-
-def test_flat_and_hollow_surfaces_enclose_nothing():
-    square = np.array([[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]], dtype=float)
-    with pytest.raises(GeometryError, match="encloses no volume: it is flat"):
-        tract_from_surface(square, [(0, 1, 2), (0, 2, 3), (0, 2, 1), (0, 3, 2)])
-    with pytest.raises(GeometryError, match="encloses no volume"):
-        tract_from_surface(square, [(0, 0, 2), (1, 1, 1)])
-
-
-@pytest.mark.parametrize(
-    ("vertices", "faces", "said"),
-    [
-        (
-            [[0, 0, np.nan], [1, 0, 0], [0, np.inf, 0]],
-            [[0, 1, 2]],
-            "2 vertices that are not finite",
-        ),
-        (np.zeros((3, 2)), [[0, 1, 2]], "(n, 3)"),
-        (np.full((3, 3), 1e38), [[0, 1, 2]], "1e+38 mm"),
-        (np.zeros((3, 3)), [[0, 1, 3]], "0 to 3"),
-        (np.zeros((3, 3)), [[0.0, 1.0, 2.0]], "integers"),
-        (np.zeros((3, 3)), np.zeros((0, 3), int), "no faces"),
-    ],
-)
-def test_arrays_that_are_no_surface_are_refused(vertices, faces, said):
-    with pytest.raises(InputError) as caught:
-        tract_from_surface(vertices, faces)
-    assert said in str(caught.value)
-
-
 def test_a_far_corner_does_not_weld_the_rest_away():
     vertices, faces = ball()
     vertices[0] = 5e8

@@ -25,11 +25,11 @@ from bozzini.continuum.kernels.inverse import (
     SOLVED,
     add_curvature,
     evaluate,
-    factor_shifted,
     make_work,
     step_inside,
 )
 from bozzini.errors import GeometryError, InputError
+from bozzini.numeric.kernels.linear_algebra import factor_cholesky
 
 
 def make_robot(
@@ -132,7 +132,7 @@ def test_a_limited_step_is_the_lowest_point_inside(seed: int, sections: int, cou
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     low, high = -random.uniform(0.1, 2.0, count), random.uniform(0.1, 2.0, count)
     factor = np.zeros((n, n))
-    assert factor_shifted(matrix, 0.0, factor)
+    assert factor_cholesky(matrix, len(matrix), 0.0, 1e-14, factor)
     free = 4.0 * random.normal(size=n)
     x = free.copy()
     assert step_inside(factor, x, limits, rows, low, high) == SOLVED

@@ -138,5 +138,5 @@ def test_results_are_plain_values_tables_and_pictures() -> None:
     assert space.to_dict()["reach_mm"] == space.volume.reach
     for result in (shape, found, space, ROBOT):
         assert isinstance(result.plot(), Axes)
-    with pytest.raises(InputError, match="one shape is drawn"):
+    with pytest.raises(InputError, match="batch"):
         batch.plot()

@@ -377,29 +377,3 @@ def test_compositions_are_ducts():
         assert duct.wall and duct.wall_error == 0.0
     assert "obstacle" in flat.wall and "0.1 mm inside" in flat.erode(0.1).wall
     assert union(capsule(), capsule()).wall.count("(") == 1
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: union(), "a union has 0 parts"),
-        (lambda: union(strip(), capsule()), "part 1 has 3 dimensions: it must have 2"),
-        (lambda: without(strip()), "a duct has 0 obstacles"),
-        (lambda: without(strip(), capsule()), "duct and obstacle 1 has 3 dimensions"),
-        (lambda: without(capsule(), capsule().sample(1.0)), "obstacle 0 is sampled"),
-        (lambda: without(capsule(), capsule().inflate(1.0)), "obstacle 0 has its wall moved"),
-        (lambda: union(capsule(), voxel=0.0), "voxel is 0 mm"),
-        (lambda: Eroded(strip(), -1.0), "clearance is -1 mm"),
-        (lambda: Eroded(strip(), 9.0), r"clearance is 9 mm: nothing is left.*\[0, 2\.5\) mm"),
-        (lambda: Moved(strip(), rotation=np.eye(3)), r"rotation has shape \(3, 3\)"),
-        (lambda: Moved(strip(), rotation=[[1, 0], [0, -1]]), "a reflection, its determinant is -1"),
-        (lambda: Moved(strip(), rotation=[[1, np.nan], [0, 1]]), "rotation is no rotation"),
-        (lambda: Moved(strip(), shift=[1.0, 2.0, 3.0]), r"shift has shape \(3,\)"),
-        (lambda: capsule().sample(1e-3), r"voxel is 0\.001 mm: .* at least about 0\.0"),
-        (lambda: strip().sample(0.0), "voxel is 0 mm"),
-        (lambda: union(Opaque(capsule())).inflate(1.0), "wall of a Opaque cannot be moved"),
-    ],
-)
-def test_what_cannot_be_put_together_is_refused(make, message):
-    with pytest.raises(InputError, match=message):
-        make()

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.effector import (
-    PRESETS,
+    EFFECTOR_PRESETS,
     EffectorDesign,
     PlacedMuscle,
     bend,
@@ -31,7 +31,7 @@ def test_prototype():
     assert np.degrees(design.angles) == pytest.approx([307.5, 219.0, 75.0])
     assert design.compliance == pytest.approx(13.5)
     assert design.index("B") == 2
-    assert set(PRESETS) == {"prototype"}
+    assert set(EFFECTOR_PRESETS) == {"prototype"}
     assert pickle.loads(pickle.dumps(design)) == design
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .read import read_surface, read_tract
     from .segment import GasSegment, Segmentation, segment_gas
     from .surface import tract_from_surface
-    from .tract import Component, Finding, LabelTract, Opening, Organ, SurfaceTract, Tract
+    from .tract import Component, Finding, LabelTract, Opening, Organ, SurfaceTract
     from .volumes import read_labels, read_volume
 
 __all__ = [
@@ -33,7 +33,6 @@ __all__ = [
     "PublicData",
     "Segmentation",
     "SurfaceTract",
-    "Tract",
     "fetch_data",
     "make_phantom",
     "read_labels",
@@ -47,29 +46,26 @@ __all__ = [
 ]
 
 _MODULES = {
-    "CATALOGUE": "fetch",
-    "Component": "tract",
-    "FetchResult": "fetch",
-    "Finding": "tract",
-    "GasSegment": "segment",
-    "Segmentation": "segment",
-    "LabelTract": "tract",
-    "Opening": "tract",
-    "Organ": "tract",
-    "Phantom": "phantom",
-    "PublicData": "fetch",
-    "SurfaceTract": "tract",
-    "Tract": "tract",
-    "fetch_data": "fetch",
-    "make_phantom": "phantom",
-    "read_labels": "volumes",
-    "read_surface": "read",
-    "read_tract": "read",
-    "read_volume": "volumes",
-    "segment_gas": "segment",
-    "tract_from_labels": "labels",
-    "tract_from_surface": "surface",
-    "write_tract": "files",
+    name: module
+    for module, names in {
+        "fetch": ("CATALOGUE", "FetchResult", "PublicData", "fetch_data"),
+        "files": ("write_tract",),
+        "labels": ("tract_from_labels",),
+        "phantom": ("Phantom", "make_phantom"),
+        "read": ("read_surface", "read_tract"),
+        "segment": ("GasSegment", "Segmentation", "segment_gas"),
+        "surface": ("tract_from_surface",),
+        "tract": (
+            "Component",
+            "Finding",
+            "LabelTract",
+            "Opening",
+            "Organ",
+            "SurfaceTract",
+        ),
+        "volumes": ("read_labels", "read_volume"),
+    }.items()
+    for name in names
 }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from .tract import (
     Finding,
     LabelTract,
     Organ,
+    TractSource,
     check_scale,
     count_noun,
     report_handles,
@@ -159,6 +160,24 @@ class Volume:
     frame: str | None = None
     findings: tuple[Finding, ...] = ()
     segments: tuple[tuple[str, int, int], ...] = ()
+
+
+_Framed = TypeVar("_Framed", bound=TractSource | Volume)
+
+
+def override_frame(item: _Framed, frame: str | None) -> _Framed:
+    """Return a tract or volume with the frame that was given, if any, and not that of its file."""
+    if frame is None:
+        return item
+    code = check_frame(frame)
+    found = [one for one in item.findings if one.code not in ("frame-unknown", "frame-assumed")]
+    if item.frame not in (None, code) and len(found) == len(item.findings):
+        message = (
+            f"the file states the frame {item.frame}, but {code} was given: taken as {code}, "
+            f"coordinates are not changed"
+        )
+        found.append(Finding("frame-overridden", "warning", message))
+    return replace(item, frame=code, findings=tuple(found))
 
 
 def tract_from_labels(
@@ -370,16 +389,21 @@ class Runs:
         return np.asarray(chosen @ axes[:3, :3].T + axes[:3, 3])
 
 
-def _check_volume(volume: Voxels, source: str) -> Voxels:
-    shape = volume.shape
-    while volume.ndim > 3 and volume.shape[-1] == 1:
-        volume = volume[..., 0]
+def drop_axes(array: Voxels) -> Voxels:
+    """Return an array without trailing axes of length 1 beyond the third."""
+    while array.ndim > 3 and array.shape[-1] == 1:
+        array = array[..., 0]
+    return array
+
+
+def _check_volume(given: Voxels, source: str) -> Voxels:
+    volume = drop_axes(given)
     if volume.ndim != 3:
         raise InputError(
-            f"{source} has {len(shape)} dimensions, shape {shape}: a label volume has 3"
+            f"{source} has {given.ndim} dimensions, shape {given.shape}: a label volume has 3"
         )
     if volume.size == 0:
-        raise InputError(f"{source} has shape {shape}: it holds no voxels")
+        raise InputError(f"{source} has shape {given.shape}: it holds no voxels")
     if volume.dtype.kind not in "iubf":
         raise InputError(f"{source} holds {volume.dtype} values: labels are whole numbers")
     return volume

@@ -262,39 +262,24 @@ _DUODENUM = (
 _GRAY = "Gray, 'Anatomy of the Human Body', 20th ed. 1918, p. 1169-70: "
 _CHOICE = "a choice: no figure was found"
 
-DIMENSIONS = (
-    Dimension(
-        name="oesophagus_length", unit="mm", value=230.0, low=210.0, high=250.0, basis=_LI
-    ),
-    Dimension(
-        name="oesophagus_diameter", unit="mm", value=20.0, low=18.0, high=22.0, basis=_FERHATOGLU
-    ),
-    Dimension(name="stomach_length", unit="mm", value=210.0, low=190.0, high=230.0, basis=_STOMACH),
-    Dimension(name="body_diameter", unit="mm", value=64.0, low=56.0, high=70.0, basis=_KUIKEN),
-    Dimension(name="antrum_diameter", unit="mm", value=44.0, low=38.0, high=48.0, basis=_CHOICE),
-    Dimension(name="stomach_bend", unit="mm", value=42.0, low=41.0, high=46.0, basis=_CHOICE),
-    Dimension(name="pylorus_diameter", unit="mm", value=14.3, low=12.5, high=16.1, basis=_PYLORUS),
-    Dimension(
-        name="superior_length", unit="mm", value=50.0, low=47.0, high=55.0,
-        basis=_GRAY + "superior part about 5 cm",
-    ),
-    Dimension(
-        name="descending_length", unit="mm", value=95.0, low=75.0, high=100.0,
-        basis=_GRAY + "descending part 7 to 10 cm",
-    ),
-    Dimension(
-        name="horizontal_length", unit="mm", value=72.0, low=55.0, high=75.0,
-        basis=_GRAY + "horizontal part 5 to 7.5 cm",
-    ),
-    Dimension(
-        name="ascending_length", unit="mm", value=30.0, low=25.0, high=35.0,
-        basis=_GRAY + "ascending part about 2.5 cm",
-    ),
-    Dimension(
-        name="duodenum_diameter", unit="mm", value=24.8, low=21.0, high=28.0, basis=_DUODENUM
-    ),
-    Dimension(name="flexure_bend", unit="mm", value=21.0, low=20.0, high=23.0, basis=_CHOICE),
-)  # fmt: skip
+DIMENSIONS = tuple(
+    Dimension(name=name, unit="mm", value=value, low=low, high=high, basis=basis)
+    for name, value, low, high, basis in (
+        ("oesophagus_length", 230.0, 210.0, 250.0, _LI),
+        ("oesophagus_diameter", 20.0, 18.0, 22.0, _FERHATOGLU),
+        ("stomach_length", 210.0, 190.0, 230.0, _STOMACH),
+        ("body_diameter", 64.0, 56.0, 70.0, _KUIKEN),
+        ("antrum_diameter", 44.0, 38.0, 48.0, _CHOICE),
+        ("stomach_bend", 42.0, 41.0, 46.0, _CHOICE),
+        ("pylorus_diameter", 14.3, 12.5, 16.1, _PYLORUS),
+        ("superior_length", 50.0, 47.0, 55.0, _GRAY + "superior part about 5 cm"),
+        ("descending_length", 95.0, 75.0, 100.0, _GRAY + "descending part 7 to 10 cm"),
+        ("horizontal_length", 72.0, 55.0, 75.0, _GRAY + "horizontal part 5 to 7.5 cm"),
+        ("ascending_length", 30.0, 25.0, 35.0, _GRAY + "ascending part about 2.5 cm"),
+        ("duodenum_diameter", 24.8, 21.0, 28.0, _DUODENUM),
+        ("flexure_bend", 21.0, 20.0, 23.0, _CHOICE),
+    )
+)
 """The phantom's dimensions in the order in which a seed draws them."""
 
 

@@ -19,9 +19,9 @@ from ._nesting import PartSet
 from ._surface_formats import SURFACE_SUFFIXES, find_model, join_meshes, read_parts
 from .files import PathLike, check_file, explain, has_suffix
 from .frame import check_frame
-from .labels import Labels
-from .surface import FARTHEST_MM, tract_from_surface, unite_parts
-from .tract import PLAUSIBLE_MM, Finding, LabelTract, Tract, check_scale, show_volume
+from .labels import Labels, override_frame
+from .surface import tract_from_surface, unite_parts
+from .tract import FARTHEST_MM, PLAUSIBLE_MM, Finding, LabelTract, Tract, check_scale, show_volume
 from .volumes import LABEL_SUFFIXES, is_volume, read_labels
 
 GLB_FRAME = "LSA"
@@ -113,7 +113,7 @@ def read_tract(
         Unit of the file's coordinates; only for a surface (a volume's header states its own).
     frame : str, optional
         Where the world axes of the file point in the patient, such as ``"LPS"``; by default as
-        the file says.
+        the file states.
     repair : bool
         Mend what can be mended safely; only for a surface.
 
@@ -166,7 +166,7 @@ def read_surface(
         one mesh has its connected parts, numbered from the largest.
     unit : str, optional
         Unit of the file's coordinates, for example ``"mm"``, ``"m"``, ``"in"``. By default m for
-        GLB, as its standard says, the voxel size of a GCA model, else mm.
+        GLB, as its standard states, the voxel size of a GCA model, else mm.
     frame : str, optional
         Where the world axes of the file point in the patient, such as ``"LPS"``.
     repair : bool
@@ -187,7 +187,8 @@ def read_surface(
         As `tract_from_surface` does; if there is no such part, or a scene has several apart.
     """
     scale = None if unit is None else _measure_unit(unit)
-    code = None if frame is None else check_frame(frame)
+    if frame is not None:
+        check_frame(frame)  # before the file is read
     check_file(path)
     if not has_suffix(path, SURFACE_SUFFIXES):
         raise FileFormatError(f"{path} is not named {', '.join(SURFACE_SUFFIXES)}")
@@ -220,14 +221,12 @@ def read_surface(
     if model is not None:
         corners = np.concatenate([part.vertices for part in parts])
         tract = model.describe(tract, corners, sizes, found_unit=scale is None)
-    if code is not None:
-        tract = _set_frame(tract, code)
-    return _replace_hint(tract, hint)
+    return _replace_hint(override_frame(tract, frame), hint)
 
 
 def _measure_unit(unit: str) -> float:
     if not _UNIT_WORD.fullmatch(unit):
-        raise UnitError(f"unit is '{unit}': it must be a unit of length such as mm, cm, m or in")
+        raise UnitError(f"unit is {unit!r}: it must be a unit of length such as mm, cm, m or in")
     return parse_quantity(f"1 {unit}", "length")
 
 
@@ -410,14 +409,6 @@ def _add_frame(tract: Tract, frame: object, *, marked: bool) -> Tract:
     )
     found = (*tract.findings, Finding("frame-assumed", "note", message))
     return replace(tract, frame=GLB_FRAME, findings=found)
-
-
-def _set_frame(tract: Tract, code: str) -> Tract:
-    found = [item for item in tract.findings if item.code != "frame-assumed"]
-    if tract.frame not in (None, code) and len(found) == len(tract.findings):
-        message = f"the file states the frame {tract.frame}, but {code} was given: taken as {code}"
-        found.append(Finding("frame-overridden", "warning", message))
-    return replace(tract, frame=code, findings=tuple(found))
 
 
 def _propose_unit(longest: float, used: float) -> str:

@@ -17,7 +17,7 @@ from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result
 from .frame import find_axis
-from .labels import Runs, Volume, Voxels, check_affine, measure_voxel
+from .labels import Runs, Volume, Voxels, check_affine, drop_axes, measure_voxel
 from .tract import Finding, Point, count_noun, show_volume, to_point
 
 TISSUE = -300.0
@@ -256,9 +256,7 @@ def segment_gas(
 
 
 def _check_image(volume: Volume) -> Voxels:
-    image = volume.array
-    while image.ndim > 3 and image.shape[-1] == 1:
-        image = image[..., 0]
+    image = drop_axes(volume.array)
     if image.ndim != 3 or image.dtype.kind not in "iuf":
         raise InputError(f"{volume.source} is not a CT image: {image.dtype}, shape {image.shape}")
     low, high = float(image.min()), float(image.max())

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import GeometryError, InputError
+from ..errors import GeometryError
 from . import _mesh
 from ._mesh import Faces, Integers, Sheet, Vertices
 from ._nesting import PartSet, resolve_parts
@@ -27,6 +27,7 @@ from .tract import (
     LabelTract,
     Opening,
     SurfaceTract,
+    check_mesh,
     check_scale,
     count_noun,
     name_place,
@@ -38,9 +39,6 @@ FLAT = 1e-6
 
 HOLLOW = 1e-9
 """Smallest volume, by the cube of the longest side, that is not zero."""
-
-FARTHEST_MM = 1e9
-"""Largest coordinate that is taken for one; beyond it a file is damaged."""
 
 WELD = 1e-5
 """Distance, by the longest side, within which the corners of an open surface are welded."""
@@ -104,7 +102,7 @@ def tract_from_surface(
         If the surface is flat, encloses no volume, or is open so that it is not certain what is
         inside; the message names the place.
     """
-    points, triangles = _check_arrays(vertices, faces, source)
+    points, triangles = check_mesh(vertices, faces, source)
     found = list(findings)
     points, triangles = _mesh.weld(points, triangles)
     triangles = _drop_bad(triangles, found)
@@ -118,7 +116,9 @@ def tract_from_surface(
         points, triangles = _close(points, triangles, float(extent.max()), found, repair=repair)
     part = _mesh.label_parts(triangles, len(points))
     pieces = _mesh.split_by(triangles, part)
-    wall = int(np.argmax([abs(Sheet.find(points, piece).volume) for piece in pieces]))
+    wall = 0
+    if len(pieces) > 1:
+        wall = int(np.argmax([abs(Sheet.find(points, piece).volume) for piece in pieces]))
     openings: tuple[Opening, ...] = ()
     missing: tuple[Component, ...] = ()
     if (_mesh.count_edges(pieces[wall]).counts % 2 == 1).any():
@@ -187,7 +187,7 @@ def unite_parts(
     welded: list[tuple[Vertices, Faces]] = []
     start = 0
     for name, vertices, faces in (*parts, *obstacles):
-        points, triangles = _check_arrays(vertices, faces, f"{source}, part '{name}'")
+        points, triangles = check_mesh(vertices, faces, f"{source}, part '{name}'")
         points, triangles = _mesh.weld(points, triangles)
         welded.append((points, _drop_bad(triangles, found) + start))
         start += len(points)
@@ -256,34 +256,6 @@ def _is_flat(hole: _mesh.Hole) -> bool:
     )
 
 
-def _check_arrays(vertices: ArrayLike, faces: ArrayLike, source: str) -> tuple[Vertices, Faces]:
-    points, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(faces)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"vertices of {source} have shape {points.shape}: it must be (n, 3)")
-    bad = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
-    if bad:
-        what = count_noun(bad, "vertex that is", "vertices that are")
-        raise InputError(f"{source} has {what} not finite (NaN or infinite)")
-    farthest = float(np.abs(points).max(initial=0.0))
-    if farthest > FARTHEST_MM:
-        raise InputError(
-            f"{source} has a coordinate of {farthest:.3g} mm: it must lie within {FARTHEST_MM:g} mm"
-        )
-    if triangles.size == 0:
-        raise InputError(f"{source} has no faces")
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu":
-        raise InputError(
-            f"faces of {source} are {triangles.dtype} of shape {triangles.shape}: they must be "
-            f"integers (m, 3)"
-        )
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise InputError(
-            f"faces of {source} point at vertices {triangles.min()} to {triangles.max()}: they "
-            f"must lie in [0, {len(points) - 1}]"
-        )
-    return points, triangles.astype(np.int64)
-
-
 def _drop_bad(triangles: Faces, found: list[Finding]) -> Faces:
     kept = _mesh.drop_degenerate(triangles)
     number = len(triangles) - len(kept)
@@ -348,7 +320,8 @@ def _check_topology(points: Vertices, triangles: Faces) -> list[Finding]:
     found = []
     edges = _mesh.count_edges(triangles)
     touching = int(np.count_nonzero(edges.counts > 2))
-    fan, corner, joints = _find_joints(triangles)
+    fan, sheet = _mesh.label_fans(triangles)
+    corner, joints = _find_joints(triangles, fan)
     corners = len(np.unique(triangles))
     if touching or len(joints):
         message = (
@@ -359,23 +332,22 @@ def _check_topology(points: Vertices, triangles: Faces) -> list[Finding]:
         found.append(Finding("self-touching", "warning", message))
     # Taken apart where it touches itself, an edge of 2k triangles is k edges, a corner its fans.
     euler = len(corner) - int((edges.counts // 2).sum()) + len(triangles)
-    sheets = int(_mesh.label_sheets(triangles).max()) + 1
-    return found + report_handles(sheets - euler // 2)
+    return found + report_handles(int(sheet.max()) + 1 - euler // 2)
 
 
-def _find_joints(triangles: Faces) -> tuple[Faces, Integers, Integers]:
-    """Return the fan of each corner (m, 3), the vertex of each fan, and vertices of several."""
-    fan = _mesh.label_fans(triangles)
+def _find_joints(triangles: Faces, fan: Faces) -> tuple[Integers, Integers]:
+    """Return the vertex of each fan, and the vertices of several fans."""
     corner = np.zeros(int(fan.max()) + 1, dtype=np.int64)
     corner[fan] = triangles
-    return fan, corner, np.flatnonzero(np.bincount(corner) > 1)
+    return corner, np.flatnonzero(np.bincount(corner) > 1)
 
 
 def _split_corners(
     points: Vertices, triangles: Faces, sheets: Faces, found: list[Finding]
 ) -> tuple[Vertices, Faces, Faces]:
     """Give each fan of triangles a corner of its own: sheets that touch are then apart."""
-    fan, corner, joints = _find_joints(triangles)
+    fan, _ = _mesh.label_fans(triangles)
+    corner, joints = _find_joints(triangles, fan)
     if len(joints) == 0:
         return points, triangles, sheets
     message = (

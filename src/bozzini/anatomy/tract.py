@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
+from ..checks import check_array, check_points
 from ..errors import GeometryError, InputError
-from ._mesh import measure_volume
+from ._mesh import Faces, Vertices, measure_volume
 
 # What a check found in an input: not an error, but its user should know it.
 
@@ -112,6 +112,39 @@ def report_handles(handles: int) -> list[Finding]:
     """Return a finding on ways on which a lumen closes on itself, if there are any."""
     message = f"{count_noun(handles, 'handle')} (the lumen closes on itself): ways around may be "
     return [Finding("handles", "warning", message + "false")] if handles > 0 else []
+
+
+FARTHEST_MM = 1e9
+"""Largest coordinate that is taken for one; beyond it a file is damaged."""
+
+
+def check_mesh(vertices: ArrayLike, faces: ArrayLike, source: str) -> tuple[Vertices, Faces]:
+    """Return corners [mm] and triangles as arrays; `InputError` if they are not a surface."""
+    points, triangles = check_array(f"vertices of {source}", vertices), np.asarray(faces)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"vertices of {source} have shape {points.shape}: it must be (n, 3)")
+    bad = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
+    if bad:
+        what = count_noun(bad, "vertex that is", "vertices that are")
+        raise InputError(f"{source} has {what} not finite (NaN or infinite)")
+    farthest = float(np.abs(points).max(initial=0.0))
+    if farthest > FARTHEST_MM:
+        raise InputError(
+            f"{source} has a coordinate of {farthest:.3g} mm: it must lie within {FARTHEST_MM:g} mm"
+        )
+    if triangles.size == 0:
+        raise InputError(f"{source} has no faces")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu":
+        raise InputError(
+            f"faces of {source} are {triangles.dtype} of shape {triangles.shape}: they must be "
+            f"integers (m, 3)"
+        )
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise InputError(
+            f"faces of {source} point at vertices {triangles.min()} to {triangles.max()}: they "
+            f"must lie in [0, {len(points) - 1}]"
+        )
+    return points, triangles.astype(np.int64)
 
 
 Organ = Literal["upper-tract", "small-bowel", "colon"]
@@ -302,23 +335,9 @@ class SurfaceTract(TractSource):
     faces: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        vertices = check_points("vertices", self.vertices)
-        faces = np.asarray(self.faces)
-        if vertices.ndim != 2:
-            raise InputError(f"vertices have shape {vertices.shape}: it must be (n, 3)")
-        if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
-            raise InputError(
-                f"faces are {faces.dtype} of shape {faces.shape}: they must be integers (m, 3)"
-            )
-        if len(faces) == 0:
-            raise InputError("the surface has no faces")
-        if faces.min() < 0 or faces.max() >= len(vertices):
-            raise InputError(
-                f"faces point at vertices {faces.min()} to {faces.max()}: they must lie in "
-                f"[0, {len(vertices) - 1}]"
-            )
+        vertices, faces = check_mesh(self.vertices, self.faces, self.source)
         object.__setattr__(self, "vertices", np.ascontiguousarray(vertices))
-        object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int64))
+        object.__setattr__(self, "faces", np.ascontiguousarray(faces))
 
     @property
     def kind(self) -> str:

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from ..errors import BozziniError, FileFormatError, InputError, MissingExtraError
 from .files import PathLike, check_file, explain, has_suffix, quiet_libraries, read_label_table
-from .frame import check_frame
 from .labels import (
     LISTED,
     Labels,
@@ -33,6 +32,7 @@ from .labels import (
     is_digestive,
     measure_voxel,
     normalise,
+    override_frame,
     select_labels,
     tract_from_volume,
     wants_all,
@@ -430,7 +430,7 @@ def _inflate(handle: BinaryIO, compression: Compression, size: int = 0) -> Binar
         return gzip.GzipFile(fileobj=handle, mode="rb")  # type: ignore[return-value]
     if compression is None:
         return handle
-    inflater = zlib.decompressobj(47)  # the header says whether it is zlib or gzip
+    inflater = zlib.decompressobj(47)  # the header states whether it is zlib or gzip
     data = inflater.decompress(handle.read(), size + 1)
     if not inflater.eof or inflater.unused_data:
         raise EOFError("the compressed stream does not end where the file does")
@@ -494,7 +494,7 @@ def read_labels(
         if volume.segments:
             volume = _merge_segments(volume, labels)
             labels = "all"
-    volume = _override_frame(volume, frame)
+    volume = override_frame(volume, frame)
     tract = tract_from_volume(volume, labels=labels)
     stem = Path(path).name.split(".")[0]
     if labels is None and not tract.label_names and find_organ([stem]) is not None:
@@ -521,20 +521,6 @@ def read_volume(path: PathLike) -> Volume:
             return reader(path)
     hint = ": give the folder of the series" if has_suffix(path, (".dcm",)) else ""
     raise FileFormatError(f"{path} is not named {', '.join(LABEL_SUFFIXES)}{hint}")
-
-
-def _override_frame(volume: Volume, frame: str | None) -> Volume:
-    if frame is None:
-        return volume
-    code = check_frame(frame)
-    found = [item for item in volume.findings if item.code != "frame-unknown"]
-    if volume.frame not in (None, code):
-        message = (
-            f"the file states the frame {volume.frame}, but {code} was given: taken as {code}, "
-            f"coordinates are not changed"
-        )
-        found.append(Finding("frame-overridden", "warning", message))
-    return replace(volume, frame=code, findings=tuple(found))
 
 
 def _list_masks(folder: Path) -> dict[str, Path]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial, wraps
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +14,12 @@ from click.shell_completion import CompletionItem
 from ..checks import list_quantities
 from ..errors import InputError
 from ..muscle.design import Muscle
-from .common import QuantityType, check_target, emit, force_option, format_csv, json_option
+from .common import (
+    QuantityType,
+    gather,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from ..muscle.data import Measurements
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
@@ -40,100 +40,51 @@ FIELDS = list_quantities(Muscle)
 _Function = Callable[..., Any]
 
 
-def gather(
-    argument: str, make: Callable[..., Any], *options: Callable[[_Function], _Function]
+def option(
+    declaration: str, help: str, kind: object = None, **more: Any
 ) -> Callable[[_Function], _Function]:
-    """Return what adds options whose values arrive together, as one argument that `make` makes."""
+    """Return an option of a command.
 
-    def decorate(function: _Function) -> _Function:
-        def probe() -> None: ...
-
-        for option in options:
-            option(probe)
-        names = [str(item.name) for item in probe.__click_params__]  # type: ignore[attr-defined]
-
-        @wraps(function)
-        def run(**values: Any) -> Any:
-            taken = {name: values.pop(name) for name in names}
-            return function(**{argument: make(**taken)}, **values)
-
-        for option in reversed(options):
-            option(run)
-        return run
-
-    return decorate
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Where the answer of a command goes: stdout as text or JSON, and perhaps a file."""
-
-    as_json: bool
-    out: Path | None = None
-
-    @property
-    def is_table(self) -> bool:
-        """Whether the file is a table."""
-        return self.out is not None and self.out.suffix.lower() == ".csv"
-
-    def write(self, columns: Mapping[str, Any], draw: Callable[[], Figure | Axes]) -> None:
-        """Write the file that is asked for: a table of columns, or the picture `draw` makes."""
-        if self.out is None:
-            return
-        if self.is_table:
-            from ..io.files import write_text
-
-            write_text(self.out, format_csv(columns))
-        else:
-            from ..plot import write_figure
-
-            write_figure(draw(), self.out)
-
-    def give(self, result: Mapping[str, Any], text: str) -> None:
-        """Write the answer on stdout."""
-        emit(result, as_json=self.as_json, text=text)
-
-
-def answer_options(*suffixes: str, text: str = "A picture.") -> Callable[[_Function], _Function]:
-    """Return what adds ``--out``, ``--force`` and ``--json`` as the argument ``answer``.
-
-    The file is refused before any work, if it could not be written later. Without suffixes there
-    is ``--json`` alone.
+    Parameters
+    ----------
+    declaration : str
+        Its name, that of its argument if that is another, and what stands for its value in the help
+        text, in capitals: ``"--to target X,Y"``.
+    help : str
+    kind : object
+        A type of click, a kind of quantity, or a tuple of words to choose from.
+    **more
+        For `click.option`; a default is shown.
     """
-
-    def make(as_json: bool, out: Path | None = None, force: bool = False) -> Answer:
-        check_target(out, suffixes, force=force)
-        return Answer(as_json, out)
-
-    out = click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help=text)
-    return gather("answer", make, *((out, force_option) if suffixes else ()), json_option)
+    flag, *words = declaration.split()
+    names = [word for word in words if word.islower()]
+    metavar = next((word for word in words if not word.islower()), None)
+    taken: Any = QuantityType(kind) if isinstance(kind, str) else kind
+    taken = click.Choice(kind) if isinstance(kind, tuple) else taken
+    shown = "default" in more
+    return click.option(
+        flag, *names, type=taken, metavar=metavar, help=help, show_default=shown, **more
+    )
 
 
 def design_options(function: _Function) -> _Function:
     """Add the options that make a muscle: ``preset``, and the fields by their names."""
-    for name, known in reversed(FIELDS.items()):
-        option = "--" + name.replace("_", "-")
-        function = click.option(option, name, type=QuantityType(known.kind), help=known.help)(
-            function
-        )
-    return click.option(
-        "--preset",
-        default="effector-45",
-        show_default=True,
-        metavar="NAME",
-        help="Where the fields begin: thesis-40, thesis-45, thesis-60, effector-45, fitted-45.",
-    )(function)
+    for name, known in reversed(list(FIELDS.items())):
+        flag = "--" + name.replace("_", "-")
+        function = option(f"{flag} {name}", known.help, known.kind)(function)
+    presets = "thesis-40, thesis-45, thesis-60, effector-45, fitted-45"
+    return option("--preset NAME", f"Where the fields begin: {presets}.", default="effector-45")(
+        function
+    )
 
 
 def model_options(function: _Function) -> _Function:
     """Add ``--ends`` and ``--load-path``, the choices that a model has; None if not given."""
-    ends, path = (click.Choice(CHOICES[name][1]) for name in ("ends", "load_path"))
-    function = click.option(
-        "--load-path", type=path, help="How the thesis's model takes a load (default: none)."
-    )(function)
-    return click.option("--ends", type=ends, help="Taper of the energy model (default: none).")(
+    ends, path = (CHOICES[name][1] for name in ("ends", "load_path"))
+    function = option("--load-path", "How the thesis's model takes a load (default: none).", path)(
         function
     )
+    return option("--ends", "Taper of the energy model (default: none).", ends)(function)
 
 
 class ModelType(_NameType):
@@ -155,18 +106,14 @@ class ModelType(_NameType):
         return [CompletionItem(name) for name in list_kinds() if name.startswith(incomplete)]
 
 
-model_option = click.option(
-    "--model",
-    "model_name",
-    type=ModelType(),
+model_option = option(
+    "--model model_name",
+    "The model: energy, thesis, or one that 'bozzini muscle models' lists.",
+    ModelType(),
     default="energy",
-    show_default=True,
-    help="The model: energy, thesis, or one that 'bozzini muscle models' lists.",
 )
-direction_option = click.option(
-    "--direction",
-    type=click.Choice(["inflating", "deflating"]),
-    help="Which way it came, for friction (default: neither).",
+direction_option = option(
+    "--direction", "Which way it came, for friction (default: neither).", ("inflating", "deflating")
 )
 
 
@@ -182,10 +129,10 @@ def make_class(
     *,
     ends: str | None = None,
     load_path: str | None = None,
-    constants: Mapping[str, Any] | None = None,
+    constants: Mapping[str, object] | None = None,
 ) -> Callable[[Muscle], MuscleModel]:
     """Return what makes the model from a muscle; a choice that it does not have is refused."""
-    chosen: Mapping[str, Any] = select_choices([name], ends=ends, load_path=load_path)[name]
+    chosen: Mapping[str, object] = select_choices([name], ends=ends, load_path=load_path)[name]
     return partial(list_kinds()[name], **chosen, **(constants or {}))
 
 
@@ -279,7 +226,7 @@ class Request:
         """The muscle."""
         from ..muscle.design import preset
 
-        changes: dict[str, Any] = {
+        changes: dict[str, float] = {
             name: value for name, value in self.fields.items() if value is not None
         }
         strands = changes.get("strands")
@@ -288,7 +235,7 @@ class Request:
         return preset(self.preset, **changes)
 
     @cached_property
-    def constants(self) -> dict[str, Any]:
+    def constants(self) -> dict[str, object]:
         """What is set of the one model."""
         return parse_settings([self.model_name], self.settings)[self.model_name]
 
@@ -311,9 +258,9 @@ def _describe_unused(option: str, names: Sequence[str]) -> str:
     return f"{option} has no effect in the model {' or '.join(names)}: leave it out"
 
 
-def describe_model(model: MuscleModel) -> dict[str, Any]:
+def describe_model(model: MuscleModel) -> dict[str, object]:
     """Return the choices of a model, None where it has no such choice, and its constants."""
-    given: Mapping[str, Any] = getattr(model, "keywords", {})
+    given: Mapping[str, object] = getattr(model, "keywords", {})
     constants = {name: value for name, value in given.items() if not callable(value)}
     return {**{option: getattr(model, option, None) for option in CHOICES}, "constants": constants}
 
@@ -323,19 +270,17 @@ _KINDS = {"mm": "length", "MPa": "pressure", "N": "force", "rad": "angle"}
 
 def set_option(function: _Function) -> _Function:
     """Add ``--set``, which can be repeated."""
-    return click.option(
-        "--set",
-        "settings",
+    return option(
+        "--set settings [MODEL.]NAME=VALUE",
+        "A constant of a model of the catalogue, see 'bozzini muscle models NAME'; can be "
+        "repeated. MODEL is needed where several have one of that name.",
         multiple=True,
-        metavar="[MODEL.]NAME=VALUE",
-        help="A constant of a model of the catalogue, see 'bozzini muscle models NAME'; can be "
-        "repeated. MODEL says whose it is, where several have one of that name.",
     )(function)
 
 
-def parse_settings(names: Sequence[str], texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+def parse_settings(names: Sequence[str], texts: Sequence[str]) -> dict[str, dict[str, object]]:
     """Return what is set in each model, from ``[MODEL.]NAME=VALUE``."""
-    found: dict[str, dict[str, Any]] = {name: {} for name in names}
+    found: dict[str, dict[str, object]] = {name: {} for name in names}
     for text in texts:
         place, mark, value = (part.strip() for part in text.partition("="))
         model, dot, key = (part.strip() for part in place.rpartition("."))
@@ -440,16 +385,12 @@ data_options = gather(
     "table",
     DataRequest,
     click.argument("source", metavar="DATA", type=click.Path(path_type=Path)),
-    click.option(
-        "--unit",
-        "units",
+    option(
+        "--unit units COLUMN=UNIT",
+        "Unit of a column that states none, e.g. pressure=kPa; can be repeated.",
         multiple=True,
-        metavar="COLUMN=UNIT",
-        help="Unit of a column that states none, e.g. pressure=kPa; can be repeated.",
     ),
-    click.option(
-        "--mean", "take_mean", is_flag=True, help="Take the mean of inflation and deflation."
-    ),
+    option("--mean take_mean", "Take the mean of inflation and deflation.", is_flag=True),
 )
 request_options = gather("asked", Request.take, set_option, design_options, model_options)
 one_model_options = gather(

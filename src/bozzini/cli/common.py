@@ -85,6 +85,10 @@ EXIT_BAD_INPUT = 2
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 if TYPE_CHECKING:  # generic in newer versions of click only
     _AnyType = click.ParamType[Any]
 else:
@@ -311,7 +315,21 @@ class Answer:
         """Write the answer on stdout."""
         emit(result, as_json=self.as_json, text=text)
 
-    def draw(self, draw: Callable[[], Any]) -> None:
+    @property
+    def is_table(self) -> bool:
+        """Whether the file is a table."""
+        return self.out is not None and self.out.suffix.lower() == ".csv"
+
+    def write(self, columns: Mapping[str, object], draw: Callable[[], Figure | Axes]) -> None:
+        """Write the file that is asked for: a table of columns, or the picture `draw` makes."""
+        if self.out is not None and self.is_table:
+            from ..io.files import write_text
+
+            write_text(self.out, format_csv(columns))
+        else:
+            self.draw(draw)
+
+    def draw(self, draw: Callable[[], Figure | Axes]) -> None:
         """Write a figure to ``--out``, if that was given."""
         if self.out is not None:
             from ..plot import write_figure
@@ -336,7 +354,7 @@ def answer_options(
     name : str
         Another name of the option ``--out``.
     **out
-        Of the option ``--out``, for `click.option`; without any there is no ``--out``.
+        Of the option ``--out``, for `click.option`; without suffixes and these there is none.
     """
 
     def make(**values: Any) -> Answer:
@@ -346,6 +364,8 @@ def answer_options(
         return answer
 
     options: list[Any] = []
+    if suffixes:
+        out.setdefault("help", "A picture.")
     if out:
         given = {"type": click.Path(path_type=Path), "metavar": "FILE", **out}
         options += [click.option(name, "out", **given), force_option]

@@ -240,12 +240,12 @@ def show_command(
     given = [*list_given(reading), *list_given(options)]
     if given and over is None:
         raise InputError(f"--{given[0]} has no effect on a file of shapes: give --over too")
-    from ..duct.shape_files import count_pieces, load_shapes_file, write_shapes
+    from ..duct.shape_files import load_shapes_file, write_shapes
 
     file = load_shapes_file(source)
     data = write_shapes(file.shapes, fit=file.fit, note=file.note)
     low, high = file.shapes.bounds
-    count = count_pieces(file.shapes)
+    count = file.shapes.shape_count
     size = " x ".join(f"{value:.0f}" for value in high - low)
     content = f"{count} {data['kind']}"
     text = f"{source}: {content} in {size} mm"
@@ -285,9 +285,9 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
         f"+-{share * report.volume_error:.2f} %)",
         f"  no point is more than {_round_up(report.outside_bound, 2)} mm outside the wall "
         f"(proved); found {report.outside:.2f} mm",
-        f"  clearance lost on the centreline: {report.room_loss[3]:.2f} mm in the middle, "
-        f"{report.room_loss[-1]:.2f} mm at most, at {report.room_loss_place:.0f} mm; at least "
-        f"{floor_mm(study.clearance_min)} mm is left",
+        f"  clearance lost on the centreline: {report.clearance_loss[3]:.2f} mm in the middle, "
+        f"{report.clearance_loss[-1]:.2f} mm at most, at {report.clearance_loss_place:.0f} mm; "
+        f"at least {floor_mm(study.clearance_min)} mm is left",
     ]
     if not fitted.converged:
         lines.append(f"Not reached: {fitted.reason}")

@@ -6,21 +6,28 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import EffectorDesign
 from ..errors import InputError
-from ._muscle_options import Answer, answer_options, gather, make_class, model_option, model_options
+from ._muscle_options import (
+    make_class,
+    model_option,
+    model_options,
+    option,
+)
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
-    QuantityType,
+    Answer,
     VectorType,
+    answer_options,
     format_csv,
     format_rows,
+    gather,
     progress_bar,
     quiet_option,
     run_exit,
@@ -32,6 +39,8 @@ if TYPE_CHECKING:
     from ..effector import Balance, CubicFit, Effector, EffectorInverse, EffectorPose, Trace
     from ..effector.pose import PoseMethod
     from ..results import Result
+
+_Value = TypeVar("_Value")
 
 FIELDS = list_quantities(EffectorDesign)
 MOST_DESIGNS = 10_000
@@ -49,12 +58,11 @@ MUSCLE_COLUMNS = {
 """What a pose or an inverse has for each muscle: attribute, and heading, scale and format."""
 
 
-def _field_option(name: str, option: str = "") -> Any:
+def _field_option(name: str, flag: str = "") -> Any:
     """Return the option of a field of a design."""
     known = FIELDS[name]
-    kind = int if known.whole else QuantityType(known.kind)
-    option = option or "--" + name.replace("_", "-")
-    return click.option(option, name, type=kind, help=known.help)
+    flag = flag or "--" + name.replace("_", "-")
+    return option(f"{flag} {name}", known.help, int if known.whole else known.kind)
 
 
 class EffectorRequest:
@@ -105,7 +113,7 @@ class EffectorRequest:
         muscles = tuple(replace(one, muscle=one.muscle.replace(length=length)) for one in placed)
         return design.replace(muscles=muscles, **changes)
 
-    def describe(self, effector: Effector | None = None) -> dict[str, Any]:
+    def describe(self, effector: Effector | None = None) -> dict[str, object]:
         """Return model and design as plain values."""
         from ..effector import find_conflicts
 
@@ -117,44 +125,32 @@ class EffectorRequest:
 effector_options = gather(
     "asked",
     EffectorRequest,
-    click.option(
-        "--preset",
-        default="prototype",
-        show_default=True,
-        metavar="NAME",
-        help="Where the design begins: prototype.",
+    option("--preset NAME", "Where the design begins: prototype.", default="prototype"),
+    option(
+        "--muscle-preset NAME", "The muscles, by a name of bozzini muscle (prototype: fitted-45)."
     ),
-    click.option(
-        "--muscle-preset",
-        metavar="NAME",
-        help="The muscles, by a name of bozzini muscle (prototype: fitted-45).",
-    ),
-    click.option(
-        "--angles",
-        metavar="NAME=ANGLE,...",
-        help="The muscles, such as A=0deg,B=120deg,C=240deg "
-        "(prototype: R=307.5deg,G=219deg,B=75deg).",
+    option(
+        "--angles NAME=ANGLE,...",
+        "The muscles, such as A=0deg,B=120deg,C=240deg (prototype: R=307.5deg,G=219deg,B=75deg).",
     ),
     *map(_field_option, ("offset", "backbone_length", "holder_length", "segments")),
     _field_option("flexural_rigidity", "--rigidity"),
-    click.option(
-        "--rigidity-test", metavar="FORCE,DEFLECTION", help="The same, from a load across the tip."
-    ),
+    option("--rigidity-test FORCE,DEFLECTION", "The same, from a load across the tip."),
     _field_option("catheter_rigidity", "--catheter"),
     _field_option("pressure_limit"),
-    click.option(
+    option(
         "--beam",
-        type=click.Choice(["2", "3"]),
-        help="Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (prototype: 3).",
+        "Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (prototype: 3).",
+        ("2", "3"),
     ),
     model_option,
     model_options,
 )
-table_options = answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
-cubic_option = click.option(
+table_options = answer_options(".csv", *PICTURES, help="A table (.csv) or a picture.", quiet=False)
+cubic_option = option(
     "--cubic-from",
-    type=QuantityType("pressure"),
-    help="Fit the thesis's cubic from this pressure on, as in its controller.",
+    "Fit the thesis's cubic from this pressure on, as in its controller.",
+    "pressure",
 )
 _PLACE = VectorType("length", size=2)
 
@@ -179,13 +175,15 @@ def _give(
         run_exit(EXIT_NEGATIVE)
 
 
-def _pick(found: Result, names: str) -> dict[str, Any]:
+def _pick(found: Result, names: str) -> dict[str, object]:
     """Return some of the plain values of a result, in this order."""
     plain = found.to_dict()
     return {name: plain[name] for name in names.split()}
 
 
-def _list_muscles(found: EffectorPose | EffectorInverse, names: Sequence[str]) -> dict[str, Any]:
+def _list_muscles(
+    found: EffectorPose | EffectorInverse, names: Sequence[str]
+) -> dict[str, dict[str, float]]:
     """Return what a single pose or inverse has for each muscle."""
     columns = {key: getattr(found, known[0], None) for key, known in MUSCLE_COLUMNS.items()}
     return {
@@ -196,7 +194,7 @@ def _list_muscles(found: EffectorPose | EffectorInverse, names: Sequence[str]) -
     }
 
 
-def _format_muscles(muscles: Mapping[str, Mapping[str, Any]]) -> str:
+def _format_muscles(muscles: Mapping[str, Mapping[str, float]]) -> str:
     shown = [MUSCLE_COLUMNS[key][1:] for key in next(iter(muscles.values()))]
     rows = [
         [name, *(format(s * v, f) for (_, s, f), v in zip(shown, row.values(), strict=True))]
@@ -251,7 +249,7 @@ def _parse_number(option: str, name: str, text: str) -> float:
     return parse_quantity(text, known.kind)
 
 
-def _parse_values(item: str) -> tuple[str, list[Any]]:
+def _parse_values(item: str) -> tuple[str, Sequence[object]]:
     """Return the name and the values of one ``--vary``."""
     import numpy as np
 
@@ -290,8 +288,8 @@ def _parse_segments(text: str) -> list[int]:
     return [int(part) for part in parts]
 
 
-def _gather_once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+def _gather_once(option: str, pairs: Iterable[tuple[str, _Value]]) -> dict[str, _Value]:
+    found: dict[str, _Value] = {}
     for name, value in pairs:
         if name in found:
             raise InputError(f"{option} names '{name}' more than once: give it once")
@@ -305,32 +303,25 @@ def command() -> None:
 
 
 @command.command("pose")
-@click.option(
-    "--pressure",
+@option(
+    "--pressure NAME=PRESSURE,...",
+    "Gauge pressures, such as R=689.4kPa,G=413.6kPa; muscles left out have none.",
     required=True,
-    metavar="NAME=PRESSURE,...",
-    help="Gauge pressures, such as R=689.4kPa,G=413.6kPa; muscles left out have none.",
 )
-@click.option(
-    "--method",
-    type=click.Choice(["superposition", "thesis"]),
-    default="superposition",
-    show_default=True,
-    help="How several muscles add up.",
+@option(
+    "--method", "How several muscles add up.", ("superposition", "thesis"), default="superposition"
 )
-@click.option(
-    "--order",
-    metavar="NAME,NAME",
-    help="With --method thesis: which muscle is pressed first; by default as in the design.",
+@option(
+    "--order NAME,NAME",
+    "With --method thesis: which muscle is pressed first; by default as in the design.",
 )
-@click.option(
-    "--table", "with_table", is_flag=True, help="The thesis's iteration of each muscle alone."
-)
+@option("--table with_table", "The thesis's iteration of each muscle alone.", is_flag=True)
 @effector_options
 @answer_options(
     ".csv",
     *PICTURES,
-    text="A picture, or the backbone as a table (.csv). With --table the picture or table of that.",
+    help="A picture, or the backbone as a table (.csv). With --table the picture or table of that.",
+    quiet=False,
 )
 def pose_command(
     pressure: str,
@@ -385,16 +376,14 @@ def pose_command(
 
 
 @command.command("reach")
-@click.option(
-    "--to",
-    "target",
-    type=_PLACE,
+@option(
+    "--to target X,Y",
+    "Where the tip shall be, seen along the axis, such as 12mm,-5mm.",
+    _PLACE,
     required=True,
-    metavar="X,Y",
-    help="Where the tip shall be, seen along the axis, such as 12mm,-5mm.",
 )
 @effector_options
-@answer_options(*PICTURES)
+@answer_options(*PICTURES, quiet=False)
 def reach_command(target: tuple[float, ...], asked: EffectorRequest, answer: Answer) -> None:
     """Find the pressures that bring the tip to a place seen along the axis.
 
@@ -413,9 +402,10 @@ def reach_command(target: tuple[float, ...], asked: EffectorRequest, answer: Ans
 
     answer.write({}, draw)
     muscles = _list_muscles(found, effector.design.names)
-    keys = "target_mm reachable delivered_mm reason converged residual_mm iterations"
     result = {
-        **_pick(found, keys),
+        "target_mm": target,
+        "reachable": bool(found.reachable),
+        **_pick(found, "delivered_mm reason converged residual_mm iterations"),
         **_pick(posed, "tip_mm holder_tip_mm"),
         "muscles": muscles,
         **asked.describe(),
@@ -461,7 +451,9 @@ def _write_pose(
             return draw_iteration(tables)
         return draw_pose(effector, found, workspace=effector.workspace())
 
-    columns: dict[str, Any] = {f"{axis}_mm": found.backbone[:, k] for k, axis in enumerate("xyz")}
+    columns: dict[str, object] = {
+        f"{axis}_mm": found.backbone[:, k] for k, axis in enumerate("xyz")
+    }
     if tables:
         rows = [{"muscle": name, **row} for name in tables for row in _list_rows(tables[name])]
         columns = {key: [row[key] for row in rows] for key in rows[0]}
@@ -498,20 +490,13 @@ def _format_table(name: str, pressure: float, found: Balance) -> str:
 
 
 @command.command("workspace")
-@click.option(
-    "--of",
-    "kind",
-    type=click.Choice(["place", "force"]),
+@option(
+    "--of kind",
+    "Where the tip can go, or how hard it can press in each direction.",
+    ("place", "force"),
     default="place",
-    show_default=True,
-    help="Where the tip can go, or how hard it can press in each direction.",
 )
-@click.option(
-    "--at",
-    type=_PLACE,
-    metavar="X,Y",
-    help="With --of force: where something holds the tip (default: 0,0).",
-)
+@option("--at X,Y", "With --of force: where something holds the tip (default: 0,0).", _PLACE)
 @effector_options
 @table_options
 def workspace_command(
@@ -535,7 +520,7 @@ def workspace_command(
     _give(result, answer=answer, text=text, done=found)
 
 
-def _find_places(effector: Effector, answer: Answer) -> tuple[dict[str, Any], str]:
+def _find_places(effector: Effector, answer: Answer) -> tuple[dict[str, object], str]:
     found = effector.workspace()
     reach, names = found.reach, effector.design.names
 
@@ -575,7 +560,7 @@ def _find_places(effector: Effector, answer: Answer) -> tuple[dict[str, Any], st
 
 def _find_force(
     effector: Effector, at: tuple[float, ...], answer: Answer
-) -> tuple[dict[str, Any], str]:
+) -> tuple[dict[str, object], str]:
     import numpy as np
 
     from ..effector import passive_stiffness, tip_force, tip_stiffness
@@ -612,7 +597,7 @@ def _find_force(
 
 
 @command.command("curve")
-@click.option("--points", default=84, show_default=True, help="Rows of the table.")
+@option("--points", "Rows of the table.", default=84)
 @cubic_option
 @effector_options
 @table_options
@@ -634,7 +619,7 @@ def curve_command(
     effector = asked.effector
     over = np.linspace(0.0, effector.design.pressure_limit, points)
     found = {name: balance(effector, name, over) for name in effector.design.names}
-    columns: dict[str, Any] = {"pressure_MPa": over}
+    columns: dict[str, object] = {"pressure_MPa": over}
     for name, curve in found.items():
         columns[f"deflection_{name}_mm"] = curve.lateral
         columns[f"contraction_{name}_mm"] = curve.contraction
@@ -694,9 +679,9 @@ def trace_command() -> None:
 
 
 @trace_command.command("line")
-@click.option("--from", "start", type=_PLACE, metavar="X,Y", required=True, help="Where it begins.")
-@click.option("--to", "end", type=_PLACE, metavar="X,Y", required=True, help="Where it ends.")
-@click.option("--points", default=51, show_default=True, help="Targets, both ends included.")
+@option("--from start X,Y", "Where it begins.", _PLACE, required=True)
+@option("--to end X,Y", "Where it ends.", _PLACE, required=True)
+@option("--points", "Targets, both ends included.", default=51)
 @cubic_option
 @effector_options
 @table_options
@@ -717,15 +702,12 @@ def line_command(
 
 
 @trace_command.command("circle")
-@click.option("--radius", type=QuantityType("length"), required=True, help="Radius.")
-@click.option(
-    "--centre", type=_PLACE, metavar="X,Y", default="0,0", show_default=True, help="Centre."
-)
-@click.option(
+@option("--radius", "Radius.", "length", required=True)
+@option("--centre X,Y", "Centre.", _PLACE, default="0,0")
+@option(
     "--points",
+    "Targets round the circle; the first comes again at the end, to close it.",
     default=72,
-    show_default=True,
-    help="Targets round the circle; the first comes again at the end, to close it.",
 )
 @cubic_option
 @effector_options
@@ -794,20 +776,14 @@ def study_command() -> None:
 
 
 @study_command.command("sweep")
-@click.option(
-    "--vary",
-    "varied",
+@option(
+    "--vary varied NAME=VALUES",
+    "What to vary: LOW:HIGH:COUNT or values with commas, as offset=3mm:5mm:5, segments=12,15; "
+    "for angles, sets of them: angles=0deg/120deg/240deg. Can be repeated.",
     multiple=True,
     required=True,
-    metavar="NAME=VALUES",
-    help="What to vary: LOW:HIGH:COUNT or values with commas, as offset=3mm:5mm:5, segments=12,15; "
-    "for angles, sets of them: angles=0deg/120deg/240deg. Can be repeated.",
 )
-@click.option(
-    "--deflection",
-    type=QuantityType("length"),
-    help="Deflection that every muscle alone must reach.",
-)
+@option("--deflection", "Deflection that every muscle alone must reach.", "length")
 @effector_options
 @quiet_option
 @table_options
@@ -857,26 +833,17 @@ def sweep_command(
 
 
 @study_command.command("least-pressure")
-@click.option(
-    "--between",
-    "ranges",
+@option(
+    "--between ranges NAME=LOW:HIGH",
+    "What may be changed, as offset=3mm:4.5mm; up to 4 times.",
     multiple=True,
     required=True,
-    metavar="NAME=LOW:HIGH",
-    help="What may be changed, as offset=3mm:4.5mm; up to 4 times.",
 )
-@click.option(
-    "--choose-segments", metavar="N,N,...", help="Numbers of segments to choose from, as 12,15,18."
-)
-@click.option(
-    "--deflection",
-    type=QuantityType("length"),
-    required=True,
-    help="Deflection that every muscle alone must reach.",
-)
+@option("--choose-segments N,N,...", "Numbers of segments to choose from, as 12,15,18.")
+@option("--deflection", "Deflection that every muscle alone must reach.", "length", required=True)
 @effector_options
 @quiet_option
-@answer_options()
+@answer_options(quiet=False)
 def least_command(
     ranges: tuple[str, ...],
     choose_segments: str | None,

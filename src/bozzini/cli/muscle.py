@@ -14,21 +14,19 @@ from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
 from ._muscle_options import (
     FIELDS,
-    Answer,
     DataRequest,
     ModelType,
     Request,
-    answer_options,
     check_fields,
     check_friction,
     data_options,
     describe_model,
     directed_options,
-    gather,
     list_kinds,
     make_class,
     note_data,
     one_model_options,
+    option,
     parse_constant,
     parse_settings,
     request_options,
@@ -37,9 +35,11 @@ from ._muscle_options import (
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
-    QuantityType,
+    Answer,
+    answer_options,
     emit,
     format_csv,
+    gather,
     json_option,
     progress_bar,
     run_exit,
@@ -109,12 +109,10 @@ def _format_cards(cards: list[Card]) -> list[str]:
 
 
 @command.command("solve")
-@click.option("--pressure", type=QuantityType("pressure"), required=True, help="Gauge pressure.")
-@click.option(
-    "--load", type=QuantityType("force"), default="0N", show_default=True, help="Tension held."
-)
+@option("--pressure", "Gauge pressure.", "pressure", required=True)
+@option("--load", "Tension held.", "force", default="0N")
 @directed_options
-@answer_options()
+@answer_options(quiet=False)
 def solve_command(pressure: float, load: float, asked: Request, answer: Answer) -> None:
     """Find the contraction of a muscle at a pressure and a load.
 
@@ -149,27 +147,19 @@ def solve_command(pressure: float, load: float, asked: Request, answer: Answer) 
 
 
 @command.command("curve")
-@click.option(
-    "--of",
-    "kind",
-    type=click.Choice(["contraction", "force", "angle", "phases"]),
+@option(
+    "--of kind",
+    "What over what: contraction or angle over pressure, force over contraction.",
+    ("contraction", "force", "angle", "phases"),
     default="contraction",
-    show_default=True,
-    help="What over what: contraction or angle over pressure, force over contraction.",
 )
-@click.option(
-    "--pressure",
-    type=QuantityType("pressure"),
-    default="0.8MPa",
-    show_default=True,
-    help="Largest pressure; with --of force, the pressure.",
+@option(
+    "--pressure", "Largest pressure; with --of force, the pressure.", "pressure", default="0.8MPa"
 )
-@click.option(
-    "--load", type=QuantityType("force"), help="Tension held; not with --of force (default: 0N)."
-)
-@click.option("--points", type=int, help="Rows of the table (default: 41).")
+@option("--load", "Tension held; not with --of force (default: 0N).", "force")
+@option("--points", "Rows of the table (default: 41).", int)
 @directed_options
-@answer_options(".csv", *PICTURES, text="A table (.csv) or a picture.")
+@answer_options(".csv", *PICTURES, help="A table (.csv) or a picture.", quiet=False)
 def curve_command(
     kind: str,
     pressure: float,
@@ -195,7 +185,7 @@ def curve_command(
     line: dict[str, Any] = {"direction": asked.direction}
     if kind != "force":
         line |= {"load": held, "lowest": _find_lowest(model, pressure, held, asked.direction)}
-    columns = _compute_curve(model, kind, pressure, rows, **line)
+    columns = _compute_curve(model, kind, pressure, rows, line)
     answer.write(columns, lambda: _draw_curve(model, kind, pressure, **line))
     text = format_csv(columns).rstrip("\n")
     if answer.out is not None:
@@ -217,19 +207,12 @@ def curve_command(
 
 
 def _compute_curve(
-    model: MuscleModel,
-    kind: str,
-    pressure: float,
-    points: int,
-    *,
-    direction: str | None,
-    load: float = 0.0,
-    lowest: float = 0.0,
-) -> dict[str, Any]:
+    model: MuscleModel, kind: str, pressure: float, points: int, line: Mapping[str, Any]
+) -> dict[str, object]:
     import numpy as np
 
     if kind == "force":
-        free = float(model.contraction(pressure, 0.0, direction=direction))
+        free = float(model.contraction(pressure, 0.0, **line))
         if not free > 0.0:
             raise InputError(
                 f"pressure is {pressure:g} MPa: with --of force it must be more, so that the "
@@ -238,11 +221,11 @@ def _compute_curve(
         over = np.linspace(0.0, free, points)
         return {
             "contraction_mm": over,
-            "force_N": model.force(pressure, over, direction=direction),
-            "stiffness_N_per_mm": model.stiffness(pressure, over, direction=direction),
+            "force_N": model.force(pressure, over, **line),
+            "stiffness_N_per_mm": model.stiffness(pressure, over, **line),
         }
-    over = np.linspace(lowest, pressure, points)
-    found = model.solve(over, load, direction=direction).list_columns()
+    over = np.linspace(line["lowest"], pressure, points)
+    found = model.solve(over, line["load"], direction=line["direction"]).list_columns()
     names = ["contraction_mm", "braid_angle_rad"]
     names += ["contact_pressure_MPa"] if kind == "phases" else []
     return {"pressure_MPa": over, **{name: found[name] for name in names}}
@@ -287,22 +270,20 @@ def _draw_curve(model: MuscleModel, kind: str, pressure: float, **line: Any) -> 
 
 @command.command("fit")
 @data_options
-@click.option(
+@option(
     "--free",
-    help="Fields of the muscle and constants of the model to fit, separated by commas; the options "
+    "Fields of the muscle and constants of the model to fit, separated by commas; the options "
     "below are where fields start (default: modulus,dead-length in energy, modulus,end-length in "
     "thesis, in others what is unknown of them).",
 )
-@click.option(
-    "--bound",
-    "bound_texts",
+@option(
+    "--bound bound_texts FIELD=LOW:HIGH",
+    "Bounds of a field that is fitted, e.g. modulus=0.1MPa:2MPa; can be repeated.",
     multiple=True,
-    metavar="FIELD=LOW:HIGH",
-    help="Bounds of a field that is fitted, e.g. modulus=0.1MPa:2MPa; can be repeated.",
 )
-@click.option("--anyway", is_flag=True, help="Fit also what the data cannot distinguish.")
+@option("--anyway", "Fit also what the data cannot distinguish.", is_flag=True)
 @one_model_options
-@answer_options(*PICTURES)
+@answer_options(*PICTURES, quiet=False)
 def fit_command(
     table: DataRequest,
     free: str | None,
@@ -420,46 +401,42 @@ class RankRequest:
                 criterion=self.criterion or "aicc", folds=self.folds, seed=self.seed or 0
             )
         given = (("--by", self.criterion), ("--folds", self.folds), ("--seed", self.seed))
-        for option, value in given:
+        for flag, value in given:
             if value is not None:
-                raise InputError(f"{option} has no effect without --fit: leave it out")
+                raise InputError(f"{flag} has no effect without --fit: leave it out")
         return None
 
 
 rank_options = gather(
     "ranked",
     RankRequest,
-    click.option(
+    option(
         "--fit",
-        is_flag=True,
-        help="With --model, fit each model first, and rank: modulus, and dead length (energy) or "
+        "With --model, fit each model first, and rank: modulus, and dead length (energy) or "
         "end length (thesis); constants and modulus of the others.",
+        is_flag=True,
     ),
-    click.option(
-        "--by",
-        "criterion",
-        type=click.Choice(["aicc", "bic", "cv"]),
-        help="Of a fit, rank by an information criterion or by the rows left out (default: aicc).",
+    option(
+        "--by criterion",
+        "Of a fit, rank by an information criterion or by the rows left out (default: aicc).",
+        ("aicc", "bic", "cv"),
     ),
-    click.option(
-        "--folds", type=int, help="Of a fit, parts for cross-validation; 0 for none (default: 5)."
-    ),
-    click.option("--seed", type=int, help="Of a fit, for folds and starts (default: 0)."),
+    option("--folds", "Of a fit, parts for cross-validation; 0 for none (default: 5).", int),
+    option("--seed", "Of a fit, for folds and starts (default: 0).", int),
 )
 
 
 @command.command("compare")
 @data_options
-@click.option(
-    "--model",
-    "model_names",
-    type=ModelType(),
+@option(
+    "--model model_names",
+    "A model to compare; can be repeated (default: fit and rank all, see 'models').",
+    ModelType(),
     multiple=True,
-    help="A model to compare; can be repeated (default: fit and rank all, see 'models').",
 )
 @rank_options
 @request_options
-@answer_options(*PICTURES)
+@answer_options(*PICTURES, quiet=False)
 def compare_command(
     table: DataRequest,
     model_names: tuple[str, ...],
@@ -489,7 +466,7 @@ def compare_command(
     data = table.read(asked.muscle)
     check_friction(asked.fields, data, free=())
     makes = {name: make_class(name, **choices[name], constants=constants[name]) for name in names}
-    result: dict[str, Any] = {
+    result: dict[str, object] = {
         "rows": len(data),
         "preset": asked.preset,
         "mean": table.take_mean,

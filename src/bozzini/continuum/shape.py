@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
 from ..io.records import Plain
-from ..results import Result, to_plain
+from ..results import Result, take_axes, to_plain
 from .checks import Floats
 from .robot import RobotDesign
 
@@ -56,7 +56,7 @@ class Shape(Result):
         Steps of the solver; 0 for a closed form.
     converged : (...) ndarray of bool
         Whether this is the robot's shape under the command. Where it is False the frames are
-        the model's nearest try and `reason` says what is wrong.
+        the model's nearest try and `reason` states what is wrong.
     reason : (...) ndarray of str
         Why not; empty where converged.
     disc_arc_length : (d,) ndarray, optional
@@ -199,16 +199,36 @@ class Shape(Result):
         return {name: values.ravel() for name, values in columns.items()}
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw backbone, body and tendons of one shape, seen from the side, and return the axes.
+        """Draw backbone, discs and tendons of one shape from the side, and return the axes.
+
+        The plane of the picture holds the base's axis and the place furthest from it; slack
+        tendons are dotted.
 
         Raises
         ------
         InputError
             If this is a batch of shapes.
         """
-        from ..plot.continuum import plot_shape
-
-        return plot_shape(self, ax)
+        if self.frames.ndim != 3:
+            raise InputError(f"shape is a batch of {self.frames.shape[:-3]}: one shape is drawn")
+        far = self.points[int(np.argmax(np.hypot(self.points[:, 0], self.points[:, 1])))]
+        angle = float(np.arctan2(far[1], far[0]))
+        view = np.array([[np.cos(angle), np.sin(angle), 0.0], [0.0, 0.0, 1.0]])
+        axes = take_axes(ax, x=f"towards {np.degrees(angle):z.0f}° [mm]", y="z [mm]", equal=True)
+        robot = self.robot
+        owners = robot.section_at(self.disc_arc_length)
+        for frame, owner in zip(self.disc_frames, owners, strict=True):
+            across = view @ frame[:3, :2]
+            half = robot.sections[owner].radius * np.linalg.norm(across, axis=1)
+            ends = view @ frame[:3, 3] + np.outer((-1.0, 1.0), half * np.sign(across.sum(axis=1)))
+            axes.plot(*ends.T, color="0.7", linewidth=1.0)
+        for name, points, slack in zip(
+            robot.tendon_names, self.tendon_points, self.slack, strict=True
+        ):
+            style = ":" if slack else "-"
+            axes.plot(*(view @ points.T), style, linewidth=1.0, label=name)
+        axes.plot(*(view @ self.points.T), "k", linewidth=2.0, label="backbone")
+        return axes
 
     def _disc_index(self) -> NDArray[np.int64]:
         index = np.searchsorted(self.arc_length, self.disc_arc_length - MATCH)

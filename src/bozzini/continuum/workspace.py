@@ -13,7 +13,7 @@ from ..checks import check_integer, check_number
 from ..errors import InputError
 from ..io.records import Plain
 from ..progress import Progress, no_progress
-from ..results import Result, to_plain
+from ..results import Result, take_axes, to_plain
 from .arc import displacements_for, jacobian
 from .checks import FARTHEST, Floats, check_cell, check_places, check_values
 from .coupling import find_limits, require_arcs
@@ -449,7 +449,7 @@ def measure_dexterity(
 ) -> Dexterity:
     """Try directions, evenly over the sphere, in which the tip may look from a place.
 
-    Each is tried by the inverse, so a share of 0.3 says that 30 % were reached; more `starts`
+    Each is tried by the inverse, so a share of 0.3 means that 30 % were reached; more `starts`
     can only find more.
 
     Parameters
@@ -637,10 +637,15 @@ class ContinuumWorkspace(Result):
         return self.map.list_columns()
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the share of directions over the cells, and return the axes."""
-        from ..plot.continuum import plot_map
-
-        return plot_map(self.map, ax, length=self.sample.robot.length)
+        """Draw the share of directions in each cell, seen along y, and return the axes."""
+        across = "distance from the axis" if self.map.half_plane else "x"
+        axes = take_axes(ax, x=f"{across} [mm]", y="z [mm]", equal=True)
+        order = np.argsort(self.map.direction_share)
+        x, _, z = self.map.centres[order].T
+        drawn = axes.scatter(x, z, c=self.map.direction_share[order], s=9.0, vmin=0.0)
+        axes.figure.colorbar(drawn, ax=axes, label="share of directions")
+        axes.plot([0.0, 0.0], [0.0, self.sample.robot.length], "k", linewidth=2.0)
+        return axes
 
 
 def measure_workspace(

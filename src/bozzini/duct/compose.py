@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
 from ..errors import InputError
+from ..numeric.vectors import nearest_rotation
 from .base import Duct, Kind, PackedDuct, SampledField, Wrapped, check_duct
 from .checks import check_places, check_rotation
 from .packed import ROUNDING, Packed, ShapesData, join_shapes
@@ -55,11 +56,10 @@ class Moved(Wrapped):
         if rotation.shape != (dim, dim):
             raise InputError(f"rotation has shape {rotation.shape}: it must be ({dim}, {dim})")
         check_rotation("rotation", rotation)
-        left, _, right = np.linalg.svd(rotation)
         shift = np.zeros(dim) if self.shift is None else check_places("shift", self.shift, dim=dim)
         if shift.ndim != 1:
             raise InputError(f"shift has shape {shift.shape}: it must be ({dim},)")
-        object.__setattr__(self, "rotation", left @ right)
+        object.__setattr__(self, "rotation", nearest_rotation(rotation))
         object.__setattr__(self, "shift", np.array(shift))
 
     @property
@@ -284,7 +284,7 @@ class Union(Compound):
     Notes
     -----
     The value is the smallest of the parts': exact outside where theirs are, and inside a lower
-    bound of the room.
+    bound of the clearance.
     """
 
     parts: tuple[Duct, ...]

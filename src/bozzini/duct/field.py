@@ -134,11 +134,8 @@ class MeshWall:
         Bodies turned inwards, sheets that are there twice, and parts turned inside out: they do not
         move outwards with the wall.
         """
+        part, volumes = measure_parts(self.vertices, self.faces)
         corners = self.vertices[self.faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        part = find_parts(len(self.vertices), self.faces)
-        around = corners[:, 0] - corners.mean(axis=(0, 1))
-        volumes = np.bincount(part, weights=np.einsum("ij,ij->i", around, normals))
         return np.asarray(corners[volumes[part] <= 1e-9 * volumes.max()].mean(axis=1))
 
     def refuse_bodies(self) -> None:
@@ -246,15 +243,18 @@ class VoxelWall:
         return index, within
 
 
-def find_parts(count: int, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the connected part (m,) of each triangle."""
+def measure_parts(vertices: Floats, faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
+    """Return the connected part (m,) of each triangle, and six times each part's volume [mm^3]."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
     start, stop = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     ones = np.ones(len(start), dtype=np.int8)
-    graph = coo_matrix((ones, (start, stop)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1][faces[:, 0]], dtype=np.int64)
+    graph = coo_matrix((ones, (start, stop)), shape=(len(vertices), len(vertices)))
+    part = connected_components(graph, directed=False)[1][faces[:, 0]].astype(np.int64)
+    a, b, c = np.moveaxis(vertices[faces] - vertices[faces].mean(axis=(0, 1)), 1, 0)
+    volumes = np.bincount(part, weights=np.einsum("ij,ij->i", a, np.cross(b, c)))
+    return part, volumes.astype(np.float64)
 
 
 def make_wall(tract: LabelTract | SurfaceTract) -> MeshWall | VoxelWall:
@@ -564,9 +564,9 @@ def _count_nodes(
     nodes = float(np.prod(counts))
     if nodes > MAX_NODES:
         least = spacing.min() * (nodes / MAX_NODES) ** (1.0 / 3.0)
-        told = f"{int(nodes):,}" if nodes < 1e15 else f"{nodes:.3g}"
+        shown = f"{int(nodes):,}" if nodes < 1e15 else f"{nodes:.3g}"
         raise GeometryError(
-            f"voxel {spacing.min():g} mm makes a grid of {told} nodes: the limit is "
+            f"voxel {spacing.min():g} mm makes a grid of {shown} nodes: the limit is "
             f"{MAX_NODES:,}, give at least {least * 1.02:.3g} mm"
         )
     return counts.astype(np.int64)

@@ -43,17 +43,12 @@ class ShapesData(NamedTuple):
 
     Parameters
     ----------
-    kinds : (n,) int
-        Codes of `kernels.shapes`.
-    first : (n,) int
-        Where each shape's numbers begin in `params`.
+    table : (n, 8) float
+        Of each shape: the bounding ball's centre and radius [mm], how far the wall is moved
+        outwards [mm], the code of `kernels.shapes`, where its numbers begin in `params`, and
+        whether it is taken away (1) or not (0).
     params : (m,) float
-    boxes : (n, 4) float
-        Bounding balls: centre and radius [mm].
-    obstacles : (n,) bool
-        Which shapes are taken away.
-    offsets : (n,) float
-        How far each shape's wall is moved outwards [mm].
+        The numbers of all shapes.
     blocks : (b, 6) float
         Balls around runs of shapes of the lumen, with their offsets: centre, radius [mm], first
         shape, last + 1.
@@ -63,20 +58,42 @@ class ShapesData(NamedTuple):
         Rounding error of a distance [mm].
     """
 
-    kinds: NDArray[np.int64]
-    first: NDArray[np.int64]
+    table: Floats
     params: Floats
-    boxes: Floats
-    obstacles: NDArray[np.bool_]
-    offsets: Floats
     blocks: Floats
     upright: float
     slack: float
 
+    @property
+    def boxes(self) -> Floats:
+        """(n, 4) bounding balls: centre and radius [mm]."""
+        return self.table[:, :4]
+
+    @property
+    def offsets(self) -> Floats:
+        """(n,) how far each shape's wall is moved outwards [mm]."""
+        return self.table[:, 4]
+
+    @property
+    def kinds(self) -> NDArray[np.int64]:
+        """(n,) codes of `kernels.shapes`."""
+        return self.table[:, 5].astype(np.int64)
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        """(n,) where each shape's numbers begin in `params`."""
+        return self.table[:, 6].astype(np.int64)
+
+    @property
+    def obstacles(self) -> NDArray[np.bool_]:
+        """(n,) which shapes are taken away."""
+        return self.table[:, 7] > 0.0
+
     def shift(self, distance: float) -> ShapesData:
         """Return the shapes with the wall of the duct `distance` mm farther out (in, if < 0)."""
-        offsets = self.offsets + np.where(self.obstacles, -distance, distance)
-        return self._replace(offsets=offsets).bound()
+        table = self.table.copy()
+        table[:, 4] += np.where(self.obstacles, -distance, distance)
+        return self._replace(table=table).bound()
 
     def bound(self) -> ShapesData:
         """Return the shapes with blocks that fit their balls and offsets."""
@@ -101,18 +118,16 @@ def pack_shapes(
     code: int, numbers: list[Floats], balls: Floats, *, planar: bool = False
 ) -> ShapesData:
     """Return shapes of one kind from the numbers of each and their bounding balls (k, 4) [mm]."""
-    sizes = [len(row) for row in numbers]
-    boxes = balls * np.array([1.0, 1.0, 1.0, OUTWARD])
+    table = np.zeros((len(numbers), 8))
+    table[:, :4] = balls * np.array([1.0, 1.0, 1.0, OUTWARD])
+    table[:, 5] = code
+    table[1:, 6] = np.cumsum([len(row) for row in numbers[:-1]])
     return ShapesData(
-        kinds=np.full(len(sizes), code, dtype=np.int64),
-        first=np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64),
+        table=table,
         params=np.concatenate(numbers),
-        boxes=np.ascontiguousarray(boxes),
-        obstacles=np.zeros(len(sizes), dtype=np.bool_),
-        offsets=np.zeros(len(sizes)),
         blocks=np.empty((0, 6)),
         upright=0.0 if planar else 1.0,
-        slack=measure_slack(boxes),
+        slack=measure_slack(table[:, :4]),
     ).bound()
 
 
@@ -130,19 +145,22 @@ def join_shapes(lumen: list[ShapesData], obstacles: list[ShapesData]) -> ShapesD
     holes = [bool(data.obstacles.any()) for data in lumen]
     if (len(lumen) > 1 and any(holes)) or any(data.obstacles.any() for data in obstacles):
         return None
-    parts = [*lumen, *(data._replace(obstacles=~data.obstacles) for data in obstacles)]
-    starts = np.concatenate([[0], np.cumsum([len(data.params) for data in parts])[:-1]])
-    boxes = np.concatenate([data.boxes for data in parts])
+    tables, start = [], 0
+    for data in (*lumen, *obstacles):
+        table = data.table.copy()
+        table[:, 6] += start
+        start += len(data.params)
+        tables.append(table)
+    for table in tables[len(lumen) :]:
+        table[:, 7] = 1.0
+    parts = [*lumen, *obstacles]
+    table = np.concatenate(tables)
     return (
         parts[0]
         ._replace(
-            kinds=np.concatenate([data.kinds for data in parts]),
-            first=np.concatenate([d.first + int(s) for d, s in zip(parts, starts, strict=True)]),
+            table=table,
             params=np.concatenate([data.params for data in parts]),
-            boxes=boxes,
-            obstacles=np.concatenate([data.obstacles for data in parts]),
-            offsets=np.concatenate([data.offsets for data in parts]),
-            slack=max(measure_slack(boxes), *(data.slack for data in parts)),
+            slack=max(measure_slack(table[:, :4]), *(data.slack for data in parts)),
         )
         .bound()
     )

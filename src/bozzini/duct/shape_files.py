@@ -5,19 +5,19 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
 from functools import cache
 from pathlib import Path
 from types import GenericAlias
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
 from ..checks import Quantity, quantity, show_value
 from ..errors import FileFormatError, InputError
 from ..io.files import check_new_file, write_text
-from ..io.records import format_yaml, load_data, read_record
+from ..io.records import Plain, format_yaml, load_data, read_record
 from .base import Duct, Form
 from .shapes import SHAPES
 
@@ -115,14 +115,6 @@ def check_shapes_target(path: str | os.PathLike[str], *, force: bool = False) ->
     check_new_file(path, SUFFIXES, force=force)
 
 
-def count_pieces(duct: Duct) -> int:
-    """Return how many shapes there are: cones and cylinders lie between two of their balls."""
-    if not duct.columns:
-        return 1
-    count = len(getattr(duct, next(iter(duct.columns.values()))[0]))
-    return max(1, count - 1) if duct.joined else count
-
-
 def load_shapes(path: str | os.PathLike[str]) -> Duct:
     """Read shapes from a file that `save_shapes` wrote, or one like it.
 
@@ -155,7 +147,7 @@ def load_shapes_file(path: str | os.PathLike[str]) -> ShapesFile:
         raise FileFormatError(f"{source}: {error}") from None
 
 
-def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> dict[str, Any]:
+def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> Plain:
     """Return shapes as plain data; `fit` and `note` as for `save_shapes`.
 
     Raises
@@ -167,7 +159,7 @@ def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> dict[str, Any]
     kind = str(getattr(duct, "name", ""))
     if kind not in SHAPES or SHAPES[kind] is not type(duct):
         raise InputError(f"a {type(duct).__name__} has no file form: {', '.join(SHAPES)} have")
-    data: dict[str, Any] = {"format": FORMAT, "version": VERSION, "kind": kind, "units": "mm"}
+    data: Plain = {"format": FORMAT, "version": VERSION, "kind": kind, "units": "mm"}
     stated = {name for name in OPTIONS if name in _list_fields(type(duct))}
     data |= {key: _to_plain(getattr(duct, key)) for key in OPTIONS if key in stated}
     data |= {name: text for name, text in (("fit", fit), ("note", note)) if text}
@@ -188,7 +180,7 @@ def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> dict[str, Any]
     return data
 
 
-def read_shapes(data: Any) -> Duct:
+def read_shapes(data: object) -> Duct:
     """Build shapes from plain data, as `write_shapes` gives it.
 
     Raises
@@ -199,7 +191,7 @@ def read_shapes(data: Any) -> Duct:
     return _read_file(data).shapes
 
 
-def _read_file(data: Any) -> ShapesFile:
+def _read_file(data: object) -> ShapesFile:
     record = read_record(data, _Record, name="the file")
     if record.kind not in SHAPES:
         raise InputError(
@@ -208,18 +200,19 @@ def _read_file(data: Any) -> ShapesFile:
     _check_fit(record.fit)
     if not record.shapes:
         raise InputError("shapes is []: it must be a list of 1 or more")
-    options = {name: getattr(record, name) for name in OPTIONS if name in data}
-    shapes = _build(SHAPES[record.kind], data["shapes"], options)
+    given = cast(Plain, data)
+    options = {name: getattr(record, name) for name in OPTIONS if name in given}
+    shapes = _build(SHAPES[record.kind], given["shapes"], options)
     return ShapesFile(shapes=shapes, fit=record.fit, note=record.note)
 
 
-def _build(kind: type[Duct], items: Any, options: dict[str, Any]) -> Duct:
+def _build(kind: type[Duct], items: Sequence[Plain], options: Plain) -> Duct:
     """Return the shapes of one kind from the pieces of a file."""
     for name in options:
         if name not in _list_fields(kind):
             raise InputError(f"{name} is given: a {kind.__name__} has none")
     pieces = read_record({"shapes": items}, _make_pieces(kind)).shapes
-    given: dict[str, Any] = {}
+    given: Plain = {}
     if not kind.columns:
         if len(items) != 1:
             raise InputError(f"shapes has {len(items)} items: a {kind.__name__} has 1")
@@ -263,16 +256,16 @@ def _list_fields(kind: type[Duct]) -> list[str]:
     return [item.name for item in fields(kind) if item.init]  # type: ignore[arg-type]
 
 
-def _is_needed(item: Field[Any]) -> bool:
+def _is_needed(item: Field[object]) -> bool:
     return item.init and item.default is MISSING and item.default_factory is MISSING
 
 
-def _to_plain(value: Any) -> Any:
+def _to_plain(value: object) -> object:
     if isinstance(value, (tuple, list)):
         return [_to_plain(item) for item in value]
     if callable(value):
         raise InputError("a curve that is a function has no file form: give its samples")
-    return value.tolist() if hasattr(value, "tolist") else value
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 
 def _name_field(kind: type[Duct], message: str) -> str:
@@ -292,7 +285,7 @@ def _check_fit(fit: str) -> None:
         raise InputError(f"fit is {show_value(fit)}: it must be one of {', '.join(FITS)}")
 
 
-def _format_json(data: Mapping[str, Any]) -> str:
+def _format_json(data: Plain) -> str:
     """Return JSON with one shape a line."""
     head = json.dumps({key: value for key, value in data.items() if key != "shapes"}, indent=2)
     rows = ",\n".join(f"    {json.dumps(shape)}" for shape in data["shapes"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .design import (
     BEAM_FACTORS,
-    PRESETS,
+    EFFECTOR_PRESETS,
     EffectorDesign,
     PlacedMuscle,
     effector_preset,
@@ -72,7 +72,7 @@ __all__ = [
     "BEAM_FACTORS",
     "INVERSE_OUTCOMES",
     "POSE_METHODS",
-    "PRESETS",
+    "EFFECTOR_PRESETS",
     "Balance",
     "LinkageBend",
     "CubicFit",

@@ -304,7 +304,7 @@ def rigidity_from_test(force: float, deflection: float, length: float) -> float:
     return known.check("flexural rigidity of the test", rigidity)
 
 
-PRESETS: dict[str, EffectorDesign] = {
+EFFECTOR_PRESETS: dict[str, EffectorDesign] = {
     "prototype": EffectorDesign(
         muscles=tuple(
             PlacedMuscle(name=name, muscle=muscle_preset("fitted-45"), angle=math.radians(degrees))
@@ -321,13 +321,14 @@ PRESETS: dict[str, EffectorDesign] = {
 
 
 def effector_preset(name: str, **overrides: Any) -> EffectorDesign:
-    """Return an end-effector of `PRESETS`, with some fields changed.
+    """Return an end-effector of `EFFECTOR_PRESETS`, with some fields changed.
 
     Raises
     ------
     InputError
         If there is no such preset, or a field or its value is not legal.
     """
-    if name not in PRESETS:
-        raise InputError(f"there is no effector preset '{name}': choose one of {sorted(PRESETS)}")
-    return PRESETS[name].replace(**overrides)
+    if name not in EFFECTOR_PRESETS:
+        known = sorted(EFFECTOR_PRESETS)
+        raise InputError(f"there is no effector preset '{name}': choose one of {known}")
+    return EFFECTOR_PRESETS[name].replace(**overrides)

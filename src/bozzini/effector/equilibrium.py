@@ -11,17 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number
 from ..errors import InputError
 from ..muscle import MuscleModel
+from ..numeric.roots import MAX_ITERATIONS, polish
 from ..results import Result, measured, take_axes
 from .kernels import balance as kernels
-from .linkage import describe_end, lateral_deflection, measure_laterals
+from .linkage import describe_end, lateral_deflection
 from .section import Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
-
-MAX_ITERATIONS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +32,16 @@ class Settled:
     residual: Floats
     iterations: NDArray[np.int64]
     code: NDArray[np.int64]
+
+    def select(self, place: int, shape: tuple[int, ...]) -> Settled:
+        """Return the equilibria of one muscle, as arrays of a shape."""
+        return Settled(
+            self.contraction[:, place].reshape(shape),
+            self.lateral[:, place].reshape(shape),
+            self.residual[:, place].reshape(shape),
+            self.iterations[:, place].reshape(shape),
+            self.code[:, place].reshape(shape),
+        )
 
 
 def settle_muscles(effector: Section, pressures: Floats) -> Settled:
@@ -83,7 +92,7 @@ def describe(effector: Section, code: int, contraction: float, residual: float) 
 def _settle_model(
     effector: Section, model: MuscleModel, pressures: Floats
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """The same for any model, by Newton's method in a bracket on `force` and `stiffness`."""
+    """The same for any model, by roots of its `force` less the load of the linkage."""
     packed = effector.packed
     out = np.zeros((3, pressures.size))
     iterations = np.zeros(pressures.size, dtype=np.int64)
@@ -93,50 +102,29 @@ def _settle_model(
     if pressed.size:
         free[pressed] = model.free_contraction(pressures[pressed])
     codes[free < 0.0] = kernels.SLACK
+
+    def excess(index: NDArray[np.intp], x: Floats) -> Floats:
+        load = lateral_deflection(effector.design, x) / packed.compliance
+        return model.force(pressures[index], x) - load
+
     active = np.flatnonzero(free > 0.0)
-    low, high = np.zeros(pressures.size), np.minimum(free, packed.peak.contraction)
-    x = 0.5 * high
-    ends = active[free[active] > packed.peak.contraction]
-    if ends.size:
-        # At the end of the branch first: a muscle that pulls more there has no root.
-        left = model.force(pressures[ends], high[ends]) - packed.peak.lateral / packed.compliance
-        beyond = ends[left > 0.0]
-        codes[beyond] = kernels.SATURATED
-        x[beyond] = packed.peak.contraction
-        iterations[beyond] = 1
-        active = np.setdiff1d(active, beyond)
-    codes[active] = kernels.STOPPED
-    tolerance = kernels.STEP_TOLERANCE * packed.linkage[1]
-    for iteration in range(1, MAX_ITERATIONS):
-        if not active.size:
-            break
-        here, pressure = x[active], pressures[active]
-        lateral, slope = measure_laterals(effector.design, here)
-        pull, stiffness = model.force(pressure, here), model.stiffness(pressure, here)
-        miss = pull - lateral / packed.compliance
-        steep = stiffness + slope / packed.compliance
-        small = kernels.PULL_TOLERANCE * np.abs(pull) + kernels.ROUND_OFF * (
-            packed.linkage[1] * np.abs(stiffness) + here * np.abs(steep)
-        )
-        low[active] = np.where(miss >= 0.0, here, low[active])
-        high[active] = np.where(miss <= 0.0, here, high[active])
-        bottom, top = low[active], high[active]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            following = here + miss / steep
-        inside = (steep > 0.0) & (bottom <= following) & (following <= top)
-        middle = 0.5 * (bottom + top)
-        x[active] = np.where(inside, following, middle)
-        iterations[active] = iteration
-        ended = inside & (np.abs(following - here) <= tolerance) & (np.abs(miss) <= small)
-        ended |= (miss == 0.0) | ~((bottom < middle) & (middle < top))
-        codes[active[ended]] = kernels.BALANCED
-        active = active[~ended]
-    moved = free > 0.0
-    out[0] = np.where(moved, x, 0.0)
+    high = np.minimum(free, packed.peak.contraction)
+    if active.size:
+        zeros = np.zeros(active.size)
+        low_end, high_end = excess(active, zeros), excess(active, high[active])
+        # A muscle that pulls more at the end of the branch has no root.
+        beyond = (high_end > 0.0) & (free[active] > packed.peak.contraction)
+        codes[active[beyond]], iterations[active[beyond]] = kernels.SATURATED, 1
+        out[0, active[beyond]] = packed.peak.contraction
+        inside = ~beyond
+        active = active[inside]
+        ends = (zeros[inside], low_end[inside]), (high[active], high_end[inside])
+        out[0, active], _, iterations[active] = polish(excess, active, *ends)
+        codes[active[iterations[active] >= MAX_ITERATIONS]] = kernels.STOPPED
     out[1] = lateral_deflection(effector.design, out[0])
-    if moved.any():
-        pull = model.force(pressures[moved], out[0, moved])
-        out[2, moved] = pull - out[1, moved] / packed.compliance
+    moved = np.flatnonzero(free > 0.0)
+    if moved.size:
+        out[2, moved] = excess(moved, out[0, moved])
     return out, iterations, codes
 
 
@@ -263,26 +251,26 @@ def balance(
         return _iterate(effector, place, pressures, tolerance)
     cases = np.zeros((pressures.size, len(effector.models)))
     cases[:, place] = pressures.ravel()
-    settled = settle_muscles(effector, cases)
-    column = (slice(None), place)
-    codes, lateral = settled.code[column], settled.lateral[column]
-    contraction, residual = settled.contraction[column], settled.residual[column]
-    reasons = [
-        describe(effector, code, x, left)
-        for code, x, left in zip(codes, contraction, residual, strict=True)
-    ]
     shape = pressures.shape
+    settled = settle_muscles(effector, cases).select(place, shape)
+    codes = settled.code
+    reasons = [
+        describe(effector, int(code), float(x), float(left))
+        for code, x, left in zip(
+            codes.flat, settled.contraction.flat, settled.residual.flat, strict=True
+        )
+    ]
     return Balance(
         name=name,
         pressure=pressures,
-        contraction=contraction.reshape(shape),
-        lateral=lateral.reshape(shape),
-        force=lateral.reshape(shape) / effector.packed.compliance,
-        iterations=settled.iterations[column].reshape(shape),
-        converged=np.asarray((codes <= kernels.SLACK).reshape(shape)),
-        saturated=np.asarray((codes == kernels.SATURATED).reshape(shape)),
-        slack=np.asarray((codes == kernels.SLACK).reshape(shape)),
-        residual=residual.reshape(shape),
+        contraction=settled.contraction,
+        lateral=settled.lateral,
+        force=settled.lateral / effector.packed.compliance,
+        iterations=settled.iterations,
+        converged=np.asarray(codes <= kernels.SLACK),
+        saturated=np.asarray(codes == kernels.SATURATED),
+        slack=np.asarray(codes == kernels.SLACK),
+        residual=settled.residual,
         reason=np.array(reasons, dtype=np.str_).reshape(shape),
         table=np.zeros((*shape, 0, 4)),
     )

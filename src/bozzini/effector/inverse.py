@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, check_points, check_range
 from ..errors import InputError
 from ..muscle import MuscleModel
-from ..results import Result, measured, take_axes
+from ..numeric.roots import polish
+from ..results import Result, list_coordinates, measured, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .kernels import inverse as kernels
@@ -23,6 +24,8 @@ from .section import PackedEffector, Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
 
 HALF_TURN = math.pi - 1e-9
 """Gap from which two muscles no longer cover the directions between them [rad]."""
@@ -46,11 +49,11 @@ class Sectors:
     """
 
     order: NDArray[np.int64]
-    angles: NDArray[np.float64]
-    gaps: NDArray[np.float64]
+    angles: Floats
+    gaps: Floats
     covered: NDArray[np.bool_]
-    cosines: NDArray[np.float64]
-    sines: NDArray[np.float64]
+    cosines: Floats
+    sines: Floats
 
     @property
     def covers_all(self) -> bool:
@@ -113,11 +116,11 @@ class ProjectedInverse:
         deflection of the backbone; 3: a direction in a gap between muscles of half a turn or more.
     """
 
-    target: NDArray[np.float64]
-    displacements: NDArray[np.float64]
+    target: Floats = measured("mm")
+    displacements: Floats = measured("mm")
     pair: NDArray[np.int64]
-    share: NDArray[np.float64]
-    delivered: NDArray[np.float64]
+    share: Floats
+    delivered: Floats = measured("mm")
     code: NDArray[np.int64]
 
     @property
@@ -162,12 +165,12 @@ def project_inverse(
     return split(sectors, targets, take_amplitudes(design, amplitudes)[sectors.order], limit)
 
 
-def take_targets(target: ArrayLike) -> NDArray[np.float64]:
+def take_targets(target: ArrayLike) -> Floats:
     """Return lateral targets as (..., 2) floats, or raise `InputError`."""
     return _take_places("target", target)
 
 
-def take_place(name: str, place: ArrayLike) -> NDArray[np.float64]:
+def take_place(name: str, place: ArrayLike) -> Floats:
     """Return one lateral place as (2,) floats, or raise `InputError`."""
     point = _take_places(name, place)
     if point.shape != (2,):
@@ -175,18 +178,14 @@ def take_place(name: str, place: ArrayLike) -> NDArray[np.float64]:
     return point
 
 
-def _take_places(name: str, places: ArrayLike) -> NDArray[np.float64]:
+def _take_places(name: str, places: ArrayLike) -> Floats:
     targets = check_points(name, check_array(name, places), dim=2)
-    if targets.size and not np.abs(targets).max() <= TARGET_LIMIT_MM:
-        index = int(np.argmax(np.abs(targets)))
-        raise InputError(
-            f"{name} {'xy'[index % 2]} is {targets.flat[index]:g} mm: it must lie in "
-            f"[{-TARGET_LIMIT_MM:g}, {TARGET_LIMIT_MM:g}] mm"
-        )
+    for axis, values in zip("xy", np.moveaxis(targets, -1, 0), strict=True):
+        check_range(f"{name} {axis}", values, -TARGET_LIMIT_MM, TARGET_LIMIT_MM, "mm")
     return targets
 
 
-def take_amplitudes(design: EffectorDesign, amplitudes: ArrayLike) -> NDArray[np.float64]:
+def take_amplitudes(design: EffectorDesign, amplitudes: ArrayLike) -> Floats:
     """Return amplitudes as (m,) floats, or raise `InputError`."""
     count = len(design.muscles)
     values = check_array("amplitudes", amplitudes)
@@ -198,8 +197,8 @@ def take_amplitudes(design: EffectorDesign, amplitudes: ArrayLike) -> NDArray[np
 
 def split(
     sectors: Sectors,
-    targets: NDArray[np.float64],
-    amplitudes: NDArray[np.float64],
+    targets: Floats,
+    amplitudes: Floats,
     peak: float,
 ) -> ProjectedInverse:
     """Return the inverse of checked targets; `amplitudes` in the order of the sectors."""
@@ -256,7 +255,7 @@ class Reach:
     """
 
     names: tuple[str, ...]
-    amplitudes: NDArray[np.float64]
+    amplitudes: Floats
     saturated: NDArray[np.bool_]
     peak: float
     peak_reason: str
@@ -301,57 +300,27 @@ def find_reach(effector: Section) -> Reach:
     return found
 
 
-Floats = NDArray[np.float64]
-
-MAX_ITERATIONS = 200
-
-
 def find_model_pressures(
     model: MuscleModel, contraction: Floats, force: Floats, *, limit: float
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Return pressures in [0, limit], what pull is left over, and iterations, all (n,).
 
-    By Anderson and Bjoerck's regula falsi with bisections between, for all at once. Where the
-    muscle would not contract so far without load, its free contraction is what is looked at: some
-    models have no pull beyond it. No contraction is 0 MPa.
+    Where the muscle would not contract so far without load, its free contraction is what is looked
+    at: some models have no pull beyond it. No contraction is 0 MPa.
     """
-    count = contraction.size
-    pressure, iterations = np.zeros(count), np.zeros(count, dtype=np.int64)
-    left_over = np.zeros(count)
+    pressure, left_over = np.zeros(contraction.size), np.zeros(contraction.size)
+    iterations = np.zeros(contraction.size, dtype=np.int64)
+
+    def miss(index: NDArray[np.intp], at: Floats) -> Floats:
+        return _measure(model, at, contraction[index], force[index])
+
     active = np.flatnonzero(contraction > 0.0)
-    if not active.size:
-        return pressure, left_over, iterations
-    left, right = np.zeros(count), np.full(count, limit)
-    miss_left = -force
-    miss_right = np.zeros(count)
-    miss_right[active] = _measure(model, right[active], contraction[active], force[active])
-    pressure[active] = limit
-    left_over[active] = miss_right[active]
-    active = active[miss_right[active] > 0.0]
-    for iteration in range(1, MAX_ITERATIONS):
-        if not active.size:
-            break
-        low, high = left[active], right[active]
-        below, above = miss_left[active], miss_right[active]
-        middle = (low * above - high * below) / (above - below)
-        halved = 0.5 * (low + high)
-        stuck = (iteration % 4 == 0) | ~((low < middle) & (middle < high))
-        middle = np.where(stuck, halved, middle)
-        miss = _measure(model, middle, contraction[active], force[active])
-        last = pressure[active]
-        pressure[active], left_over[active] = middle, miss
-        iterations[active] = iteration
-        with np.errstate(divide="ignore", invalid="ignore"):
-            to_right = 1.0 - miss / above
-            to_left = 1.0 - miss / below
-        up = miss > 0.0
-        miss_left[active] = np.where(up, below * np.where(to_right > 0.0, to_right, 0.5), miss)
-        miss_right[active] = np.where(up, miss, above * np.where(to_left > 0.0, to_left, 0.5))
-        left[active] = np.where(up, low, middle)
-        right[active] = np.where(up, middle, high)
-        width = np.minimum(right[active] - left[active], np.abs(middle - last))
-        ended = (np.abs(miss) <= 1e-14 * force[active]) | (width <= 4e-16 * limit)
-        active = active[~ended]
+    if active.size:
+        pressure[active] = limit
+        left_over[active] = miss(active, pressure[active])
+        active = active[left_over[active] > 0.0]
+        ends = (np.zeros(active.size), -force[active]), (pressure[active], left_over[active])
+        pressure[active], left_over[active], iterations[active] = polish(miss, active, *ends)
     return pressure, left_over, iterations
 
 
@@ -370,25 +339,17 @@ TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class EffectorInverse(Result):
+class EffectorInverse(ProjectedInverse, Result):
     """Pressures for lateral targets, and what they deliver.
+
+    Of cubics, `delivered`, `contraction` and `force` are what their pressures do.
 
     Attributes
     ----------
-    target : (..., 2) float
-        Lateral position of the backbone's end that was wanted [mm].
     pressures : (..., m) float
         Pressures in the order of the design [MPa]; 0 for a muscle that is not needed.
-    displacements, contraction, force : (..., m) float
-        Lateral displacement by each muscle [mm], its contraction [mm] and pull [N].
-    pair : (..., 2) int
-        The muscles used, see `ProjectedInverse`.
-    delivered : (..., 2) float
-        Where the pressures lead [mm]: the target, or as far as can be in its direction.
-    share : (...) float
-        Length of `delivered` over that of the target; 1 for the target zero.
-    reachable : (...) bool
-        Whether the target can be had: `delivered` is the target, but for cubics.
+    contraction, force : (..., m) float
+        Contraction of each muscle [mm], and its pull [N].
     residual : (...) float
         By how much a muscle's equations miss its displacement, the largest, to first order [mm].
         Of cubics: how far `delivered` is from what was asked of the muscles.
@@ -396,27 +357,18 @@ class EffectorInverse(Result):
         Whether `residual` is at most 1e-6 mm; of cubics, whether that of the exact inverse is.
     iterations : (...) int
         Steps of all solvers together.
-    code : (...) int
-        See `ProjectedInverse`.
     reach : Reach
         The amplitudes it was limited by.
     pressure_map : {"exact", "cubic"}
         Where the pressures come from; "cubic" by `steer` only.
     """
 
-    target: Floats = measured("mm")
     pressures: Floats = measured("MPa")
-    displacements: Floats = measured("mm")
     contraction: Floats = measured("mm")
     force: Floats = measured("N")
-    pair: NDArray[np.int64]
-    delivered: Floats = measured("mm")
-    share: Floats
-    reachable: NDArray[np.bool_]
     residual: Floats = measured("mm")
     converged: NDArray[np.bool_]
     iterations: NDArray[np.int64]
-    code: NDArray[np.int64]
     reach: Reach
     pressure_map: Literal["exact", "cubic"] = "exact"
 
@@ -458,11 +410,10 @@ class EffectorInverse(Result):
 
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each target."""
-        target, delivered = self.target.reshape(-1, 2), self.delivered.reshape(-1, 2)
-        columns = {f"target_{axis}_mm": target[:, k] for k, axis in enumerate("xy")}
+        columns = list_coordinates("target", self.target)
         for k, name in enumerate(self.reach.names):
             columns[f"pressure_{name}_MPa"] = self.pressures[..., k].ravel()
-        columns |= {f"delivered_{axis}_mm": delivered[:, k] for k, axis in enumerate("xy")}
+        columns |= list_coordinates("delivered", self.delivered)
         return {**columns, "residual_mm": np.ravel(self.residual)}
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -508,19 +459,13 @@ def solve_inverse(effector: Section, target: ArrayLike) -> EffectorInverse:
     )
     residual = residual.reshape(shape)
     return EffectorInverse(
-        target=targets,
+        **vars(found),
         pressures=pressures.reshape(*shape, count),
-        displacements=found.displacements,
         contraction=contractions.reshape(*shape, count),
         force=found.displacements / effector.packed.compliance,
-        pair=found.pair,
-        delivered=found.delivered,
-        share=found.share,
-        reachable=found.reachable,
         residual=residual,
         converged=np.asarray(residual <= TOLERANCE),
         iterations=iterations.reshape(shape),
-        code=found.code,
         reach=known,
     )
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_points, check_range
+from ..checks import check_array, check_points, check_range, refuse_first
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle.design import LOCKING_ANGLE
@@ -122,7 +121,7 @@ def bend(design: EffectorDesign, contraction: ArrayLike) -> LinkageBend:
         link.reshape(-1, design.segments + 1),
     )
     if failed:
-        raise _cannot_close(design, float(contractions.flat[index]), failed)
+        raise refuse_open(design, float(contractions.flat[index]), failed)
     tip = backbone[..., -1, :]
     ahead = (tip - backbone[..., -2, :]) * (design.segments / design.backbone_length)
     straight = np.array([0.0, design.backbone_length])
@@ -177,12 +176,9 @@ def contraction_for_lateral(design: EffectorDesign, lateral: ArrayLike) -> Float
     """
     laterals = _take_array("lateral", lateral)
     peak = find_peak(design)
-    if laterals.size and not (laterals.min() >= 0.0 and laterals.max() <= peak.lateral):
-        index = int(np.argmin((laterals >= 0.0) & (laterals <= peak.lateral)))
-        raise InputError(
-            f"lateral deflection is {laterals.flat[index]:g} mm: it must lie in "
-            f"[0, {peak.lateral:g}] mm, what this section can reach"
-        )
+    beyond = ~((laterals >= 0.0) & (laterals <= peak.lateral))
+    must = f"it must lie in [0, {peak.lateral:g}] mm, what this section can reach"
+    refuse_first(beyond, "lateral deflection", laterals, must, unit="mm")
     contractions = np.empty(laterals.shape)
     kernels.find_contractions(
         take_linkage(design), laterals.reshape(-1), peak.contraction, contractions.reshape(-1)
@@ -231,11 +227,6 @@ def describe_end(design: EffectorDesign) -> str:
     )
 
 
-def raise_open(design: EffectorDesign, contraction: float, segment: int) -> NoReturn:
-    """Raise the `GeometryError` of a segment, from 1 on, that cannot close at a contraction."""
-    raise _cannot_close(design, contraction, segment)
-
-
 def take_linkage(design: EffectorDesign) -> Linkage:
     """Return the design as `kernels` takes it."""
     return design.offset, design.backbone_length, design.segments
@@ -256,7 +247,7 @@ def measure_laterals(design: EffectorDesign, contraction: ArrayLike) -> tuple[Fl
         take_linkage(design), contractions.reshape(-1), laterals.reshape(-1), slopes.reshape(-1)
     )
     if failed:
-        raise _cannot_close(design, float(contractions.flat[index]), failed)
+        raise refuse_open(design, float(contractions.flat[index]), failed)
     return laterals, slopes
 
 
@@ -267,15 +258,14 @@ def _take_array(name: str, values: ArrayLike) -> Floats:
 def _take_contraction(design: EffectorDesign, contraction: ArrayLike) -> Floats:
     contractions = _take_array("contraction", contraction)
     length = design.backbone_length
-    if contractions.size and not (contractions.min() >= 0.0 and contractions.max() < length):
-        index = int(np.argmin((contractions >= 0.0) & (contractions < length)))
-        raise InputError(
-            f"contraction is {contractions.flat[index]:g} mm: it must lie in [0, {length:g}) mm"
-        )
+    beyond = ~((contractions >= 0.0) & (contractions < length))
+    must = f"it must lie in [0, {length:g}) mm"
+    refuse_first(beyond, "contraction", contractions, must, unit="mm")
     return contractions
 
 
-def _cannot_close(design: EffectorDesign, contraction: float, segment: int) -> GeometryError:
+def refuse_open(design: EffectorDesign, contraction: float, segment: int) -> GeometryError:
+    """Return the error of a segment, from 1 on, that cannot close at a contraction."""
     rest = design.backbone_length / design.segments
     short = rest - contraction / design.segments
     sine = kernels.measure_lag(take_linkage(design), contraction, segment - 1)

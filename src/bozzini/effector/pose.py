@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points
 from ..errors import GeometryError, InputError
-from ..results import Result, measured, take_axes
+from ..results import Result, list_coordinates, measured, take_axes
 from .equilibrium import Settled, describe, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
-from .linkage import describe_end, raise_open
+from .linkage import describe_end, refuse_open
 from .section import Section
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def combine_bends(
     At each node: turn the second muscle's displacement ``D2`` by the angle of the first muscle's
     last piece, about the axis normal to it and the section's axis; then go from the first muscle's
     place along the turned ``D2`` until the plane of the resultant is met. What is printed and not
-    taken: step 7 says "step 4" for step 6, and the axis (4.9) is no unit vector and not defined
+    taken: step 7 prints "step 4" for step 6, and the axis (4.9) is no unit vector and not defined
     where the section is straight. Where both displacements lie in the plane they are added.
     """
     packed = effector.packed
@@ -108,7 +108,7 @@ def combine_bends(
         backbones,
     )
     if failed > 0:
-        raise_open(effector.design, float(contractions[case].max()), failed)
+        raise refuse_open(effector.design, float(contractions[case].max()), failed)
     if case >= 0:
         first, second = (effector.design.names[place] for place in pair[:, case])
         raise GeometryError(
@@ -192,9 +192,8 @@ class EffectorPose(Result):
             f"pressure_{name}_MPa": np.atleast_2d(self.pressures)[..., k].ravel()
             for k, name in enumerate(self.names)
         }
-        for name, points in (("tip", self.tip), ("holder_tip", self.holder_tip)):
-            flat = points.reshape(-1, 3)
-            columns |= {f"{name}_{axis}_mm": flat[:, k] for k, axis in enumerate("xyz")}
+        columns |= list_coordinates("tip", self.tip)
+        columns |= list_coordinates("holder_tip", self.holder_tip)
         return {**columns, "lateral_mm": np.ravel(self.lateral)}
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -288,7 +287,7 @@ def pose(
             ends,
         )
         if failed > 0:
-            raise_open(effector.design, float(vectors[case, 3]), failed)
+            raise refuse_open(effector.design, float(vectors[case, 3]), failed)
         vector, demanded = vectors[:, :2], vectors[:, 2]
         lateral = np.minimum(demanded, packed.peak.lateral)
         error = np.zeros(size)

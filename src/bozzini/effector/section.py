@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array
+from ..checks import check_array, check_range
 from ..errors import InputError
 from ..muscle import EnergyMuscle, Muscle, MuscleModel
 from ..muscle.model import NUMBERS_LIMIT
@@ -19,22 +18,11 @@ from .linkage import Peak, find_peak, take_linkage
 
 @dataclass(frozen=True, eq=False)
 class PackedEffector:
-    """Numbers of an end-effector, as the kernels take them.
+    """Numbers of an end-effector with m muscles, as the kernels take them.
 
-    Attributes
-    ----------
-    linkage : tuple
-        Offset, length, segments.
-    compliance : float
-        Deflection per pull [mm/N].
-    peak : Peak
-        End of the rising branch.
-    functions : (m, 3) ndarray of int
-        Addresses of each muscle's compiled functions (`CompiledMuscle`); 0 without.
-    rows : (m, n) ndarray
-        Numbers of each muscle's model.
-    cosines, sines : (m,) ndarray
-        Of the muscles' angles.
+    The linkage is offset, length and segments; the compliance is deflection per pull [mm/N].
+    Functions (m, 3) are the addresses of each model's compiled functions, 0 without, and rows
+    (m, n) its numbers; cosines and sines (m,) are those of the muscles' angles.
     """
 
     linkage: tuple[float, float, int]
@@ -117,7 +105,7 @@ class Section:
         object.__setattr__(self, "models", models)
         object.__setattr__(self, "packed", pack_effector(self.design, models))
 
-    def __reduce__(self) -> tuple[type[Section], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[type[Section], tuple[object, ...]]:
         """Pickle design and model: addresses of compiled functions hold in one process only."""
         return type(self), (self.design, self.model)
 
@@ -159,11 +147,9 @@ class Section:
                 f"of {list(names)}"
             )
         limit = self.design.pressure_limit
-        most = limit * (1.0 + 1e-12)  # round-off of a unit
-        if table.size and not (table.min() >= 0.0 and table.max() <= most):
-            index = int(np.argmin((table >= 0.0) & (table <= most)))
-            raise InputError(
-                f"pressure of muscle {names[index % len(names)]} is {table.flat[index]:g} MPa: it "
-                f"must lie in [0, {limit:g}] MPa"
-            )
+        legal = (table >= 0.0) & (table <= limit * (1.0 + 1e-12))  # round-off of a unit
+        if not legal.all():
+            index = int(np.argmin(legal))
+            name = f"pressure of muscle {names[index % len(names)]}"
+            check_range(name, table.flat[index : index + 1].reshape(()), 0.0, limit, "MPa")
         return table

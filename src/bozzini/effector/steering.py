@@ -10,9 +10,17 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number, check_points, check_range
+from ..checks import (
+    check_array,
+    check_fields,
+    check_integer,
+    check_number,
+    check_points,
+    check_range,
+    quantity,
+)
 from ..errors import InputError
-from ..results import Result, take_axes
+from ..results import Result, list_coordinates, take_axes
 from .equilibrium import balance
 from .inverse import (
     EffectorInverse,
@@ -357,12 +365,10 @@ class Trace(Result):
 
     def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns of `to_frame`, a row for each target."""
-        columns: dict[str, NDArray[np.generic]] = {
-            f"target_{axis}_mm": self.targets[:, k] for k, axis in enumerate("xy")
-        }
+        columns: dict[str, NDArray[np.generic]] = list_coordinates("target", self.targets)
         for k, name in enumerate(self.names):
             columns[f"pressure_{name}_MPa"] = self.pressures[:, k]
-        columns |= {f"achieved_{axis}_mm": self.achieved[:, k] for k, axis in enumerate("xy")}
+        columns |= list_coordinates("achieved", self.achieved)
         return {**columns, "error_mm": self.error, "reachable": self.reachable}
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -516,20 +522,13 @@ class Stick:
         If a value is outside its legal range.
     """
 
-    centre: float = 512.0
-    span: float = 512.0
-    highest: float = 1023.0
-    dead_zone: float = 0.0
+    highest: float = quantity(default=1023.0, low=0.0, high=1e9, low_open=True)
+    centre: float = quantity(default=512.0, low=0.0, high=lambda stick: stick.highest)
+    span: float = quantity(default=512.0, low=0.0, high=1e9, low_open=True)
+    dead_zone: float = quantity(default=0.0, low=0.0, high=lambda stick: 0.9 * stick.span)
 
     def __post_init__(self) -> None:
-        highest = check_number("stick highest", self.highest, low=0.0, high=1e9, low_open=True)
-        centre = check_number("stick centre", self.centre, low=0.0, high=highest)
-        span = check_number("stick span", self.span, low=0.0, high=1e9, low_open=True)
-        dead = check_number("stick dead zone", self.dead_zone, low=0.0, high=0.9 * span)
-        for name, value in (
-            ("highest", highest), ("centre", centre), ("span", span), ("dead_zone", dead)
-        ):  # fmt: skip
-            object.__setattr__(self, name, value)
+        check_fields(self, "stick ")
 
     def find_travel(self, raw: ArrayLike) -> NDArray[np.float64]:
         """Return the travel from the centre, right and up, as a share of the span.
@@ -550,12 +549,8 @@ class Stick:
             If a reading is outside ``[0, highest]``.
         """
         readings = check_points("stick reading", check_array("stick reading", raw), dim=2)
-        if readings.size and not (readings.min() >= 0.0 and readings.max() <= self.highest):
-            index = int(np.argmax((readings < 0.0) | (readings > self.highest)))
-            raise InputError(
-                f"stick reading {'xy'[index % 2]} is {readings.flat[index]:g}: it must lie in "
-                f"[0, {self.highest:g}]"
-            )
+        for axis, values in zip("xy", np.moveaxis(readings, -1, 0), strict=True):
+            check_range(f"stick reading {axis}", values, 0.0, self.highest)
         travel = (readings - self.centre) * np.array([1.0, -1.0])
         if self.dead_zone == 0.0:
             return np.asarray(travel / self.span + 0.0)  # no -0

@@ -26,7 +26,7 @@ from .workspace import workspace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Changes = dict[str, Any]
+Changes = dict[str, object]
 """Parameters of a design and their values, as in `change_design`."""
 
 
@@ -89,7 +89,7 @@ def check_angles(design: EffectorDesign, value: object) -> tuple[float, ...]:
     return tuple(float(angle) for angle in design.replace(muscles=placed).angles)
 
 
-def list_values(design: EffectorDesign, name: str, values: object) -> tuple[Any, ...]:
+def list_values(design: EffectorDesign, name: str, values: object) -> tuple[object, ...]:
     """Return the values of a parameter to try, each one checked."""
     check_parameter(name)
     if isinstance(values, str) or not isinstance(values, (Sequence, np.ndarray)):
@@ -158,6 +158,11 @@ class Sweep(Result):
     rows: tuple[SweepRow, ...]
 
     @property
+    def residual(self) -> float:
+        """None is left over."""
+        return 0.0
+
+    @property
     def feasible(self) -> tuple[SweepRow, ...]:
         """The rows that are feasible."""
         return tuple(row for row in self.rows if row.feasible)
@@ -172,14 +177,9 @@ class Sweep(Result):
         """Why no design is feasible, the first reason; empty if one is."""
         return "" if self.feasible or not self.rows else self.rows[0].reason
 
-    @property
-    def residual(self) -> float:
-        """None is left over."""
-        return 0.0
-
-    def list_columns(self) -> dict[str, list[Any]]:
+    def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each design."""
-        columns: dict[str, list[Any]] = {
+        columns: dict[str, list[object]] = {
             name_column(name): [_show_value(name, row.changes[name]) for row in self.rows]
             for name in self.parameters
         }
@@ -210,7 +210,7 @@ def _show_value(name: str, value: Any) -> Any:
     return value
 
 
-def change_design(design: EffectorDesign, changes: Mapping[str, Any]) -> EffectorDesign:
+def change_design(design: EffectorDesign, changes: Mapping[str, object]) -> EffectorDesign:
     """Return a design with some things changed.
 
     Parameters
@@ -308,7 +308,7 @@ _HIGHEST_PRESSURE = 10.0
 
 def sweep(
     effector: Effector,
-    parameters: Mapping[str, Sequence[Any]],
+    parameters: Mapping[str, Sequence[object]],
     *,
     deflection: float = 0.0,
     progress: Progress = no_progress,
@@ -324,7 +324,7 @@ def sweep(
     deflection : float
         Deflection that every muscle alone must reach [mm]; 0 for none.
     progress : callable
-        Told after each design.
+        Called after each design.
 
     Raises
     ------
@@ -449,7 +449,7 @@ class _Search:
         self.infeasible = 0
         self.last_reason = ""
 
-    def measure(self, values: NDArray[np.float64], fixed: Mapping[str, Any]) -> float:
+    def measure(self, values: NDArray[np.float64], fixed: Mapping[str, object]) -> float:
         changes = {**dict(zip(self.names, map(float, values), strict=True)), **fixed}
         self.evaluations += 1
         try:
@@ -497,7 +497,7 @@ def optimise_design(
     grid : int
         Values of each parameter in the grid; 10,000 designs at most.
     progress : callable
-        Told as the search goes on.
+        Called as the search goes on.
 
     Raises
     ------

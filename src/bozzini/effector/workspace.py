@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_points
 from ..errors import InputError
-from ..results import Result, measured, take_axes
+from ..results import ClosedForm, list_coordinates, measured, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .inverse import Reach, Sectors, find_reach, solve_inverse, split, take_place
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Workspace(Result):
+class Workspace(ClosedForm):
     """Where the tip can go by superposition, with the two muscles of a sector at a time.
 
     In the plane it is a parallelogram ``A_i e_i``, ``A_j e_j`` for each sector, cut by the circle
@@ -79,26 +79,17 @@ class Workspace(Result):
     reach: Reach
 
     @property
-    def converged(self) -> bool:
-        """Always: the workspace has a closed form."""
-        return True
-
-    @property
-    def reason(self) -> str:
+    def reason(self) -> str:  # type: ignore[override]
         """Which directions no two muscles cover; empty if none."""
         return self.reach.sectors.describe_gaps(self.reach.names)
 
-    @property
-    def residual(self) -> float:
-        """None is left over."""
-        return 0.0
-
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`: the boundary."""
-        columns = {f"{axis}_mm": self.boundary[:, k] for k, axis in enumerate("xy")}
-        for name, points in (("tip", self.boundary_tip), ("holder_tip", self.boundary_holder_tip)):
-            columns |= {f"{name}_{axis}_mm": points[:, k] for k, axis in enumerate("xyz")}
-        return columns
+        return {
+            **list_coordinates("", self.boundary),
+            **list_coordinates("tip", self.boundary_tip),
+            **list_coordinates("holder_tip", self.boundary_holder_tip),
+        }
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the workspace, seen along the axis, and return the axes."""
@@ -269,7 +260,7 @@ def _measure_surface(design: EffectorDesign, boundary: Floats) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TipForce(Result):
+class TipForce(ClosedForm):
     """The largest force with which the tip presses on something that holds it.
 
     Attributes
@@ -288,21 +279,6 @@ class TipForce(Result):
     lateral_vector: Floats
     force: Floats
     pulls: Floats
-
-    @property
-    def converged(self) -> bool:
-        """Always: the force has a closed form."""
-        return True
-
-    @property
-    def reason(self) -> str:
-        """Empty."""
-        return ""
-
-    @property
-    def residual(self) -> float:
-        """None is left over."""
-        return 0.0
 
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each direction."""

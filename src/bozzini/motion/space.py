@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..duct.base import Duct
-from ..duct.centreline import Centreline, find_roomy_path
+from ..duct.centreline import Centreline, find_clear_path
 from ..duct.field import SampledField
 from ..errors import InputError
 from .scope import Introducer
@@ -246,7 +246,7 @@ class Ways:
         level = min(level, self.passage.level - grid.inflation - 1e-6)
         level = round(float(max(level, clearance - grid.inflation)), 6)
         if level not in self._roomy:
-            self._roomy[level] = find_roomy_path(grid, *self.ends, room=level + grid.inflation)
+            self._roomy[level] = find_clear_path(grid, *self.ends, clearance=level + grid.inflation)
         return self._roomy[level]
 
 

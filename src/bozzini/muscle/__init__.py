@@ -67,42 +67,24 @@ __all__ = [
 ]
 
 _MODULES = {
-    "LOCKING_ANGLE": ".design",
-    "MODELS": ".models",
-    "PRESETS": ".design",
-    "Braid": ".design",
-    "Calibration": ".fit",
-    "CatalogueModel": ".models",
-    "Comparison": ".ranking",
-    "CompiledMuscle": ".model",
-    "ConvergenceError": ".model",
-    "EnergyMuscle": ".models.energy",
-    "FitOptions": ".fit",
-    "Hysteresis": ".hysteresis",
-    "Measurements": ".data",
-    "ModelScore": ".ranking",
-    "Muscle": ".design",
-    "MuscleModel": ".model",
-    "MuscleState": ".model",
-    "RankedModel": ".ranking",
-    "RankOptions": ".ranking",
-    "Ranking": ".ranking",
-    "RepeatStatistics": ".data",
-    "ThesisMuscle": ".models.thesis",
-    "Tube": ".design",
-    "calibrate": ".fit",
-    "compare_models": ".ranking",
-    "preset": ".design",
-    "rank": ".ranking",
-    "read_measurements": ".data",
-    "take_measurements": ".data",
-    "write_measurements": ".data",
-}
+    ".data": ("Measurements", "RepeatStatistics", "read_measurements", "take_measurements",
+              "write_measurements"),
+    ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
+    ".fit": ("Calibration", "FitOptions", "calibrate"),
+    ".hysteresis": ("Hysteresis",),
+    ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),
+    ".models": ("MODELS", "CatalogueModel"),
+    ".models.energy": ("EnergyMuscle",),
+    ".models.thesis": ("ThesisMuscle",),
+    ".ranking": ("Comparison", "ModelScore", "RankOptions", "RankedModel", "Ranking",
+                 "compare_models", "rank"),
+}  # fmt: skip
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        value = getattr(importlib.import_module(_MODULES[name], __name__), name)
+    if name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name], __name__), name)
         globals()[name] = value
         return value
     if name[:1].isupper():  # a model of the survey, by the name of its class

@@ -105,8 +105,7 @@ class Measurements:
             raise InputError("numbers must be whole numbers, one for each row")
         self._keep("numbers", numbers.astype(np.int64))
         for name in ("direction", "specimen"):
-            words = np.array(getattr(self, name), dtype=np.str_)
-            self._keep(name, np.char.strip(words))
+            self._keep(name, np.char.strip(np.array(getattr(self, name), dtype=np.str_)))
         for name, (low, high, unit) in _RANGES.items():
             values = getattr(self, name)
             legal = (values >= low) & (values <= high) & np.isfinite(values)
@@ -128,7 +127,7 @@ class Measurements:
                     "control characters"
                 )
 
-    def _keep(self, name: str, array: NDArray[Any], wanted: str = "") -> None:
+    def _keep(self, name: str, array: NDArray[np.generic], wanted: str = "") -> None:
         """Keep a read-only column; what is one value counts for all rows."""
         count = np.size(self.pressure)
         if array.ndim == 0 and not wanted and name != "numbers":
@@ -146,6 +145,11 @@ class Measurements:
 
     def __len__(self) -> int:
         return len(self.pressure)
+
+    @property
+    def branch(self) -> NDArray[np.str_] | None:
+        """The directions, as models take them; None if no row has one."""
+        return self.direction if (self.direction != "").any() else None
 
     @property
     def largest_contraction(self) -> float:
@@ -226,6 +230,8 @@ class Measurements:
         InputError
             If a specimen at a load has only one direction, or the two share no pressure.
         """
+        import pandas
+
         frame, notes = self._list_rows(), list(self.notes)
         known = frame["direction"] != ""
         parts = [frame[~known]]
@@ -250,14 +256,12 @@ class Measurements:
                 )
             mean = 0.5 * (risen.to_numpy() + np.interp(up, down, fallen.to_numpy()))
             columns = {"pressure": up[shared], "contraction": mean[shared], "load": load}
-            parts.append(
-                frame.iloc[:0].reindex(range(shared.sum())).assign(**columns, specimen=specimen)
-            )
-        columns = {
-            name: np.concatenate([part[name].to_numpy() for part in parts]) for name in COLUMNS
-        }
+            parts.append(pandas.DataFrame({**columns, "direction": "", "specimen": specimen}))
+        merged = pandas.concat([part for part in parts if len(part)])
         return Measurements(
-            **{**columns, "direction": ""}, ignored=self.ignored, notes=tuple(notes)
+            **{name: merged[name].to_numpy() for name in COLUMNS},
+            ignored=self.ignored,
+            notes=tuple(notes),
         )
 
     def _list_rows(self) -> pandas.DataFrame:
@@ -284,22 +288,25 @@ class Measurements:
             If the tolerance is negative.
         """
         check_number("tolerance", tolerance, low=0.0, unit="MPa")
-        frame = self._list_rows().sort_values(["load", "direction", "pressure"], kind="stable")
-        fresh = (frame["pressure"].diff() > tolerance) | (frame["load"].diff() != 0.0)
-        fresh |= frame["direction"] != frame["direction"].shift()
-        groups = frame.groupby(fresh.cumsum())
-        count = groups.size().to_numpy()
-        spread = groups["contraction"].std(ddof=1).fillna(0.0).to_numpy()
+        order = np.lexsort((self.pressure, self.direction, self.load.round(9)))
+        pressure, load = self.pressure[order], self.load.round(9)[order]
+        direction, measured = self.direction[order], self.contraction[order]
+        fresh = np.ones(len(self), dtype=np.bool_)
+        fresh[1:] = (np.diff(pressure) > tolerance) | (np.diff(load) != 0.0)
+        fresh[1:] |= direction[1:] != direction[:-1]
+        state = np.cumsum(fresh) - 1
+        count = np.bincount(state)
+        mean = np.bincount(state, measured) / count
+        squares = np.bincount(state, (measured - mean[state]) ** 2)
         freedom = int((count - 1).sum())
-        pooled = float(np.sqrt((spread**2 * (count - 1)).sum() / max(freedom, 1)))
         return RepeatStatistics(
-            pressure=groups["pressure"].mean().to_numpy(),
-            load=groups["load"].first().to_numpy(),
-            direction=groups["direction"].first().to_numpy(dtype=np.str_),
+            pressure=np.bincount(state, pressure) / count,
+            load=load[fresh],
+            direction=direction[fresh],
             count=count,
-            mean=groups["contraction"].mean().to_numpy(),
-            deviation=spread,
-            pooled_deviation=pooled,
+            mean=mean,
+            deviation=np.sqrt(squares / np.maximum(count - 1, 1)),
+            pooled_deviation=float(np.sqrt(squares.sum() / max(freedom, 1))),
             degrees_of_freedom=freedom,
         )
 
@@ -452,7 +459,6 @@ BRANCHES = {
 }
 LIMITS = {"pressure": (PRESSURE_LIMIT, "MPa"), "load": (LOAD_LIMIT, "N")}
 EXAMPLES = {"pressure": "kPa", "contraction": "mm", "length": "mm", "load": "N"}
-DEFAULTS = {"load": "0", "direction": "", "specimen": ""}
 
 # A name, and perhaps a unit in brackets or after an underscore.
 _HEADER = re.compile(r"\s*([A-Za-z]+)\s*(?:[\[(]\s*([^\])]*?)\s*[\])]|_([^\s\[(]+))?\s*")
@@ -569,8 +575,8 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
         raise FileFormatError("the table has a header and no rows")
     if "length" in columns and muscle is None:
         raise InputError(f"column '{columns['length'].title}' needs the muscle: its free length")
-    strand = math.inf if muscle is None else muscle.braid.strand_length
-    taken: dict[str, list[Any]] = {name: [] for name in ("pressure", "contraction", *DEFAULTS)}
+    numbers: dict[str, list[float]] = {"pressure": [], "contraction": [], "load": []}
+    words: dict[str, list[str]] = {"direction": [], "specimen": []}
     for number, row in zip(sheet.numbers, sheet.rows, strict=True):
         where = f"row {number}: "
         if len(row) != len(sheet.titles):
@@ -579,22 +585,19 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
             )
         for name, column in columns.items():
             cell = row[column.place]
-            value = _take_cell(where, name, column, cell)
-            if name == "length" and muscle is not None:
-                taken["contraction"].append(muscle.length - check_length(where, value, strand))
-            else:
-                taken[name].append(value)
-        if "contraction" in columns and muscle is not None:
-            check_length(where, muscle.length - taken["contraction"][-1], strand)
-    return Measurements(
-        pressure=np.array(taken["pressure"]),
-        contraction=np.array(taken["contraction"]),
-        load=np.array(taken["load"]) if taken["load"] else np.zeros(len(sheet.rows)),
-        direction=np.array(taken["direction"] or [""] * len(sheet.rows)),
-        specimen=np.array(taken["specimen"] or [""] * len(sheet.rows)),
-        ignored=ignored,
-        numbers=np.array(sheet.numbers, dtype=np.int64),
-    )
+            if name in WORDS:
+                words[name].append(_take_word(where, name, cell))
+                continue
+            value = _take_quantity(where, name, column, cell)
+            if muscle is not None and name in ("length", "contraction"):
+                length = value if name == "length" else muscle.length - value
+                check_length(where, length, muscle.braid.strand_length)
+                value = muscle.length - length if name == "length" else value
+            numbers["contraction" if name == "length" else name].append(value)
+    given: dict[str, Any] = {
+        name: np.array(values) for name, values in {**numbers, **words}.items() if values
+    }
+    return Measurements(**given, ignored=ignored, numbers=np.array(sheet.numbers, dtype=np.int64))
 
 
 def _find_columns(
@@ -660,16 +663,18 @@ def _find_factor(name: str, title: str, unit: str, units: Mapping[str, str]) -> 
         raise UnitError(f"column '{title.strip()}': {error}") from None
 
 
-def _take_cell(where: str, name: str, column: _Column, cell: object) -> Any:
+def _take_word(where: str, name: str, cell: object) -> str:
+    word = str(cell).strip()
     if name == "specimen":
-        return str(cell).strip()
-    if name == "direction":
-        word = str(cell).strip().lower()
-        if word not in BRANCHES:
-            raise FileFormatError(
-                f"{where}direction is '{_show(cell)}': it must be inflating, deflating or empty"
-            )
-        return BRANCHES[word]
+        return word
+    if word.lower() not in BRANCHES:
+        raise FileFormatError(
+            f"{where}direction is '{_show(cell)}': it must be inflating, deflating or empty"
+        )
+    return BRANCHES[word.lower()]
+
+
+def _take_quantity(where: str, name: str, column: _Column, cell: object) -> float:
     value = _take_number(where, name, cell) * column.factor
     high, unit = LIMITS.get(name, (math.inf, ""))
     if name in LIMITS and not 0.0 <= value <= high:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import (
+    add_hint,
     broadcast,
     check_array,
     check_fields,
@@ -48,7 +49,7 @@ class Braid:
     Raises
     ------
     InputError
-        If a value is outside its legal range.
+        If a value is outside its legal range; in methods, if a length is not in [0, strand length].
     """
 
     length: float = quantity("length", low=1e-6, high=1e6)
@@ -79,23 +80,11 @@ class Braid:
         return self.length - self.locking_length
 
     def angle_at(self, length: ArrayLike) -> NDArray[np.float64]:
-        """Return the angle [rad] of the braid at `length` [mm].
-
-        Raises
-        ------
-        InputError
-            If the length is not in [0, strand length].
-        """
+        """Return the angle [rad] of the braid at `length` [mm]."""
         return np.asarray(np.arccos(self._check(length) / self.strand_length), dtype=np.float64)
 
     def radius_at(self, length: ArrayLike) -> NDArray[np.float64]:
-        """Return the radius [mm] of the braid at `length` [mm].
-
-        Raises
-        ------
-        InputError
-            If the length is not in [0, strand length].
-        """
+        """Return the radius [mm] of the braid at `length` [mm]."""
         across = np.sqrt(self.strand_length**2 - self._check(length) ** 2)
         return np.asarray(across / (2.0 * math.pi * self.turns), dtype=np.float64)
 
@@ -112,13 +101,7 @@ class Braid:
         return np.asarray(self.strand_length * np.cos(angles), dtype=np.float64)
 
     def volume_at(self, length: ArrayLike) -> NDArray[np.float64]:
-        """Return the volume inside the braid [mm^3] at `length` [mm]; largest at locking.
-
-        Raises
-        ------
-        InputError
-            If the length is not in [0, strand length].
-        """
+        """Return the volume inside the braid [mm^3] at `length` [mm]; largest at locking."""
         lengths = self._check(length)
         return np.asarray(math.pi * self.radius_at(lengths) ** 2 * lengths, dtype=np.float64)
 
@@ -150,8 +133,8 @@ class Braid:
 
     def _check(self, length: ArrayLike) -> NDArray[np.float64]:
         lengths = check_array("braid length", length)
-        hint = ", the length of a strand"
-        check_range("braid length", lengths, 0.0, self.strand_length, "mm", hint=hint)
+        with add_hint(", the length of a strand"):
+            check_range("braid length", lengths, 0.0, self.strand_length, "mm")
         return lengths
 
 
@@ -172,6 +155,11 @@ class TubeState:
         The tube.
     c1, c2, c3 : (...) ndarray
         Constants of the displacements; `c2` in mm^2, the others without unit.
+
+    Raises
+    ------
+    InputError
+        In methods, if a radius is outside the wall or the shapes do not go together.
     """
 
     tube: Tube
@@ -180,13 +168,7 @@ class TubeState:
     c3: NDArray[np.float64]
 
     def radial_displacement(self, radius: ArrayLike) -> NDArray[np.float64]:
-        """Return the outward displacement [mm] of the wall at `radius` [mm].
-
-        Raises
-        ------
-        InputError
-            If a radius is outside the wall, or the shapes do not go together.
-        """
+        """Return the outward displacement [mm] of the wall at `radius` [mm]."""
         r, c1, c2, _ = self._place(radius)
         return np.asarray(c1 * r + c2 / r, dtype=np.float64)
 
@@ -198,13 +180,7 @@ class TubeState:
     def stresses(
         self, radius: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the radial, hoop and axial stress [MPa] at `radius` [mm], tension positive.
-
-        Raises
-        ------
-        InputError
-            If a radius is outside the wall, or the shapes do not go together.
-        """
+        """Return the radial, hoop and axial stress [MPa] at `radius` [mm], tension positive."""
         r, c1, c2, c3 = self._place(radius)
         first, second = self.tube.lame_constants
         swell = first * (2.0 * c1 + c3)

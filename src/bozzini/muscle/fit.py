@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,6 @@ from .problem import (
     list_own,
     name_default_fields,
     predict_contraction,
-    predict_force,
-    predict_stiffness,
     split_model,
 )
 
@@ -356,8 +354,10 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
     try:
         for _ in range(_ROUNDS):
             model = problem.build(problem.name_values(now))
-            force = predict_force(model, data, data.contraction)
-            stiffness = np.abs(predict_stiffness(model, data, data.contraction))
+            force = model.force(data.pressure, data.contraction, direction=data.branch)
+            stiffness = np.abs(
+                model.stiffness(data.pressure, data.contraction, direction=data.branch)
+            )
             weights = 1.0 / (stiffness + _LEAST_STIFFNESS_N_PER_MM)
             table = []
             for column, (low, high) in zip(columns, limits, strict=True):
@@ -365,7 +365,7 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
                 there[column] += 1.0 if now[column] + 1.0 <= high else -1.0
                 there[column] = max(there[column], low)
                 other = problem.build(problem.name_values(there))
-                change = predict_force(other, data, data.contraction) - force
+                change = other.force(data.pressure, data.contraction, direction=data.branch) - force
                 table.append(change / (there[column] - now[column]))
             slope = np.stack(table, axis=1)
             target = data.load - force + slope @ now[columns]
@@ -498,7 +498,7 @@ class Calibration(Result):
     fitted : MuscleModel
         The model of that muscle, with the estimates of its own constants.
     held : dict
-        Constants that were not fitted although nobody knows them, and why.
+        Unknown constants that were not fitted, and why.
     warnings : tuple of str
         What the estimates suffer from; empty if nothing was found.
     converged : bool
@@ -537,7 +537,7 @@ class Calibration(Result):
         """Standard deviation of a row about the fit [mm], `sigma`."""
         return self.sigma
 
-    def list_columns(self) -> dict[str, list[Any]]:
+    def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each parameter."""
         return {
             "parameter": list(self.free),
@@ -658,7 +658,6 @@ def calibrate(
         answered=answered,
         fitted=model,
         held=held,
-        units={name: own[name].unit if name in own else PARAMETER_UNITS[name] for name in names},
     )
 
 
@@ -703,12 +702,13 @@ def _conclude(
     answered: bool,
     fitted: MuscleModel,
     held: dict[str, str],
-    units: dict[str, str],
 ) -> Calibration:
     """Put the statistics together from the residuals and the Jacobian at the minimum."""
     from scipy.stats import t as student
 
     free, residuals = problem.free, -np.asarray(found.fun)
+    constants = () if fitted.card is None else fitted.card.parameters
+    units = {**PARAMETER_UNITS, **{item.name: item.unit for item in constants}}
     freedom = len(residuals) - len(free)
     sigma = float(np.sqrt(residuals @ residuals / freedom))
     jacobian = np.asarray(found.jac) / problem.scales
@@ -726,7 +726,7 @@ def _conclude(
     return Calibration(
         model=fitted.name,
         free=free,
-        units=units,
+        units={name: units[name] for name in free},
         estimates=estimates,
         standard_errors=errors,
         intervals={

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_range, name_at
+from ..checks import broadcast, check_array, check_range, name_at
 from ..errors import BozziniError, InputError
 from ..results import Result, measured, take_axes
 from .design import Muscle
@@ -43,7 +43,7 @@ class ConvergenceError(BozziniError, ArithmeticError):
     """An iteration ran out of steps before it met its tolerance."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MuscleState(Result):
     """A muscle at rest under pressure and load. All attributes are arrays of one shape.
 
@@ -251,17 +251,42 @@ class MuscleModel(ABC):
         shape = contraction.shape
         loads = np.broadcast_to(np.asarray(load, dtype=np.float64), shape)
         force = self.force(pressure, contraction, direction=direction) if self.takes_load else loads
-        length = np.asarray(self.muscle.length - contraction)
-        return MuscleState(
-            contraction=contraction,
-            length=length,
-            braid_angle=self.muscle.braid.angle_at(length),
+        return self._report(
+            contraction,
+            braid_angle=self.muscle.braid.angle_at(self.muscle.length - contraction),
             contact_pressure=np.array(np.broadcast_to(np.asarray(pressure, np.float64), shape)),
             force=np.array(force),
-            converged=np.ones(shape, dtype=np.bool_),
             residual=np.asarray(force - loads),
             iterations=np.zeros(shape, dtype=np.int64),
-            reason=np.full(shape, ""),
+        )
+
+    @property
+    def _iteration_limit(self) -> int:
+        return 1
+
+    def _report(
+        self,
+        contraction: Floats,
+        *,
+        braid_angle: Floats,
+        contact_pressure: Floats,
+        force: Floats,
+        residual: Floats,
+        iterations: NDArray[np.int64],
+    ) -> MuscleState:
+        """Return a state; one that took as many iterations as there may be did not converge."""
+        limit = self._iteration_limit
+        converged = np.asarray(iterations < limit)
+        return MuscleState(
+            contraction=contraction,
+            length=np.asarray(self.muscle.length - contraction),
+            braid_angle=braid_angle,
+            contact_pressure=contact_pressure,
+            force=force,
+            converged=converged,
+            residual=residual,
+            iterations=iterations,
+            reason=np.where(converged, "", describe_stop(limit)),
         )
 
     def blocked_force(self, pressure: ArrayLike) -> Floats:
@@ -343,6 +368,30 @@ class MuscleModel(ABC):
             )
         check_range("pressure from the hysteresis", acting, 0.0, math.inf, "MPa")
         return self.contraction(acting, load)
+
+
+def take_arguments(
+    pressure: ArrayLike,
+    other: tuple[str, ArrayLike],
+    direction: ArrayLike | None,
+    *,
+    most: float,
+    limits: tuple[float, float] | None = None,
+    slack: float = 0.0,
+) -> tuple[Floats, Floats, Floats]:
+    """Return pressures up to `most`, loads or contractions, and signs of friction, of one shape.
+
+    The limits of loads are 0 to `LOAD_LIMIT` if none are given.
+    """
+    name, values = other
+    pressures, others = check_array("pressure", pressure), check_array(name, values)
+    check_range("pressure", pressures, 0.0, most, "MPa")
+    low, high = (0.0, LOAD_LIMIT) if limits is None else limits
+    check_range(name, others, low, high, "N" if name == "load" else "mm", slack=slack)
+    first, second, third = broadcast(
+        ("pressure", pressures), (name, others), ("direction", parse_direction(direction))
+    )
+    return first, second, third
 
 
 def is_as_defined(model: MuscleModel, kind: type[MuscleModel]) -> bool:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,9 +47,9 @@ def answer_rows(
 
 
 def predict_contraction(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
-    """Return the model's contraction at the pressure, load and direction of each row [mm]."""
+    """Return the model's contraction at each row [mm]; an error names the row."""
     try:
-        return ask_contraction(model, data)
+        return model.contraction(data.pressure, data.load, direction=data.branch)
     except BozziniError as error:
         for row in range(len(data)):
             word = str(data.direction[row]) or None
@@ -66,37 +66,13 @@ def try_contraction(
     """Return the contraction at each row [mm], and which rows the model has one for."""
     if isinstance(model, ExplicitModel):
         with contextlib.suppress(BozziniError):
-            return model.try_contraction(data.pressure, data.load, direction=_take_direction(data))
-    predicted, held = answer_rows(lambda rows: ask_contraction(model, rows)[:, None], data)
+            return model.try_contraction(data.pressure, data.load, direction=data.branch)
+
+    def answer(rows: Measurements) -> NDArray[np.float64]:
+        return model.contraction(rows.pressure, rows.load, direction=rows.branch)[:, None]
+
+    predicted, held = answer_rows(answer, data)
     return predicted[:, 0], held
-
-
-def ask_contraction(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
-    """Return the model's contraction at each row [mm]; errors do not name the row."""
-    answer = model.contraction(data.pressure, data.load, direction=_take_direction(data))
-    return np.array(answer, dtype=np.float64)
-
-
-def predict_force(
-    model: MuscleModel, data: Measurements, contraction: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the model's pull at the pressure and direction of each row, held so [N]."""
-    answer = model.force(data.pressure, contraction, direction=_take_direction(data))
-    return np.asarray(answer, dtype=np.float64)
-
-
-def predict_stiffness(
-    model: MuscleModel, data: Measurements, contraction: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the model's stiffness there, along the branch of friction [N/mm]."""
-    direction = _take_direction(data)
-    if direction is None:
-        return np.asarray(model.stiffness(data.pressure, contraction), dtype=np.float64)
-    return np.asarray(model.stiffness(data.pressure, contraction, direction=direction))
-
-
-def _take_direction(data: Measurements) -> NDArray[np.str_] | None:
-    return data.direction if (data.direction != "").any() else None
 
 
 PARAMETER_UNITS = {
@@ -185,19 +161,8 @@ _STEP = 1e-4  # of a difference, in scales: small against curvature, large again
 class Problem:
     """A least-squares problem whose unknowns are those of a muscle and a model, each in its scale.
 
-    Parameters
-    ----------
-    model_class : callable
-        Makes the model from a `Muscle`, and from constants by their names.
-    muscle : Muscle
-        Start of the free fields, and values of the others.
-    free : tuple of str
-        Fields of the muscle and constants of the model.
-    data : Measurements
-    limits : ndarray, shape (k, 2)
-        Bounds of the free parameters.
-    constants : mapping of str to float
-        Start of those of the free parameters that are constants of the model.
+    Free are fields of the muscle and constants of the model; these are where they start. Limits
+    are (k, 2), and `model_class` makes the model from a muscle and constants by their names.
     """
 
     model_class: Callable[..., MuscleModel]
@@ -210,12 +175,8 @@ class Problem:
     @cached_property
     def start(self) -> dict[str, float]:
         """Where the free parameters start."""
-        return {
-            name: float(
-                self.constants[name] if name in self.constants else getattr(self.muscle, name)
-            )
-            for name in self.free
-        }
+        known = {**vars(self.muscle), **self.constants}
+        return {name: float(known[name]) for name in self.free}
 
     @cached_property
     def scales(self) -> NDArray[np.float64]:
@@ -306,8 +267,8 @@ class Problem:
             return np.full(len(self.data), most)
 
         def answer(rows: Measurements) -> NDArray[np.float64]:
-            force = predict_force(model, rows, rows.contraction)
-            stiffness = predict_stiffness(model, rows, rows.contraction)
+            force = model.force(rows.pressure, rows.contraction, direction=rows.branch)
+            stiffness = model.stiffness(rows.pressure, rows.contraction, direction=rows.branch)
             return np.stack([force - rows.load, stiffness], axis=1)
 
         table, held = answer_rows(answer, self.data)
@@ -355,13 +316,12 @@ def _differentiate_implicitly(
     data: Measurements,
     predicted: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    stiffness = predict_stiffness(build(values), data, predicted)
+    at, branch = (data.pressure, predicted), data.branch
+    stiffness = build(values).stiffness(*at, direction=branch)
     columns = []
     for name, low, high in pairs:
-        force = [
-            predict_force(build({**values, name: value}), data, predicted) for value in (low, high)
-        ]
-        columns.append((force[1] - force[0]) / (high - low))
+        less, more = (build({**values, name: x}).force(*at, direction=branch) for x in (low, high))
+        columns.append((more - less) / (high - low))
     with np.errstate(divide="raise", invalid="raise", over="raise"):
         table: NDArray[np.float64] = np.stack(columns, axis=-1) / stiffness[:, None]
     return table
@@ -373,10 +333,13 @@ def _differentiate_directly(
     pairs: Sequence[tuple[str, float, float]],
     data: Measurements,
 ) -> NDArray[np.float64]:
+    at, branch = (data.pressure, data.load), data.branch
     columns = []
     for name, low, high in pairs:
-        ends = [ask_contraction(build({**values, name: value}), data) for value in (low, high)]
-        columns.append((ends[1] - ends[0]) / (high - low))
+        less, more = (
+            build({**values, name: x}).contraction(*at, direction=branch) for x in (low, high)
+        )
+        columns.append((more - less) / (high - low))
     return np.stack(columns, axis=-1)
 
 
@@ -387,18 +350,10 @@ _NO_EFFECT = 1e-9  # largest change of contraction by a step of an unknown that 
 
 @dataclass(frozen=True, kw_only=True)
 class Unknowns:
-    """What a fit of a model is for.
+    """Fields of the muscle and constants of a model that are fitted, with where these start.
 
-    Parameters
-    ----------
-    fields : tuple of str
-        Fields of the muscle.
-    start : dict
-        The model's own constants that are fitted, and where to start.
-    held : dict
-        Constants and fields that are not fitted although nobody knows them, and why.
-    build : callable
-        Makes the model from a muscle and the constants in `start`.
+    `held` are unknowns that are not fitted, and why. `build` makes the model from a
+    muscle and the constants in `start`.
     """
 
     fields: tuple[str, ...]
@@ -412,35 +367,40 @@ class Unknowns:
         return (*self.fields, *self.start)
 
 
-def split_model(
-    model_class: Callable[..., MuscleModel],
-) -> tuple[type[CatalogueModel] | None, dict[str, Any]]:
-    """Return the class of the catalogue behind what makes a model, and the keywords it has."""
-    given: dict[str, Any] = {}
-    make: Any = model_class
+def unwrap(make: Callable[..., MuscleModel]) -> tuple[object, dict[str, object]]:
+    """Return the class behind what makes a model, and the keywords it is given."""
+    given: dict[str, object] = {}
     while isinstance(make, functools.partial):
         given = {**make.keywords, **given}
         make = make.func
-    if isinstance(make, type) and issubclass(make, CatalogueModel):
-        return make, given
-    return None, given
+    return make, given
+
+
+def split_model(
+    model_class: Callable[..., MuscleModel],
+) -> tuple[type[CatalogueModel] | None, dict[str, object]]:
+    """Return the class of the catalogue behind what makes a model, and the keywords it has."""
+    make, given = unwrap(model_class)
+    found = isinstance(make, type) and issubclass(make, CatalogueModel)
+    return (make if found else None), given  # type: ignore[return-value]
 
 
 def list_own(model_class: Callable[..., MuscleModel]) -> dict[str, Parameter]:
     """Return the constants that a model has beside the muscle and that are not given, by name."""
     kind, given = split_model(model_class)
-    if kind is None:
-        return {}
-    return {item.name: item for item in kind.card.parameters if item.name not in given}
+    items = () if kind is None else kind.card.parameters
+    return {item.name: item for item in items if item.name not in given}
+
+
+def list_unused(model_class: Callable[..., MuscleModel]) -> tuple[str, ...]:
+    """Return the fields of a muscle that make no difference to a model."""
+    return tuple(getattr(unwrap(model_class)[0], "unused", ()))
 
 
 def name_default_fields(model_class: Callable[..., MuscleModel]) -> tuple[str, ...]:
     """Return the fields of a muscle that are fitted if none are named."""
-    make: Any = model_class
-    while isinstance(make, functools.partial):
-        make = make.func
-    fields: tuple[str, ...] = getattr(make, "fit_fields", ("modulus", "dead_length"))
-    return tuple(name for name in fields if name not in getattr(make, "unused", ()))
+    fields = getattr(unwrap(model_class)[0], "fit_fields", ("modulus", "dead_length"))
+    return tuple(name for name in fields if name not in list_unused(model_class))
 
 
 def choose_unknowns(
@@ -467,7 +427,8 @@ def choose_unknowns(
         for item in sorted(kind.card.parameters, key=lambda item: item.source != "fitted")
         if item.name not in given and item.name not in held and _is_unknown(item, given)
     }
-    start = {name: float(guess[name]) for name in own}
+    begin = guess_constants(kind, muscle)
+    start = {name: begin[name] for name in own}
     build = _hold(model_class, guess, start)
     build(muscle, **start)  # raises if a law is missing
     names = (*wanted, *own)
@@ -525,7 +486,7 @@ def draw_point(problem: Problem, random: np.random.Generator) -> NDArray[np.floa
 
 def _hold(
     model_class: Callable[..., MuscleModel],
-    guess: Mapping[str, Any],
+    guess: Mapping[str, object],
     free: Mapping[str, float],
 ) -> Callable[..., MuscleModel]:
     """Return what makes the model with the guess for all that is neither given nor free."""
@@ -535,14 +496,14 @@ def _hold(
     )
 
 
-def _is_unknown(item: Parameter, given: Mapping[str, Any]) -> bool:
+def _is_unknown(item: Parameter, given: Mapping[str, object]) -> bool:
     if item.only_with and not given.get(item.only_with) and item.source != "fitted":
         return False
     required = item.default is None and item.source != "unit"
     return item.source == "fitted" or required
 
 
-def _find_unsupported(kind: type[CatalogueModel], given: Mapping[str, Any]) -> dict[str, str]:
+def _find_unsupported(kind: type[CatalogueModel], given: Mapping[str, object]) -> dict[str, str]:
     """Return the constants that stay at 0, since what they need beside them is not given."""
     lacking: dict[str, list[str]] = {}
     for item in kind.card.parameters:

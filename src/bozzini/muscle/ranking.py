@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,7 @@ from .problem import (
     choose_bounds,
     choose_unknowns,
     list_own,
+    list_unused,
     predict_contraction,
 )
 
@@ -71,7 +73,7 @@ class ModelScore:
     largest: float
     predicted: NDArray[np.float64]
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the score as plain values, with units in the names."""
         return {
             "model": self.name,
@@ -91,21 +93,46 @@ class ModelScore:
         )
 
 
-def list_columns(rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
+def list_columns(rows: Sequence[dict[str, object]]) -> dict[str, list[object]]:
     """Return rows as columns; what only some rows have is None in the others."""
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
 
 
-def _draw_bars(ax: Axes | None, scores: Sequence[ModelScore]) -> Axes:
-    axes = take_axes(ax, x="root mean square error [mm]", y="")
-    axes.barh([score.name for score in scores], [score.rmse for score in scores])
-    axes.invert_yaxis()
-    return axes
+class ScoredModels(Result):
+    """Models with scores on the same measurements, and those without an answer."""
+
+    refusals: dict[str, str]
+
+    @abstractmethod
+    def _list_scores(self) -> Sequence[ModelScore]:
+        """The scores, the best first."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether a model has an answer."""
+        return bool(self._list_scores())
+
+    @property
+    def reason(self) -> str:
+        """Why models have none, the first reason; empty if all have."""
+        return next(iter(self.refusals.values()), "")
+
+    @property
+    def residual(self) -> float:
+        """Smallest root mean square of all models [mm]; infinite without any."""
+        return min((score.rmse for score in self._list_scores()), default=math.inf)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the models' root mean squares as bars, the best first, and return the axes."""
+        axes, scores = take_axes(ax, x="root mean square error [mm]", y=""), self._list_scores()
+        axes.barh([score.name for score in scores], [score.rmse for score in scores])
+        axes.invert_yaxis()
+        return axes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison(Result):
+class Comparison(ScoredModels):
     """Scores of models on the same measurements, the nearest first.
 
     Parameters
@@ -128,28 +155,12 @@ class Comparison(Result):
         lines += [f"{name}: no answer: {reason}" for name, reason in self.refusals.items()]
         return "\n".join(lines)
 
-    @property
-    def converged(self) -> bool:
-        """Whether a model has an answer."""
-        return bool(self.scores)
-
-    @property
-    def reason(self) -> str:
-        """Why models have none, the first reason; empty if all have."""
-        return next(iter(self.refusals.values()), "")
-
-    @property
-    def residual(self) -> float:
-        """Smallest root mean square of all models [mm]; infinite without any."""
-        return min((score.rmse for score in self.scores), default=math.inf)
-
-    def list_columns(self) -> dict[str, list[Any]]:
+    def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model."""
         return list_columns([score.describe() for score in self.scores])
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the models' root mean squares as bars, and return the axes."""
-        return _draw_bars(ax, self.scores)
+    def _list_scores(self) -> Sequence[ModelScore]:
+        return self.scores
 
 
 def compare_models(
@@ -169,7 +180,7 @@ def compare_models(
     fitted : mapping of str to int, optional
         How many parameters of a model were fitted to these data; 0 by default.
     refusals : mapping of str to str, optional
-        Models that gave up before, in their calibration for example, and why.
+        Models without an answer already before, in their calibration for example, and why.
 
     Raises
     ------
@@ -355,7 +366,7 @@ def cross_validate(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RankedModel:
-    """A model fitted to the measurements, and how it fares.
+    """A model fitted to the measurements, with its errors and criteria.
 
     Parameters
     ----------
@@ -366,11 +377,11 @@ class RankedModel:
     calibration : Calibration or None
         Its fit; None if there was nothing to fit.
     held : dict
-        Constants that were not fitted although nobody knows them, and why.
+        Unknown constants that were not fitted, and why.
     parameters : int
         How many were fitted.
     aicc, bic : float
-        Criteria of `bozzini.muscle.information`. A root mean square below 1e-9 of the largest
+        Criteria by `compute_aicc` and `compute_bic`. A root mean square below 1e-9 of the largest
         contraction counts as that: among models that fit exactly the fewest parameters win.
         `aicc` is infinite with fewer than `parameters` + 3 rows.
     weight : float
@@ -404,10 +415,10 @@ class RankedModel:
         found = self.validation
         return math.inf if found is None or found.reason else found.error
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the entry as plain values, with units in the names."""
         left_out, found = self.validation, self.calibration
-        fit: dict[str, Any] = {"fitted": {}}
+        fit: dict[str, object] = {"fitted": {}}
         if found is not None:
             fit = {
                 "fitted": found.estimates,
@@ -442,7 +453,7 @@ class RankedModel:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ranking(Result):
+class Ranking(ScoredModels):
     """Models fitted to the same measurements, the best first.
 
     Parameters
@@ -513,22 +524,7 @@ class Ranking(Result):
         lines += [f"{name}: not fitted: {reason}" for name, reason in self.refusals.items()]
         return "\n".join(lines)
 
-    @property
-    def converged(self) -> bool:
-        """Whether a model could be fitted."""
-        return bool(self.models)
-
-    @property
-    def reason(self) -> str:
-        """Why models could not, the first reason; empty if all could."""
-        return next(iter(self.refusals.values()), "")
-
-    @property
-    def residual(self) -> float:
-        """Smallest root mean square of all models [mm]; infinite without any."""
-        return min((entry.score.rmse for entry in self.models), default=math.inf)
-
-    def list_columns(self) -> dict[str, list[Any]]:
+    def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model, the best first."""
         rows = [entry.describe() for entry in self.models]
         return list_columns(
@@ -538,9 +534,8 @@ class Ranking(Result):
             ]
         )
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the models' root mean squares as bars, the best first, and return the axes."""
-        return _draw_bars(ax, [entry.score for entry in self.models])
+    def _list_scores(self) -> Sequence[ModelScore]:
+        return [entry.score for entry in self.models]
 
 
 _FOLDS = 5
@@ -603,7 +598,7 @@ def rank(
         What makes each model, by the name to show: a class, or a ``functools.partial`` of it with
         the constants and laws that are known. All of `MODELS` by default.
     refusals : mapping of str to str, optional
-        Models that gave up before, and why.
+        Models without an answer already before, and why.
     options : RankOptions
         What is fitted, and what to rank by.
     progress : Progress
@@ -682,8 +677,7 @@ def _fit_model(
 ) -> RankedModel:
     wanted = options.fields
     if wanted is not None:
-        unused: Any = getattr(getattr(kind, "func", kind), "unused", ())
-        wanted = tuple(field for field in wanted if field not in unused)
+        wanted = tuple(field for field in wanted if field not in list_unused(kind))
     unknowns = choose_unknowns(kind, muscle, data, fields=wanted)
     count = len(unknowns.free)
     found: Calibration | None = None

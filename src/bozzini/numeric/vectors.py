@@ -1,4 +1,4 @@
-"""Points and directions: planar cross products, orders, spreads."""
+"""Vectors: planar cross products, rotations, directions, orders of points."""
 
 from __future__ import annotations
 
@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 def cross_planar(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (...) cross product of vectors (..., 2)."""
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def nearest_rotation(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation nearest to a matrix that is one but for rounding."""
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ right)
 
 
 def spread_directions(count: int) -> NDArray[np.float64]:

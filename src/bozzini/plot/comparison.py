@@ -99,7 +99,7 @@ def _draw_clearances(
         height = sample.smallest
         known = np.isfinite(height)
         over, height = over[known], height[known]
-        proved = ",\nproved" if plan.meta.get("certified") else ""
+        proved = ",\nproved" if plan.certified else ""
         words = name + (proved if plan.status == "complete" else ",\nstops")
         if not len(over):
             ends.append((0.0, 0.0, f"{name},\ndoes not enter", color))

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number, check_points
 from ..errors import InputError
-from ..results import take_axes
 from .style import (
     AMBER,
     BLUE,
@@ -32,6 +31,7 @@ from .style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
@@ -66,6 +66,7 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
         (found.direction_share, "share of directions", "viridis", 0.0),
         (found.manipulability, f"mean manipulability [{unit}]", "cividis", None),
     )
+    drawn: ScalarMappable
     for place, (values, name, colors, low) in enumerate(panels, start=1):
         if found.half_plane:
             axes = figure.add_subplot(1, 2, place)
@@ -83,21 +84,6 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
             axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]", aspect="equal")
         figure.colorbar(drawn, ax=axes, label=name, shrink=0.8)
     return figure
-
-
-def plot_map(found: DexterityMap, ax: Axes | None, *, length: float) -> Axes:
-    """Draw the share of directions of a dexterity map seen along y, the robot at rest with it."""
-    across = "distance from the axis" if found.half_plane else "x"
-    ax = take_axes(ax, x=f"{across} [mm]", y="z [mm]", equal=True)
-    if found.half_plane:
-        drawn = _fill_cells(ax, found, found.direction_share, "viridis", 0.0)
-    else:
-        order = np.argsort(found.direction_share)
-        x, _, z = found.centres[order].T
-        drawn = ax.scatter(x, z, c=found.direction_share[order], s=6.0, cmap="viridis", vmin=0.0)
-    ax.plot([0.0, 0.0], [0.0, length], color=INK, linewidth=2.0, label="at rest")
-    ax.figure.colorbar(drawn, ax=ax, label="share of directions")
-    return ax
 
 
 def _fill_cells(
@@ -258,15 +244,6 @@ _NAMED = 8
 _MATCH = 1e-6
 _AZIMUTHS = (-60.0, 30.0, 120.0, -150.0)
 """From where the robot may be seen [deg]: never along an axis."""
-
-
-def plot_shape(shape: Shape, ax: Axes | None) -> Axes:
-    """Draw one shape from the side: the plane of the picture holds the base's axis and the tip."""
-    _check_single("shape", shape)
-    turn, words = _side_view(shape)
-    ax = take_axes(ax, x=f"{words} [mm]", y="z [mm]", equal=True)
-    _draw_body(ax, shape, np.stack([turn[0], (0.0, 0.0, 1.0)]), named=True)
-    return ax
 
 
 def draw_shape(

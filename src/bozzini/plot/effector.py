@@ -1,7 +1,4 @@
-"""Figures of the end-effector: pose, workspace, curves, forces, sweeps.
-
-Lengths are in mm, pressure is shown in kPa, angles in degrees.
-"""
+"""Figures of the end-effector: pose, workspace, curves, forces, sweeps."""
 
 from __future__ import annotations
 
@@ -10,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
@@ -26,14 +24,12 @@ from .style import (
     RED,
     Look,
     fit_space,
-    make_figure,
     make_panels,
     style_axes,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
     from ..effector import (
@@ -42,10 +38,11 @@ if TYPE_CHECKING:
         Effector,
         EffectorPose,
         Sweep,
-        SweepRow,
         Trace,
         Workspace,
     )
+
+# Drawn without pyplot; `bozzini.plot.write_figure` writes the figures.
 
 Floats = NDArray[np.float64]
 
@@ -103,7 +100,7 @@ def draw_deflection(
     curves = {name: balance(effector, name, over) for name in colors}
     lines = {name: np.asarray(curve.lateral) for name, curve in curves.items()}
     for k, names in enumerate(_group_lines(lines)):
-        line, style = lines[names[0]], DASHES[k % 4]
+        line, style = lines[names[0]], DASHES[k % len(DASHES)]
         axes.plot(
             1e3 * over, line, color=colors[names[0]], linewidth=1.9, linestyle=style,
             label=", ".join(names),
@@ -183,8 +180,7 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
     for axes in (left, right):
         axes.set_xlabel("row of the table")
         axes.set_xlim(0.5, rows + 0.5)
-        locator: Any = axes.xaxis.get_major_locator()
-        locator.set_params(integer=True)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if not any(np.size(line.get_xdata()) for line in right.lines):
         right.set_yscale("linear")
         right.set_yticks([])
@@ -243,7 +239,7 @@ def draw_trace(trace: Trace, names: Sequence[str], *, outline: ArrayLike | None 
     for k, (name, color) in enumerate(pick_colors(names).items()):
         axes.plot(
             steps, 1e3 * pressures[:, k], color=color, linewidth=1.7, label=name,
-            linestyle=DASHES[k % 4],
+            linestyle=DASHES[k % len(DASHES)],
         )  # fmt: skip
     for begin, end in _find_runs(lost):
         axes.axvspan(begin - 0.5, end - 0.5, color="#f6e0de", lw=0, zorder=0)
@@ -321,7 +317,7 @@ def draw_force(
     if matrix.shape != (2, 2):
         raise InputError(f"pressures are a batch of shape {matrix.shape[:-2]}: give one set")
     passive = tip_stiffness(effector, np.zeros(len(effector.design.muscles)))
-    figure = make_figure((9.6, 4.6))
+    figure = Figure(figsize=(9.6, 4.6), facecolor="white", layout="constrained")
     polar: list[Any] = [figure.add_subplot(1, 2, k, projection="polar") for k in (1, 2)]
     force, stiff = polar
     force.plot(angle, found.force, color=INK, linewidth=1.8)
@@ -382,38 +378,42 @@ def draw_sweep(sweep: Sweep) -> Figure:
     ----------
     sweep : Sweep
     """
-    from ..effector.study import find_quantity
+    from ..effector.study import find_quantity, name_column
 
     first, *others = sweep.parameters
     known = find_quantity(first)
     unit = known.unit.replace("^2", "²") if known else ""
-    over, labels = _number([row.changes[first] for row in sweep.rows])
-    groups: dict[str, list[int]] = {}
-    for index, row in enumerate(sweep.rows):
-        name = ", ".join(f"{key} {_format(row.changes[key])}" for key in others)
-        groups.setdefault(name, []).append(index)
+    frame, labels = sweep.to_frame(), []
+    frame["place"] = frame[name_column(first)]
+    if frame["place"].dtype.kind not in "iuf":
+        words = [_format(row.changes[first]) for row in sweep.rows]
+        labels = list(dict.fromkeys(words))
+        frame["place"] = [labels.index(word) for word in words]
+    keys = [name_column(name) for name in others]
+    groups = frame.groupby(keys, sort=False) if keys else [((), frame)]
     figure, (left, right) = make_panels(1, 2)
     wanted = sweep.deflection > 0.0
-    failed = over[[not row.feasible for row in sweep.rows]]
-    for k, (name, members) in enumerate(groups.items()):
-        rows = [sweep.rows[i] for i in members]
+    failed = frame["place"][~frame["feasible"]].to_numpy()
+    for k, (values, rows) in enumerate(groups):
+        name = ", ".join(f"{key} {_format(v)}" for key, v in zip(others, values, strict=True))
         # A design that only needs more pressure than is legal has all its numbers.
-        shown = np.array([row.built for row in rows], dtype=np.bool_)
-        place = over[members]
-        for axes, quantity, dash in (
-            (left, "largest_amplitude", DASHES[0]),
-            (left, "inner_radius", DASHES[1]),
-            (right, "needed_pressure" if wanted else "area", DASHES[0]),
+        built = rows[rows["area_mm2"].notna()]
+        for axes, column, dash in (
+            (left, "largest_amplitude_mm", DASHES[0]),
+            (left, "inner_radius_mm", DASHES[1]),
+            (right, "needed_pressure_MPa" if wanted else "area_mm2", DASHES[0]),
         ):
-            values = _take(rows, quantity)
-            # 0 is no pressure: none reaches the deflection. The line ends there.
-            some = shown if axes is left else values > 0.0
-            heights = np.where(some, values, np.nan)
+            heights = built[column].astype(float) * (1e3 if column.endswith("MPa") else 1.0)
             axes.plot(
-                place[shown], heights[shown], marker="o", linestyle=dash, markersize=3.5,
-                color=COLORS[k % len(COLORS)], linewidth=1.5,
+                built["place"],
+                heights if axes is left else heights.where(heights > 0.0),
+                marker="o",
+                linestyle=dash,
+                markersize=3.5,
+                color=COLORS[k % len(COLORS)],
+                linewidth=1.5,
                 label=name if axes is right else None,
-            )  # fmt: skip
+            )
     for axes in (left, right):
         axes.set_xlabel(f"{first} [{unit}]" if unit else first)
         top = float(axes.dataLim.y1)
@@ -437,23 +437,10 @@ def draw_sweep(sweep: Sweep) -> Figure:
     return figure
 
 
-def _number(values: list[object]) -> tuple[Floats, list[str]]:
-    """Return places on an axis, and labels if the values are no numbers."""
-    if all(isinstance(value, (int, float)) for value in values):
-        return np.array(values, dtype=np.float64), []
-    names = list(dict.fromkeys(_format(value) for value in values))
-    return np.array([names.index(_format(value)) for value in values], dtype=np.float64), names
-
-
 def _format(value: object) -> str:
     if isinstance(value, (tuple, list, np.ndarray)):
         return "/".join(f"{math.degrees(angle):g}°" for angle in value)
     return f"{value:g}" if isinstance(value, (int, float)) else str(value)
-
-
-def _take(rows: list[SweepRow], quantity: str) -> Floats:
-    scale = 1e3 if quantity == "needed_pressure" else 1.0
-    return scale * np.array([getattr(row, quantity) for row in rows])
 
 
 _FILL = "#dfe8f1"
@@ -494,7 +481,7 @@ def draw_pose(
     if tip.shape != (3,):
         raise InputError(f"the pose has a tip of shape {tip.shape}: one pose is drawn, shape (3,)")
     design = effector.design
-    figure = make_figure((10.4, 5.0))
+    figure = Figure(figsize=(10.4, 5.0), facecolor="white", layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     space: Axes3D = figure.add_subplot(grid[0], projection="3d")
     plane = figure.add_subplot(grid[1])
@@ -598,7 +585,7 @@ def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     """
     from ..effector import place_tips
 
-    figure = make_figure((10.4, 4.9))
+    figure = Figure(figsize=(10.4, 4.9), facecolor="white", layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.1))
     plane = figure.add_subplot(grid[0])
     space: Axes3D = figure.add_subplot(grid[1], projection="3d")
@@ -638,7 +625,8 @@ def draw_workspace(effector: Effector, workspace: Workspace) -> Figure:
     length = effector.design.backbone_length
     ends = np.array([length, length + effector.design.holder_length])
     space.plot(0.0 * ends, 0.0 * ends, ends, color=INK, linewidth=3.0, label="holder at rest")
-    fit_space(space, np.concatenate([*surfaces]).reshape(-1, 3), least=LEAST_SIDE, zoom=1.2)
+    every = np.concatenate([*surfaces]).reshape(-1, 3)
+    fit_space(space, every, least=LEAST_SIDE, zoom=1.2)
     space.view_init(elev=28.0, azim=-60.0)
     _name_lines(space)
     return figure

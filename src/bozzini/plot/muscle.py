@@ -1,8 +1,4 @@
-"""Figures of muscles: curves, phases, models against measurements, rankings, loops.
-
-Functions of one panel draw into `ax` if it is given and return the axes; the others return a
-figure. Pressure is shown in kPa, angles in degrees.
-"""
+"""Figures of muscles: curves, phases, models against measurements, rankings, loops."""
 
 from __future__ import annotations
 
@@ -15,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
+from ..numeric.roots import bisect
 from .style import (
     AMBER,
     BLUE,
@@ -35,6 +32,8 @@ if TYPE_CHECKING:
     from ..muscle.hysteresis import Hysteresis, HysteresisFit
     from ..muscle.model import MuscleModel
     from ..muscle.ranking import Comparison, Ranking
+
+# Drawn without pyplot; `bozzini.plot.write_figure` writes the figures. Pressures are in kPa.
 
 LOCKING_ANGLE = math.degrees(math.atan(math.sqrt(2.0)))
 _MARKS = {"inflating": "^", "deflating": "v", "": "o"}
@@ -62,11 +61,7 @@ def draw_phases(
     By some models the muscle gets longer, and has to contract to its length at rest
     first. The phases are those of `MuscleState.in_contact`.
 
-    Parameters
-    ----------
-    model : MuscleModel
-    pressure, load, direction, lowest
-        As for `draw_contraction`.
+    The model's keywords are those of `draw_contraction`.
 
     Raises
     ------
@@ -82,7 +77,7 @@ def draw_phases(
     for axes, top in ((left, near), (right, pressure)):
         over = np.linspace(lowest, top, _FINE)
         state = model.solve(over, load, direction=direction)
-        line = np.asarray(state.contraction, dtype=np.float64)
+        line = state.contraction
         phases = np.where(state.in_contact, np.where(line < 0.0, 1, 2), 0)
         for phase, low, high in _list_phases(model, over, phases, load, direction):
             if phase < 2:
@@ -109,17 +104,16 @@ def _list_phases(
     ends = [float(over[0])]
     changes = np.flatnonzero(np.diff(phases))
     for index in changes:
-        low, high = float(over[index]), float(over[index + 1])
+        end = float(over[index + 1])
         if 0 in phases[[index, index + 1]]:
-            touches = phases[index + 1] > 0
-            for _ in range(50):
-                middle = 0.5 * (low + high)
-                state = model.solve(middle, load, direction=direction)
-                if bool(state.in_contact) == touches:
-                    high = middle
-                else:
-                    low = middle
-        ends.append(high)
+            side = 1.0 if phases[index + 1] > 0 else -1.0
+
+            def touch(at: float, side: float = side) -> float:
+                state = model.solve(at, load, direction=direction)
+                return side if bool(state.in_contact) else -side
+
+            end = bisect(touch, float(over[index]), end)
+        ends.append(end)
     ends.append(float(over[-1]))
     kinds = phases[np.append(changes, len(phases) - 1)].tolist()
     return list(zip(kinds, ends[:-1], ends[1:], strict=True))
@@ -161,7 +155,7 @@ def draw_contraction(
     over = np.linspace(lowest, pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         line = model.contraction(over, load, direction=direction)
-        axes.plot(1e3 * over, np.asarray(line, dtype=np.float64), label=name, **style)
+        axes.plot(1e3 * over, line, label=name, **style)
     axes.axhline(0.0, color=INK, linewidth=0.8)
     axes.set(xlabel=_PRESSURE, ylabel=_CONTRACTION, xlim=(0.0, 1e3 * pressure))
     axes.set_title(f"load {load:g} N", fontsize=10, loc="left")
@@ -196,14 +190,16 @@ def draw_force(
     InputError
         If there is no pressure, or the model has no answer.
     """
-    levels = _take_levels(pressures)
+    levels = np.unique(check_array("pressures", pressures))
+    if not len(levels):
+        raise InputError("there are 0 pressures to draw: give 1 or more")
     check_integer("count", count, low=2)
     axes = take_panel(ax)
     shades = np.linspace(0.25, 1.0, len(levels))
     for level, shade in zip(levels, shades, strict=True):
         free = max(0.0, float(model.contraction(float(level), direction=direction)))
         over = np.linspace(0.0, free, count)
-        force = np.asarray(model.force(float(level), over, direction=direction), dtype=np.float64)
+        force = model.force(float(level), over, direction=direction)
         axes.plot(
             over, force, color=BLUE, alpha=float(shade), linewidth=1.6,
             label=f"{1e3 * level:.0f} kPa",
@@ -228,11 +224,8 @@ def draw_braid_angle(
 
     The range may go far beyond what a muscle bears, as in Fig. 3.17 of the thesis, to show
     whether a model comes to the locking angle of 54.74 degrees, and from which side.
-
-    Parameters
-    ----------
-    models, pressure, load, direction, lowest, ax
-        As for `draw_contraction`; the axis of pressure is logarithmic over four decades.
+    The axis of pressure is logarithmic over four decades; the arguments are those of
+    `draw_contraction`.
 
     Raises
     ------
@@ -244,8 +237,7 @@ def draw_braid_angle(
     over = np.geomspace(max(1e-4 * pressure, lowest), pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         state = model.solve(over, load, direction=direction)
-        angle = np.asarray(state.braid_angle, dtype=np.float64)
-        axes.semilogx(1e3 * over, np.degrees(angle), label=name, **style)
+        axes.semilogx(1e3 * over, np.degrees(state.braid_angle), label=name, **style)
     axes.axhline(LOCKING_ANGLE, color=INK, linewidth=1.0, linestyle=(0, (1, 1.5)))
     axes.text(
         0.01, LOCKING_ANGLE, f"locking, {LOCKING_ANGLE:.2f}°", va="bottom", fontsize=9, color=INK,
@@ -315,42 +307,36 @@ def _draw_lines(
     style: Look,
 ) -> None:
     """Draw a model between the rows of each load and direction; without an answer, at the rows."""
-    label = style["label"]
+    label = style.get("label")
     for load, direction in dict.fromkeys(
         zip(data.load.tolist(), data.direction.tolist(), strict=True)
     ):
         rows = (data.load == load) & (data.direction == direction)
-        pressure = data.pressure[rows]
+        pressure, line = data.pressure[rows], predicted[rows]
         over = np.linspace(pressure.min(), pressure.max(), _FINE)
         try:
             line = np.asarray(model.contraction(over, load, direction=direction or None))
         except BozziniError:
             order = np.argsort(pressure, kind="stable")
-            over, line = pressure[order], predicted[rows][order]
+            over, line = pressure[order], line[order]
         axes.plot(1e3 * over, line, **{**style, "label": label})
         label = None
 
 
-def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
-    levels = np.unique(check_array("pressures", pressures))
-    if not len(levels):
-        raise InputError("there are 0 pressures to draw: give 1 or more")
-    return levels
-
-
-def _list_styles(names: Collection[str]) -> list[Look]:
+def _list_styles(names: Collection[object]) -> list[Look]:
     if not len(names):
         raise InputError("there are 0 models to draw: give 1 or more")
     return [
         {
             "color": COLORS[i % len(COLORS)],
-            "linestyle": DASHES[i % 4],
+            "linestyle": DASHES[i % len(DASHES)],
             "linewidth": 1.7,
         }
         for i in range(len(names))
     ]
 
 
+_RANK_CURVES = 5
 _LEAST = 1e-3  # a percentage below is drawn there
 
 
@@ -373,18 +359,17 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     InputError
         If no model is ranked.
     """
-    check_integer("curves", curves, low=1, high=5)
+    check_integer("curves", curves, low=1, high=_RANK_CURVES)
     if not ranking.models:
         raise InputError("there are 0 models to draw: give 1 or more")
     height = max(4.2, 1.4 + 0.21 * len(ranking.models))
-    figure, (left, right) = make_panels(1, 2, size=(11.0, height), width_ratios=(1.25, 1.0))
+    figure, (left, right) = make_panels(1, 2, width_ratios=(1.25, 1.0), size=(11.0, height))
     shown = [entry for entry in ranking.models if not entry.same_as][:curves]
-    colors = {entry.name: color for entry, color in zip(shown, COLORS, strict=False)}
-    _draw_errors(left, ranking, colors)
+    styles = dict(zip((entry.name for entry in shown), _list_styles(shown), strict=True))
+    _draw_errors(left, ranking, {name: style["color"] for name, style in styles.items()})
     _draw_rows(right, ranking.data)
-    for entry, dash in zip(shown, DASHES, strict=False):
-        style = {"color": colors[entry.name], "linestyle": dash, "linewidth": 1.5}
-        style["label"] = entry.name
+    for entry in shown:
+        style = {**styles[entry.name], "label": entry.name}
         _draw_lines(right, entry.model, ranking.data, entry.score.predicted, style)
     right.legend(frameon=False, fontsize=8)
     return figure
@@ -430,9 +415,6 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
     words = {"aicc": "AICc", "bic": "BIC", "cv": "the rows left out"}[ranking.criterion]
     axes.set_title(f"ranked by {words}; number of constants fitted", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=8, loc="lower left")
-
-
-# Figures of hysteresis: loops of operators, and a fit against the loops measured.
 
 
 def fade_loops(
@@ -489,7 +471,8 @@ def draw_loops(
         raise InputError("there are 0 operators to draw: give 1 or more")
     columns = min(3, len(operators))
     rows = math.ceil(len(operators) / columns)
-    figure, panels = _make_grid(rows, columns)
+    size = (max(4.8, 3.4 * columns), max(3.4, 2.9 * rows))
+    figure, panels = make_panels(rows, columns, size=size)
     turns = _find_turns(inputs)
     for axes, (name, operator) in zip(panels, operators.items(), strict=False):
         outputs = np.asarray(operator.apply(inputs), dtype=np.float64)
@@ -535,7 +518,7 @@ def draw_fit(
             f"history has shape {inputs.shape} and response {outputs.shape}: the fit has "
             f"{fit.residual.shape}, and one history can be drawn"
         )
-    figure, (left, right) = _make_grid(1, 2)
+    figure, (left, right) = make_panels(1, 2, size=(6.8, 3.4))
     left.plot(inputs, outputs, ".", color=INK, markersize=3.0, alpha=0.5, label="measured")
     name = type(fit.operator).__name__
     left.plot(inputs, outputs - fit.residual, color=BLUE, linewidth=1.5, label=name)
@@ -565,7 +548,3 @@ def _find_turns(inputs: NDArray[np.float64]) -> NDArray[np.intp]:
     moved = np.flatnonzero(np.diff(inputs))
     ways = np.sign(np.diff(inputs)[moved])
     return moved[np.flatnonzero(np.diff(ways)) + 1]
-
-
-def _make_grid(rows: int, columns: int) -> tuple[Figure, list[Axes]]:
-    return make_panels(rows, columns, size=(max(4.8, 3.4 * columns), max(3.4, 2.9 * rows)))

@@ -1,7 +1,7 @@
 """What figures and reports read of a plan: its centreline, sampled motion, clearance, methods.
 
-A plan and the summary of a run are mappings that may lack any number: what they hold is read here
-once, into typed objects.
+The summary of a run is a mapping that may lack any number: it is read here once, with the plan,
+into typed objects.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer
 from ..errors import InputError
 from ..motion.measures import measure_displacement
-from ..motion.plan import Plan
+from ..motion.plan import Measures, Plan
 from ..motion.refusal import floor_mm
 from ..results import Json
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..duct.field import SampledField
 
 Record = Mapping[str, object]
-"""Part of a plan's `meta` or of a summary; any number may be missing."""
+"""A summary or a part of it; any number may be missing."""
 
 # Numbers out of records that may lack them, and bounds rounded to the safe side.
 
@@ -147,15 +147,21 @@ def find_refusal(plan: Plan, summary: Record | None = None) -> RefusalMark | Non
     """Return where and why a plan ends before the goal, None where that was not recorded."""
     if plan.status != "stopped":
         return None
-    for record in (read_part(summary or {}, "refusal"), read_part(plan.meta, "refusal")):
-        if (at := read_number(record, "at_mm")) is not None:
-            return RefusalMark(
-                code=str(record.get("code") or plan.reason_code),
-                at=at,
-                needs=read_number(record, "needs_mm"),
-                offers=read_number(record, "offers_mm"),
-            )
-    return None
+    record = read_part(summary or {}, "refusal")
+    own = plan.refusal
+    if read_number(record, "at_mm") is None and own is not None:
+        record = {
+            "code": own.code, "at_mm": own.at, "needs_mm": own.needs, "offers_mm": own.offers
+        }  # fmt: skip
+    at = read_number(record, "at_mm")
+    if at is None:
+        return None
+    return RefusalMark(
+        code=str(record.get("code") or plan.reason_code),
+        at=at,
+        needs=read_number(record, "needs_mm"),
+        offers=read_number(record, "offers_mm"),
+    )
 
 
 def share_centreline(plans: Sequence[Plan]) -> list[Plan]:
@@ -292,17 +298,15 @@ def check_plan(plan: Plan) -> None:
 
 
 def find_link_length(plan: Plan) -> float:
-    """Return the link length [mm], from the plan's record or else from its joints."""
-    stated = read_number(read_part(plan.meta, "scope"), "link_length_mm")
-    if stated is not None and stated > 0.0:
-        return stated
+    """Return the length of a link [mm], of the plan's scope or else of its joints."""
+    if plan.scope is not None:
+        return plan.scope.link_length
     return float(np.median(np.linalg.norm(np.diff(plan.joints[-1], axis=0), axis=-1)))
 
 
 def find_radius(plan: Plan) -> float:
-    """Return the scope's radius [mm] from the plan's record, 0 where it is not recorded."""
-    stated = read_number(read_part(plan.meta, "scope"), "diameter_mm")
-    return 0.5 * max(stated or 0.0, 0.0)
+    """Return the radius of a plan's scope [mm], 0 where it is not stated."""
+    return 0.0 if plan.scope is None else plan.scope.radius
 
 
 def sample_motion(plan: Plan, *, count: int = 300, worst_between: bool = False) -> MotionSample:
@@ -472,10 +476,10 @@ def read_clearance(plan: Plan, summary: Record) -> PlanClearance:
     summary : mapping
         The summary of the run; what it lacks is taken from the plan.
     """
-    certified = bool(summary.get("certified", plan.meta.get("certified", False)))
+    certified = bool(summary.get("certified", plan.certified))
     proved = read_number(summary, "clearance_certified_mm")
-    if proved is None:
-        proved = read_number(read_part(plan.meta, "certificate"), "clearance_mm")
+    if proved is None and plan.certificate is not None:
+        proved = plan.certificate.clearance if math.isfinite(plan.certificate.clearance) else None
     estimate = read_number(summary, "clearance_min_mm")
     place = read_number(summary, "clearance_where_mm")
     if estimate is None:
@@ -487,8 +491,7 @@ def read_clearance(plan: Plan, summary: Record) -> PlanClearance:
     soft = _read_soft_wall(plan, summary, estimate, place)
     inflation = read_number(summary, "inflation_mm")
     if inflation is None:
-        inflation = read_number(read_part(plan.meta, "field"), "inflation_mm") or 0.0
-        inflation -= 0.0 if soft is None else soft.used  # planned in the displaced wall
+        inflation = plan.inflation - (0.0 if soft is None else soft.used)
     return PlanClearance(
         certified=certified,
         proved=proved if certified else None,
@@ -502,7 +505,14 @@ def read_clearance(plan: Plan, summary: Record) -> PlanClearance:
 def _read_soft_wall(
     plan: Plan, summary: Record, estimate: float | None, place: float | None
 ) -> SoftWall | None:
-    record = read_part(summary, "soft_wall") or read_part(plan.meta, "soft_wall")
+    record, own = read_part(summary, "soft_wall"), plan.soft_wall
+    if not record and own is not None:
+        record = {
+            "allowed_mm": own.allowed,
+            "used_mm": own.used,
+            "contact_max_mm": own.contact_max,
+            "contact_where_mm": own.contact_where,
+        }
     if not record:
         return None
     allowed = read_number(record, "allowed_mm") or 0.0
@@ -555,22 +565,19 @@ def list_methods(plans: Sequence[Plan], records: Sequence[Record] = ()) -> list[
 
 def _describe(plan: Plan, *, skip: Record) -> Json:
     """Return the record of a method by its plan alone."""
-    measures = read_part(plan.meta, "measures")
-    certified = bool(plan.meta.get("certified", False))
-    proved = read_number(read_part(plan.meta, "certificate"), "clearance_mm")
-    smallest = float(plan.clearance.min())
-    estimate = read_number(measures, "clearance_min_mm")
+    measures = Measures() if plan.measures is None else plan.measures
+    estimate, smallest = measures.clearance_min, plan.clearance_min
     return {
         "status": plan.status,
         "reason": plan.reason,
         "reason_code": plan.reason_code,
-        "certified": certified,
-        "clearance_certified_mm": proved if certified else None,
+        "certified": plan.certified,
+        "clearance_certified_mm": plan.proved,
         "clearance_min_mm": smallest if estimate is None and math.isfinite(smallest) else estimate,
         "inserted_mm": plan.inserted,
         "centreline_length_mm": read_centreline(plan).length,
-        "joint_step_ratio_max": read_number(measures, "joint_step_ratio_max"),
-        "joint_angle_max_rad": read_number(measures, "joint_angle_max_rad"),
+        "joint_step_ratio_max": measures.joint_step_ratio_max,
+        "joint_angle_max_rad": measures.joint_angle_max,
         "displacement_ratio": None
         if skip.get("displacement_ratio") is not None
         else _measure_displacement(plan),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from .plan_data import (
     PlanCentreline,
     RefusalMark,
     read_number,
+    read_parts,
 )
 from .style import ClearanceScale, color_lumen, draw_marker
 
@@ -58,14 +59,9 @@ class EndMark:
 
 def list_marks(plan: Plan) -> list[EndMark]:
     """Return the ends that a plan records, [] where it records none."""
-    records = plan.meta.get("ends")
-    if isinstance(records, str) or not isinstance(records, Sequence):
-        return []
     marks: list[EndMark] = []
-    for record in records:
-        if not isinstance(record, Mapping):
-            continue
-        point = np.asarray(record.get("point_mm"), dtype=np.float64)
+    for record in read_parts(plan.more, "ends"):
+        point = np.asarray(record.get("point_mm", ()), dtype=np.float64)
         if point.shape != (3,) or not np.isfinite(point).all():
             continue
         kind = {"opening": "opening ", "landmark": "landmark "}.get(str(record.get("kind")), "")

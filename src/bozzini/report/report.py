@@ -293,8 +293,7 @@ def write_report(
     path : path-like
         The file to write.
     plan : Plan
-        The motion. Of its `meta`, the keys scope, certified, certificate, centreline, refusal,
-        soft_wall, input, versions, command and attribution are used where they are present.
+        The motion; what it does not state is left out.
     field : SampledField
         The lumen that the plan was made in; for a soft wall, the lumen at rest.
     summary : mapping
@@ -406,15 +405,12 @@ def _check_field(plan: Plan, field: SampledField) -> None:
 
 
 def _find_title(plan: Plan) -> str:
-    source = plan.meta.get("input")
-    name = source
-    if isinstance(source, Mapping):
-        name = next((source[k] for k in ("source", "path", "name", "file") if source.get(k)), None)
-    return f"Insertion plan: {Path(str(name)).name}" if name else "Insertion plan"
+    name = plan.input and (plan.input.source or plan.input.file)
+    return f"Insertion plan: {Path(name).name}" if name else "Insertion plan"
 
 
 def _describe_basis(known: PlanClearance, plan: Plan, field: SampledField) -> str:
-    wall = str(plan.meta.get("wall") or field.wall)
+    wall = plan.wall or field.wall
     if known.certified:
         parts = [f"Certified for the whole body at all times. The wall is: {wall}."]
     else:
@@ -439,20 +435,20 @@ def _describe_frame(pictures: Sequence[Projection], frame: str | None) -> str:
 
 
 def _render_provenance(plan: Plan, summary: Record) -> str:
-    parts = []
-    if plan.meta.get("command"):
-        parts.append(f"<pre>{escape(str(plan.meta['command']))}</pre>")
+    parts, meta = [], plan.meta
+    if meta.get("command"):
+        parts.append(f"<pre>{escape(str(meta['command']))}</pre>")
     rows = []
     for key in ("input", "scope", "introducer", "field", "versions"):
-        value = plan.meta.get(key)
+        value = meta.get(key)
         if isinstance(value, Mapping):
             rows += [(f"{key}: {name}".replace("_", " "), _show(v)) for name, v in value.items()]
         elif value:
             rows.append((key, _show(value)))
     if rows:
         parts.append(f"<table>{render_table(rows)}</table>")
-    if plan.meta.get("attribution"):
-        parts.append(f"<p><b>Data:</b> {escape(str(plan.meta['attribution']))}</p>")
+    if meta.get("attribution"):
+        parts.append(f"<p><b>Data:</b> {escape(str(meta['attribution']))}</p>")
     text = json.dumps(dict(summary), indent=2, default=str, ensure_ascii=False)
     parts.append(
         f"<details><summary>The whole summary</summary><pre>{escape(text)}</pre></details>"

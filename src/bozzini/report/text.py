@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 def list_limitations(plan: Plan, field: SampledField, summary: Record) -> list[str]:
     """Return what the reader must know before believing the numbers."""
     known = read_clearance(plan, summary)
-    wall = str(plan.meta.get("wall") or field.wall)
+    wall = plan.wall or field.wall
     below = "pushes the wall outwards" if known.soft is not None else "is through the wall"
     texts = [
         "Clearance is the distance from the scope's round surface to the wall, the smallest over "
@@ -230,7 +230,7 @@ def list_rows(plan: Plan, field: SampledField, summary: Record) -> list[tuple[st
     for key, name in (("tractrix", "a freely pulled chain"), ("follow", "follow-the-leader")):
         rows.append((f"Joint movement, of that of {name}", _show(moved.get(key), 3)))
     rows += [
-        ("Wall", str(plan.meta.get("wall") or field.wall)),
+        ("Wall", plan.wall or field.wall),
         ("Wall moved outwards (inflation)", _show(float(field.inflation), 2, "mm")),
         (
             "Error of the distance between grid nodes, at most",

@@ -25,6 +25,10 @@ CHORD = 0
 ARC = 1
 CHANNEL = 2
 
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
+"""Gauss points of a segment, from 0 to 1, and their weights."""
+
 FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0, 720.0, 5040.0])
 
 
@@ -145,23 +149,23 @@ def move_forward(w, f, half, length, backbone, value, slope):
 
 
 @njit(cache=True)
-def measure_length(
-    w, f, half, length, backbone, start, end, step, step_slope, tension, work, slope, psd, full
-):
+def measure_length(backbone, ends, tension, work, slope, psd, full):
     """Length of one tendon over a segment [mm], straight between the discs.
 
-    ``start`` and ``end`` are its places (2,) in the two discs. Fills its gradient ``slope`` (3,)
-    and adds ``tension`` times its Hessian to ``full``, and the part of the Hessian that cannot be
-    negative to ``psd``. ``work`` is (5, 3).
+    ``backbone`` is the turn, its functions and those of its half, length and kind of the segment,
+    and what `move_forward` fills. ``ends`` (2, 2) are the tendon's places in the two discs. Fills
+    its gradient ``slope`` (3,) and adds ``tension`` times its Hessian to ``full``, and the part of
+    the Hessian that cannot be negative to ``psd``. ``work`` is (5, 3).
     """
+    w, f, half, length, kind, step, step_slope = backbone
     value, matrix = work[0], work[1:4]
     for i in range(3):
         value[i] = step[i]
         for k in range(3):
             matrix[i, k] = step_slope[i, k]
-    add_form(w, f, 0, end[0], end[1], 0.0, 1.0, 1.0, value, matrix)
-    value[0] -= start[0]
-    value[1] -= start[1]
+    add_form(w, f, 0, ends[1, 0], ends[1, 1], 0.0, 1.0, 1.0, value, matrix)
+    value[0] -= ends[0, 0]
+    value[1] -= ends[0, 1]
     size = math.sqrt(value[0] ** 2 + value[1] ** 2 + value[2] ** 2)
     way = work[4]
     for i in range(3):
@@ -182,8 +186,8 @@ def measure_length(
             full[i, k] += part
             if tension > 0.0:
                 psd[i, k] += part
-    add_form_hessian(w, f, 0, end[0], end[1], 0.0, way, tension, 1.0, full)
-    if backbone == CHORD:
+    add_form_hessian(w, f, 0, ends[1, 0], ends[1, 1], 0.0, way, tension, 1.0, full)
+    if kind == CHORD:
         add_form_hessian(w, half, 0, 0.0, 0.0, 1.0, way, tension * length, 0.5, full)
     else:
         add_form_hessian(w, f, 1, 0.0, 0.0, 1.0, way, tension * length, 1.0, full)
@@ -191,29 +195,29 @@ def measure_length(
 
 
 @njit(cache=True)
-def measure_channel(w, length, guides, weights, tension, slope, psd, full):
+def measure_channel(w, length, guides, tension, slope, psd, full):
     """Length of one tendon in a smooth channel of a segment of constant curvature and twist [mm].
 
-    ``guides`` (g, 4) are place and slope of the channel at Gauss points of ``weights`` (g,), which
-    add up to 1. Fills and adds as `measure_length`; this length is convex in ``w``.
+    ``guides`` (g, 4) are place and slope of the channel at the Gauss points. Fills and adds as
+    `measure_length`; this length is convex in ``w``.
     """
     total = 0.0
     slope[:] = 0.0
     u0, u1, u2 = w[0] / length, w[1] / length, w[2] / length
-    for g in range(weights.size):
+    for g in range(WEIGHTS.size):
         x, y = guides[g, 0], guides[g, 1]
         v0 = guides[g, 2] - u2 * y
         v1 = guides[g, 3] + u2 * x
         v2 = 1.0 + u0 * y - u1 * x
         size = math.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
-        total += weights[g] * length * size
+        total += WEIGHTS[g] * length * size
         m0, m1, m2 = v2 * y / size, -v2 * x / size, (v1 * x - v0 * y) / size
-        slope[0] += weights[g] * m0
-        slope[1] += weights[g] * m1
-        slope[2] += weights[g] * m2
+        slope[0] += WEIGHTS[g] * m0
+        slope[1] += WEIGHTS[g] * m1
+        slope[2] += WEIGHTS[g] * m2
         if tension == 0.0:
             continue
-        share = tension * weights[g] / (length * size)
+        share = tension * WEIGHTS[g] / (length * size)
         h00, h01, h02 = share * (y * y - m0 * m0), share * (-x * y - m0 * m1), -share * m0 * m2
         h11, h12 = share * (x * x - m1 * m1), -share * m1 * m2
         h22 = share * (x * x + y * y - m2 * m2)
@@ -237,10 +241,6 @@ def measure_channel(w, length, guides, weights, tension, slope, psd, full):
 # z (n, 3), the tendons' places in the cross-sections (k, n + 1, 2), their places and slopes at the
 # Gauss points (k, n, g, 4), how many segments each tendon passes (k,), and the kind of segment.
 
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
-POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
-"""Gauss points of a segment, from 0 to 1, and their weights."""
-
 
 @njit(cache=True)
 def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
@@ -261,37 +261,19 @@ def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
             for k in range(counts.size):
                 if j < counts[k]:
                     lengths[k] += measure_channel(
-                        w,
-                        spans[j],
-                        guides[k, j],
-                        WEIGHTS,
-                        tensions[k],
-                        slopes[k, j],
-                        psd[j],
-                        full[j],
+                        w, spans[j], guides[k, j], tensions[k], slopes[k, j], psd[j], full[j]
                     )
             continue
         q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
         fill_functions(q, f)
         fill_functions(0.25 * q, half)
         move_forward(w, f, half, spans[j], segment, step, step_slope)
+        backbone = w, f, half, spans[j], segment, step, step_slope
         for k in range(counts.size):
             if j < counts[k]:
+                place, tension = paths[k, j : j + 2], tensions[k]
                 lengths[k] += measure_length(
-                    w,
-                    f,
-                    half,
-                    spans[j],
-                    segment,
-                    paths[k, j],
-                    paths[k, j + 1],
-                    step,
-                    step_slope,
-                    tensions[k],
-                    work,
-                    slopes[k, j],
-                    psd[j],
-                    full[j],
+                    backbone, place, tension, work, slopes[k, j], psd[j], full[j]
                 )
 
 
@@ -398,23 +380,14 @@ SMALLEST_SHARE = 1.0 / 64.0
 
 
 @njit(cache=True)
-def solve_command(
-    grid,
-    limits,
-    compliances,
-    low,
-    high,
-    tolerance,
-    most_steps,
-    turns,
-    tensions,
-    lengths,
-):
+def solve_command(rod, limits, tolerance, turns, tensions, lengths):
     """One command, from where ``turns`` and ``tensions`` stand; both are changed.
 
-    ``limits`` are the cables' lengths. Returns a code, the steps taken, the error of the tendons'
-    lengths against them [mm], and how many segments are not stable by themselves.
+    ``rod`` is the grid, the tendons' compliances (k,), their lowest and highest tensions (k,), and
+    the most steps; ``limits`` are the cables' lengths. Returns a code, the steps taken, the error
+    of the tendons' lengths against them [mm], and how many segments are not stable by themselves.
     """
+    grid, compliances, low, high, most_steps = rod
     spans, stiffness, _, _, counts, _ = grid
     n, k = spans.size, counts.size
     slopes, carried = np.empty((k, n, 3)), np.empty((k, n, 3))
@@ -519,28 +492,15 @@ def share_tensions(stiffness, counts, slopes, turns, taut, low, high, tensions):
 
 
 @njit(cache=True)
-def follow_command(
-    grid,
-    natural,
-    displacement,
-    tolerance,
-    first,
-    smallest,
-    compliances,
-    low,
-    high,
-    most_steps,
-    turns,
-    tensions,
-    lengths,
-):
+def follow_command(rod, natural, displacement, tolerance, parts, turns, tensions, lengths):
     """One command from the straight rod, at once or else in parts, as far as it can be followed.
 
-    ``first`` is the part of the command that is tried at once, ``smallest`` the smallest one.
+    ``parts`` are the part of the command that is tried at once, and the smallest one.
 
     Returns what `solve_command` does of the last part, the share of the command that was reached,
     and all steps taken.
     """
+    low, (first, smallest) = rod[2], parts
     turns[:] = 0.0
     tensions[:] = 0.0
     kept_turns, kept_tensions = turns.copy(), tensions.copy()
@@ -555,16 +515,7 @@ def follow_command(
             if low[m] == 0.0:
                 limits[m] += tolerance
         code, count, error, unstable = solve_command(
-            grid,
-            limits,
-            compliances,
-            low,
-            high,
-            tolerance,
-            most_steps,
-            turns,
-            tensions,
-            lengths,
+            rod, limits, tolerance, turns, tensions, lengths
         )
         steps += count
         if code == CONVERGED:
@@ -582,37 +533,18 @@ def follow_command(
 
 
 @njit(cache=True)
-def solve_commands(
-    grid,
-    natural,
-    displacements,
-    firsts,
-    tolerance,
-    compliances,
-    pushes,
-    strongest,
-    most_steps,
-    turns,
-    tensions,
-    lengths,
-    codes,
-    steps,
-    errors,
-    shares,
-    unstable,
-):
-    """Solve a batch of commands (b, k), each from the straight rod; fills the arrays from `turns`.
+def solve_commands(rod, natural, displacements, firsts, tolerance, answers):
+    """Solve a batch of commands (b, k), each from the straight rod; fills the arrays of `answers`.
 
-    ``firsts`` (b,) are the parts of them that are tried at once.
-
-    Where a command fails, ``shares`` tells how much of it can be followed, and the shape is that.
+    ``rod`` is that of `solve_command`, ``natural`` (k,) the tendons' lengths in the straight rod,
+    ``firsts`` (b,) the parts of the commands that are tried at once. Answers are turns (b, n, 3),
+    tensions and lengths (b, k), and codes, steps, errors, shares and unstable segments (b,). Where
+    a command fails, its share is how much of it can be followed, and the shape is that.
     """
+    turns, tensions, lengths, codes, steps, errors, shares, unstable = answers
+    grid, compliances, low, high, _ = rod
     spans, stiffness, _, _, counts, _ = grid
     n, k = spans.size, counts.size
-    low, high = np.zeros(k), np.full(k, strongest)
-    for m in range(k):
-        if pushes[m]:
-            low[m] = -strongest
     slopes = np.empty((k, n, 3))
     psd, full = np.empty((n, 3, 3)), np.empty((n, 3, 3))
     taut = np.empty(k, dtype=np.bool_)
@@ -622,20 +554,9 @@ def solve_commands(
         for attempt in range(3):
             allowed = tolerance if attempt > 0 else 1e-4 * tolerance
             smallest = SMALLEST_SHARE * firsts[b] if attempt == 2 else firsts[b]
+            parts, state = (firsts[b], smallest), (turns[b], tensions[b], lengths[b])
             codes[b], errors[b], unstable[b], shares[b], count = follow_command(
-                grid,
-                natural,
-                displacements[b],
-                allowed,
-                firsts[b],
-                smallest,
-                compliances,
-                low,
-                high,
-                most_steps,
-                turns[b],
-                tensions[b],
-                lengths[b],
+                rod, natural, displacements[b], allowed, parts, *state
             )
             steps[b] += count
             if codes[b] == CONVERGED:
@@ -643,7 +564,7 @@ def solve_commands(
         measure_lengths(grid, turns[b], tensions[b], lengths[b], slopes, psd, full)
         for m in range(k):
             gap = natural[m] - shares[b] * displacements[b, m] - lengths[b, m]
-            taut[m] = pushes[m] or gap <= tolerance
+            taut[m] = low[m] < 0.0 or gap <= tolerance
         # Tendons that stretch leave nothing open.
         if compliances.max() == 0.0:
             share_tensions(stiffness, counts, slopes, turns[b], taut, low, high, tensions[b])

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import GeometryError
-from ...numeric.vectors import spread_directions
+from ...numeric.vectors import nearest_rotation, spread_directions
 from ...progress import Progress, no_progress
 from ..base import Duct
 from ..shapes.super_ellipses import EXPONENT_MAX, EXPONENT_MIN, SuperEllipsoids
@@ -144,8 +144,8 @@ def _inscribe(centre: Floats, wall: Floats) -> SuperEllipsoids:
         },
     )
     half, e1, e2 = shape(found.x)
-    left, _, right = np.linalg.svd(axes @ turn_matrix(*found.x[5:8]))
-    block = make_block(centre, half, e1, e2, left @ right)
+    rotation = nearest_rotation(axes @ turn_matrix(*found.x[5:8]))
+    block = make_block(centre, half, e1, e2, rotation)
     return _scale(block, float(block.evaluate_gauge(centre + wall).min()))
 
 

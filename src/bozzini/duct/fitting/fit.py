@@ -18,7 +18,7 @@ from ...results import Result
 from ..base import Duct, SampledField
 from ..centreline import Centreline, find_centreline
 from ..field import build_field
-from ..shape_files import count_pieces, save_shapes
+from ..shape_files import save_shapes
 from ..shapes.cones import RoundCones
 from ..shapes.cylinders import ConnectedCylinders
 from ..shapes.mesh import TriangleMesh
@@ -301,7 +301,6 @@ def fit_duct(
         shapes,
         duct,
         centreline,
-        pieces=count_pieces(shapes),
         max_error=options.max_error if options.inside else 0.0,
         sections=cuts,
         progress=progress,

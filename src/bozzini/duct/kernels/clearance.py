@@ -41,9 +41,9 @@ def clearance_slope(duct, x, y, z):
 # the distance to it, which keeps it an upper bound of the lesser of distance and reach.
 
 
-@njit(cache=True)
-def field_value(values, hx, hy, hz, inflation, x, y, z):
-    """Signed distance at one point."""
+@njit(cache=True, inline="always")
+def _find_cell(values, hx, hy, hz, x, y, z):
+    """Return the cell of a point, the fractions in it, and how far the point is off the grid."""
     nx, ny, nz = values.shape
     fx = x / hx
     fy = y / hy
@@ -54,18 +54,19 @@ def field_value(values, hx, hy, hz, inflation, x, y, z):
     i = min(int(cx), nx - 2)
     j = min(int(cy), ny - 2)
     k = min(int(cz), nz - 2)
-    u = cx - i
-    v = cy - j
-    w = cz - k
+    return i, j, k, cx - i, cy - j, cz - k, (fx - cx) * hx, (fy - cy) * hy, (fz - cz) * hz
+
+
+@njit(cache=True)
+def field_value(values, hx, hy, hz, inflation, x, y, z):
+    """Signed distance at one point."""
+    i, j, k, u, v, w, dx, dy, dz = _find_cell(values, hx, hy, hz, x, y, z)
     c00 = values[i, j, k] * (1.0 - w) + values[i, j, k + 1] * w
     c01 = values[i, j + 1, k] * (1.0 - w) + values[i, j + 1, k + 1] * w
     c10 = values[i + 1, j, k] * (1.0 - w) + values[i + 1, j, k + 1] * w
     c11 = values[i + 1, j + 1, k] * (1.0 - w) + values[i + 1, j + 1, k + 1] * w
     s = (c00 * (1.0 - v) + c01 * v) * (1.0 - u) + (c10 * (1.0 - v) + c11 * v) * u
-    if cx != fx or cy != fy or cz != fz:
-        dx = (fx - cx) * hx
-        dy = (fy - cy) * hy
-        dz = (fz - cz) * hz
+    if dx != 0.0 or dy != 0.0 or dz != 0.0:
         s += math.sqrt(dx * dx + dy * dy + dz * dz)
     return s - inflation
 
@@ -73,19 +74,7 @@ def field_value(values, hx, hy, hz, inflation, x, y, z):
 @njit(cache=True)
 def field_and_gradient(values, hx, hy, hz, inflation, x, y, z):
     """Signed distance at one point, and the gradient of the interpolant there."""
-    nx, ny, nz = values.shape
-    fx = x / hx
-    fy = y / hy
-    fz = z / hz
-    cx = min(max(fx, 0.0), nx - 1.0)
-    cy = min(max(fy, 0.0), ny - 1.0)
-    cz = min(max(fz, 0.0), nz - 1.0)
-    i = min(int(cx), nx - 2)
-    j = min(int(cy), ny - 2)
-    k = min(int(cz), nz - 2)
-    u = cx - i
-    v = cy - j
-    w = cz - k
+    i, j, k, u, v, w, dx, dy, dz = _find_cell(values, hx, hy, hz, x, y, z)
     v000 = float(values[i, j, k])
     v001 = float(values[i, j, k + 1])
     v010 = float(values[i, j + 1, k])
@@ -106,18 +95,12 @@ def field_and_gradient(values, hx, hy, hz, inflation, x, y, z):
     g0 = (v001 - v000) * (1.0 - v) + (v011 - v010) * v
     g1 = (v101 - v100) * (1.0 - v) + (v111 - v110) * v
     gz = (g0 * (1.0 - u) + g1 * u) / hz
-    if cx != fx or cy != fy or cz != fz:
-        dx = (fx - cx) * hx
-        dy = (fy - cy) * hy
-        dz = (fz - cz) * hz
+    if dx != 0.0 or dy != 0.0 or dz != 0.0:
         distance = math.sqrt(dx * dx + dy * dy + dz * dz)
         s += distance
-        if dx != 0.0:
-            gx = dx / distance
-        if dy != 0.0:
-            gy = dy / distance
-        if dz != 0.0:
-            gz = dz / distance
+        gx = dx / distance if dx != 0.0 else gx
+        gy = dy / distance if dy != 0.0 else gy
+        gz = dz / distance if dz != 0.0 else gz
     return s - inflation, gx, gy, gz
 
 
@@ -130,20 +113,8 @@ def nodes_bound(values, step, x, y, z):
     concave, so T[d^2] - e^2 <= d^2; and any 1-Lipschitz s has |T[s] - s| <= e. A wall moved
     outwards by the inflation c is at least c + d away inside the lumen, and c - s outside it.
     """
-    nx, ny, nz = values.shape
     hx, hy, hz = step[0], step[1], step[2]
-    fx = x / hx
-    fy = y / hy
-    fz = z / hz
-    cx = min(max(fx, 0.0), nx - 1.0)
-    cy = min(max(fy, 0.0), ny - 1.0)
-    cz = min(max(fz, 0.0), nz - 1.0)
-    i = min(int(cx), nx - 2)
-    j = min(int(cy), ny - 2)
-    k = min(int(cz), nz - 2)
-    u = cx - i
-    v = cy - j
-    w = cz - k
+    i, j, k, u, v, w, dx, dy, dz = _find_cell(values, hx, hy, hz, x, y, z)
     s = 0.0
     square = 0.0
     for a in range(2):
@@ -164,10 +135,7 @@ def nodes_bound(values, step, x, y, z):
     square *= 1.0 - 2.0**-22
     if square > spread:
         best = max(best, math.sqrt(square - spread))
-    if cx != fx or cy != fy or cz != fz:
-        dx = (fx - cx) * hx
-        dy = (fy - cy) * hy
-        dz = (fz - cz) * hz
+    if dx != 0.0 or dy != 0.0 or dz != 0.0:
         best -= math.sqrt(dx * dx + dy * dy + dz * dz)
     return best
 
@@ -226,27 +194,22 @@ def bricks_bound(duct, x, y, z):
 def bricks_estimate(duct, x, y, z):
     """Trilinear clearance."""
     n, u, v, w = find_brick(duct, x, y, z)
-    if n >= 0:
-        step = duct.fine_step
-        return -field_value(duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w)
-    step = duct.step
-    return -field_value(duct.values, step[0], step[1], step[2], duct.inflation, x, y, z)
+    if n < 0:
+        return grid_estimate(duct, x, y, z)
+    step = duct.fine_step
+    return -field_value(duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w)
 
 
 @njit(cache=True)
 def bricks_slope(duct, x, y, z):
     """Trilinear clearance and its gradient."""
     n, u, v, w = find_brick(duct, x, y, z)
-    if n >= 0:
-        step = duct.fine_step
-        s, gx, gy, gz = field_and_gradient(
-            duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w
-        )
-    else:
-        step = duct.step
-        s, gx, gy, gz = field_and_gradient(
-            duct.values, step[0], step[1], step[2], duct.inflation, x, y, z
-        )
+    if n < 0:
+        return grid_slope(duct, x, y, z)
+    step = duct.fine_step
+    s, gx, gy, gz = field_and_gradient(
+        duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w
+    )
     return -s, -gx, -gy, -gz
 
 

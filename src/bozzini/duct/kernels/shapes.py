@@ -104,35 +104,35 @@ def circle_slope(params, first, x, y, z):
     return away - params[first + 2], dx / away, dy / away, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _nearest_edge(params, first, x, y):
     """Return (signed distance, where the nearest edge is in the slice): sign by crossings."""
+    count = int(params[first])
+    edges = params[first + 1 : first + 1 + 5 * count].reshape(count, 5)
     best = np.inf
-    index = first + 1
+    index = 0
     inside = False
-    at = first + 1
-    for _ in range(int(params[first])):
-        ax = params[at]
-        ay = params[at + 1]
-        ex = params[at + 2] - ax
-        ey = params[at + 3] - ay
+    for i in range(count):
+        ax = edges[i, 0]
+        ay = edges[i, 1]
+        ex = edges[i, 2] - ax
+        ey = edges[i, 3] - ay
         wx = x - ax
         wy = y - ay
-        u = min(max((wx * ex + wy * ey) * params[at + 4], 0.0), 1.0)
+        u = min(max((wx * ex + wy * ey) * edges[i, 4], 0.0), 1.0)
         gap = (wx - u * ex) ** 2 + (wy - u * ey) ** 2
         if gap < best:
             best = gap
-            index = at
-        if (ay > y) != (params[at + 3] > y):
+            index = i
+        if (ay > y) != (edges[i, 3] > y):
             turn = ex * wy - ey * wx
             if (turn > 0.0) == (ey > 0.0):
                 inside = not inside
-        at += 5
     s = math.sqrt(best)
-    return (-s if inside else s), index
+    return (-s if inside else s), first + 1 + 5 * index
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def outline_value(params, first, x, y, z):
     """Exact signed distance to a simple polygon, counter-clockwise.
 
@@ -242,7 +242,7 @@ def half_spaces_slope(params, first, x, y, z):
     return best, params[index], params[index + 1], params[index + 2]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _round_cone_place(params, first, x, y, z):
     """Return (along, off, place): coordinates from the first ball, and the nearest ball's."""
     dx = x - params[first]
@@ -256,7 +256,7 @@ def _round_cone_place(params, first, x, y, z):
     return along, off, along - off * params[first + 7] / params[first + 8]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def round_cone_value(params, first, x, y, z):
     """Exact signed distance to the hull of two balls.
 
@@ -300,9 +300,11 @@ def round_cone_slope(params, first, x, y, z):
     return norm - radius, gx / norm, gy / norm, gz / norm
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def shape_value(kind, params, first, x, y, z):
     """Signed value of one shape."""
+    if kind == ROUND_CONE:
+        return round_cone_value(params, first, x, y, z)
     if kind == SUPER_ELLIPSE:
         return super_ellipse_value(params, first, x, y, z)
     if kind == CIRCLE:
@@ -321,6 +323,8 @@ def shape_value(kind, params, first, x, y, z):
 @njit(cache=True)
 def shape_slope(kind, params, first, x, y, z):
     """Signed value of one shape with its gradient."""
+    if kind == ROUND_CONE:
+        return round_cone_slope(params, first, x, y, z)
     if kind == SUPER_ELLIPSE:
         return super_ellipse_slope(params, first, x, y, z)
     if kind == CIRCLE:
@@ -337,43 +341,52 @@ def shape_slope(kind, params, first, x, y, z):
 
 
 @njit(cache=True)
-def inflate_shapes(shapes, inflation):
-    """Lower the values of all shapes so that their walls move outwards by at most `inflation`.
+def inflate_shapes(table, params, inflation):
+    """Move the walls of all shapes outwards by at most `inflation`, in place.
 
     Where the value outside is the distance, by the inflation c. Where it is only a lower bound,
     the shape {v <= c} would reach farther than c beyond the wall; {v <= c r / R} does not, r the
     depth of v at the ball's centre and R the ball's radius, because v is convex. A chain of
-    cylinders is nearer than its value says by its tolerance.
+    cylinders is nearer than its value by its tolerance.
     """
-    for i in range(shapes.kinds.shape[0]):
-        kind = shapes.kinds[i]
-        first = shapes.first[i]
+    for i in range(table.shape[0]):
+        kind = int(table[i, 5])
+        first = int(table[i, 6])
         more = inflation
         if kind == CYLINDER_CHAIN:
-            more = max(inflation - shapes.params[first + 1], 0.0)
+            more = max(inflation - params[first + 1], 0.0)
         elif kind == SUPER_ELLIPSE or kind == SUPER_ELLIPSOID or kind == HALF_SPACES:
-            ball = shapes.boxes[i]
-            depth = -shape_value(kind, shapes.params, first, ball[0], ball[1], ball[2])
-            more *= min(max(depth / ball[3], 0.0), 1.0)
-        shapes.offsets[i] += more
+            depth = -shape_value(kind, params, first, table[i, 0], table[i, 1], table[i, 2])
+            more *= min(max(depth / table[i, 3], 0.0), 1.0)
+        table[i, 4] += more
 
 
-@njit(cache=True)
-def _off_ball(boxes, i, x, y, z):
+@njit(cache=True, inline="always")
+def _off_ball(balls, i, x, y, z):
     """Square of the distance to the centre of a bounding ball."""
-    dx = x - boxes[i, 0]
-    dy = y - boxes[i, 1]
-    dz = z - boxes[i, 2]
+    dx = x - balls[i, 0]
+    dy = y - balls[i, 1]
+    dz = z - balls[i, 2]
     return dx * dx + dy * dy + dz * dz
 
 
+@njit(cache=True, inline="always")
+def _measure_shape(table, params, i, square, x, y, z):
+    """Value of a shape with its ball and its offset; `square` is that of the ball's centre."""
+    kind = int(table[i, 5])
+    first = int(table[i, 6])
+    if kind == ROUND_CONE:  # saves the call, which counts here
+        return round_cone_value(params, first, x, y, z) - table[i, 4]
+    value = shape_value(kind, params, first, x, y, z)
+    return max(value, math.sqrt(square) - table[i, 3]) - table[i, 4]
+
+
 @njit(cache=True)
-def nearest_shape(shapes, x, y, z):
+def nearest_shape(table, params, blocks, x, y, z):
     """Return (value, i): the value at a point, and the shape that decides it."""
-    boxes = shapes.boxes
-    blocks = shapes.blocks
     count = blocks.shape[0]
-    z *= shapes.upright
+    if table.shape[0] == 1:
+        return _measure_shape(table, params, 0, _off_ball(table, 0, x, y, z), x, y, z), 0
     first = 0
     least = np.inf
     for b in range(count):
@@ -384,12 +397,11 @@ def nearest_shape(shapes, x, y, z):
     start = int(blocks[first, 4])
     least = np.inf
     for i in range(start, int(blocks[first, 5])):
-        gap = math.sqrt(_off_ball(boxes, i, x, y, z)) - boxes[i, 3]
+        gap = math.sqrt(_off_ball(table, i, x, y, z)) - table[i, 3]
         if gap < least:
             least = gap
             start = i
-    best = shape_value(shapes.kinds[start], shapes.params, shapes.first[start], x, y, z)
-    best = max(best, least) - shapes.offsets[start]
+    best = _measure_shape(table, params, start, _off_ball(table, start, x, y, z), x, y, z)
     index = start
     for n in range(count):
         b = first + n
@@ -400,24 +412,20 @@ def nearest_shape(shapes, x, y, z):
             if reach <= 0.0 or _off_ball(blocks, b, x, y, z) >= reach * reach:
                 continue
         for i in range(int(blocks[b, 4]), int(blocks[b, 5])):
-            square = _off_ball(boxes, i, x, y, z)
-            reach = best + boxes[i, 3] + shapes.offsets[i]
+            square = _off_ball(table, i, x, y, z)
+            reach = best + table[i, 3] + table[i, 4]
             if i == start or reach <= 0.0 or square >= reach * reach:
                 continue
-            value = shape_value(shapes.kinds[i], shapes.params, shapes.first[i], x, y, z)
-            value = max(value, math.sqrt(square) - boxes[i, 3]) - shapes.offsets[i]
+            value = _measure_shape(table, params, i, square, x, y, z)
             if value < best:
                 best = value
                 index = i
-    for i in range(shapes.kinds.shape[0]):
-        if not shapes.obstacles[i]:
-            continue
-        square = _off_ball(boxes, i, x, y, z)
-        reach = boxes[i, 3] + shapes.offsets[i] - best
+    for i in range(int(blocks[count - 1, 5]), table.shape[0]):  # the obstacles
+        square = _off_ball(table, i, x, y, z)
+        reach = table[i, 3] + table[i, 4] - best
         if reach <= 0.0 or square >= reach * reach:
             continue
-        value = shape_value(shapes.kinds[i], shapes.params, shapes.first[i], x, y, z)
-        value = shapes.offsets[i] - max(value, math.sqrt(square) - boxes[i, 3])
+        value = -_measure_shape(table, params, i, square, x, y, z)
         if value > best:
             best = value
             index = i
@@ -427,27 +435,32 @@ def nearest_shape(shapes, x, y, z):
 @njit(cache=True)
 def family_estimate(duct, x, y, z):
     """Clearance: never more than there is, but for rounding."""
-    value, _ = nearest_shape(duct, x, y, z)
-    return -value
+    return -nearest_shape(duct.table, duct.params, duct.blocks, x, y, z * duct.upright)[0]
 
 
 @njit(cache=True)
 def family_bound(duct, x, y, z):
     """The same less the rounding error."""
-    return family_estimate(duct, x, y, z) - duct.slack
+    value, _ = nearest_shape(duct.table, duct.params, duct.blocks, x, y, z * duct.upright)
+    return -value - duct.slack
 
 
 @njit(cache=True)
 def family_slope(duct, x, y, z):
     """Clearance and its gradient."""
+    table = duct.table
     z *= duct.upright
-    value, i = nearest_shape(duct, x, y, z)
-    own, gx, gy, gz = shape_slope(duct.kinds[i], duct.params, duct.first[i], x, y, z)
-    away = math.sqrt(_off_ball(duct.boxes, i, x, y, z))
-    if away - duct.boxes[i, 3] > own:
-        gx = (x - duct.boxes[i, 0]) / away
-        gy = (y - duct.boxes[i, 1]) / away
-        gz = (z - duct.boxes[i, 2]) / away
-    if duct.obstacles[i]:
+    value, i = np.inf, 0
+    if table.shape[0] > 1:
+        value, i = nearest_shape(table, duct.params, duct.blocks, x, y, z)
+    own, gx, gy, gz = shape_slope(int(table[i, 5]), duct.params, int(table[i, 6]), x, y, z)
+    away = math.sqrt(_off_ball(table, i, x, y, z))
+    if table.shape[0] == 1:
+        value = max(own, away - table[i, 3]) - table[i, 4]
+    if away - table[i, 3] > own:
+        gx = (x - table[i, 0]) / away
+        gy = (y - table[i, 1]) / away
+        gz = (z - table[i, 2]) / away
+    if table[i, 7] > 0.0:
         return -value, gx, gy, gz
     return -value, -gx, -gy, -gz

@@ -57,7 +57,7 @@ class ShapeUnion(Shape, PackedDuct):
         data = pack_shapes(self.code, *self.numbers(), planar=self.dim == 2)
         if self.inflation == 0.0:
             return data
-        inflate_shapes(data, float(self.inflation))
+        inflate_shapes(data.table, data.params, float(self.inflation))
         return data.bound()
 
 
@@ -68,8 +68,8 @@ def move_shapes(data: ShapesData, rotation: Floats, shift: Floats) -> ShapesData
     for kind, start, stop in zip(data.kinds, data.first, ends, strict=True):
         if not FAMILY[int(kind)].move(params[start:stop], rotation, shift):
             return None
-    boxes = data.boxes.copy()
-    boxes[:, :3] = boxes[:, :3] @ rotation.T + shift
+    table = data.table.copy()
+    table[:, :3] = table[:, :3] @ rotation.T + shift
     # The numbers are rounded once more.
-    slack = data.slack + 2.0 * measure_slack(boxes)
-    return data._replace(params=params, boxes=boxes, slack=slack).bound()
+    slack = data.slack + 2.0 * measure_slack(table[:, :4])
+    return data._replace(params=params, table=table, slack=slack).bound()

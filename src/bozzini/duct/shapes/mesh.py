@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,10 @@ from ...errors import GeometryError, InputError
 from ...numeric.vectors import order_points
 from ..base import SampledField, Shape
 from ..checks import check_places, check_wall, freeze_places, set_fields
-from ..field import MeshWall, field_from_mesh, find_parts
+from ..field import MeshWall, field_from_mesh, measure_parts
+
+if TYPE_CHECKING:
+    import igl
 
 # Which side of a mesh's triangles is inside: parts that are turned inside out are found.
 
@@ -25,11 +28,11 @@ ASIDE = 1e-6
 def check_sides(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int64],
-    count_windings: Callable[[NDArray[np.float64]], NDArray[Any]],
+    count_windings: Callable[[NDArray[np.float64]], NDArray[np.int64]],
     *,
     everywhere: bool,
 ) -> None:
-    """Raise `GeometryError` where a closed mesh winds the wrong way about places beside it.
+    """Raise `GeometryError` where a closed mesh winds about places beside it in the wrong sense.
 
     Such places are outside, and the triangles around them no wall: moved outwards, these would
     make a lumen of nothing.
@@ -47,9 +50,7 @@ def check_sides(
     """
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    part = find_parts(len(vertices), faces)
-    around = corners[:, 0] - corners.mean(axis=(0, 1))
-    volumes = np.bincount(part, weights=np.einsum("ij,ij->i", around, normals))
+    part, volumes = measure_parts(vertices, faces)
     sizes = np.linalg.norm(normals, axis=1)
     asked = np.flatnonzero((sizes > 0.0) & (everywhere | (volumes[part] < 0.0)))
     if len(asked) == 0:
@@ -103,7 +104,7 @@ class TriangleMesh(Shape):
     winds about it at least once, counted along a ray: for a closed mesh the generalised winding
     number of Jacobson, Kavan and Sorkine-Hornung (2013), without its sum over all triangles. So
     where sheets of the mesh cross, what any of them encloses is inside, and the distance, which
-    is to any triangle, a lower bound of the room. That is not looked for: `kind` is "bound".
+    is to any triangle, a lower bound of the clearance. That is not looked for: `kind` is "bound".
     """
 
     vertices: NDArray[np.float64]
@@ -130,7 +131,7 @@ class TriangleMesh(Shape):
         faces = faces.astype(np.int64)
         check_wall(self.inflation, self.wall_error)
         _check_closed(vertices, faces)
-        volume = _measure_volume(vertices, faces)
+        volume = measure_parts(vertices, faces)[1].sum() / 6.0
         if abs(volume) <= 1e-9 * float(np.ptp(vertices[faces], axis=(0, 1)).max()) ** 3:
             raise GeometryError(f"the mesh encloses no volume: {volume:.3g} mm^3")
         if volume < 0.0:
@@ -152,7 +153,7 @@ class TriangleMesh(Shape):
     @property
     def volume(self) -> float:
         """Volume before inflation [mm^3]."""
-        return _measure_volume(self.vertices, self.faces)
+        return float(measure_parts(self.vertices, self.faces)[1].sum()) / 6.0
 
     def count_windings(self, points: ArrayLike) -> NDArray[np.int64]:
         """Return how often the mesh winds about points (..., 3): 0 outside, 1 or more inside."""
@@ -181,18 +182,18 @@ class TriangleMesh(Shape):
         """Return the (...) signed distance at points (..., 3) [mm], negative inside."""
         array = check_places("points", points)
         flat = np.array(array.reshape(-1, 3), order="C")
-        room = self._nearest(flat)[0]
-        value = np.where(self.count_windings(flat) > 0, -room, room)
+        gap = self._nearest(flat)[0]
+        value = np.where(self.count_windings(flat) > 0, -gap, gap)
         return value.reshape(array.shape[:-1]) - self.inflation
 
     def gradient(self, points: ArrayLike, /) -> NDArray[np.float64]:
         """Return the (..., 3) gradient of the signed distance; where it has several, one."""
         array = check_places("points", points)
         flat = np.array(array.reshape(-1, 3), order="C")
-        room, triangle, foot = self._nearest(flat)
+        gap, triangle, foot = self._nearest(flat)
         sign = np.where(self.count_windings(flat) > 0, -1.0, 1.0)
-        near = room <= THIN_MM
-        away = (flat - foot) * (sign / np.where(near, 1.0, room))[:, None]
+        near = gap <= THIN_MM
+        away = (flat - foot) * (sign / np.where(near, 1.0, gap))[:, None]
         if near.any():
             a, b, c = np.moveaxis(self.vertices[self.faces[triangle[near]]], 1, 0)
             normal = np.cross(b - a, c - a)
@@ -206,7 +207,7 @@ class TriangleMesh(Shape):
         return replace(grid, wall=self.wall, wall_error=self.wall_error)
 
     @cached_property
-    def _boxes(self) -> Any:
+    def _boxes(self) -> igl.AABB:
         import igl
 
         boxes = igl.AABB()
@@ -214,8 +215,8 @@ class TriangleMesh(Shape):
         return boxes
 
     @cached_property
-    def _columns(self) -> Any:
-        """The triangles in columns along the shortest side of the box: see `_mesh_kernels`."""
+    def _columns(self) -> tuple[object, ...]:
+        """The triangles in columns along the shortest side of the box: see `kernels.inside`."""
         from ..kernels.inside import fill_columns
 
         corners = self.vertices[self.faces]
@@ -234,11 +235,6 @@ class TriangleMesh(Shape):
         head = (p, q, float(low[p]), float(low[q]), cell, shape)
         first, members = fill_columns(self.vertices, self.faces, *head)
         return first, members, p, q, r, *head[2:]
-
-
-def _measure_volume(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
-    corners = vertices[faces] - vertices[faces].mean(axis=(0, 1))
-    return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6.0
 
 
 def _check_closed(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:

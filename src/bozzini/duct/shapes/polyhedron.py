@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,7 +54,7 @@ class ConvexPolyhedra(ShapeUnion):
     -----
     The value of a piece is the largest signed distance to its planes: the exact distance to the
     wall inside, at most the distance outside. Of a union it is the smallest over the pieces, a
-    lower bound of the room where they overlap: pieces that only share a face leave no room there,
+    lower bound of the clearance where they overlap: pieces that only share a face leave none there,
     so let them overlap. `kind` is "bound".
     """
 
@@ -68,7 +67,7 @@ class ConvexPolyhedra(ShapeUnion):
     dim = 3
 
     def __post_init__(self) -> None:
-        given: Any = self.pieces
+        given: object = self.pieces
         if isinstance(given, str) or not hasattr(given, "__len__"):
             raise InputError(
                 f"pieces is a {type(given).__name__}: it must be a sequence of arrays (m, 4)"

@@ -112,35 +112,44 @@ def measure_area(vertices: NDArray[np.float64]) -> float:
 
 def check_simple(vertices: NDArray[np.float64]) -> None:
     """Raise `GeometryError` if edges of a closed polygon (n, 2) have no length, cross or touch."""
-    start, stop = vertices, np.roll(vertices, -1, axis=0)
-    along = stop - start
+    along = np.roll(vertices, -1, axis=0) - vertices
     count = len(vertices)
     flat = np.flatnonzero(np.all(along == 0.0, axis=1))
     if len(flat):
         k = int(flat[0])
         raise GeometryError(
             f"edge {k} of the polygon has no length: vertices {k} and {(k + 1) % count} are both "
-            f"({start[k, 0]:g}, {start[k, 1]:g}) mm"
+            f"({vertices[k, 0]:g}, {vertices[k, 1]:g}) mm"
         )
-    for i in range(count):
-        after = (i + 1) % count
-        back = cross_planar(along[i], along[after])
-        if back == 0.0 and float(along[i] @ along[after]) < 0.0:
-            raise GeometryError(f"edges {i} and {after} of the polygon fold back on each other")
-        others = np.arange(i + 2, count if i > 0 else count - 1)
-        if len(others) == 0:
-            continue
+    after = np.roll(along, -1, axis=0)
+    back = (cross_planar(along, after) == 0.0) & (np.sum(along * after, axis=1) < 0.0)
+    if back.any():
+        k = int(np.argmax(back))
+        raise GeometryError(
+            f"edges {k} and {(k + 1) % count} of the polygon fold back on each other"
+        )
+    crossing = find_crossing(vertices)
+    if crossing is not None:
+        raise GeometryError(
+            f"edges {crossing[0]} and {crossing[1]} of the polygon cross or touch: it must be "
+            "simple"
+        )
+
+
+def find_crossing(vertices: NDArray[np.float64]) -> tuple[int, int] | None:
+    """Return the first two edges of a polygon that are no neighbours and cross or touch, if any."""
+    start, stop = vertices, np.roll(vertices, -1, axis=0)
+    for i in range(len(vertices)):
+        others = np.arange(i + 2, len(vertices) if i > 0 else len(vertices) - 1)
         a, b, c, d = start[i], stop[i], start[others], stop[others]
         side_c, side_d = cross_planar(b - a, c - a), cross_planar(b - a, d - a)
         side_a, side_b = cross_planar(d - c, a - c), cross_planar(d - c, b - c)
         apart = (side_c * side_d > 0.0) | (side_a * side_b > 0.0)
-        low, high = np.minimum(a, b), np.maximum(a, b)
-        gap = np.any((np.minimum(c, d) > high) | (np.maximum(c, d) < low), axis=1)
-        hits = others[~apart & ~gap]
-        if len(hits):
-            raise GeometryError(
-                f"edges {i} and {int(hits[0])} of the polygon cross or touch: it must be simple"
-            )
+        apart |= np.any((np.minimum(c, d) > np.maximum(a, b)), axis=1)
+        apart |= np.any((np.maximum(c, d) < np.minimum(a, b)), axis=1)
+        if not apart.all():
+            return i, int(others[np.argmin(apart)])
+    return None
 
 
 EDGE = 1e-12
@@ -220,16 +229,17 @@ class StitchedQuads(Shape, PackedDuct):
         check_wall(self.inflation, self.wall_error)
         check_quads(left, right)
         set_fields(self, left=left, right=right)
-        try:
-            _ = self.outline
-        except GeometryError:
-            pair = find_crossing(left, right)
-            if pair is None:
-                raise
+        crossing = find_crossing(np.concatenate([left, right[::-1]]))
+        if crossing is not None:
+            count = len(left) - 1
+            # Edges of the outline: the left side, the last rung, the right side, the first rung.
+            first, second = (
+                k if k < count else min(max(2 * count - k, 0), count - 1) for k in crossing
+            )
             raise GeometryError(
-                f"quads {pair[0]} and {pair[1]} overlap or touch: a planar duct must not cross "
-                "itself"
-            ) from None
+                f"quads {min(first, second)} and {max(first, second)} overlap or touch: a planar "
+                "duct must not cross itself"
+            )
 
     @property
     def kind(self) -> Kind:
@@ -373,7 +383,7 @@ def check_quads(left: NDArray[np.float64], right: NDArray[np.float64]) -> None:
     sides = np.roll(corners, -1, axis=1) - corners
     turns = cross_planar(np.roll(sides, 1, axis=1), sides)  # (n, 4), at each corner
     names = ("left[{0}]", "left[{1}]", "right[{1}]", "right[{0}]")
-    way = 0.0
+    turn_sign = 0.0
     for k, turn in enumerate(turns):
         signs = np.sign(turn)
         total = float(signs.sum())
@@ -387,23 +397,6 @@ def check_quads(left: NDArray[np.float64], right: NDArray[np.float64]) -> None:
                 f"quad {k} is not convex at corner {name} ({x:g}, {y:g}) mm: all its corners must "
                 "turn the same way"
             )
-        if way * total < 0.0:
+        if turn_sign * total < 0.0:
             raise GeometryError(f"quad {k} is turned over: left and right change sides at rung {k}")
-        way = total
-
-
-def find_crossing(left: NDArray[np.float64], right: NDArray[np.float64]) -> tuple[int, int] | None:
-    """Return the first two quads that are no neighbours and overlap or touch, if any."""
-    count = len(left) - 1
-    corners = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)
-    for i in range(count):
-        # Neighbours the same way round lie on either side of their rung.
-        for j in range(i + 2, count):
-            axes = np.concatenate([np.roll(corners[k], -1, axis=0) - corners[k] for k in (i, j)])
-            normals = np.stack([-axes[:, 1], axes[:, 0]], axis=1)
-            first, second = normals @ corners[i].T, normals @ corners[j].T
-            below = first.max(axis=1) < second.min(axis=1)
-            above = second.max(axis=1) < first.min(axis=1)
-            if not (below | above).any():
-                return i, j
-    return None
+        turn_sign = total

@@ -37,13 +37,33 @@ def measure_lag(linkage, contraction, segment):
 
 
 @njit(cache=True)
-def measure_lateral(linkage, contraction):
-    """Lateral place of the backbone's end [mm], its slope, the segment that cannot close or 0."""
+def split_length(linkage, contraction):
+    """Backbone and muscle of a segment [mm], and the ratio and gain of the next lag's sine."""
     offset, length, segments = linkage
     rest = length / segments
     short = (length - contraction) / segments
-    ratio = short / rest
-    gain = contraction / segments * (rest + short) / (2.0 * offset * rest)
+    return (
+        rest,
+        short,
+        short / rest,
+        contraction / segments * (rest + short) / (2.0 * offset * rest),
+    )
+
+
+@njit(cache=True)
+def turn_heading(sin, cos, turn_sin, turn_cos):
+    """Sine and cosine of a heading after a turn, made a unit vector to first order."""
+    turned = sin * turn_cos + cos * turn_sin
+    cos = cos * turn_cos - sin * turn_sin
+    scale = 1.5 - 0.5 * (turned * turned + cos * cos)
+    return turned * scale, cos * scale
+
+
+@njit(cache=True)
+def measure_lateral(linkage, contraction):
+    """Lateral place of the backbone's end [mm], its slope, the segment that cannot close or 0."""
+    offset, length, segments = linkage
+    rest, short, ratio, gain = split_length(linkage, contraction)
     ratio_slope = -1.0 / length
     gain_slope = short / (offset * rest * segments)
     lag_sin, lag_cos, lag_slope = 0.0, 1.0, 0.0
@@ -70,11 +90,7 @@ def measure_lateral(linkage, contraction):
         change = x_slope * y - x * y_slope
         change -= offset * (offset * lag_slope * lag_cos - lag_sin * swing * y_next)
         angle_slope += change * inverse
-        turned = sin * turn_cos + cos * turn_sin
-        cos = cos * turn_cos - sin * turn_sin
-        scale = 1.5 - 0.5 * (turned * turned + cos * cos)
-        sin = turned * scale
-        cos *= scale
+        sin, cos = turn_heading(sin, cos, turn_sin, turn_cos)
         lateral += rest * sin
         slope += rest * cos * angle_slope
     return lateral, slope, 0
@@ -87,10 +103,7 @@ def fill_backbone(linkage, contraction, across, along):
     Returns sine and cosine of the last piece's angle from the axis after it.
     """
     offset, length, segments = linkage
-    rest = length / segments
-    short = (length - contraction) / segments
-    ratio = short / rest
-    gain = contraction / segments * (rest + short) / (2.0 * offset * rest)
+    rest, short, ratio, gain = split_length(linkage, contraction)
     lag_sin, lag_cos = 0.0, 1.0
     sin, cos = 0.0, 1.0
     across[0] = 0.0
@@ -107,11 +120,7 @@ def fill_backbone(linkage, contraction, across, along):
         inverse = 1.0 / (x * x + y * y)
         turn_sin = (x * y_next - y * x_next) * inverse
         turn_cos = (x * x_next + y * y_next) * inverse
-        turned = sin * turn_cos + cos * turn_sin
-        cos = cos * turn_cos - sin * turn_sin
-        scale = 1.5 - 0.5 * (turned * turned + cos * cos)
-        sin = turned * scale
-        cos *= scale
+        sin, cos = turn_heading(sin, cos, turn_sin, turn_cos)
         across[i + 1] = across[i] + rest * sin
         along[i + 1] = along[i] + rest * cos
     return 0, sin, cos

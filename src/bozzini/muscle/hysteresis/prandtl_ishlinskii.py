@@ -444,10 +444,7 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
                     f"{name_at('history', inputs, index)} is {value:g}: there the envelope falls, "
                     f"with a slope of {a1 + 2.0 * a2 * value:g}, which must be 0 or more"
                 )
-        places = [low, high]
-        if a2 > 0.0:
-            places.append(min(max((1.0 - a1) / (2.0 * a2), low), high))
-        place = min(places, key=lambda p: a0 + (a1 - 1.0 + a2 * p) * p)
+        place = _find_lowest(a1, a2, low, high)
         short = a0 + (a1 - 1.0 + a2 * place) * place + 2.0 * self.thresholds[0]
         if short < -1e-9 * (abs(low) + abs(high) + self.thresholds[0]):
             raise InputError(
@@ -473,11 +470,16 @@ class _Legal:
         least, first, second = (float(number) for number in point)
         a2 = 0.5 * (second - first) / (self.high - self.low)
         a1 = first - 2.0 * a2 * self.low
-        places = [self.low, self.high]
-        if a2 > 0.0:
-            places.append(min(max((1.0 - a1) / (2.0 * a2), self.low), self.high))
-        bottom = min((a1 - 1.0 + a2 * p) * p for p in places)
-        return max(least, -self.depth) - bottom, a1, a2
+        place = _find_lowest(a1, a2, self.low, self.high)
+        return max(least, -self.depth) - (a1 - 1.0 + a2 * place) * place, a1, a2
+
+
+def _find_lowest(a1: float, a2: float, low: float, high: float) -> float:
+    """Return the input between two at which an envelope is lowest above the input itself."""
+    places = [low, high]
+    if a2 > 0.0:
+        places.append(min(max((1.0 - a1) / (2.0 * a2), low), high))
+    return min(places, key=lambda p: (a1 - 1.0 + a2 * p) * p)
 
 
 def _take_envelope(envelope: Sequence[float]) -> tuple[float, float, float]:

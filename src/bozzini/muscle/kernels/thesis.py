@@ -59,6 +59,16 @@ def measure_closure(design, excess, angle):
 
 
 @njit(cache=True)
+def narrow_bracket(left, miss_left, right, miss_right, middle, miss):
+    """The bracket after a step of Anderson and Bjoerck's regula falsi."""
+    if (miss > 0.0) == (miss_right > 0.0):
+        scale = 1.0 - miss / miss_right
+        return left, miss_left * (scale if scale > 0.0 else 0.5), middle, miss
+    scale = 1.0 - miss / miss_left
+    return middle, miss, right, miss_right * (scale if scale > 0.0 else 0.5)
+
+
+@njit(cache=True)
 def find_angle(design, excess, low, high):
     """The angle in a bracket where the closure holds, by Anderson and Bjoerck's regula falsi.
 
@@ -79,14 +89,9 @@ def find_angle(design, excess, low, high):
         if miss == 0.0 or min(right - left, abs(middle - last)) <= 4e-16 * right:
             return middle, miss, iteration
         last = middle
-        if miss > 0.0:
-            scale = 1.0 - miss / miss_right
-            miss_left *= scale if scale > 0.0 else 0.5
-            right, miss_right = middle, miss
-        else:
-            scale = 1.0 - miss / miss_left
-            miss_right *= scale if scale > 0.0 else 0.5
-            left, miss_left = middle, miss
+        left, miss_left, right, miss_right = narrow_bracket(
+            left, miss_left, right, miss_right, middle, miss
+        )
     miss, _, _ = measure_closure(design, excess, 0.5 * (left + right))
     return 0.5 * (left + right), miss, MAX_ITERATIONS
 
@@ -132,14 +137,9 @@ def find_thesis_pressure(design, contact, free, length, limit):
         if miss == 0.0 or min(right - left, abs(middle - last)) <= 4e-16 * right:
             return contact + middle, iteration
         last = middle
-        if miss < 0.0:
-            scale = 1.0 - miss / miss_right
-            miss_left *= scale if scale > 0.0 else 0.5
-            right, miss_right = middle, miss
-        else:
-            scale = 1.0 - miss / miss_left
-            miss_right *= scale if scale > 0.0 else 0.5
-            left, miss_left = middle, miss
+        left, miss_left, right, miss_right = narrow_bracket(
+            left, miss_left, right, miss_right, middle, miss
+        )
     return contact + 0.5 * (left + right), MAX_ITERATIONS
 
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_range, name_at
+from ...checks import broadcast, check_array, check_range, name_at, refuse_first
 from ...errors import BozziniError, InputError
 from ...numeric import roots as numeric_roots
 from ..design import Braid, Muscle
@@ -61,6 +61,16 @@ class Roots:
     iterations: NDArray[np.int64]
     found: NDArray[np.bool_]
     jumps: NDArray[np.bool_]
+
+    def reshape(self, shape: tuple[int, ...]) -> Roots:
+        """Return the roots as arrays of another shape."""
+        return Roots(
+            self.lengths.reshape(shape),
+            self.residuals.reshape(shape),
+            self.iterations.reshape(shape),
+            self.found.reshape(shape),
+            self.jumps.reshape(shape),
+        )
 
     @property
     def stopped(self) -> NDArray[np.bool_]:
@@ -229,28 +239,19 @@ class ExplicitModel(MuscleModel):
         pressures, loads, signs, roots = self._find_roots(pressure, load, direction)
         if not roots.found.all():
             raise self._refuse_load(int(np.argmin(roots.found)), pressures, loads, signs)
-        lengths, residual, iterations, jumps, stopped = (
-            values.reshape(pressures.shape)
-            for values in (
-                roots.lengths,
-                roots.residuals,
-                roots.iterations,
-                roots.jumps,
-                roots.stopped,
-            )
-        )
+        stopped = roots.stopped
         reason = np.where(stopped, describe_stop(numeric_roots.MAX_ITERATIONS), "")
-        contraction = np.asarray(self.braid.length - lengths)
+        contraction = np.asarray(self.braid.length - roots.lengths)
         return MuscleState(
             contraction=contraction,
             length=np.asarray(self.muscle.length - contraction),
-            braid_angle=np.arccos(np.minimum(lengths / self.braid.strand_length, 1.0)),
-            contact_pressure=self._find_contact(pressures, lengths),
-            force=np.asarray(loads + residual),
-            converged=np.asarray(~(stopped | jumps)),
-            residual=residual,
-            iterations=iterations,
-            reason=np.where(jumps & ~stopped, "the force jumps past the load", reason),
+            braid_angle=np.arccos(np.minimum(roots.lengths / self.braid.strand_length, 1.0)),
+            contact_pressure=self._find_contact(pressures, roots.lengths),
+            force=np.asarray(loads + roots.residuals),
+            converged=np.asarray(~(stopped | roots.jumps)),
+            residual=roots.residuals,
+            iterations=roots.iterations,
+            reason=np.where(roots.jumps & ~stopped, "the force jumps past the load", reason),
         )
 
     def try_contraction(
@@ -265,15 +266,14 @@ class ExplicitModel(MuscleModel):
         InputError
             If an argument is outside its legal range.
         """
-        pressures, _, _, roots = self._find_roots(pressure, load, direction)
-        good = roots.found & ~roots.jumps & ~roots.stopped
-        shape = pressures.shape
-        return (self.braid.length - roots.lengths).reshape(shape), good.reshape(shape)
+        _, _, _, roots = self._find_roots(pressure, load, direction)
+        good = np.asarray(roots.found & ~roots.jumps & ~roots.stopped)
+        return np.asarray(self.braid.length - roots.lengths), good
 
     def _find_roots(
         self, pressure: ArrayLike, load: ArrayLike, direction: ArrayLike | None
     ) -> tuple[Floats, Floats, Floats, Roots]:
-        """Pressures, loads and signs of friction, of one shape, and the lengths, flat."""
+        """Pressures, loads and signs of friction, and the lengths, all of one shape."""
         pressures, loads = check_array("pressure", pressure), check_array("load", load)
         check_range("pressure", pressures, *self.pressure_limits, "MPa")
         check_range("load", loads, 0.0, LOAD_LIMIT, "N")
@@ -287,7 +287,7 @@ class ExplicitModel(MuscleModel):
             return self._total(flat[0][index], lengths, flat[2][index]) - flat[1][index]
 
         start = np.clip(np.full(flat[0].shape, self.braid.length), flat[3], flat[4])
-        roots = find_roots(excess, start, flat[3], flat[4])
+        roots = find_roots(excess, start, flat[3], flat[4]).reshape(pressures.shape)
         return pressures, loads, signs, roots
 
     def dead_band(self) -> float:
@@ -352,14 +352,16 @@ class ExplicitModel(MuscleModel):
         rest = self.braid.length
         lengths = rest - contractions
         slack = 1e-9 * rest
-        legal = (lengths >= low - slack) & (lengths <= high + slack)
-        if not legal.all():
-            index = int(np.argmin(legal))
-            raise InputError(
-                f"{name_at('contraction', contractions, index)} is {contractions.flat[index]:g} "
-                f"mm: at a pressure of {pressures.flat[index]:g} MPa it must lie in "
+        refuse_first(
+            ~((lengths >= low - slack) & (lengths <= high + slack)),
+            "contraction",
+            contractions,
+            lambda index: (
+                f"at a pressure of {pressures.flat[index]:g} MPa it must lie in "
                 f"[{rest - high.flat[index]:g}, {rest - low.flat[index]:g}] mm"
-            )
+            ),
+            unit="mm",
+        )
         return pressures, np.clip(lengths, low, high), signs, low, high
 
     def _find_contact(self, pressures: Floats, lengths: Floats) -> Floats:
@@ -437,14 +439,14 @@ class CatalogueModel(ExplicitModel):
     muscle: Muscle
     as_printed: bool
     hysteresis: Hysteresis | None
-    _given: tuple[tuple[str, Any], ...]
+    _given: tuple[tuple[str, object], ...]
     braid: Braid = field(repr=False, compare=False)
 
     card: ClassVar[Card]
     guesses: ClassVar[Mapping[str, float | Callable[[Muscle], float]]] = MappingProxyType({})
     prints_one_way: ClassVar[bool] = False
 
-    def __init_subclass__(cls, **rest: Any) -> None:
+    def __init_subclass__(cls, **rest: object) -> None:
         super().__init_subclass__(**rest)
         card = cls.__dict__.get("card")
         if card is not None:

@@ -329,13 +329,13 @@ def describe_card(card: Card) -> str:
     return "\n".join(lines)
 
 
-def take_keywords(card: Card, given: Mapping[str, Any], *, as_printed: bool) -> dict[str, Any]:
+def take_keywords(card: Card, given: Mapping[str, Any], *, as_printed: bool) -> dict[str, object]:
     """Return parameters, choices and laws in the order of the card, defaults put in."""
     for name in given:
         if name not in card.keywords:
             legal = ", ".join(card.keywords) or "none beside the muscle"
             raise InputError(f"the model {card.name} takes no '{name}': it takes {legal}")
-    taken: dict[str, Any] = {}
+    taken: dict[str, object] = {}
     for item in card.parameters:
         value = given.get(item.name)
         if value is None:
@@ -372,5 +372,5 @@ def take_keywords(card: Card, given: Mapping[str, Any], *, as_printed: bool) -> 
     return taken
 
 
-def _is_needed(only_with: str, taken: Mapping[str, Any]) -> bool:
+def _is_needed(only_with: str, taken: Mapping[str, object]) -> bool:
     return not only_with or taken.get(only_with, 0.0) != 0.0

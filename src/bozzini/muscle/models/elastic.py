@@ -204,14 +204,9 @@ _INVARIANT = (
 class Stretches:
     """Stretches of a wall that keeps its volume, uniform over it; arrays of one shape.
 
-    Attributes
-    ----------
-    axial, hoop : ndarray
-        Stretches; the radial one is the inverse of their product.
-    axial_rate, hoop_rate : ndarray
-        Slopes of their logarithms in the length, the wall touching the braid [1/mm].
-    hoop_growth : ndarray
-        Slope of the logarithm of the hoop stretch in the radius, at one length [1/mm].
+    The radial stretch is the inverse of the product. Rates are slopes of their logarithms in the
+    length, the wall touching the braid; `hoop_growth` is that of the hoop stretch in the radius, at
+    one length [1/mm].
     """
 
     axial: Floats
@@ -402,6 +397,7 @@ class KotheraEnergy(MooneyRivlin):
 
 
 _NEAR_LOCKING = 1.0 - 1e-9
+_TUBE_STATE = ("axial stretch", "pressure [MPa]")
 _WANG = "Wang, Wereley and Pillsbury (2015)"
 
 
@@ -540,13 +536,13 @@ class Wang(WalledModel):
         laws=(
             Law(
                 "axial_force [N]",
-                ("axial stretch", "pressure [MPa]"),
+                _TUBE_STATE,
                 "the force along the wall of the inflated tube",
                 _WANG,
             ),
             Law(
                 "hoop_force [N/mm]",
-                ("axial stretch", "pressure [MPa]"),
+                _TUBE_STATE,
                 "the force round the wall of the inflated tube, per length",
                 _WANG,
             ),

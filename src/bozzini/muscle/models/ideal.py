@@ -46,15 +46,7 @@ _OPEN_BORE_SHARE = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class Wall:
-    """A bladder that touches its braid and keeps its volume.
-
-    Parameters
-    ----------
-    braid : Braid
-        The braid, over the length that contracts.
-    thickness : float
-        Thickness at rest [mm], below the braid's radius.
-    """
+    """A bladder that touches its braid and keeps its volume; the thickness is at rest [mm]."""
 
     braid: Braid
     thickness: float

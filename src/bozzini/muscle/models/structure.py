@@ -16,6 +16,9 @@ from .ideal import Wall, WalledModel, find_radius, pull_ideal
 
 Floats = NDArray[np.float64]
 
+_LENGTH = ("length [mm]",)
+_STATE = ("length [mm]", "pressure [MPa]")
+_STRETCHES = ("axial stretch", "hoop stretch")
 _DOUMIT = "Doumit, Fahim and Munro (2009)"
 _TOROID = "reference [90] of the thesis"
 _CONE_TOLERANCE = 1e-9  # of the clamp's radius: a cone of no length may miss so much
@@ -71,27 +74,23 @@ class Doumit(CatalogueModel):
         laws=(
             Law(
                 "hoop_stress [MPa]",
-                ("length [mm]", "pressure [MPa]"),
+                _STATE,
                 "the hoop stress in the wall, tension positive",
                 _DOUMIT,
             ),
             Law(
                 "cone_length [mm]",
-                ("length [mm]",),
+                _LENGTH,
                 "the slant length of the cone at each end",
                 _DOUMIT,
                 required=False,
             ),
             Law(
-                "end_angle [rad]",
-                ("length [mm]",),
-                "the braid angle at the clamps",
-                _DOUMIT,
-                required=False,
+                "end_angle [rad]", _LENGTH, "the braid angle at the clamps", _DOUMIT, required=False
             ),
             Law(
                 "contact_area [mm^2]",
-                ("length [mm]", "pressure [MPa]"),
+                _STATE,
                 "the area of contact between strands, of Hertz's cylinders",
                 _DOUMIT,
                 only_with="friction",
@@ -209,12 +208,9 @@ class EllipticEnds(CatalogueModel):
         equation="prose of 2.2.5",
         status="partial",
         laws=(
-            Law("middle_radius [mm]", ("length [mm]",), "the outer radius of the middle", _TOROID),
+            Law("middle_radius [mm]", _LENGTH, "the outer radius of the middle", _TOROID),
             Law(
-                "middle_thickness [mm]",
-                ("length [mm]",),
-                "the thickness of the wall in the middle",
-                _TOROID,
+                "middle_thickness [mm]", _LENGTH, "the thickness of the wall in the middle", _TOROID
             ),
         ),
         uses=(*BRAID_FIELDS, "modulus"),
@@ -286,15 +282,10 @@ class Liu(CatalogueModel):
             ),
         ),
         laws=(
-            Law(
-                "radial_stretch",
-                ("length [mm]", "pressure [MPa]"),
-                "the radius in the middle over the radius at rest",
-                _LIU,
-            ),
+            Law("radial_stretch", _STATE, "the radius in the middle over the radius at rest", _LIU),
             Law(
                 "axial_stress",
-                ("length [mm]", "pressure [MPa]"),
+                _STATE,
                 "the stress along the muscle in the middle, of membrane and strands, over the "
                 "modulus",
                 _LIU,
@@ -366,21 +357,21 @@ class Ball(WalledModel):
         laws=(
             Law(
                 "axial_stress [MPa]",
-                ("axial stretch", "hoop stretch"),
+                _STRETCHES,
                 "the stress along a layer less the radial stress; neo-Hookean without it",
                 _BALL,
                 required=False,
             ),
             Law(
                 "hoop_stress [MPa]",
-                ("axial stretch", "hoop stretch"),
+                _STRETCHES,
                 "the stress round a layer less the radial stress; neo-Hookean without it",
                 _BALL,
                 required=False,
             ),
             Law(
                 "effective_pressure [MPa]",
-                ("length [mm]", "pressure [MPa]"),
+                _STATE,
                 "the pressure that friction is in proportion to",
                 _BALL,
                 only_with="friction",

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_range, name_at
+from ...checks import check_array, name_at, refuse_first
 from ...errors import InputError
 from ...numeric.roots import bisect
 from ..design import Muscle
@@ -19,15 +19,13 @@ from ..hysteresis import Hysteresis
 from ..kernels import interface
 from ..kernels import thesis as kernels
 from ..model import (
-    LOAD_LIMIT,
     CompiledMuscle,
     MuscleModel,
     MuscleState,
     check_hysteresis,
     demand_convergence,
-    describe_stop,
     is_as_defined,
-    parse_direction,
+    take_arguments,
 )
 
 
@@ -194,12 +192,7 @@ class ThesisMuscle(MuscleModel):
             ANGLE_LIMIT,
             self.load_stiffness if self.takes_load else 0.0,
         )
-        return CompiledMuscle(
-            numbers=numbers,
-            start=interface.compile_start(kernels.start),
-            pull=interface.compile_pull(kernels.pull),
-            pressure=interface.compile_pressure(kernels.pressure),
-        )
+        return interface.compile_model(kernels, numbers)
 
     @property
     def load_stiffness(self) -> float:
@@ -277,44 +270,50 @@ class ThesisMuscle(MuscleModel):
         InputError
             As `contraction` does.
         """
-        pressures, loads = check_array("pressure", pressure), check_array("load", load)
-        check_range("pressure", pressures, 0.0, PRESSURE_LIMIT, "MPa")
-        if self.load_path == "none" and np.any(loads != 0.0):
-            index = int(np.argmax(loads != 0.0))
-            raise InputError(
-                f"{name_at('load', loads, index)} is {loads.flat[index]:g} N: it must be 0 N, the "
-                "thesis's equations have no response to a load (the load path 'bulk' adds one)"
+        given = check_array("load", load)
+        if self.load_path == "none":
+            refuse_first(
+                given != 0.0,
+                "load",
+                given,
+                "it must be 0 N, the thesis's equations have no response to a load (the load path "
+                "'bulk' adds one)",
+                unit="N",
             )
-        check_range("load", loads, 0.0, LOAD_LIMIT, "N", slack=1e-9 * self.load_stiffness)
-        pressures, loads, _ = broadcast(
-            ("pressure", pressures), ("load", loads), ("direction", parse_direction(direction))
+        pressures, loads, _ = take_arguments(
+            pressure,
+            ("load", given),
+            direction,
+            most=PRESSURE_LIMIT,
+            slack=1e-9 * self.load_stiffness,
         )
         free, contact, residual, iterations = self._solve_free(pressures)
         contraction = free
         if self.load_path == "bulk":
             contraction = np.asarray(free - loads / self.load_stiffness)
-            legal = contraction >= self.contraction_limits[0]
-            if not np.all(legal):
-                index = int(np.argmin(legal))
-                most = (free.flat[index] - self.contraction_limits[0]) * self.load_stiffness
-                raise InputError(
-                    f"{name_at('load', loads, index)} is {loads.flat[index]:g} N: at a pressure of "
-                    f"{pressures.flat[index]:g} MPa it must lie in [0, {most:.6g}] N, at which the "
-                    "strands are straight"
-                )
-        length = np.asarray(self.muscle.length - contraction)
-        converged = iterations < kernels.MAX_ITERATIONS
-        return MuscleState(
-            contraction=contraction,
-            length=length,
-            braid_angle=self.muscle.braid.angle_at(length),
+            most = (free - self.contraction_limits[0]) * self.load_stiffness
+            refuse_first(
+                contraction < self.contraction_limits[0],
+                "load",
+                loads,
+                lambda index: (
+                    f"at a pressure of {pressures.flat[index]:g} MPa it must lie in "
+                    f"[0, {most.flat[index]:.6g}] N, at which the strands are straight"
+                ),
+                unit="N",
+            )
+        return self._report(
+            contraction,
+            braid_angle=self.muscle.braid.angle_at(self.muscle.length - contraction),
             contact_pressure=contact,
             force=np.array(loads),
-            converged=np.asarray(converged),
             residual=residual,
             iterations=iterations,
-            reason=np.where(converged, "", describe_stop(kernels.MAX_ITERATIONS)),
         )
+
+    @property
+    def _iteration_limit(self) -> int:
+        return kernels.MAX_ITERATIONS
 
     def _solve_free(self, pressures: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
         """Contraction, contact pressure, residual and iterations without load."""
@@ -361,13 +360,11 @@ class ThesisMuscle(MuscleModel):
                 "load path is 'none': the thesis's equations have no response to a load, so no "
                 "force or stiffness; it must be 'bulk' for that"
             )
-        pressures = check_array("pressure", pressure)
-        contractions = check_array("contraction", contraction)
-        check_range("pressure", pressures, 0.0, PRESSURE_LIMIT, "MPa")
-        check_range("contraction", contractions, *self.contraction_limits, "mm")
-        first, second, _ = broadcast(
-            ("pressure", pressures),
-            ("contraction", contractions),
-            ("direction", parse_direction(direction)),
+        pressures, contractions, _ = take_arguments(
+            pressure,
+            ("contraction", contraction),
+            direction,
+            most=PRESSURE_LIMIT,
+            limits=self.contraction_limits,
         )
-        return first, second
+        return pressures, contractions
