@@ -35,7 +35,7 @@ def bench_actuation(benchmark: Any, human: Any, section: float, radius: float, c
     begin = time.perf_counter()
     proof = job.certify(fit)
     seconds = time.perf_counter() - begin
-    told = moved.summarise()
+    told = moved.to_dict()
     benchmark.extra_info.update(
         what=f"robot of {count} sections of {section:g} mm, radius {radius:g} mm, upper tract",
         measured=f"{1e3 * each:.2f} ms per step, {plan.steps} steps; proof {seconds:.2f} s, "

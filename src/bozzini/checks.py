@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import reprlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, dataclass
 from numbers import Real
 from types import MappingProxyType
@@ -129,11 +130,10 @@ def check_range(
     unit: str = "",
     *,
     slack: float = 0.0,
-    hint: str = "",
 ) -> None:
     """Raise `InputError` that names the first of `values` outside `[low, high]`, NaN included.
 
-    `slack` is what is let through on either side as round-off; `hint` ends the message.
+    `slack` is the round-off allowed on either side.
     """
     least, most = low - slack, high + slack
     if values.size and not (values.min() >= least and values.max() <= most):
@@ -141,8 +141,17 @@ def check_range(
         suffix = f" {unit}" if unit else ""
         raise InputError(
             f"{name_at(name, values, index)} is {values.flat[index]:g}{suffix}: "
-            f"it must lie in [{low:g}, {high:g}]{suffix}{hint}"
+            f"it must lie in [{low:g}, {high:g}]{suffix}"
         )
+
+
+@contextmanager
+def add_hint(hint: str) -> Iterator[None]:
+    """End the message of an `InputError` with a hint."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{error}{hint}") from None
 
 
 def name_at(name: str, values: NDArray[Any], index: int) -> str:

@@ -232,7 +232,7 @@ def test_a_duct_stands_for_itself():
     assert report.outside_bound < 0.3
     assert report.volume_lost == report.volume_gained == 0.0
     assert report.wall == pytest.approx(np.zeros(len(PERCENTS)), abs=1e-6)
-    assert report.room_loss == pytest.approx(np.zeros(len(PERCENTS)), abs=1e-9)
+    assert report.clearance_loss == pytest.approx(np.zeros(len(PERCENTS)), abs=1e-9)
 
 
 def test_rays_end_at_the_wall():
@@ -264,7 +264,7 @@ def test_shapes_stay_inside(kind, monkeypatch):
     assert fitted.report.kept > 0.85
     middle = line.points[10:-10]
     assert fitted.duct.signed_distance(middle).max() < -1.0
-    assert fitted.report.room_loss[-1] <= 0.5 + 1e-6
+    assert fitted.report.clearance_loss[-1] <= 0.5 + 1e-6
 
 
 def test_super_ellipsoids_lose_no_more_room_than_allowed_where_large_ones_would(monkeypatch):
@@ -276,7 +276,7 @@ def test_super_ellipsoids_lose_no_more_room_than_allowed_where_large_ones_would(
     for error in (0.4, 2.0):
         fitted = fit(duct, "superellipsoids", centreline=line, max_error=error)
         assert fitted.converged, fitted.reason
-        assert fitted.report.room_loss[-1] <= error + 1e-6
+        assert fitted.report.clearance_loss[-1] <= error + 1e-6
         counts.append(fitted.report.pieces)
     assert counts[0] > counts[1]
 
@@ -313,7 +313,7 @@ def test_more_pieces_lose_less():
     for pieces in (6, 9, 18):
         fitted = fit(duct, "cones", centreline=line, max_error=1.0, pieces=pieces)
         assert fitted.report.pieces <= pieces
-        losses.append(fitted.report.room_loss[-1])
+        losses.append(fitted.report.clearance_loss[-1])
     assert losses[0] > losses[1] > losses[2]
 
 

@@ -166,5 +166,5 @@ def test_a_planar_way_becomes_a_centreline():
     assert line.points.shape[1] == 2
     assert line.length == pytest.approx(40.0)
     assert line.radius == pytest.approx(-duct.signed_distance(line.points))
-    with pytest.raises(GeometryError, match="the way leaves the duct"):
+    with pytest.raises(GeometryError, match="the path leaves the duct"):
         Centreline.from_points([(5, 5), (25, 25)], duct)

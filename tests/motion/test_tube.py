@@ -8,7 +8,7 @@ import pytest
 from bozzini.duct import field_from_mask
 from bozzini.duct.centreline import Centreline
 from bozzini.motion import Scope, certify_plan
-from bozzini.motion.kernels.tube import move_in_tube as move
+from bozzini.motion.kernels.tractrix import move_in_tube as move
 from bozzini.motion.tube import DEVIATION_CAP, STEP_RATIO_MAX
 from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import voxelise

@@ -44,7 +44,7 @@ def test_everything_of_the_robot_is_written(study: InsertionStudy, tmp_path: Pat
     assert ROBOT_FILES <= {path.name for path in (tmp_path / "out").iterdir()}
     assert json.loads((tmp_path / "out" / "summary.json").read_text("utf-8")) == summary
     again = Actuation.load(tmp_path / "out" / "robot.npz")
-    assert summary["robot"] == again.summarise()
+    assert summary["robot"] == again.to_dict()
     header = (tmp_path / "out" / "tendons.csv").read_text("utf-8").splitlines()[0]
     assert header.startswith("step,head_arc_length_mm,base_advance_mm,s0a_mm")
 

@@ -59,8 +59,7 @@ def label_graph(pairs: Integers, number: int) -> Integers:
 def label_parts(items: Integers, number: int) -> Integers:
     """Number the connected parts of faces or edges (m, k) that share vertices, shape (m,)."""
     pairs = np.concatenate([items[:, (0, k)] for k in range(1, items.shape[1])])
-    _, label = np.unique(label_graph(pairs, number)[items[:, 0]], return_inverse=True)
-    return np.asarray(label.reshape(-1), dtype=np.int64)
+    return _count_up(label_graph(pairs, number)[items[:, 0]])
 
 
 def split_by(faces: Faces, label: Integers) -> list[Faces]:
@@ -248,20 +247,24 @@ def agree(faces: Faces) -> tuple[Faces, int]:
 
 def label_sheets(faces: Faces) -> Integers:
     """Number the sheets (m,): triangles joined by edges that have no third triangle."""
-    pairs, _ = _pair_corners(faces)
-    return np.unique(label_graph(pairs, len(faces)), return_inverse=True)[1].reshape(-1)
+    return _count_up(label_graph(_pair_corners(faces)[0], len(faces)))
 
 
-def label_fans(faces: Faces) -> Integers:
-    """Number the fans of triangles around vertices, for each corner (m, 3).
+def label_fans(faces: Faces) -> tuple[Faces, Integers]:
+    """Number the fans of triangles around vertices, for each corner (m, 3), and the sheets (m,).
 
     Corners of two triangles at one vertex belong to one fan where the triangles share an edge that
     has no third triangle. There are more fans than vertices where a surface touches itself.
     """
     pairs, corners = _pair_corners(faces)
     nodes = np.moveaxis(3 * pairs[:, :, None] + corners, 1, 2).reshape(-1, 2)
-    fan = label_graph(nodes, 3 * len(faces))
-    return np.unique(fan, return_inverse=True)[1].reshape(-1, 3)
+    fan = _count_up(label_graph(nodes, 3 * len(faces)))
+    return fan.reshape(-1, 3), _count_up(label_graph(pairs, len(faces)))
+
+
+def _count_up(label: Integers) -> Integers:
+    """Return labels as numbers without gaps, from 0 on."""
+    return np.unique(label, return_inverse=True)[1].reshape(-1)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -72,9 +72,8 @@ def read_parts(file: Path) -> SurfaceFile:
             if kind == "off":
                 data = _check_off(data.decode("latin-1")).encode()
             elif kind == "obj":
-                text = data.decode("latin-1")  # names and remarks; numbers are ASCII
-                _check_obj(text)
-                data = text.encode()
+                _check_obj(data.decode("latin-1"))
+                data = _to_utf8(data)
             scene = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
             if not isinstance(scene, trimesh.Scene):
                 scene = trimesh.Scene({"1": scene})
@@ -92,6 +91,15 @@ def read_parts(file: Path) -> SurfaceFile:
                 f"{file} is not {kind.upper()} triangles: {explain(error)}"
             ) from None
     return SurfaceFile(parts, marked="frame" in mark, frame=mark.get("frame"))
+
+
+def _to_utf8(data: bytes) -> bytes:
+    """Return text as UTF-8; other text has names and remarks of Latin-1, its numbers are ASCII."""
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return data.decode("latin-1").encode()
+    return data
 
 
 def _check_off(text: str) -> str:

@@ -16,8 +16,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BozziniError, FileFormatError, InputError, OutputError
-from ..io.files import write_bytes
+from ..errors import BozziniError, FileFormatError, InputError
+from ..io.files import check_new_file, write_bytes
 from .frame import convert_frame
 from .tract import LabelTract, SurfaceTract
 
@@ -113,20 +113,14 @@ def check_target(path: PathLike, *, force: bool = False) -> str:
     InputError
         If the suffix is of no known kind.
     OutputError
-        If the file exists and `force` is not given, or its directory does not.
+        If the file exists and `force` is not given, or its place takes no new file.
     """
     if not has_suffix(path, _LABELS + _SURFACES):
         raise InputError(
             f"{path}: cannot tell what to write from the name; known are "
             f"{', '.join(_SURFACES + _LABELS)}"
         )
-    target = Path(path)
-    if target.is_dir():
-        raise OutputError(f"{path} is a directory: give the name of a file")
-    if target.exists() and not force:
-        raise OutputError(f"{path} exists already: choose another name or give --force")
-    if not target.parent.is_dir():
-        raise OutputError(f"cannot write {path}: {target.parent} is not a directory")
+    check_new_file(path, (Path(path).suffix.lower(),), force=force)
     return "labels" if has_suffix(path, _LABELS) else "surface"
 
 

@@ -116,7 +116,9 @@ def tract_from_surface(
         points, triangles = _close(points, triangles, float(extent.max()), found, repair=repair)
     part = _mesh.label_parts(triangles, len(points))
     pieces = _mesh.split_by(triangles, part)
-    wall = int(np.argmax([abs(Sheet.find(points, piece).volume) for piece in pieces]))
+    wall = 0
+    if len(pieces) > 1:
+        wall = int(np.argmax([abs(Sheet.find(points, piece).volume) for piece in pieces]))
     openings: tuple[Opening, ...] = ()
     missing: tuple[Component, ...] = ()
     if (_mesh.count_edges(pieces[wall]).counts % 2 == 1).any():
@@ -318,7 +320,8 @@ def _check_topology(points: Vertices, triangles: Faces) -> list[Finding]:
     found = []
     edges = _mesh.count_edges(triangles)
     touching = int(np.count_nonzero(edges.counts > 2))
-    fan, corner, joints = _find_joints(triangles)
+    fan, sheet = _mesh.label_fans(triangles)
+    corner, joints = _find_joints(triangles, fan)
     corners = len(np.unique(triangles))
     if touching or len(joints):
         message = (
@@ -329,23 +332,22 @@ def _check_topology(points: Vertices, triangles: Faces) -> list[Finding]:
         found.append(Finding("self-touching", "warning", message))
     # Taken apart where it touches itself, an edge of 2k triangles is k edges, a corner its fans.
     euler = len(corner) - int((edges.counts // 2).sum()) + len(triangles)
-    sheets = int(_mesh.label_sheets(triangles).max()) + 1
-    return found + report_handles(sheets - euler // 2)
+    return found + report_handles(int(sheet.max()) + 1 - euler // 2)
 
 
-def _find_joints(triangles: Faces) -> tuple[Faces, Integers, Integers]:
-    """Return the fan of each corner (m, 3), the vertex of each fan, and vertices of several."""
-    fan = _mesh.label_fans(triangles)
+def _find_joints(triangles: Faces, fan: Faces) -> tuple[Integers, Integers]:
+    """Return the vertex of each fan, and the vertices of several fans."""
     corner = np.zeros(int(fan.max()) + 1, dtype=np.int64)
     corner[fan] = triangles
-    return fan, corner, np.flatnonzero(np.bincount(corner) > 1)
+    return corner, np.flatnonzero(np.bincount(corner) > 1)
 
 
 def _split_corners(
     points: Vertices, triangles: Faces, sheets: Faces, found: list[Finding]
 ) -> tuple[Vertices, Faces, Faces]:
     """Give each fan of triangles a corner of its own: sheets that touch are then apart."""
-    fan, corner, joints = _find_joints(triangles)
+    fan, _ = _mesh.label_fans(triangles)
+    corner, joints = _find_joints(triangles, fan)
     if len(joints) == 0:
         return points, triangles, sheets
     message = (

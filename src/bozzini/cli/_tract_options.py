@@ -125,7 +125,7 @@ def describe_robot(actuation: Actuation, out: Path) -> list[str]:
     """Return what people read of a robot's motion."""
     from ..motion.refusal import floor_mm
 
-    summary = actuation.summarise()
+    summary = actuation.to_dict()
     name, fit, bend = summary["name"], summary["fit"], summary["bend"]
     if actuation.fits:
         verdict = f"Robot '{name}' gets there"

@@ -126,6 +126,10 @@ class ModelType(click.ParamType):  # type: ignore[type-arg]  # generic in newer 
 
     name = "name"
 
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Return the names for the help."""
+        return f"[{'|'.join(CONTINUUM_MODELS)}]"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the name if there is such a model."""
         if value not in CONTINUUM_MODELS:
@@ -135,16 +139,7 @@ class ModelType(click.ParamType):  # type: ignore[type-arg]  # generic in newer 
 
 
 def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
-    """Return the robot in a YAML file.
-
-    Raises
-    ------
-    FileFormatError
-        If it holds none; one line names the file, the field and what is legal.
-    GeometryError
-        If `arcs_for` names a command that takes its sections for arcs, and a tendon is not
-        parallel to the backbone as far as its section's end.
-    """
+    """Return the robot in a YAML file; `arcs_for` is a command that takes parallel tendons only."""
     from ..continuum import ContinuumRobot
     from ..continuum.coupling import find_crooked
 
@@ -159,13 +154,7 @@ def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
 
 
 def parse_displacements(robot: ContinuumRobot, text: str) -> Floats:
-    """Return ``NAME=LENGTH,...`` as displacements of all tendons [mm], shape (t,).
-
-    Raises
-    ------
-    InputError
-        If a part has no ``=``, a name comes twice, or is not among the robot's tendons.
-    """
+    """Return ``NAME=LENGTH,...`` as displacements of all tendons [mm], shape (t,)."""
     from ..units import parse_quantity
 
     found: dict[str, float] = {}
@@ -214,14 +203,7 @@ def make_consistent(
 def make_model(
     name: str | None, robot: ContinuumRobot, given: Mapping[str, Any], *, strict: bool = True
 ) -> ContinuumModel:
-    """Return the model that the options ask for; unless `strict`, others' options are left out.
-
-    Raises
-    ------
-    InputError
-        If the model does not take such a robot, or an option; or if there are loads, but the
-        tendons do not stretch: parallel ones would lock the twist, and round-off decide.
-    """
+    """Return the model that the options ask for; unless `strict`, others' options are left out."""
     options = {option: value for option, value in given.items() if value is not None}
     name = name or robot.choose_model(options)
     known = {item.name for item in dataclasses.fields(CONTINUUM_MODELS[name])}
@@ -329,8 +311,7 @@ def models_command(answer: Answer) -> None:
     "--model",
     "model_name",
     type=ModelType(),
-    help="One of 'bozzini continuum models'; by default arc for parallel tendons, energy for "
-    "others, rod under loads.",
+    help="By default arc for parallel tendons, energy for others, rod under loads.",
 )
 @model_options
 @answer_options(

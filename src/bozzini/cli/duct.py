@@ -285,9 +285,9 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
         f"+-{share * report.volume_error:.2f} %)",
         f"  no point is more than {_round_up(report.outside_bound, 2)} mm outside the wall "
         f"(proved); found {report.outside:.2f} mm",
-        f"  clearance lost on the centreline: {report.room_loss[3]:.2f} mm in the middle, "
-        f"{report.room_loss[-1]:.2f} mm at most, at {report.room_loss_place:.0f} mm; at least "
-        f"{floor_mm(study.clearance_min)} mm is left",
+        f"  clearance lost on the centreline: {report.clearance_loss[3]:.2f} mm in the middle, "
+        f"{report.clearance_loss[-1]:.2f} mm at most, at {report.clearance_loss_place:.0f} mm; "
+        f"at least {floor_mm(study.clearance_min)} mm is left",
     ]
     if not fitted.converged:
         lines.append(f"Not reached: {fitted.reason}")

@@ -18,7 +18,7 @@ from .checks import Floats
 from .coupling import ParallelModel, coupling_matrix
 from .kernels.arc import fill_arc_frames, fill_tip_jacobians
 from .robot import RobotDesign
-from .section import GRAIN
+from .section import ROUND_OFF_MM
 from .shape import Shape
 
 
@@ -147,7 +147,7 @@ def arc_frames(
     places = robot.stations() if arc_length is None else check_array("arc_length", arc_length)
     if places.ndim != 1 or not places.size:
         raise InputError(f"arc_length has shape {places.shape}: it must be (k,), k at least 1")
-    if not (places.min() >= -GRAIN and places.max() <= robot.length + GRAIN):
+    if not (places.min() >= -ROUND_OFF_MM and places.max() <= robot.length + ROUND_OFF_MM):
         raise InputError(
             f"arc_length spans [{places.min():g}, {places.max():g}] mm: "
             f"it must lie in [0, {robot.length:g}] mm"
@@ -181,7 +181,7 @@ def jacobian(robot: RobotDesign, bends: ArrayLike) -> Floats:
     """
     checked = _check_bends(robot, bends)
     flat = np.ascontiguousarray(checked.reshape(-1, *checked.shape[-2:]))
-    lengths = np.asarray([section.length for section in robot.sections], dtype=np.float64)
+    lengths = robot.section_lengths
     tips = np.empty((len(flat), 4, 4))
     out = np.empty((len(flat), 6, 2 * len(lengths)))
     fill_tip_jacobians(lengths, flat, tips, out)
@@ -190,7 +190,7 @@ def jacobian(robot: RobotDesign, bends: ArrayLike) -> Floats:
 
 def _frames(robot: RobotDesign, bends: Floats, arc_length: Floats) -> Floats:
     flat = np.ascontiguousarray(bends.reshape(-1, *bends.shape[-2:]))
-    lengths = np.asarray([section.length for section in robot.sections], dtype=np.float64)
+    lengths = robot.section_lengths
     owner = robot.section_at(arc_length)
     share = np.clip((arc_length - robot.section_starts[owner]) / lengths[owner], 0.0, 1.0)
     frames = np.empty((len(flat), len(arc_length), 4, 4))

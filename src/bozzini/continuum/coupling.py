@@ -22,7 +22,7 @@ from ..errors import GeometryError, InputError
 from .checks import Floats
 from .model import BendMeasure, ContinuumModel, check_limits, write_reasons
 from .robot import RobotDesign, check_robot
-from .section import GRAIN
+from .section import ROUND_OFF_MM
 from .shape import Shape
 
 THIN = 1e-9
@@ -102,7 +102,7 @@ def find_crooked(robot: RobotDesign) -> str:
         end = float(robot.section_ends[int(robot.tendon_sections[row])])
         if not tendon.is_parallel:
             return f"tendon '{tendon.name}' changes its offset or angle on its way"
-        if robot.tendon_ends[row] < end - GRAIN:
+        if robot.tendon_ends[row] < end - ROUND_OFF_MM:
             where = f"{robot.tendon_ends[row]:g} mm, before its section does at {end:g} mm"
             return f"tendon '{tendon.name}' ends at {where}"
     return ""
@@ -151,14 +151,12 @@ class Coupling:
             "tolerance", tolerance, low=0.0, high=1.0, low_open=True, unit="mm"
         )
         self.matrix = coupling_matrix(robot, model=model)
-        compliance = [section.length / section.bending_stiffness for section in robot.sections]
-        self._scale = np.sqrt(np.repeat(compliance, 2))
+        self._scale = 1.0 / np.sqrt(_stiffness(robot))
         self._scaled = self.matrix * self._scale
         inverse = np.linalg.pinv(self._scaled, rcond=THIN)
         self.inverse = self._scale[:, None] * inverse
         self._tension = inverse.T @ inverse
-        self._rods = np.asarray([tendon.pushes for tendon in robot.tendons])
-        self._always_taut = bool(self._rods.all()) or self._can_be_preloaded()
+        self._always_taut = bool(self.robot.pushes.all()) or self._can_be_preloaded()
 
     def solve(self, displacements: Floats) -> BendSolution:
         """Return the bends under checked displacements of shape (..., t)."""
@@ -170,7 +168,7 @@ class Coupling:
         good = fits.copy()
         if not self._always_taut:
             tensions = displacements @ self._tension.T
-            least = np.where(self._rods, 0.0, tensions).min(axis=-1)
+            least = np.where(self.robot.pushes, 0.0, tensions).min(axis=-1)
             good &= least >= -THIN * np.abs(tensions).max(axis=-1)
         converged = np.array(good)
         for index in np.argwhere(~good):
@@ -181,7 +179,7 @@ class Coupling:
                 continue
             bends[place] = found
             misfit[place] = displacements[place] - self.matrix @ found
-            slack[place] = ~self._rods & (misfit[place] < -self.tolerance)
+            slack[place] = ~self.robot.pushes & (misfit[place] < -self.tolerance)
             converged[place] = True
         sections = len(self.robot.sections)
         return BendSolution(
@@ -215,10 +213,10 @@ class Coupling:
         """Whether every cable can be tight at once without bending anything."""
         from scipy.optimize import nnls
 
-        rods = self._scaled[self._rods]
+        rods = self._scaled[self.robot.pushes]
         columns = np.vstack([self._scaled, -rods]).T
         size = float(np.abs(columns).max())
-        load = -self._scaled[~self._rods].sum(axis=0) / size
+        load = -self._scaled[~self.robot.pushes].sum(axis=0) / size
         return bool(nnls(columns / size, load)[1] < 1e-9)
 
     def _solve_slack(self, displacements: Floats) -> Floats | None:
@@ -228,9 +226,10 @@ class Coupling:
         """
         from scipy.optimize import nnls
 
-        sign = np.concatenate([np.ones(len(self._rods)), -np.ones(int(self._rods.sum()))])
-        rows = np.vstack([self._scaled, self._scaled[self._rods]]) * sign[:, None]
-        short = np.concatenate([displacements, displacements[self._rods]]) * sign
+        rods = self.robot.pushes
+        sign = np.concatenate([np.ones(len(rods)), -np.ones(int(rods.sum()))])
+        rows = np.vstack([self._scaled, self._scaled[rods]]) * sign[:, None]
+        short = np.concatenate([displacements, displacements[rods]]) * sign
         size, reach = float(np.abs(rows).max()), float(np.abs(short).max())
         system = np.vstack([rows.T / size, short / reach])
         target = np.zeros(len(system))
@@ -241,13 +240,13 @@ class Coupling:
             return None
         bends = self._scale * (left[:-1] / -left[-1]) * (reach / size)
         missed = displacements - self.matrix @ bends
-        if missed.max() > self.tolerance or -missed[self._rods].min(initial=0.0) > self.tolerance:
+        if missed.max() > self.tolerance or -missed[rods].min(initial=0.0) > self.tolerance:
             return None
         return np.asarray(bends)
 
     def _explain(self, misfit: Floats) -> str:
         names = self.robot.tendon_names
-        worst = int(np.argmax(np.where(self._rods, np.abs(misfit), misfit)))
+        worst = int(np.argmax(np.where(self.robot.pushes, np.abs(misfit), misfit)))
         amount = float(misfit[worst])
         if amount > 0.0:
             return (
@@ -425,7 +424,7 @@ def find_limits(robot: RobotDesign) -> BendLimits:
     most = [min(section.max_bend, section.length / section.radius) for section in sections]
     return BendLimits(
         coupling=coupling,
-        lengths=np.array([section.length for section in sections], dtype=np.float64),
+        lengths=robot.section_lengths,
         discs=np.array(most, dtype=np.float64),
         rows=np.ascontiguousarray(rows / size[:, None]),
         low=np.array([block[1] for block in blocks], dtype=np.float64) / size,
@@ -479,4 +478,4 @@ def _tight_rows(coupling: Coupling) -> list[_Row]:
 
 def _stiffness(robot: RobotDesign) -> Floats:
     """Return the bending stiffness of each bend [N mm/rad], shape (2 m,)."""
-    return np.repeat([section.bending_stiffness / section.length for section in robot.sections], 2)
+    return np.repeat(robot.section_stiffness[:, 0] / robot.section_lengths, 2)

@@ -18,7 +18,7 @@ from .kernels import energy as kernels
 from .kernels.energy import ARC, CHANNEL, CHORD, CONVERGED, FOLDED, measure_lengths, solve_commands
 from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
 from .robot import RobotDesign
-from .section import GRAIN
+from .section import ROUND_OFF_MM
 from .shape import Shape
 
 # A robot cut into segments, as the energy model's kernels take it.
@@ -36,7 +36,7 @@ def place_stations(robot: RobotDesign, between: int, *, corners: bool = False) -
     if corners:
         others += [place for tendon in robot.tendons for place in tendon.corners()]
     for other in others:
-        if np.abs(places - other).min() > GRAIN:
+        if np.abs(places - other).min() > ROUND_OFF_MM:
             places = np.append(places, other)
     return np.sort(places)
 
@@ -78,7 +78,7 @@ class Grid:
         for row, (tendon, end) in enumerate(
             zip(self.robot.tendons, self.robot.tendon_ends, strict=True)
         ):
-            places = self.arc_length[self.arc_length <= end + GRAIN]
+            places = self.arc_length[self.arc_length <= end + ROUND_OFF_MM]
             paths[row, : len(places)] = tendon.path(np.minimum(places, end))
         return paths
 
@@ -123,7 +123,9 @@ class Grid:
     @cached_property
     def counts(self) -> NDArray[np.int64]:
         """Segments that each tendon passes, shape (t,)."""
-        return np.searchsorted(self.arc_length, self.robot.tendon_ends - GRAIN).astype(np.int64)
+        return np.searchsorted(self.arc_length, self.robot.tendon_ends - ROUND_OFF_MM).astype(
+            np.int64
+        )
 
     @cached_property
     def sections(self) -> NDArray[np.int64]:
@@ -133,11 +135,7 @@ class Grid:
     @cached_property
     def stiffness(self) -> Floats:
         """Moment by turn of each segment about x, y and z [N mm], shape (n, 3)."""
-        moduli = [
-            (section.bending_stiffness, section.bending_stiffness, section.torsional_stiffness)
-            for section in self.robot.sections
-        ]
-        return np.asarray(np.asarray(moduli)[self.sections] / self.spans[:, None])
+        return self.robot.section_stiffness[self.sections] / self.spans[:, None]
 
     def place_frames(self, turns: Floats) -> Floats:
         """Frames at the stations, for turns (b, n, 3) of the segments, (b, n + 1, 4, 4)."""
@@ -153,7 +151,7 @@ class Grid:
 
     def sum_bends(self, turns: Floats) -> Floats:
         """Bend of each section; none unless all tendons are parallel."""
-        if not all(tendon.is_parallel for tendon in self.robot.tendons):
+        if not self.robot.is_parallel:
             return np.zeros((len(turns), 0, 2))
         bends = np.zeros((len(turns), len(self.robot.sections), 2))
         for index in range(len(self.robot.sections)):
@@ -298,7 +296,7 @@ class EnergyModel(ContinuumModel):
 
     Chords, arcs, and rods that push on other than parallel routings may have several equilibria.
     The one that is reached from the straight rod is taken, in steps where rods push; where it
-    ceases to be one, another may be, or the reason says how far it went. It is checked to be
+    ceases to be one, another may be, or the reason states how far it went. It is checked to be
     stable: among shapes of the same tendon lengths, and in channels in each segment by itself.
 
     A shape beyond a tendon's travel or a section's `max_bend`, or so curved that discs meet, has
@@ -373,14 +371,14 @@ class EnergyModel(ContinuumModel):
         """Return the shapes under tendon displacements; see `ContinuumModel.shape`.
 
         One that has not converged is the shape as far as the command can be followed, and the
-        reason says how far that is and which tendon stops it.
+        reason states how far that is and which tendon stops it.
         """
         commands = check_displacements(self.robot, displacements)
         flat = np.ascontiguousarray(commands.reshape(-1, commands.shape[-1]))
         found = self._solve(flat)
         frames = self._grid.place_frames(found.turns)
         followed = self.natural_lengths - found.shares[:, None] * flat
-        slack = ~self._pushes & (found.lengths < followed - self.tolerance)
+        slack = ~self.robot.pushes & (found.lengths < followed - self.tolerance)
         for index in np.flatnonzero((found.codes == CONVERGED) & (found.suspects > 0)):
             turns, tensions = found.turns[index], found.tensions[index]
             if not is_stable(self._grid, turns, tensions, ~slack[index], self._compliances):
@@ -417,33 +415,23 @@ class EnergyModel(ContinuumModel):
     def _compliances(self) -> Floats:
         return self.natural_lengths / self.tendon_stiffness
 
-    @cached_property
-    def _pushes(self) -> NDArray[np.bool_]:
-        return np.asarray([tendon.pushes for tendon in self.robot.tendons])
-
     def _solve(self, commands: Floats, *, compliances: Floats | None = None) -> Answers:
-        found = Answers.make(len(commands), len(self._grid.spans), len(self._pushes))
+        found = Answers.make(len(commands), len(self._grid.spans), len(self.robot.pushes))
         strongest = STRONGEST * self._grid.stiffness.max() / self._grid.reach.max(axis=1).min()
         rod = (
             self._grid.packed,
             self._compliances if compliances is None else compliances,
-            np.where(self._pushes, -strongest, 0.0),
-            np.full(len(self._pushes), strongest),
+            np.where(self.robot.pushes, -strongest, 0.0),
+            np.full(len(self.robot.pushes), strongest),
             MOST_STEPS,
         )
         firsts = self._first_parts(commands)
         solve_commands(rod, self.natural_lengths, commands, firsts, self.tolerance, tuple(found))
         return found
 
-    @cached_property
-    def _convex(self) -> bool:
-        """Whether there is one equilibrium only, whatever the way to it."""
-        tendons = self.robot.tendons
-        return not self._pushes.any() or all(tendon.is_parallel for tendon in tendons)
-
     def _first_parts(self, commands: Floats) -> Floats:
         """Part of each command that is tried at once: little where that may end elsewhere."""
-        if self._convex:
+        if not self.robot.pushes.any() or self.robot.is_parallel:  # there is one equilibrium
             return np.ones(len(commands))
         reach = self._grid.reach.copy()
         reach[reach == 0.0] = math.inf  # past a tendon's end

@@ -6,7 +6,7 @@ straight section, with analytic derivatives. Every step is the best one inside t
 and tendon travel, not one that is cut back to them.
 
 A target counts as out of reach when no start came near; that is a proof only where the reason
-says that the target is further away than the backbone is long, and for one section.
+states that the target is further away than the backbone is long, and for one section.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .checks import FARTHEST, Floats, check_directions, check_frame, check_place
 from .coupling import BendLimits, find_limits
 from .kernels.inverse import REACHED, SETTLED, improve, move_inside, rank_starts, search
 from .robot import RobotDesign
-from .section import GRAIN
+from .section import ROUND_OFF_MM
 from .shape import Shape, describe_bends
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def guess_bends(robot: RobotDesign, places: Floats, along: Floats) -> Floats:
     line = np.concatenate([np.zeros((1, 3)), places[order]])
     bends = np.zeros((len(robot.sections), 2))
     for index, end in enumerate(robot.section_ends):
-        if end > arc[-1] + GRAIN and robot.section_starts[index] >= arc[-1] - GRAIN:
+        if end > arc[-1] + ROUND_OFF_MM and robot.section_starts[index] >= arc[-1] - ROUND_OFF_MM:
             break
         reached = min(end, arc[-1])
         joint = np.array([np.interp(reached, arc, line[:, k]) for k in range(3)])
@@ -335,12 +335,12 @@ class Search:
         words = []
         reach = np.linalg.norm(places, axis=1) - self.along
         beyond = int(np.argmax(reach))
-        if reach[beyond] > GRAIN:
+        if reach[beyond] > ROUND_OFF_MM:
             words.append(
                 f"the target lies {np.linalg.norm(places[beyond]):.6g} mm from the base, out of "
                 f"reach of a backbone of {self.along[beyond]:g} mm"
             )
-        if len(places) > 1 or self.along[0] < robot.length - GRAIN:
+        if len(places) > 1 or self.along[0] < robot.length - ROUND_OFF_MM:
             order = np.argsort(self.along, kind="stable")
             frames = arc_frames(robot, bends, arc_length=self.along[order])
             apart = np.linalg.norm(frames[:, :3, 3] - places[order], axis=1)
@@ -473,7 +473,7 @@ def solve_curve(
         along = np.cumsum(np.linalg.norm(steps, axis=1))
     else:
         along = check_values("arc_length", arc_length, (len(places),), unit="mm")
-    if along.min() < -GRAIN or along.max() > robot.length * (1.0 + 1e-9):
+    if along.min() < -ROUND_OFF_MM or along.max() > robot.length * (1.0 + 1e-9):
         raise InputError(
             f"arc_length of the points spans [{along.min():.6g}, {along.max():.6g}] mm: it must "
             f"lie in [0, {robot.length:g}] mm, the robot's length"

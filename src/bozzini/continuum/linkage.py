@@ -100,7 +100,7 @@ class LinkageModel(ParallelModel):
         """Of each segment its section, its share of the section's length, and its length [mm]."""
         owner = np.repeat(np.arange(len(self._ends)), self.counts)
         lengths = np.diff(self.arc_length)
-        shares = lengths / np.asarray([section.length for section in self.robot.sections])[owner]
+        shares = lengths / self.robot.section_lengths[owner]
         if self.segments is not None:  # exactly equal: the kernel computes each turn once
             shares = 1.0 / np.asarray(self.counts, dtype=np.float64)[owner]
         return owner, shares, lengths
@@ -109,7 +109,7 @@ class LinkageModel(ParallelModel):
         """Return the shapes under tendon displacements; see `ContinuumModel.shape`.
 
         They have not converged where tendons would have to stretch, a limit is passed, or
-        linkages would need more segments to exist: the reason says how many.
+        linkages would need more segments to exist: the reason states how many.
         """
         found = self._require_segments(self.solve(displacements))
         bends = self._flat_bends(found)

@@ -24,7 +24,7 @@ MOST_CONTRAST = 1e6
 EVEN = 1e-3
 """By how much a curvature that counts as even may differ, as a share."""
 
-ROUND_OFF_LENGTH = 1e-11
+ROUND_OFF_LENGTH_SHARE = 1e-11
 """Error of a tendon's length that is round-off, as a share of the robot's length."""
 
 
@@ -32,7 +32,7 @@ ROUND_OFF_LENGTH = 1e-11
 class ContinuumModel(ABC):
     """A model that turns tendon displacements into shapes.
 
-    A model is a frozen dataclass: its fields are its options, and `bozzini.checks.quantity` says
+    A model is a frozen dataclass: its fields are its options, and `bozzini.checks.quantity` states
     what each is, for checks and for the command line. A subclass sets `name` and defines `shape`,
     which ends with `make_shape`. Another package adds one by an entry point of the group
     ``bozzini.continuum``.
@@ -127,16 +127,18 @@ class ContinuumModel(ABC):
         batch = displacements.shape[:-1]
         if verdict is None:
             verdict = np.ones(batch, dtype=np.bool_), np.zeros(batch, dtype="<U1")
-        fields = {
-            "tendon_lengths": self.robot.rest_lengths - displacements,
-            "section_parameters": np.zeros((*batch, 0, 2)),
-            "tensions": np.zeros((*batch, 0)),
-            "slack": np.zeros(displacements.shape, dtype=np.bool_),
-            "residual": np.zeros(batch),
-            "iterations": np.zeros(batch, dtype=np.int64),
-            "converged": verdict[0],
-            "reason": verdict[1],
-        } | known
+        fields = known | {"converged": verdict[0], "reason": verdict[1]}
+        if "tendon_lengths" not in fields:
+            fields["tendon_lengths"] = self.robot.rest_lengths - displacements
+        for name, shape, kind in (
+            ("section_parameters", (0, 2), np.float64),
+            ("tensions", (0,), np.float64),
+            ("slack", displacements.shape[-1:], np.bool_),
+            ("residual", (), np.float64),
+            ("iterations", (), np.int64),
+        ):
+            if name not in fields:
+                fields[name] = np.zeros((*batch, *shape), dtype=kind)
         own = {"section_parameters": 2, "tendon_lengths": 1, "tensions": 1, "slack": 1}
         shaped = {
             name: values.reshape((*batch, *values.shape[values.ndim - own.get(name, 0) :]))
@@ -187,8 +189,7 @@ def check_limits(
     """Mark what passes the drives' travel, the sections' largest bends, or lets discs meet."""
     converged, reason = verdict
     bends, slack = measure.bends, 1.0 + measure.round_off
-    lengths = np.asarray([section.length for section in robot.sections])
-    sharp = bends / lengths if measure.curvatures is None else measure.curvatures
+    sharp = bends / robot.section_lengths if measure.curvatures is None else measure.curvatures
     # Values, their range, and the message for a place of the batch, limit by limit.
     reasons: dict[tuple[int, ...], str] = {}
 
@@ -236,7 +237,7 @@ def check_numbers(
     """Mark shapes that are not finite, or miss their command by more than the tolerance."""
     converged, reason = verdict
     finite = np.asarray(np.isfinite(frames).all(axis=(-3, -2, -1)))
-    met = residual <= 1.1 * model.tolerance + ROUND_OFF_LENGTH * model.robot.length
+    met = residual <= 1.1 * model.tolerance + ROUND_OFF_LENGTH_SHARE * model.robot.length
     bad = converged & ~(finite & met)
     reasons: dict[tuple[int, ...], str] = {}
     for index in np.argwhere(bad):
@@ -251,12 +252,7 @@ def check_numbers(
 
 def explain_contrast(robot: RobotDesign) -> str:
     """Return what to add to a reason where stiffnesses differ too much; else nothing."""
-    values = [
-        value
-        for section in robot.sections
-        for value in (section.bending_stiffness, section.torsional_stiffness)
-    ]
-    ratio = max(values) / min(values)
+    ratio = robot.section_stiffness.max() / robot.section_stiffness.min()
     if ratio <= MOST_CONTRAST:
         return ""
     return (

@@ -16,7 +16,7 @@ from ..checks import check_array, check_integer
 from ..errors import InputError
 from ..io.records import Plain, load_record, read_record, save_record, write_record
 from .checks import Floats, check_items, check_text
-from .section import GRAIN, Section, Tendon
+from .section import ROUND_OFF_MM, Section, Tendon
 
 
 @dataclass(frozen=True)
@@ -95,9 +95,33 @@ class RobotDesign:
         return np.asarray([_rest_length(tendon) for tendon in self.tendons], dtype=np.float64)
 
     @cached_property
+    def pushes(self) -> NDArray[np.bool_]:
+        """Which tendons are rods that push as well, shape (t,)."""
+        return np.asarray([tendon.pushes for tendon in self.tendons], dtype=np.bool_)
+
+    @cached_property
+    def is_parallel(self) -> bool:
+        """Whether the offset and the angle of every tendon are the same all along."""
+        return all(tendon.is_parallel for tendon in self.tendons)
+
+    @cached_property
+    def section_lengths(self) -> Floats:
+        """Length of each section [mm], shape (m,)."""
+        return np.asarray([section.length for section in self.sections], dtype=np.float64)
+
+    @cached_property
+    def section_stiffness(self) -> Floats:
+        """EI, EI and GJ of each section [N mm^2], shape (m, 3)."""
+        rows = [
+            (section.bending_stiffness, section.bending_stiffness, section.torsional_stiffness)
+            for section in self.sections
+        ]
+        return np.asarray(rows, dtype=np.float64)
+
+    @cached_property
     def section_ends(self) -> Floats:
         """Arc length where each section ends [mm], shape (m,)."""
-        return np.cumsum([section.length for section in self.sections])
+        return np.cumsum(self.section_lengths)
 
     @cached_property
     def section_starts(self) -> Floats:
@@ -129,7 +153,7 @@ class RobotDesign:
     def section_at(self, arc_length: ArrayLike) -> NDArray[np.int64]:
         """Return the index of the section at arc lengths [mm]; an end belongs to its section."""
         places = check_array("arc_length", arc_length)
-        index = np.searchsorted(self.section_ends, places - GRAIN, side="left")
+        index = np.searchsorted(self.section_ends, places - ROUND_OFF_MM, side="left")
         return np.minimum(index, len(self.sections) - 1).astype(np.int64)
 
     def section_label(self, index: int) -> str:
@@ -196,7 +220,7 @@ class RobotDesign:
         start, end = float(self.section_starts[index]), float(self.section_ends[index])
         if tendon.end is None:
             return tendon.ending_at(end)
-        if not start + GRAIN < tendon.end <= end + GRAIN:
+        if not start + ROUND_OFF_MM < tendon.end <= end + ROUND_OFF_MM:
             raise InputError(
                 f"tendon '{tendon.name}' end is {tendon.end:g} mm: it belongs to "
                 f"{self.section_label(index)} and must lie in ({start:g}, {end:g}] mm"

@@ -20,7 +20,7 @@ from .energy import place_stations
 from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
 from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
 from .robot import RobotDesign
-from .section import GRAIN
+from .section import ROUND_OFF_MM
 from .shape import Shape
 
 # A robot cut into steps, as the rod's kernels take it.
@@ -59,7 +59,7 @@ class RodGrid:
         """Ends of the steps [mm], shape (n + 1,): stations and corners of tendons among them."""
         corners = [place for tendon in self.robot.tendons for place in tendon.corners()]
         breaks = np.unique(np.concatenate([self.arc_length, corners]))
-        breaks = breaks[np.concatenate([[True], np.diff(breaks) > GRAIN])]
+        breaks = breaks[np.concatenate([[True], np.diff(breaks) > ROUND_OFF_MM])]
         widest = self.robot.length / self.steps
         pieces = [
             np.linspace(start, end, math.ceil((end - start) / widest - 1e-9) + 1)[1:]
@@ -93,11 +93,7 @@ class RodGrid:
     @cached_property
     def stiffness(self) -> Floats:
         """EI, EI and GJ of the backbone in each step [N mm^2], shape (n, 3)."""
-        sections = [
-            (section.bending_stiffness, section.bending_stiffness, section.torsional_stiffness)
-            for section in self.robot.sections
-        ]
-        return np.asarray(sections, dtype=np.float64)[self.robot.section_at(self.middles)]
+        return self.robot.section_stiffness[self.robot.section_at(self.middles)]
 
     @cached_property
     def reaches(self) -> Floats:
@@ -272,7 +268,7 @@ class Target:
 class Shot:
     """A state of the rod: tensions, and quaternion and moment at the start of every piece.
 
-    `share` is the part of command and loads that it holds for; `reason` says why it is not all.
+    `share` is the part of command and loads that it holds for; `reason` states why it is not all.
     """
 
     tensions: Floats
@@ -457,8 +453,8 @@ class Shooting:
         largest = float(np.abs(np.diag(give)).max())
         strongest = self.rod.strongest
         centred = lengths - target.compliances * tensions - length_slope[:, :size] @ straightened
-        room = target.limit(self.share, self.loose) - centred
-        vector = room - give @ tensions
+        free_length = target.limit(self.share, self.loose) - centred
+        vector = free_length - give @ tensions
         low, high = np.where(target.pushes, -strongest, 0.0), np.full(len(give), strongest)
         wanted, right = np.zeros(len(give)), vector
         for _ in range(2):
@@ -476,7 +472,7 @@ class Shooting:
             # A moment of fixed direction has no potential: the problem is not symmetric.
             block = exact[np.ix_(free, free)] + RIDGE * largest * np.eye(int(free.sum()))
             moved = wanted[~free] - tensions[~free]
-            change = np.linalg.solve(block, -room[free] - exact[np.ix_(free, ~free)] @ moved)
+            change = np.linalg.solve(block, -free_length[free] - exact[np.ix_(free, ~free)] @ moved)
             trial = tensions[free] + change
             if np.all((trial > low[free]) & (trial < high[free])):
                 wanted[free] = trial
@@ -561,11 +557,11 @@ def improve_unloaded(rod: Rod, target: Target, share: float, loose: float, start
             break
         change, part = wanted - tensions, 1.0
         rise = float(slope @ change)
-        grain = 1e-13 * float(np.abs(tensions) @ lengths + np.abs(wanted) @ lengths)
+        round_off = 1e-13 * float(np.abs(tensions) @ lengths + np.abs(wanted) @ lengths)
         while part >= SMALLEST_CUT:
             trial = tensions + part * change
             after, longer, soft = _measure(rod, target, trial, limit)
-            if after >= value + 1e-4 * part * rise - grain:
+            if after >= value + 1e-4 * part * rise - round_off:
                 break
             part *= 0.5
         else:
@@ -708,11 +704,11 @@ class RodModel(ContinuumModel):
     those follow from a concave problem, by Newton's method with a line search. With cables only,
     or parallel tendons, there is one answer. Rods that push on other routings may have several
     equilibria: the command is raised in steps from the straight rod, and curvatures are minima,
-    so that the rod is stable by itself; where that way ends, the reason says how far it went.
+    so that the rod is stable by itself; where that way ends, the reason states how far it went.
 
     With loads the rod is integrated from the base, and the base's moment and the tensions are
     found by multiple shooting. There may be several equilibria: this finds the one that is reached
-    from the straight rod as loads and displacements are raised together, and does not tell whether
+    from the straight rod as loads and displacements are raised together, and does not check whether
     it is stable. Loads keep their direction as the robot bends. A moment of fixed direction has no
     potential.
 
@@ -834,7 +830,7 @@ class RodModel(ContinuumModel):
         """
         count = len(self.robot.tendons)
         pulls = check_points("tensions", tensions, dim=count)
-        low = np.where(self._pushes, -math.inf, 0.0)
+        low = np.where(self.robot.pushes, -math.inf, 0.0)
         if np.any(pulls < low):
             place = np.argwhere(pulls < low)[0]
             raise InputError(
@@ -847,16 +843,6 @@ class RodModel(ContinuumModel):
     @cached_property
     def _grid(self) -> RodGrid:
         return RodGrid(self.robot, self.between, self.steps)
-
-    @cached_property
-    def _pushes(self) -> NDArray[np.bool_]:
-        return np.asarray([tendon.pushes for tendon in self.robot.tendons], dtype=np.bool_)
-
-    @cached_property
-    def _convex(self) -> bool:
-        """Whether without loads there is one equilibrium only."""
-        tendons = self.robot.tendons
-        return not self._pushes.any() or all(tendon.is_parallel for tendon in tendons)
 
     @cached_property
     def _compliances(self) -> Floats:
@@ -893,7 +879,7 @@ class RodModel(ContinuumModel):
     def _shoot(self, *, command: Floats | None = None, tensions: Floats | None = None) -> Shot:
         target = Target(
             names=self.robot.tendon_names,
-            pushes=self._pushes,
+            pushes=self.robot.pushes,
             compliances=self._compliances,
             tolerance=self.tolerance,
             natural=self.natural_lengths,
@@ -901,7 +887,8 @@ class RodModel(ContinuumModel):
             command=command,
             tensions=tensions,
         )
-        return follow(self._rod, target, convex=self._convex)
+        convex = not self.robot.pushes.any() or self.robot.is_parallel
+        return follow(self._rod, target, convex=convex)
 
     def _answer(self, commands: Floats, shots: list[Shot], *, given: bool = False) -> Shape:
         """Shapes of shots; `commands` are displacements, or tensions if `given`."""
@@ -934,13 +921,13 @@ class RodModel(ContinuumModel):
         tensions = tensions.reshape(len(shots), tendons)
         if given:
             displacements = self.natural_lengths - lengths
-            slack = ~self._pushes & (_rows(commands) == 0.0)
+            slack = ~self.robot.pushes & (_rows(commands) == 0.0)
             asked = lengths
         else:
             displacements = _rows(commands)
             shares = np.asarray([s.share for s in shots]).reshape(-1, 1)
             followed = self.natural_lengths - shares * displacements
-            slack = ~self._pushes & (lengths < followed - self.tolerance)
+            slack = ~self.robot.pushes & (lengths < followed - self.tolerance)
             asked = self.natural_lengths - displacements + self._compliances * tensions
         residual = np.abs(np.where(slack, 0.0, lengths - asked)).max(axis=1, initial=0.0)
         words = [f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in shots]
@@ -966,8 +953,7 @@ class RodModel(ContinuumModel):
     @cached_property
     def _bends_evenly(self) -> bool:
         loads = np.concatenate([self.tip_force, self.tip_moment, self.distributed_force])
-        parallel = all(tendon.is_parallel for tendon in self.robot.tendons)
-        return parallel and not loads.any()
+        return self.robot.is_parallel and not loads.any()
 
 
 def _rows(array: Floats) -> Floats:

@@ -105,7 +105,7 @@ def evaluate_profile(profile: Profile, places: Floats, interpolation: str) -> tu
 
 # A tendon: where it runs in the robot's cross-sections, and where it ends.
 
-GRAIN = 1e-9
+ROUND_OFF_MM = 1e-9
 """Length that is round-off [mm]."""
 
 
@@ -260,8 +260,8 @@ class Tendon:
     def corners(self) -> Floats:
         """Return the arc lengths inside the tendon where its routing is not smooth [mm]."""
         places = sorted({place for knots in self._list_knots() for place, _ in knots})
-        last = math.inf if self.end is None else self.end - GRAIN
-        return np.asarray([place for place in places if GRAIN < place < last])
+        last = math.inf if self.end is None else self.end - ROUND_OFF_MM
+        return np.asarray([place for place in places if ROUND_OFF_MM < place < last])
 
     def _list_knots(self) -> list[Knots]:
         profiles: list[Profile] = [self._profile("offset"), self._profile("angle")]
@@ -280,7 +280,7 @@ class Tendon:
         profile = self._profile(name)
         if not isinstance(profile, float):
             end = min(end, profile[-1][0])
-        inside = (places >= -GRAIN) & (places <= end + GRAIN)
+        inside = (places >= -ROUND_OFF_MM) & (places <= end + ROUND_OFF_MM)
         if not inside.all():
             bad = places.flat[int(np.argmin(inside))]
             raise InputError(
@@ -291,7 +291,7 @@ class Tendon:
 
 def _check_span(name: str, knots: Knots, end: float) -> None:
     first, last = knots[0][0], knots[-1][0]
-    if first > GRAIN or last < end - GRAIN:
+    if first > ROUND_OFF_MM or last < end - ROUND_OFF_MM:
         raise InputError(
             f"{name} has knots from {first:g} to {last:g} mm: they must reach from 0 mm, the "
             f"robot's base, to {end:g} mm, the tendon's end"
@@ -393,13 +393,13 @@ def _check_places(given: object, length: float) -> tuple[float, ...]:
         place = Quantity(kind="length", low=0.0, high=length).check(
             f"section disc_positions[{index}]", item
         )
-        if place <= before + GRAIN:
+        if place <= before + ROUND_OFF_MM:
             raise InputError(
                 f"section disc_positions[{index}] is {place:g} mm: it must lie after {before:g} mm"
             )
         before = place
         places.append(place)
-    if places and abs(places[-1] - length) > GRAIN:
+    if places and abs(places[-1] - length) > ROUND_OFF_MM:
         raise InputError(
             f"section disc_positions ends at {places[-1]:g} mm: "
             f"the last disc must stand at the section's end, {length:g} mm"

@@ -56,7 +56,7 @@ class Shape(Result):
         Steps of the solver; 0 for a closed form.
     converged : (...) ndarray of bool
         Whether this is the robot's shape under the command. Where it is False the frames are
-        the model's nearest try and `reason` says what is wrong.
+        the model's nearest try and `reason` states what is wrong.
     reason : (...) ndarray of str
         Why not; empty where converged.
     disc_arc_length : (d,) ndarray, optional

@@ -449,7 +449,7 @@ def measure_dexterity(
 ) -> Dexterity:
     """Try directions, evenly over the sphere, in which the tip may look from a place.
 
-    Each is tried by the inverse, so a share of 0.3 says that 30 % were reached; more `starts`
+    Each is tried by the inverse, so a share of 0.3 means that 30 % were reached; more `starts`
     can only find more.
 
     Parameters

@@ -55,7 +55,7 @@ class Duct(ABC):
     The signed distance changes by at most 1 mm per mm (1-Lipschitz), the interpolant of a sampled
     duct by at most sqrt(3). `signed_distance` must never promise more clearance than there is by
     more than `error`, and `clearance_bound` never by anything, but where `error` is an estimate
-    itself (`BetweenCurves` without `curvature`). A duct is 3-D or planar; `bounds` says which.
+    itself (`BetweenCurves` without `curvature`). A duct is 3-D or planar; `bounds` shows which.
     """
 
     columns: ClassVar[dict[str, tuple[str, Form]]] = {}
@@ -241,14 +241,14 @@ class Duct(ABC):
         step = float((high - low).max()) / PLOT_CELLS[self.dim - 2]
         axes = [np.arange(a - step, b + 1.5 * step, step) for a, b in zip(low, high, strict=True)]
         nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        room = -self.signed_distance(nodes)
+        clearance = -self.signed_distance(nodes)
         if self.dim == 3:
-            room = room.max(axis=across)
+            clearance = clearance.max(axis=across)
         names = "xyz"
         ax = take_axes(ax, x=f"{names[right]} [mm]", y=f"{names[up]} [mm]", equal=True)
-        inside = np.ma.masked_less(room.T, 0.0)
+        inside = np.ma.masked_less(clearance.T, 0.0)
         picture = ax.pcolormesh(axes[right], axes[up], inside, shading="gouraud", cmap="Blues")
-        ax.contour(axes[right], axes[up], room.T, levels=[0.0], colors="black", linewidths=1.0)
+        ax.contour(axes[right], axes[up], clearance.T, levels=[0.0], colors="black", linewidths=1.0)
         ax.figure.colorbar(picture, ax=ax, label="clearance [mm]")
         return ax
 
@@ -416,8 +416,8 @@ class SampledField(PackedDuct):
         Distances outside the lumen are exact up to this value [mm]; farther out the field has this
         value or another lower bound of the distance, so `inflate` must stay below it.
     exact_outside : bool
-        Whether the wall may be moved outwards: distances outside the lumen are as `reach` says, and
-        no body stands in the lumen, which would not move with the wall. Otherwise `inflate` is
+        Whether the wall may be moved outwards: distances outside the lumen are as `reach` states,
+        and no body stands in the lumen, which would not move with the wall. Otherwise `inflate` is
         refused: it would promise too much.
     frame : str, optional
         Where the world's axes point in the patient, such as "RAS"; None where it is not known.
@@ -641,7 +641,7 @@ class PlanarField(Wrapped, PackedDuct):
 
     @property
     def exact_outside(self) -> bool:
-        """Whether the wall may be moved outwards, as the layer says."""
+        """Whether the wall may be moved outwards, as in the layer."""
         return self.layer.exact_outside
 
     def to_grid(self, points: ArrayLike, /) -> Floats:

@@ -18,17 +18,17 @@ from .base import Duct, SampledField
 from .shapes.cones import RoundCones
 from .shapes.cylinders import ConnectedCylinders
 
-# The nodes of a lumen as a graph: ends located, ways found, tips measured.
+# The nodes of a lumen as a graph: ends located, paths found, tips measured.
 
 COST_POWER = 2.5
-"""The path costs ``length / room**COST_POWER``: enough to keep to the middle of wide places."""
+"""The path costs ``length / clearance**COST_POWER``: so that it keeps to the middle."""
 
 Key = tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tip:
-    """A place of locally longest taut way: its node, the middle way to it, and that one's use."""
+    """A place of locally longest taut path: its node, the middle path to it, and that one's use."""
 
     node: NDArray[np.int64]
     path: NDArray[np.float64]
@@ -68,7 +68,7 @@ class Region:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Search:
-    """The least costs from some nodes to all others of the lumen, and the ways."""
+    """The least costs from some nodes to all others of the lumen, and the paths."""
 
     graph: LumenGraph
     costs: NDArray[np.float64]
@@ -97,9 +97,9 @@ class LumenGraph:
     number : (nx, ny, nz) int32
         Which of them a node of the grid is; -1 outside the lumen.
     depths : (n,) float32
-        Their room [mm].
+        Their clearance [mm].
     weights : (n,) float
-        What a mm of way costs there.
+        What a mm of path costs there.
     """
 
     def __init__(self, field: SampledField) -> None:
@@ -150,7 +150,8 @@ class LumenGraph:
             if distance >= 0.0:
                 raise GeometryError(
                     f"{name} ({', '.join(f'{v:g}' for v in position)}) mm lies outside the lumen "
-                    f"by {_say_distance(field, distance)}: give a point inside it, or leave it out"
+                    f"by {_format_distance(field, distance)}: give a point inside it, or leave it "
+                    "out"
                 )
             node = np.rint(field.to_grid(position) / field.spacing).astype(int)
             return self._nearest_inside(node)[None]
@@ -190,7 +191,7 @@ class LumenGraph:
         return self._last[1]
 
     def measure_lengths(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Length (n,) of the shortest way from nodes (3,) or (k, 3) to all nodes [mm]."""
+        """Length (n,) of the shortest path from nodes (3,) or (k, 3) to all nodes [mm]."""
         from .kernels.graph import find_lengths
 
         lengths = np.full(len(self.nodes), np.inf)
@@ -198,11 +199,11 @@ class LumenGraph:
         return lengths
 
     def find_deepest(self) -> NDArray[np.int64]:
-        """Return the node (3,) with the most room."""
+        """Return the node (3,) with the most clearance."""
         return np.asarray(self.places(np.array([int(np.argmax(self.depths))]))[0])
 
     def find_remotest(self, source: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the node (3,) with the longest taut way from `source`."""
+        """Return the node (3,) with the longest taut path from `source`."""
         lengths = self.measure_lengths(source)
         farthest = int(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)))
         return np.asarray(self.places(np.array([farthest]))[0])
@@ -214,18 +215,18 @@ class LumenGraph:
     def farthest(
         self, source: NDArray[np.int64], among: NDArray[np.int64] | None
     ) -> NDArray[np.int64]:
-        """Find the node (of `among`) whose middle way from `source` is the longest.
+        """Find the node (of `among`) whose middle path from `source` is the longest.
 
-        The taut way is a bad measure of how far an end is: it cuts the bends of a wide lumen, and
-        may call a pouch the far end. So the tips, the places of locally longest taut way, are
-        compared by the length of their middle way.
+        The taut path is a bad measure of how far an end is: it cuts the bends of a wide lumen, and
+        may call a pouch the far end. So the tips, the places of locally longest taut path, are
+        compared by the length of their middle path.
         """
         return max(self.measure_tips(source, among), key=lambda tip: tip.length).node
 
     def measure_tips(
         self, source: NDArray[np.int64], among: NDArray[np.int64] | None = None
     ) -> list[Tip]:
-        """Return the tips (of `among`) seen from nodes (3,) or (k, 3), with their middle ways."""
+        """Return the tips (of `among`) seen from nodes (3,) or (k, 3), with their middle paths."""
         key = make_key(source)
         if among is None and key in self._tips:
             return self._tips[key]
@@ -251,7 +252,7 @@ class LumenGraph:
         return tips
 
     def _find_tips(self, lengths: NDArray[np.float64], most: int = 12) -> list[NDArray[np.int64]]:
-        """Return the nodes of locally longest taut way, longest first, well apart."""
+        """Return the nodes of locally longest taut path, longest first, well apart."""
         apart = 25.0
         reach = np.ceil(apart / self.field.spacing).astype(int)
         left = np.flatnonzero(lengths > 0.5 * float(lengths.max()))
@@ -279,7 +280,7 @@ class LumenGraph:
         return search.traceback(goal)
 
     def _explain_apart(self, start: NDArray[np.int64], goal: NDArray[np.int64] | None) -> str:
-        """Say where the lumen is closed between two nodes, or sets of them, that no way joins."""
+        """Explain where the lumen is closed between nodes, or sets of them, that no path joins."""
         from scipy.spatial import cKDTree
 
         text = "start and end are not connected inside the lumen at this grid"
@@ -308,11 +309,11 @@ class LumenGraph:
         return -self.field.signed_distance(self.field.to_world(points))
 
     def measure_slope(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Direction (n, 3) of growing room, grid frame."""
+        """Direction (n, 3) of growing clearance, grid frame."""
         return -self.field.gradient(self.field.to_world(points)) @ self.field.rotation
 
 
-def _say_distance(field: SampledField, distance: float) -> str:
+def _format_distance(field: SampledField, distance: float) -> str:
     """Name how far outside a point lies; beyond its reach the field only knows "at least"."""
     known = distance < field.reach - field.error
     return f"{distance:.1f} mm" if known else f"at least {distance - field.error:.1f} mm"
@@ -326,8 +327,9 @@ def make_key(nodes: NDArray[np.int64]) -> Key:
 def find_first_crest(points: NDArray[np.float64], depth: NDArray[np.float64]) -> int:
     """Index where a path that starts in a closed tip comes out of it.
 
-    That is the first point with at least 0.8 of the room that the path has soon after it (within
-    two radii, at least 8 mm), and from there the roomiest within the next 10 mm: an end that was
+    That is the first point with at least 0.8 of the clearance that the path has soon after it
+    (within two radii, at least 8 mm), and from there the one with the most clearance within the
+    next 10 mm: an end that was
     only found, not given, need not be a narrow one.
     """
     arc = measure_arc_length(points)
@@ -345,7 +347,7 @@ SPACING = 1.0
 
 
 BRANCH_SHARE, BRANCH_GAP = 0.8, 40.0
-"""An end that was not taken is told if it is about as far, and this far from the path [mm]."""
+"""An end that was not taken is reported if it is about as far, and this far from the path [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -359,7 +361,7 @@ class OtherEnd:
     point : (float, float, float)
         World frame [mm], inside the lumen.
     distance : float
-        Length of the middle way to it from the opposite end of the centreline [mm].
+        Length of the middle path to it from the opposite end of the centreline [mm].
     """
 
     end: str
@@ -390,7 +392,7 @@ class Centreline:
 
     @classmethod
     def from_points(cls, points: ArrayLike, duct: Duct, *, spacing: float = SPACING) -> Centreline:
-        """Take a given way through a duct as its centreline.
+        """Take a given path through a duct as its centreline.
 
         Parameters
         ----------
@@ -408,7 +410,7 @@ class Centreline:
             If there are fewer than two different points, or they do not have the duct's
             dimension.
         GeometryError
-            If the way leaves the duct, with the place.
+            If the path leaves the duct, with the place.
         """
         dim = duct.dim
         given = check_points("points", points, dim=dim)
@@ -418,7 +420,7 @@ class Centreline:
         steps = np.linalg.norm(np.diff(given, axis=0), axis=1)
         if steps.min() <= 0.0:
             index = int(np.argmin(steps))
-            raise InputError(f"points {index} and {index + 1} are the same: the way stands still")
+            raise InputError(f"points {index} and {index + 1} are the same: the path stands still")
         counts = np.ceil(steps / spacing - 1e-9).astype(int)
         parts = [
             given[k] + np.arange(count)[:, None] / count * (given[k + 1] - given[k])
@@ -430,7 +432,7 @@ class Centreline:
             index = int(np.argmin(radius))
             place = ", ".join(f"{value:g}" for value in dense[index])
             raise GeometryError(
-                f"the way leaves the duct at ({place}) mm, by {-radius[index]:.2f} mm"
+                f"the path leaves the duct at ({place}) mm, by {-radius[index]:.2f} mm"
             )
         return cls(points=dense, arc_length=measure_arc_length(dense), radius=radius)
 
@@ -471,25 +473,25 @@ def find_centreline(
 ) -> Centreline:
     """Find the centreline between two ends of a lumen.
 
-    The path minimises the integral of ``1 / room**2.5`` over the grid graph, in the lumen before
-    inflation, so that inflation never opens a short cut between neighbouring folds. It is then
-    smoothed under tension and pushed back wherever it would lose room.
+    The path minimises the integral of ``1 / clearance**2.5`` over the grid graph, in the lumen
+    before inflation, so that inflation never opens a short cut between neighbouring folds. It is
+    then smoothed under tension and pushed back wherever it would lose clearance.
 
     Parameters
     ----------
     field : SampledField
         The lumen.
     ends : pair of (3,) float or None
-        Start and end in the world frame [mm]. None: found as the ends of the longest way through
+        Start and end in the world frame [mm]. None: found as the ends of the longest path through
         the lumen; the one with the larger world z is the start. Which end a scope enters by is
         for the caller to know (`Centreline.reverse`).
     regions : pair of (k, 3) float or None
         Centres of the voxels of a label that an end lies in, for an end that is not given as a
         point: the place in it farthest from the other end is taken. An end that is not given at
-        all is sought far from the other one's label. A label that covers the whole lumen says
-        nothing about where an end is.
+        all is sought far from the other one's label. A label that covers the whole lumen does
+        not state where an end is.
     via : sequence of (3,) or (k, 3) float
-        Places that the path goes through in this order, on its way from start to end: points in
+        Places that the path goes through in this order, from start to end: points in
         the world frame [mm], or the centres of the voxels of a label. The smoothed line passes
         them within its smoothing, a few mm.
 
@@ -551,7 +553,7 @@ def _find_path_via(
         if found is None:  # a label that covers the whole lumen
             continue
         if len(found) > 1:
-            # Of a label the place nearest to the path so far, and of those the roomiest.
+            # Of a label the places nearest to the path so far, and of those the one in the middle.
             spacing = graph.field.spacing
             path = graph.find_path(stops[-1], goal)
             gaps = cKDTree(path * spacing).query(found * spacing)[0]
@@ -579,13 +581,13 @@ def _trim_path(
             points[position] = field.to_grid(check_points("end", end))
     depth = graph.measure_depth(points)
     skipped = []
-    for end, area, way, room in (
+    for end, area, path, clearance in (
         (ends[0], areas[0], points, depth),
         (ends[1], areas[1], points[::-1], depth[::-1]),
     ):
-        skip = 0 if end is not None else find_first_crest(way, room)
+        skip = 0 if end is not None else find_first_crest(path, clearance)
         if skip > 0 and area is not None:
-            left = np.flatnonzero(~area.contains(way[: skip + 1]))
+            left = np.flatnonzero(~area.contains(path[: skip + 1]))
             skip = max(0, int(left[0]) - 1) if len(left) else skip
         skipped.append(skip)
     kept = points[skipped[0] : len(points) - skipped[1]]
@@ -595,32 +597,32 @@ def _trim_path(
             raise GeometryError("start and end are the same point: no centreline between them")
     elif len(kept) < 2 or length < float(depth.max()):
         raise GeometryError(
-            f"no tube was found in the lumen: the way through it is {length:.1f} mm long between "
+            f"no tube was found in the lumen: the path through it is {length:.1f} mm long between "
             f"its tips, and it is {2.0 * float(depth.max()):.1f} mm wide; give both --start and "
             "--end as points inside it"
         )
     return _smooth(kept, graph)
 
 
-def find_roomy_path(
-    field: SampledField, start: ArrayLike, goal: ArrayLike, *, room: float
+def find_clear_path(
+    field: SampledField, start: ArrayLike, goal: ArrayLike, *, clearance: float
 ) -> NDArray[np.float64] | None:
-    """Find a way (n, 3) along nodes that all have at least `room`, in the middle where it can.
+    """Find a path (n, 3) along nodes that all have at least `clearance`, near the middle.
 
     Parameters
     ----------
     start, goal : (3,) float
         World frame [mm]; they become the ends.
-    room : float
-        Clearance in the inflated lumen [mm]. The way stays in the lumen before inflation.
+    clearance : float
+        Clearance in the inflated lumen [mm]. The path stays in the lumen before inflation.
 
     Returns
     -------
     (n, 3) float or None
-        World frame [mm]; None if the grid has no such way.
+        World frame [mm]; None if the grid has no such path.
     """
     graph = LumenGraph(field)
-    free = graph.depths + field.inflation >= room
+    free = graph.depths + field.inflation >= clearance
     graph.weights = np.where(free, graph.weights, np.inf)
     places = graph.places()
     nodes = []
@@ -670,7 +672,7 @@ def _find_other_ends(
     """Return the tips that could be the end `name` as well as the one that was taken.
 
     They lie about as far from the opposite end `source`, but well away from the path, from each
-    other's ways and from those that are known.
+    other's paths and from those that are known.
     """
     from scipy.spatial import cKDTree
 
@@ -690,7 +692,7 @@ def _find_other_ends(
 
 
 def _smooth(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float64]:
-    """Smooth a path of nodes; where that loses room against the path itself, push it back."""
+    """Smooth a path of nodes; where that loses clearance against the path itself, push it back."""
     points = resample_polyline(points, SPACING)
     for sweeps, keep in ((120, 0.95), (40, 0.95)):
         target = keep * graph.measure_depth(points)
@@ -714,7 +716,7 @@ def _running_minimum(values: NDArray[np.float64], half: int) -> NDArray[np.float
 
 
 def _stay_inside(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.float64]:
-    """Push any point that smoothing left outside the lumen back in, or say where it cannot be."""
+    """Push any point that smoothing left outside the lumen back in, or raise with the place."""
     for _ in range(50):
         depth = graph.measure_depth(points)
         bad = depth <= 0.0
@@ -751,54 +753,54 @@ def find_tangents(centreline: Centreline, arc: NDArray[np.float64]) -> NDArray[n
     return np.asarray((ahead - back) / sizes[:, None])
 
 
-# A way moved to where a duct itself has more room, not only the grid that the way was found on.
+# A path moved to where a duct itself has more clearance, not only the grid that it was found on.
 
 STEPS = (1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.12, 0.06)
-"""How far points are moved across the way, one after the other [mm]."""
+"""How far points are moved across the path, one after the other [mm]."""
 
 DIRECTIONS = 12
 
 SHARE = 1.25
-"""So many times the least room, or more, a point may have less of after smoothing."""
+"""So many times the least clearance, or more, a point may have less of after smoothing."""
 
 
 def widen_line(line: Centreline, duct: Duct) -> Centreline:
-    """Return a way between the same ends with more room where it is tight, if there is one near.
+    """Return a path between the same ends with more clearance where it is tight, if one is near.
 
-    Points move across the way to where the duct has more room, and are smoothed where that does
-    not make a tight place tighter.
+    Points move across the path to where the duct has more clearance, and are smoothed where that
+    does not make a tight place tighter.
 
     Parameters
     ----------
     line : Centreline
         In space, inside the duct or nearly so.
     duct : Duct
-        Its room is the negative of its signed distance.
+        Its clearance is the negative of its signed distance.
 
     Raises
     ------
     GeometryError
-        If the way found leaves the duct, with the place.
+        If the path found leaves the duct, with the place.
     """
     points = line.points.copy()
     turn = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     around = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    room = -duct.signed_distance(points)
+    clearance = -duct.signed_distance(points)
     for step in STEPS:
         places = points[1:-1, None] + step * around @ _find_axes(points)[1:-1]
         found = -duct.signed_distance(places)
         best = found.argmax(axis=1)
-        better = np.take_along_axis(found, best[:, None], axis=1)[:, 0] > room[1:-1]
+        better = np.take_along_axis(found, best[:, None], axis=1)[:, 0] > clearance[1:-1]
         chosen = places[np.arange(len(places)), best]
         points[1:-1] = np.where(better[:, None], chosen, points[1:-1])
-        room = -duct.signed_distance(points)
-        enough = SHARE * float(room.min())
+        clearance = -duct.signed_distance(points)
+        enough = SHARE * float(clearance.min())
         for _ in range(3):
             smooth = points.copy()
             smooth[1:-1] = 0.5 * points[1:-1] + 0.25 * (points[:-2] + points[2:])
             left = -duct.signed_distance(smooth)
-            keep = left >= np.minimum(room, enough)
-            points[keep], room[keep] = smooth[keep], left[keep]
+            keep = left >= np.minimum(clearance, enough)
+            points[keep], clearance[keep] = smooth[keep], left[keep]
     wider = Centreline.from_points(resample_polyline(points, SPACING), duct)
     if wider.radius.min() <= float(-duct.signed_distance(line.points).max()):
         return Centreline.from_points(line.points, duct)
@@ -806,7 +808,7 @@ def widen_line(line: Centreline, duct: Duct) -> Centreline:
 
 
 def _find_axes(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return two axes (n, 2, 3) across a way at each of its points."""
+    """Return two axes (n, 2, 3) across a path at each of its points."""
     along = np.gradient(points, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     helper = np.eye(3)[np.abs(along).argmin(axis=1)]
@@ -819,44 +821,44 @@ REACH = 1e6
 """No coordinate of an end is beyond this [mm]."""
 
 POINTS_MAX = 10_000
-"""A very long way has about this many points."""
+"""A very long path has about this many points."""
 
 INSET = 1e-3
-"""The way begins this far, as a share of its first step, from the middle of an end's wall."""
+"""The path begins this far, as a share of its first step, from the middle of an end's wall."""
 
 
 def follow_chain(
     chain: RoundCones | ConnectedCylinders,
     ends: tuple[ArrayLike | None, ArrayLike | None] = (None, None),
 ) -> Centreline:
-    """Return the way along the centres of a chain, from its first shape to its last.
+    """Return the path along the centres of a chain, from its first shape to its last.
 
     Parameters
     ----------
     chain : RoundCones or ConnectedCylinders
     ends : pair of (3,) float or None
-        Start and end inside it [mm]: the way goes between the places of it nearest to them. None:
+        Start and end inside it [mm]: the path goes between the places of it nearest to them. None:
         the chain's own ends; of cylinders, whose ends are flat walls, so far from these that they
-        do not take the room away.
+        do not take the clearance away.
 
     Raises
     ------
     InputError
         If an end has not three coordinates.
     GeometryError
-        If an end lies outside, or there is no way: a single ball, or both ends at one place.
+        If an end lies outside, or there is no path: a single ball, or both ends at one place.
     """
     centres = np.asarray(chain.centres, dtype=np.float64)
     steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     centres = centres[np.concatenate([[True], steps > 0.0])]
     if len(centres) < 2:
-        raise GeometryError("the chain is one ball: there is no way along it")
-    # In the middle of a flat end there is no room yet.
-    way = centres.copy()
-    way[0] += INSET * (centres[1] - centres[0])
-    way[-1] += INSET * (centres[-2] - centres[-1])
+        raise GeometryError("the chain is one ball: there is no path along it")
+    # In the middle of a flat end there is no clearance yet.
+    path = centres.copy()
+    path[0] += INSET * (centres[1] - centres[0])
+    path[-1] += INSET * (centres[-2] - centres[-1])
     spacing = max(SPACING, float(steps.sum()) / POINTS_MAX)
-    line = Centreline.from_points(way, chain, spacing=spacing)
+    line = Centreline.from_points(path, chain, spacing=spacing)
     first, goal = (
         _locate(chain, line, name, end) for name, end in zip(("start", "end"), ends, strict=True)
     )
@@ -866,7 +868,9 @@ def follow_chain(
     if goal is None:
         goal = tips[1] if ends[0] is None else _go_far(line, first, tips)
     if first == goal:
-        raise GeometryError("start and end are at the same place of the chain: no way between them")
+        raise GeometryError(
+            "start and end are at the same place of the chain: no path between them"
+        )
     kept = line.points[min(first, goal) : max(first, goal) + 1]
     found = Centreline.from_points(kept, chain, spacing=spacing)
     return found if first < goal else found.reverse()
@@ -874,7 +878,7 @@ def follow_chain(
 
 def _find_tips(chain: RoundCones | ConnectedCylinders, line: Centreline) -> tuple[int, int]:
     last = len(line.points) - 1
-    if isinstance(chain, RoundCones):  # its ends are balls, which have their room in the middle
+    if isinstance(chain, RoundCones):  # its ends are balls, with clearance in their middle
         return 0, last
     first = find_first_crest(line.points, line.radius)
     other = last - find_first_crest(line.points[::-1], line.radius[::-1])

@@ -284,7 +284,7 @@ class Union(Compound):
     Notes
     -----
     The value is the smallest of the parts': exact outside where theirs are, and inside a lower
-    bound of the room.
+    bound of the clearance.
     """
 
     parts: tuple[Duct, ...]

@@ -564,9 +564,9 @@ def _count_nodes(
     nodes = float(np.prod(counts))
     if nodes > MAX_NODES:
         least = spacing.min() * (nodes / MAX_NODES) ** (1.0 / 3.0)
-        told = f"{int(nodes):,}" if nodes < 1e15 else f"{nodes:.3g}"
+        shown = f"{int(nodes):,}" if nodes < 1e15 else f"{nodes:.3g}"
         raise GeometryError(
-            f"voxel {spacing.min():g} mm makes a grid of {told} nodes: the limit is "
+            f"voxel {spacing.min():g} mm makes a grid of {shown} nodes: the limit is "
             f"{MAX_NODES:,}, give at least {least * 1.02:.3g} mm"
         )
     return counts.astype(np.int64)

@@ -100,10 +100,10 @@ def check_connected(
     """
     split = find_split(gaps, meet, links=links, far=far)
     if split is not None:
-        raise GeometryError(tell_split(name, split))
+        raise GeometryError(describe_split(name, split))
 
 
-def tell_split(name: str, split: tuple[int, int]) -> str:
+def describe_split(name: str, split: tuple[int, int]) -> str:
     """Return the words for a union that is not connected."""
     a, b = split
     return f"the union is not connected: {name} {a} and {name} {b} come nearest, and do not overlap"
@@ -243,7 +243,7 @@ def find_highest(
     bounds : (2, dim) float
         Corners of a box that holds the region.
     ceiling : float
-        Values below this need not be told apart.
+        Values below this need not be distinguished.
     tolerance : float
         How far the bound may be above the value, where that is above the ceiling. Farther, but
         a bound still, if there are more cubes than `CUBES_MAX` before: where the function is

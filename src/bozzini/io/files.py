@@ -83,7 +83,7 @@ def check_new_file(
             raise OutputError(f"{target} is a directory: choose a file")
         if target.exists() and not force:
             raise OutputError(f"{target} exists already: choose another file or give --force")
-        # Whether a place takes a file is only known by trying: permissions do not tell all.
+        # Whether a place takes a file is only known by trying: permissions are not all.
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem[:16]}.")
         os.close(handle)
         Path(name).unlink(missing_ok=True)
@@ -263,7 +263,7 @@ _UNLISTED = frozenset(
 
 
 def _list_own(target: Path) -> frozenset[str]:
-    """Return the files that the summary in a directory says are of its result."""
+    """Return the files of a result that the summary in its directory lists."""
     try:
         summary = json.loads((target / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -438,7 +438,7 @@ def _find_matplotlib_config() -> str:
 
 
 def _takes_files(folder: str) -> bool:
-    """Say whether a directory can be made, if need be, and written: permissions do not tell all."""
+    """Say whether a directory can be made, if need be, and written: permissions are not all."""
     if not folder:
         return False
     try:

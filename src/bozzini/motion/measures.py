@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .link import move_free_chain
 from .plan import Measures, Plan
 from .scope import Scope
 from .space import FreeSpace, grid_of
@@ -190,12 +191,11 @@ def measure_displacement(plan: Plan) -> dict[str, float]:
     InputError
         If the plan lacks the introducer or the scope.
     """
-    from .kernels.measures import total_travel, tractrix_travel
-    from .kernels.tube import move_in_tube
+    from .kernels.tractrix import move_in_tube
 
     introducer, length = plan.get_introducer(), plan.get_scope().link_length
     heads = plan.head_arc_length
-    own = float(total_travel(np.ascontiguousarray(plan.joints)))
+    own = _measure_travel(plan.joints)
     if own == 0.0:
         return {"tractrix": 1.0, "follow": 1.0}
     dim = plan.path.shape[1]
@@ -210,6 +210,10 @@ def measure_displacement(plan: Plan) -> dict[str, float]:
     move_in_tube(
         points, arc, np.zeros(len(arc)), heads, length, 0.0, 0.0, 0.0, chain.copy(), -back, joints
     )
-    follow = float(total_travel(joints))
-    free = float(tractrix_travel(joints[:, 0].copy(), chain, length))
-    return {"tractrix": own / free, "follow": own / follow}
+    free = move_free_chain(chain, joints[:, 0], scheme="least")
+    return {"tractrix": own / _measure_travel(free), "follow": own / _measure_travel(joints)}
+
+
+def _measure_travel(joints: NDArray[np.float64]) -> float:
+    """Return how far all joints move in all steps [mm]."""
+    return float(np.linalg.norm(np.diff(joints, axis=0), axis=2).sum())

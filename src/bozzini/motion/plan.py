@@ -596,7 +596,7 @@ class Plan(Result):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the smallest clearance over the head's way, and return the axes."""
-        axes = take_axes(ax, x="head along its path [mm]", y="clearance [mm]")
+        axes = take_axes(ax, x="head along its path [mm]", y="smallest clearance [mm]")
         least = self.clearance.min(axis=1)
         shown = np.where(np.isfinite(least), least, np.nan)
         axes.plot(self.head_arc_length, shown, label=f"estimated, {self.method}")

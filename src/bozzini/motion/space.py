@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..duct.base import Duct
-from ..duct.centreline import Centreline, find_roomy_path
+from ..duct.centreline import Centreline, find_clear_path
 from ..duct.field import SampledField
 from ..errors import InputError
 from .scope import Introducer
@@ -128,7 +128,7 @@ def _find_widest(
     the ends do not count for the proof: they are corners of cells where the way begins or ends,
     not of faces that it crosses.
     """
-    from .kernels.measures import widest_level
+    from .kernels.passage import widest_level
 
     numbers = np.searchsorted(nodes, ends)
     own = [
@@ -176,7 +176,7 @@ def _bound_inflated_room(duct: SampledField, nodes: NDArray[np.int64]) -> NDArra
     """
     from scipy.spatial import KDTree
 
-    from .kernels.measures import find_rim
+    from .kernels.passage import find_rim
 
     level = np.float32(duct.inflation)
     level = np.nextafter(level, np.float32(np.inf)) if level < duct.inflation else level
@@ -246,7 +246,7 @@ class Ways:
         level = min(level, self.passage.level - grid.inflation - 1e-6)
         level = round(float(max(level, clearance - grid.inflation)), 6)
         if level not in self._roomy:
-            self._roomy[level] = find_roomy_path(grid, *self.ends, room=level + grid.inflation)
+            self._roomy[level] = find_clear_path(grid, *self.ends, clearance=level + grid.inflation)
         return self._roomy[level]
 
 

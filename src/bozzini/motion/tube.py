@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..duct.centreline import find_roomy_path
+from ..duct.centreline import find_clear_path
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
@@ -377,7 +377,7 @@ def move_in_tube(
     All in the duct's own frame. The chain starts straight in the introducer.
     """
     from .kernels.path import tabulate_tube
-    from .kernels.tube import move_in_tube as move
+    from .kernels.tractrix import move_in_tube as move
 
     data, intro, length = band.space.data, band.space.intro, float(band.length)
     points, first, cap = shaped.points, shaped.first, DEVIATION_CAP * length
@@ -553,7 +553,7 @@ def _find_guide(job: Job, clearance: float) -> NDArray[np.float64] | None:
     if marks[0] != 0:
         beyond = np.flatnonzero((marks == marks[0]) & fits)[::-1]
         for last in beyond[beyond >= straight][: 3 * GUIDE_TRIES : 3]:
-            base = find_roomy_path(grid, points[0], points[last], room=clearance)
+            base = find_clear_path(grid, points[0], points[last], clearance=clearance)
             if base is not None:
                 return base
     return points[:straight] if straight > 2 else None

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import (
+    add_hint,
     broadcast,
     check_array,
     check_fields,
@@ -132,8 +133,8 @@ class Braid:
 
     def _check(self, length: ArrayLike) -> NDArray[np.float64]:
         lengths = check_array("braid length", length)
-        hint = ", the length of a strand"
-        check_range("braid length", lengths, 0.0, self.strand_length, "mm", hint=hint)
+        with add_hint(", the length of a strand"):
+            check_range("braid length", lengths, 0.0, self.strand_length, "mm")
         return lengths
 
 

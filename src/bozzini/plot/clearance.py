@@ -32,7 +32,6 @@ from .style import (
     choose_clearance_scale,
     draw_marker,
     style_axes,
-    take_panel,
 )
 
 if TYPE_CHECKING:
@@ -181,27 +180,6 @@ def draw_clearance(plan: Plan, *, summary: Record | None = None) -> Figure:
     for axes in (top, middle, right):
         style_axes(axes, grid=axes is not middle)
     return figure
-
-
-def draw_smallest_clearance(plan: Plan, *, ax: Axes | None = None) -> Axes:
-    """Draw the smallest clearance of the whole body over the insertion.
-
-    Parameters
-    ----------
-    plan : Plan
-    ax : Axes, optional
-        Axes to draw into.
-
-    Raises
-    ------
-    InputError
-        If the plan's arrays do not fit each other.
-    """
-    axes = take_panel(ax)
-    sample = sample_motion(plan, count=600, worst_between=True)
-    fill_clearance(axes, sample, scale=choose_clearance_scale(sample.visible), ink=INK)
-    axes.set(xlabel=choose_abscissa(sample)[1], ylabel="smallest clearance [mm]")
-    return axes
 
 
 def _draw_map(

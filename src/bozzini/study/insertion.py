@@ -327,7 +327,7 @@ class InsertionStudy(Result):
                 summarise_plan(plan, self.field, self.line) for plan in self.comparison
             ]
         if self.robot is not None:
-            summary["robot"] = self.robot.summarise()
+            summary["robot"] = self.robot.to_dict()
         ends = self.centreline
         summary |= {
             "organ": self.tract.organ,
@@ -351,9 +351,7 @@ class InsertionStudy(Result):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the smallest clearance over the insertion, and return the axes."""
-        from ..plot.clearance import draw_smallest_clearance
-
-        return draw_smallest_clearance(self.plan, ax=ax)
+        return self.plan.plot(ax)
 
     def write(
         self,

@@ -1,9 +1,9 @@
 """The thesis's constraint functions for planar ducts as printed, and as they should read.
 
-Here for comparison: none is a distance, so planners use the ducts of this room. Each function has
-the number of its equation (thesis 5.3.1-5.3.2 and Appendix A) in its name; ``_printed`` marks a
-form that is not right as printed, and its docstring says why. Values below zero mean inside,
-unless it says otherwise.
+Here for comparison: none is a distance, so planners use the ducts of `bozzini.duct`. Each function
+has the number of its equation (thesis 5.3.1-5.3.2 and Appendix A) in its name; ``_printed`` marks a
+form that is not right as printed, and its docstring explains why. Values below zero mean inside,
+unless stated otherwise.
 """
 
 from __future__ import annotations

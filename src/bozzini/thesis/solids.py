@@ -1,7 +1,7 @@
 """The thesis's constraint functions of solid ducts (5.3.3, appendix B), as printed, to compare.
 
 None of them is a distance: they have no unit, or change faster than the place does, and two of
-them push the wrong way. The ducts of this room answer in their stead.
+them push the wrong way. The ducts of `bozzini.duct` answer in their stead.
 """
 
 from __future__ import annotations

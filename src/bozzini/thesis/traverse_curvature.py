@@ -9,7 +9,7 @@ The thesis prints the opposite sign, by which no circle rolls on a flat wall, an
 second fundamental form alone, which is right only for orthonormal parameters. Both are kept here
 as `printed_curve` and `printed_surface`, to compare.
 
-The test is local. It says neither that the circle fits between two walls nor how long a link may
+The test is local. It shows neither that the circle fits between two walls nor how long a link may
 be; `bozzini.motion.traverse` has that.
 """
 
@@ -64,7 +64,7 @@ def measure_curve(
     first, second : (..., 2) float
         First and second derivative of the curve by any parameter [mm per unit of it].
     side : {"left", "right"}
-        On which side of the way along the curve the circle is.
+        On which side of the direction along the curve the circle is.
 
     Raises
     ------
@@ -144,21 +144,21 @@ def measure_wall(
         else:
             step = 1e-3 * float((duct.bounds[1] - duct.bounds[0]).min())
     check_number("step", step, low=0.0, low_open=True, unit="mm")
-    ways = step * np.eye(dim)
+    steps = step * np.eye(dim)
     gradient = np.empty(array.shape)
     hessian = np.empty((*array.shape, dim))
     middle = duct.signed_distance(array)
     for a in range(dim):
-        ahead = duct.signed_distance(array + ways[a])
-        back = duct.signed_distance(array - ways[a])
+        ahead = duct.signed_distance(array + steps[a])
+        back = duct.signed_distance(array - steps[a])
         gradient[..., a] = (ahead - back) / (2.0 * step)
         hessian[..., a, a] = (ahead - 2.0 * middle + back) / step**2
         for b in range(a):
             mixed = (
-                duct.signed_distance(array + ways[a] + ways[b])
-                - duct.signed_distance(array + ways[a] - ways[b])
-                - duct.signed_distance(array - ways[a] + ways[b])
-                + duct.signed_distance(array - ways[a] - ways[b])
+                duct.signed_distance(array + steps[a] + steps[b])
+                - duct.signed_distance(array + steps[a] - steps[b])
+                - duct.signed_distance(array - steps[a] + steps[b])
+                + duct.signed_distance(array - steps[a] - steps[b])
             ) / (4.0 * step**2)
             hessian[..., a, b] = hessian[..., b, a] = mixed
     size = np.linalg.norm(gradient, axis=-1)

@@ -217,7 +217,7 @@ def test_a_plan_that_stops_is_followed_as_far_as_it_goes():
 
 def test_everything_comes_back_from_the_file(moved, tmp_path):
     again = Actuation.load(moved.save(tmp_path / "robot.npz"))
-    assert again.summarise() == moved.summarise()
+    assert again.to_dict() == moved.to_dict()
     for name in ("displacements", "bends", "base_advance", "frame", "clearance"):
         assert np.array_equal(getattr(again, name), getattr(moved, name))
     with pytest.raises(FileFormatError, match="no such file"):
@@ -241,7 +241,7 @@ def test_parquet_holds_the_same_table(moved, tmp_path, monkeypatch):
 
 
 def test_the_summary_counts_what_the_table_holds(moved):
-    told = moved.summarise()
+    told = moved.to_dict()
     assert told["bend"]["max_rad"] == np.linalg.norm(moved.bends, axis=2).max()
     first = moved.displacements[:, 0]
     item = told["tendons"][moved.robot.tendon_names[0]]

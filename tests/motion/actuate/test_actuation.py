@@ -128,9 +128,9 @@ def test_a_certificate_belongs_to_its_motion(moved):
         proof = replace(moved.certificate, **{name: value})
         with pytest.raises(InputError, match=f"certificate {name} is"):
             replace(moved, certificate=proof)
-    with pytest.raises(InputError, match="it lacks a value"):
+    with pytest.raises(InputError, match=r"certificate of arcs: certificate\.step is missing"):
         ArcCertificate.from_description({"clearance_mm": 1.0})
-    with pytest.raises(InputError, match="it lacks a value"):
+    with pytest.raises(InputError, match="not a certificate of arcs: certificate is None"):
         ArcCertificate.from_description(None)
 
 
@@ -138,7 +138,7 @@ def test_a_certificate_belongs_to_its_motion(moved):
 
 
 def test_a_file_that_is_whole_loads(edit, moved):
-    assert edit().summarise() == moved.summarise()
+    assert edit().to_dict() == moved.to_dict()
     assert edit(status="stopped", reason="told so", reason_code="WALL").fits is False
 
 
@@ -233,3 +233,14 @@ def test_sections_are_not_bent_until_their_discs_meet():
     model = ArcModel(robot)
     assert not model.shape(free.displacements).converged.all()
     assert model.shape(held.displacements).converged.all()
+
+
+def test_an_actuation_is_a_result_with_a_table_and_a_picture(moved):
+    frame = moved.to_frame()
+    assert tuple(frame.columns) == moved.columns and len(frame) == moved.steps
+    assert np.array_equal(frame.iloc[:, 3:].to_numpy(), moved.displacements)
+    assert moved.converged == (moved.status == "complete")
+    assert moved.residual == moved.fit_max.max()
+    axes = moved.plot()
+    assert moved.plot(axes) is axes and "displacement" in axes.get_ylabel()
+    assert moved.columns[0] in moved._repr_html_()

@@ -149,13 +149,13 @@ def move_forward(w, f, half, length, backbone, value, slope):
 
 
 @njit(cache=True)
-def measure_length(backbone, start, end, tension, work, slope, psd, full):
+def measure_length(backbone, ends, tension, work, slope, psd, full):
     """Length of one tendon over a segment [mm], straight between the discs.
 
     ``backbone`` is the turn, its functions and those of its half, length and kind of the segment,
-    and what `move_forward` fills. ``start`` and ``end`` are the tendon's places (2,) in the two
-    discs. Fills its gradient ``slope`` (3,) and adds ``tension`` times its Hessian to ``full``, and
-    the part of the Hessian that cannot be negative to ``psd``. ``work`` is (5, 3).
+    and what `move_forward` fills. ``ends`` (2, 2) are the tendon's places in the two discs. Fills
+    its gradient ``slope`` (3,) and adds ``tension`` times its Hessian to ``full``, and the part of
+    the Hessian that cannot be negative to ``psd``. ``work`` is (5, 3).
     """
     w, f, half, length, kind, step, step_slope = backbone
     value, matrix = work[0], work[1:4]
@@ -163,9 +163,9 @@ def measure_length(backbone, start, end, tension, work, slope, psd, full):
         value[i] = step[i]
         for k in range(3):
             matrix[i, k] = step_slope[i, k]
-    add_form(w, f, 0, end[0], end[1], 0.0, 1.0, 1.0, value, matrix)
-    value[0] -= start[0]
-    value[1] -= start[1]
+    add_form(w, f, 0, ends[1, 0], ends[1, 1], 0.0, 1.0, 1.0, value, matrix)
+    value[0] -= ends[0, 0]
+    value[1] -= ends[0, 1]
     size = math.sqrt(value[0] ** 2 + value[1] ** 2 + value[2] ** 2)
     way = work[4]
     for i in range(3):
@@ -186,7 +186,7 @@ def measure_length(backbone, start, end, tension, work, slope, psd, full):
             full[i, k] += part
             if tension > 0.0:
                 psd[i, k] += part
-    add_form_hessian(w, f, 0, end[0], end[1], 0.0, way, tension, 1.0, full)
+    add_form_hessian(w, f, 0, ends[1, 0], ends[1, 1], 0.0, way, tension, 1.0, full)
     if kind == CHORD:
         add_form_hessian(w, half, 0, 0.0, 0.0, 1.0, way, tension * length, 0.5, full)
     else:
@@ -260,18 +260,21 @@ def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
         if segment == CHANNEL:
             for k in range(counts.size):
                 if j < counts[k]:
-                    sums = slopes[k, j], psd[j], full[j]
-                    lengths[k] += measure_channel(w, spans[j], guides[k, j], tensions[k], *sums)
+                    lengths[k] += measure_channel(
+                        w, spans[j], guides[k, j], tensions[k], slopes[k, j], psd[j], full[j]
+                    )
             continue
         q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
         fill_functions(q, f)
         fill_functions(0.25 * q, half)
         move_forward(w, f, half, spans[j], segment, step, step_slope)
+        backbone = w, f, half, spans[j], segment, step, step_slope
         for k in range(counts.size):
             if j < counts[k]:
-                backbone = w, f, half, spans[j], segment, step, step_slope
-                ends, sums = (paths[k, j], paths[k, j + 1]), (slopes[k, j], psd[j], full[j])
-                lengths[k] += measure_length(backbone, *ends, tensions[k], work, *sums)
+                place, tension = paths[k, j : j + 2], tensions[k]
+                lengths[k] += measure_length(
+                    backbone, place, tension, work, slopes[k, j], psd[j], full[j]
+                )
 
 
 @njit(cache=True)

@@ -365,7 +365,7 @@ FIRST_DAMPING = 1e-3
 STEP_CAP = 1.0
 """Largest change of a section's bend in a step [rad]."""
 
-GRAIN = 1e-15
+ROUND_OFF_SHARE = 1e-15
 """Share of the cost that is round-off."""
 
 SMALL_STEP = 1e-10
@@ -387,7 +387,7 @@ def evaluate(goal, bends, work, gradient, matrix):
     bends : (m, 2) float
         Bends [rad].
     work : tuple of ndarray
-        Room for `fill_chain` and a point.
+        Work arrays of `fill_chain` and of a point.
     gradient : (2 m,) float
         Filled; of size 0 where only the cost is asked for.
     matrix : (2 m, 2 m) float
@@ -469,7 +469,7 @@ def _add_rows(rows, miss, weight, size, gradient, matrix):
 
 @njit(cache=True)
 def make_work(sections):
-    """Return room for `evaluate`."""
+    """Return work arrays for `evaluate`."""
     frames = np.zeros((sections + 1, 3, 4))
     for r in range(3):
         frames[0, r, r] = 1.0
@@ -562,7 +562,7 @@ def improve(goal, bounds, bends, tolerances, plan):
             fall -= 0.5 * matrix[i, i] * step[i] * step[i]
             for j in range(i):
                 fall -= matrix[i, j] * step[i] * step[j]
-        if size <= SMALL_STEP and damping <= largest or fall <= GRAIN * cost:
+        if size <= SMALL_STEP and damping <= largest or fall <= ROUND_OFF_SHARE * cost:
             return SETTLED, done, cost, distance, angle
         new_cost, _, _ = evaluate(goal, trial, work, none, nothing)
         ratio = (cost - new_cost) / fall

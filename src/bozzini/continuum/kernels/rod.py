@@ -102,17 +102,17 @@ def find_curvature(stiffness, guides, present, tensions, moment, u, work):
     before, last, part = math.inf, math.inf, 1.0
     step[:] = 0.0
     for _ in range(MOST_STEPS):
-        value, grain = expand_potential(
+        value, round_off = expand_potential(
             stiffness, guides, present, tensions, moment, u, False, right, matrix
         )
         if not math.isfinite(value):
             return False
-        if value > before + grain and part > SMALLEST_PART:
+        if value > before + round_off and part > SMALLEST_PART:
             for i in range(3):
                 u[i] -= 0.5 * part * step[i]
             part *= 0.5
             continue
-        flat = not value < before - grain
+        flat = not value < before - round_off
         before = value
         for i in range(3):
             least[i] = THIN * stiffness[i]

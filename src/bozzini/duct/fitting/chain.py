@@ -213,8 +213,8 @@ def _measure_cones(
         loss = 0.0
         if j > i + 1:
             away = np.linalg.norm(chain.centres[i + 1 : j, None] - centres[None], axis=2)
-            room = (radii - away).max(axis=1)
-            loss = max(0.0, float((chain.radii[i + 1 : j] - room).max()))
+            clearance = (radii - away).max(axis=1)
+            loss = max(0.0, float((chain.radii[i + 1 : j] - clearance).max()))
         found.append((float(excess[1:-1].max()), loss))
     return found
 
@@ -270,8 +270,8 @@ def inscribe_cylinders(
     spokes = np.stack([np.cos(angles), np.sin(angles)])
     rays = np.einsum("nji,ik->nkj", frames[:, :, :2], spokes)
     reach = float(np.linalg.norm(np.diff(duct.bounds, axis=0)))
-    room = cast_rays(duct, np.repeat(centres, RAYS, axis=0), rays.reshape(-1, 3), reach=reach)
-    radii = np.maximum(least, room.reshape(-1, RAYS).min(axis=1))
+    clearance = cast_rays(duct, np.repeat(centres, RAYS, axis=0), rays.reshape(-1, 3), reach=reach)
+    radii = np.maximum(least, clearance.reshape(-1, RAYS).min(axis=1))
     t = np.linspace(0.0, 1.0, STATIONS)[:, None, None]
     while True:
         wall = centres[:, None] + radii[:, None, None] * rays
@@ -300,7 +300,7 @@ def fit_cylinder_chain(chain: Chain, places: list[int], walls: Floats) -> Connec
     """Return cylinders whose circles fit wall points (n, k, 3) of sections by least squares.
 
     The sections are those across the chain at the places. Circles that would meet, or stand
-    across the way between them, are drawn back to the balls of the chain until they do not.
+    across the line between them, are drawn back to the balls of the chain until they do not.
     """
     centres, normals, least = chain.centres[places], chain.tangents[places], chain.radii[places]
     frames = carry_frames(normals)
@@ -326,7 +326,7 @@ def measure_cone_chain(
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Return (n,) distances of points from a chain of cones, and which ball is nearest.
 
-    The ball is ``t`` of the way from ball ``index`` to the next.
+    The ball is ``t`` of the step from ball ``index`` to the next.
     """
     from ..kernels.fit import find_balls
 
@@ -340,7 +340,7 @@ def measure_cone_chain(
 def fit_cone_chain(points: Floats, centres: Floats, radii: Floats) -> RoundCones:
     """Fit a chain of round cones to wall points (m, 3), by least squares of distances.
 
-    Centres move across the chain, and along it by 0.4 of the way to the next at most: where the
+    Centres move across the chain, and along it by 0.4 of the step to the next at most: where the
     chain neither bends nor tapers, the wall does not tell where they are. A radius stays positive.
 
     Parameters
@@ -357,8 +357,8 @@ def fit_cone_chain(points: Floats, centres: Floats, radii: Floats) -> RoundCones
 
     count = len(centres)
     steps = np.diff(centres, axis=0)
-    ways = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
-    frames = carry_frames(ways / np.linalg.norm(ways, axis=1, keepdims=True))
+    directions = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
+    frames = carry_frames(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
     def split(x: Floats) -> tuple[Floats, Floats]:
         table = x.reshape(count, 4)

@@ -32,7 +32,7 @@ def cast_rays(
 ) -> NDArray[np.float64]:
     """Return (n,) how far rays go from `starts` until they first leave the duct [mm].
 
-    A ray goes on by as much as it has room, so it passes over no wall that is thicker than
+    A ray advances by its clearance, so it passes over no wall that is thicker than
     `STEP`; then the wall is found by bisection.
 
     Parameters
@@ -52,11 +52,11 @@ def cast_rays(
     going = np.arange(len(starts))
     while len(going):
         points = starts[going] + ahead[going, None] * directions[going]
-        room = -duct.signed_distance(points)
-        inside = room > 0.0
-        going, room = going[inside], room[inside]
+        clearance = -duct.signed_distance(points)
+        inside = clearance > 0.0
+        going, clearance = going[inside], clearance[inside]
         last[going] = ahead[going]
-        ahead[going] += np.maximum(room / slope, STEP)
+        ahead[going] += np.maximum(clearance / slope, STEP)
         gone = ahead[going] >= reach
         last[going[gone]] = ahead[going[gone]] = reach
         going = going[~gone]
@@ -101,12 +101,12 @@ class FitReport:
         Two standard errors of the largest of these.
     wall : (7,) float
         Percentiles `PERCENTS` of how much farther the fitted wall is than the true one along
-        rays across the centreline [mm]: negative where room is lost.
-    room_loss : (7,) float
-        The same percentiles of how much room a planner loses on the centreline: the distance to
-        the true wall less what the fitted duct says [mm]. Not so near the ends that these are
+        rays across the centreline [mm]: negative where clearance is lost.
+    clearance_loss : (7,) float
+        The same percentiles of how much clearance a planner loses on the centreline: the distance
+        to the true wall less what the fitted duct has [mm]. Not so near the ends that these are
         the nearest wall: where a duct ends is a convention.
-    room_loss_place : float
+    clearance_loss_place : float
         Arc length of the centreline where most is lost [mm].
     """
 
@@ -121,8 +121,8 @@ class FitReport:
     volume_gained: float
     volume_error: float
     wall: NDArray[np.float64]
-    room_loss: NDArray[np.float64]
-    room_loss_place: float
+    clearance_loss: NDArray[np.float64]
+    clearance_loss_place: float
 
     @property
     def kept(self) -> float:
@@ -146,7 +146,7 @@ def measure_fit(
     fitted, duct : Duct
         Of three dimensions.
     centreline : Centreline
-        Along which walls and room are compared.
+        Along which walls and clearance are compared.
     max_error : float
         How far outside points of the fitted lumen may be: if none is found farther, the bound is
         not made any tighter than this [mm].
@@ -160,9 +160,9 @@ def measure_fit(
 
     Notes
     -----
-    How far outside a point lies is what `duct` says: exact for meshes, balls and round cones, and
-    within `error` for sampled fields. A union of super-ellipsoids as the true duct says less than
-    that.
+    How far outside a point lies is the distance of `duct`: exact for meshes, balls and round cones,
+    and within `error` for sampled fields. A union of super-ellipsoids as the true duct gives less
+    than that.
     """
     check_number("max error", max_error, low=0.0, unit="mm")
     for name, one in (("fitted duct", fitted), ("duct", duct)):
@@ -174,9 +174,9 @@ def measure_fit(
     starts = np.repeat(cuts.centres, cuts.directions.shape[1], axis=0)
     reach = 2.0 * float(cuts.lengths.max())
     across = cast_rays(fitted, starts, rays, reach=reach) - cuts.lengths.reshape(-1)
-    room = -duct.signed_distance(cuts.centres)
-    inner = find_inner(cuts.arc_length, room)
-    loss = (room + fitted.signed_distance(cuts.centres))[inner]
+    clearance = -duct.signed_distance(cuts.centres)
+    inner = find_inner(cuts.arc_length, clearance)
+    loss = (clearance + fitted.signed_distance(cuts.centres))[inner]
     arc = cuts.arc_length[inner]
     progress("measure", 0.3)
     highest = find_outside(fitted, duct, max_error=max_error)
@@ -196,15 +196,17 @@ def measure_fit(
         volume_gained=gained,
         volume_error=2.0 * error,
         wall=np.percentile(across, PERCENTS),
-        room_loss=np.percentile(loss, PERCENTS),
-        room_loss_place=float(arc[int(np.argmax(loss))]),
+        clearance_loss=np.percentile(loss, PERCENTS),
+        clearance_loss_place=float(arc[int(np.argmax(loss))]),
     )
 
 
-def find_inner(arc_length: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which places (n,) have no end of the way as near as their wall; all, if none has."""
-    inner = np.minimum(arc_length, arc_length[-1] - arc_length) >= room
-    return inner if inner.any() else np.full(len(room), True)
+def find_inner(
+    arc_length: NDArray[np.float64], clearance: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return which places (n,) have no end of the line as near as their wall; all, if none has."""
+    inner = np.minimum(arc_length, arc_length[-1] - arc_length) >= clearance
+    return inner if inner.any() else np.full(len(clearance), True)
 
 
 def explain_shortfall(report: FitReport, max_error: float, *, free: bool) -> str:
@@ -219,10 +221,10 @@ def explain_shortfall(report: FitReport, max_error: float, *, free: bool) -> str
             f"none is found more than {report.outside:.2f} mm outside, but only "
             f"{report.outside_bound:.2f} mm is proved"
         )
-    if free and report.room_loss[-1] > max_error:
+    if free and report.clearance_loss[-1] > max_error:
         return (
-            f"{report.room_loss[-1]:.2f} mm of the room on the centreline is lost at "
-            f"{report.room_loss_place:.1f} mm, more than {max_error:g} mm"
+            f"{report.clearance_loss[-1]:.2f} mm of the clearance on the centreline is lost at "
+            f"{report.clearance_loss_place:.1f} mm, more than {max_error:g} mm"
         )
     return ""
 
@@ -253,7 +255,7 @@ def _measure_volumes(fitted: Duct, duct: Duct) -> tuple[NDArray[np.float64], flo
     """Return the volumes in both, in `duct` only, in `fitted` only, and their standard error.
 
     Cells that lie on one side of both walls count as a whole, others are cut; the smallest are
-    settled by two points each at random, whose difference tells the error.
+    settled by two points each at random, whose difference gives the error.
     """
     both = np.stack([fitted.bounds, duct.bounds])
     low, high = both[:, 0].min(axis=0), both[:, 1].max(axis=0)
@@ -473,8 +475,8 @@ def _inscribe(points: NDArray[np.float64], index: int) -> tuple[NDArray[np.float
         raise GeometryError(f"section {index} is no area: {error}") from None
 
     def measure(places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        room = -polygon.signed_distance(places)
-        return room, room
+        clearance = -polygon.signed_distance(places)
+        return clearance, clearance
 
     found = find_highest(
         measure, polygon.signed_distance, polygon.bounds, ceiling=0.0, tolerance=SECTION_TOLERANCE

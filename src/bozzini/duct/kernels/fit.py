@@ -56,7 +56,7 @@ def least_gauge(points, half, e1, e2, turn):
 def find_balls(points, centres, radii, distance, index, place):
     """Fill the distances of points (n, 3) from a chain of round cones, and the nearest balls.
 
-    The nearest ball is `place` of the way from ball `index` to the next.
+    The nearest ball is `place` of the step from ball `index` to the next.
     """
     for n in range(points.shape[0]):
         distance[n] = np.inf
@@ -75,8 +75,8 @@ def find_balls(points, centres, radii, distance, index, place):
             else:
                 along = (dx * ax + dy * ay + dz * az) / size
                 off = math.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
-                lean = grow / math.sqrt((size - grow) * (size + grow))
-                t = min(max((along + off * lean) / size, 0.0), 1.0)
+                slant = grow / math.sqrt((size - grow) * (size + grow))
+                t = min(max((along + off * slant) / size, 0.0), 1.0)
             ball = math.sqrt((dx - t * ax) ** 2 + (dy - t * ay) ** 2 + (dz - t * az) ** 2)
             value = ball - radii[k] - t * grow
             if value < distance[n]:

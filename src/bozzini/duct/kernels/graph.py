@@ -82,7 +82,7 @@ def _sift_down(keys, names, size):
 
 @njit(cache=True, nogil=True)
 def find_costs(number, nodes, weight, step, sources, costs, before):
-    """Dijkstra's algorithm: the least cost from `sources`, and the node before on the way.
+    """Dijkstra's algorithm: the least cost from `sources`, and the node before on the path.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def find_costs(number, nodes, weight, step, sources, costs, before):
 
 @njit(cache=True, nogil=True)
 def find_lengths(number, nodes, step, sources, lengths):
-    """Fill `lengths` (n,), infinite at first, with the shortest ways from `sources`.
+    """Fill `lengths` (n,), infinite at first, with the shortest paths from `sources`.
 
     By buckets no wider than the shortest step, so that no node of a bucket changes another of it
     (Denardo and Fox, Operations Research 27, 1979).

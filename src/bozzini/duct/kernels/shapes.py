@@ -347,7 +347,7 @@ def inflate_shapes(table, params, inflation):
     Where the value outside is the distance, by the inflation c. Where it is only a lower bound,
     the shape {v <= c} would reach farther than c beyond the wall; {v <= c r / R} does not, r the
     depth of v at the ball's centre and R the ball's radius, because v is convex. A chain of
-    cylinders is nearer than its value says by its tolerance.
+    cylinders is nearer than its value by its tolerance.
     """
     for i in range(table.shape[0]):
         kind = int(table[i, 5])

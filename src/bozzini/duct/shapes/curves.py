@@ -139,8 +139,8 @@ def check_rulings(
         ],
         axis=1,
     )
-    way = np.sign(turns.sum())
-    wrong = (turns * way <= 0.0).any(axis=1)
+    sense = np.sign(turns.sum())
+    wrong = (turns * sense <= 0.0).any(axis=1)
     if wrong.any():
         k = int(np.argmax(wrong))
         raise GeometryError(
@@ -205,7 +205,7 @@ class BetweenCurves(Shape, PackedDuct):
     The signed distance is that of the outline through samples of both curves. For samples it is
     exact; for functions `kind` is "sampled", `error` how far the curves may be from the outline,
     and `clearance_bound` has that taken off: rigorous with `curvature`, and as good as an estimate
-    without, which `wall` then says. v is a share of the ruling: halfway between the
+    without, which `wall` then states. v is a share of the ruling: halfway between the
     curves is not half the width away from them.
     """
 

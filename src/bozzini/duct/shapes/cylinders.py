@@ -80,7 +80,7 @@ class ConnectedCylinders(ShapeUnion):
     The distance is that to the wall, which is all rulings and the discs at both ends, by a
     search with a lower bound; it is too small by at most 1e-7 of the largest radius, and exact
     otherwise. Where segments that are not neighbours overlap, the walls of each count in the
-    other, so that it is a lower bound of the room: `kind` is "bound". Between circles that are
+    other, so that it is a lower bound of the clearance: `kind` is "bound". Between circles that are
     not parallel the section is an ellipse, narrower in the plane of the bend by the cosine of
     half the angle. A smaller radius (thesis 5.3.3.2) is not the same as a clearance where the
     chain tapers or bends; `erode` is.
@@ -272,8 +272,8 @@ def _turn_normals(centres: NDArray[np.float64], normals: NDArray[np.float64]) ->
         elif min(ahead) <= 0.0:
             angles = " and ".join(f"{np.degrees(np.arccos(c)):.0f} deg" for c in ahead)
             raise GeometryError(
-                f"circle {i} does not lie across the duct: its normal is {angles} off the way to "
-                f"its neighbours, it must be less than 90 deg off each"
+                f"circle {i} does not lie across the duct: its normal is {angles} off the "
+                "directions to its neighbours, it must be less than 90 deg off each"
             )
 
 

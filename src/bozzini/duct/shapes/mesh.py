@@ -32,7 +32,7 @@ def check_sides(
     *,
     everywhere: bool,
 ) -> None:
-    """Raise `GeometryError` where a closed mesh winds the wrong way about places beside it.
+    """Raise `GeometryError` where a closed mesh winds about places beside it in the wrong sense.
 
     Such places are outside, and the triangles around them no wall: moved outwards, these would
     make a lumen of nothing.
@@ -104,7 +104,7 @@ class TriangleMesh(Shape):
     winds about it at least once, counted along a ray: for a closed mesh the generalised winding
     number of Jacobson, Kavan and Sorkine-Hornung (2013), without its sum over all triangles. So
     where sheets of the mesh cross, what any of them encloses is inside, and the distance, which
-    is to any triangle, a lower bound of the room. That is not looked for: `kind` is "bound".
+    is to any triangle, a lower bound of the clearance. That is not looked for: `kind` is "bound".
     """
 
     vertices: NDArray[np.float64]
@@ -182,18 +182,18 @@ class TriangleMesh(Shape):
         """Return the (...) signed distance at points (..., 3) [mm], negative inside."""
         array = check_places("points", points)
         flat = np.array(array.reshape(-1, 3), order="C")
-        room = self._nearest(flat)[0]
-        value = np.where(self.count_windings(flat) > 0, -room, room)
+        gap = self._nearest(flat)[0]
+        value = np.where(self.count_windings(flat) > 0, -gap, gap)
         return value.reshape(array.shape[:-1]) - self.inflation
 
     def gradient(self, points: ArrayLike, /) -> NDArray[np.float64]:
         """Return the (..., 3) gradient of the signed distance; where it has several, one."""
         array = check_places("points", points)
         flat = np.array(array.reshape(-1, 3), order="C")
-        room, triangle, foot = self._nearest(flat)
+        gap, triangle, foot = self._nearest(flat)
         sign = np.where(self.count_windings(flat) > 0, -1.0, 1.0)
-        near = room <= THIN_MM
-        away = (flat - foot) * (sign / np.where(near, 1.0, room))[:, None]
+        near = gap <= THIN_MM
+        away = (flat - foot) * (sign / np.where(near, 1.0, gap))[:, None]
         if near.any():
             a, b, c = np.moveaxis(self.vertices[self.faces[triangle[near]]], 1, 0)
             normal = np.cross(b - a, c - a)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 #
 # Balls of one radius about the samples keep two places apart exactly if their tetrahedra are not
 # joined through triangles that the balls leave open (Edelsbrunner, Discrete Comput. Geom. 13,
-# 1995: the balls' union and its alpha shape have the same complement, up to homotopy). The way
+# 1995: the balls' union and its alpha shape have the same complement, up to homotopy). The path
 # through a triangle runs between the centres of its tetrahedra's circumspheres, equally far from
 # its corners all along. It is nearest to them in the middle of the triangle's own circle, or, where
 # a fourth corner lies in the ball of that circle, at one of its ends.
@@ -146,7 +146,7 @@ def find_cells(cells: Cells, points: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def find_opening(cells: Cells, cell: int) -> tuple[float, int]:
-    """Return the width of the widest way from a cell to the outside, and its narrowest gate."""
+    """Return the width of the widest path from a cell to the outside, and its narrowest gate."""
     parent = np.arange(len(cells.groups) + 1)
 
     def find(k: int) -> int:
@@ -182,7 +182,7 @@ class PointCloud(Duct):
         Places inside [mm]: the duct is what is connected with them.
     normals : (n, 3) float, optional
         Outward normals of the wall at the samples, instead of seeds: the duct is all closed
-        spaces on whose inner side most samples around them say they lie.
+        spaces on whose inner side most samples around them place them.
 
     Raises
     ------
@@ -372,12 +372,12 @@ class PointCloud(Duct):
             chosen[group] = True
 
     def _choose_by_normals(self, normals: NDArray[np.float64], chosen: NDArray[np.bool_]) -> None:
-        """Let the four samples nearest to each circumsphere's centre say on which side it lies."""
+        """Let the four samples nearest to each circumsphere's centre vote on its side."""
         cells = self._cells
         corners = cells.corners
         free = np.isfinite(cells.radii) & (cells.radii > self.spacing)
         away = np.where(free[:, None], cells.centres, 0.0)[:, None] - self.points[corners]
-        says = np.sign(-np.einsum("ijk,ijk->ij", normals[corners], away)).sum(axis=1)
-        votes = np.bincount(cells.groups, weights=np.where(free, says, 0.0), minlength=len(chosen))
+        signs = np.sign(-np.einsum("ijk,ijk->ij", normals[corners], away)).sum(axis=1)
+        votes = np.bincount(cells.groups, weights=np.where(free, signs, 0.0), minlength=len(chosen))
         chosen[votes > 0.0] = True
         chosen[0] = False

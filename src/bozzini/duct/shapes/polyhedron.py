@@ -54,7 +54,7 @@ class ConvexPolyhedra(ShapeUnion):
     -----
     The value of a piece is the largest signed distance to its planes: the exact distance to the
     wall inside, at most the distance outside. Of a union it is the smallest over the pieces, a
-    lower bound of the room where they overlap: pieces that only share a face leave no room there,
+    lower bound of the clearance where they overlap: pieces that only share a face leave none there,
     so let them overlap. `kind` is "bound".
     """
 

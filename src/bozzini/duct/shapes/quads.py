@@ -383,7 +383,7 @@ def check_quads(left: NDArray[np.float64], right: NDArray[np.float64]) -> None:
     sides = np.roll(corners, -1, axis=1) - corners
     turns = cross_planar(np.roll(sides, 1, axis=1), sides)  # (n, 4), at each corner
     names = ("left[{0}]", "left[{1}]", "right[{1}]", "right[{0}]")
-    way = 0.0
+    turn_sign = 0.0
     for k, turn in enumerate(turns):
         signs = np.sign(turn)
         total = float(signs.sum())
@@ -397,6 +397,6 @@ def check_quads(left: NDArray[np.float64], right: NDArray[np.float64]) -> None:
                 f"quad {k} is not convex at corner {name} ({x:g}, {y:g}) mm: all its corners must "
                 "turn the same way"
             )
-        if way * total < 0.0:
+        if turn_sign * total < 0.0:
             raise GeometryError(f"quad {k} is turned over: left and right change sides at rung {k}")
-        way = total
+        turn_sign = total

@@ -21,7 +21,7 @@ from ..checks import (
     freeze_places,
     set_fields,
 )
-from ..search import Least, check_connected, find_least, find_split, link_gauges, tell_split
+from ..search import Least, check_connected, describe_split, find_least, find_split, link_gauges
 from .base import ShapeUnion
 
 # Norms of two coordinates, (a^p + b^p)^(1/p): their duals, and the radii of their unit curves.
@@ -105,7 +105,7 @@ class SuperEllipses(ShapeUnion):
     So ``r (G - 1)``, r the least radius of the shape, is 1-Lipschitz and never more than the
     distance to the wall, on either side. Inside it is what `signed_distance` answers; outside the
     distance to the shape's bounding circle, where that is more. Of several shapes the smallest
-    value counts: where they overlap, that is less than the room (thesis eq. 5.18).
+    value counts: where they overlap, that is less than the clearance (thesis eq. 5.18).
     """
 
     centres: NDArray[np.float64]
@@ -265,14 +265,14 @@ class SuperEllipses(ShapeUnion):
         split = find_split(gaps, meet, links=links, far=far)
         if split is None:
             return
-        told = tell_split("shape", split)
+        message = describe_split("shape", split)
         if clearance > 0.0:
             a, b = split
-            told = (
-                f"clearance is {clearance:g} mm: {told}; between shape {a} and shape {b} "
+            message = (
+                f"clearance is {clearance:g} mm: {message}; between shape {a} and shape {b} "
                 f"it must be at most {self.measure_seam(a, b):.3g} mm"
             )
-        raise GeometryError(told)
+        raise GeometryError(message)
 
 
 EXPONENT_MIN = 0.1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import os
@@ -12,7 +10,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +22,11 @@ from ...continuum.coupling import coupling_matrix
 from ...continuum.robot import check_robot
 from ...errors import FileFormatError, InputError, MissingExtraError
 from ...io.files import write_atomically, write_text
+from ...results import Result, take_axes
 from .executed import ArcCertificate, place_bodies
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Checks of a robot's motion when it is built, from a fit or from a file.
 
@@ -140,7 +142,7 @@ ACTUATION_CODES = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Actuation:
+class Actuation(Result):
     """Tendon displacements and base advance at each step, and what is known of the motion.
 
     Between steps all displacements and the advance move evenly, together; the certificate is for
@@ -221,6 +223,16 @@ class Actuation:
         return self.status == "complete" and self.certified
 
     @property
+    def converged(self) -> bool:
+        """Whether the tip comes to the end of the plan."""
+        return self.status == "complete"
+
+    @property
+    def residual(self) -> float:
+        """How far the backbone is off the path, at most [mm]."""
+        return float(self.fit_max.max())
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Names of the time table's columns."""
         names = (f"{name}_mm" for name in self.robot.tendon_names)
@@ -253,7 +265,7 @@ class Actuation:
             self.robot, self.bends, self.base_advance, self.frame, times=times, chords=chords
         )
 
-    def summarise(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return the robot's part of ``summary.json``: plain JSON types."""
         angle = np.linalg.norm(self.bends, axis=2)
         step, section = np.unravel_index(int(np.argmax(angle)), angle.shape)
@@ -314,12 +326,7 @@ class Actuation:
         OutputError
             If the file cannot be written.
         """
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(self.columns)
-        for step, row in enumerate(self._rows()):
-            writer.writerow([step, *(repr(float(value)) for value in row)])
-        return write_text(path, stream.getvalue())
+        return write_text(path, self.to_frame().to_csv(index=False, lineterminator="\n"))
 
     def write_parquet(self, path: str | os.PathLike[str]) -> Path:
         """Write the time table as Parquet, the same columns, and return its path.
@@ -332,15 +339,11 @@ class Actuation:
             If the file cannot be written.
         """
         try:
-            import pyarrow
-            import pyarrow.parquet
+            import pyarrow  # noqa: F401
         except ImportError:
             raise MissingExtraError("pyarrow", "parquet") from None
-        rows = self._rows()
-        arrays = [pyarrow.array(np.arange(self.steps, dtype=np.int64))]
-        arrays += [pyarrow.array(np.ascontiguousarray(column)) for column in rows.T]
-        table = pyarrow.Table.from_arrays(arrays, names=list(self.columns))
-        return write_atomically(path, lambda place: pyarrow.parquet.write_table(table, place))
+        table = self.to_frame()
+        return write_atomically(path, lambda place: table.to_parquet(place, index=False))
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write everything as a compressed ``.npz`` and return its path.
@@ -364,8 +367,17 @@ class Actuation:
         """
         return load_actuation(Path(path))
 
-    def _rows(self) -> Floats:
-        return np.column_stack([self.head_arc_length, self.base_advance, self.displacements])
+    def list_columns(self) -> Mapping[str, NDArray[np.generic]]:
+        """Return the columns of `to_frame`, the time table: a row per step."""
+        moves = (self.head_arc_length, self.base_advance, *self.displacements.T)
+        return dict(zip(self.columns, (np.arange(self.steps), *moves), strict=True))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the tendon displacements over the insertion, and return the axes."""
+        axes = take_axes(ax, x="tip along the plan's path [mm]", y="tendon displacement [mm]")
+        axes.plot(self.head_arc_length, self.displacements, label=self.robot.tendon_names)
+        axes.legend()
+        return axes
 
 
 def _finite(value: float) -> float | None:

@@ -11,7 +11,7 @@ from numba import njit
 from ...duct.kernels.clearance import clearance_estimate, clearance_slope
 from ...duct.packed import GridData
 
-# Numba kernel on the introducer, a capsule that is open at its far end.
+# The introducer, a capsule that is open at its far end.
 #
 # It is a ray from ``intro[:3]`` along the unit vector ``intro[3:6]`` with the radius ``intro[6]``;
 # a radius of 0 or less means none.
@@ -27,7 +27,7 @@ def offset_from_ray(intro, x, y, z):
     return dx - t * intro[3], dy - t * intro[4], dz - t * intro[5]
 
 
-# Numba kernels on all directions of one link: the nearest one with room, and the roomiest.
+# All directions of one link: the nearest feasible one, and that with the most clearance.
 #
 # A direction is given by its normal coordinates (a, b) around the old one, whose norm is the angle
 # between them; ``frame`` holds the old direction and two unit vectors normal to it. The exponential
@@ -67,8 +67,8 @@ def duct_value(duct, intro, x, y, z):
 @njit(cache=True, inline="always")
 def duct_and_gradient(duct, intro, x, y, z):
     """Signed distance to the lumen united with the introducer, and its gradient."""
-    room, gx, gy, gz = clearance_slope(duct, x, y, z)
-    s, gx, gy, gz = -room, -gx, -gy, -gz
+    clearance, gx, gy, gz = clearance_slope(duct, x, y, z)
+    s, gx, gy, gz = -clearance, -gx, -gy, -gz
     if intro[6] > 0.0:
         dx, dy, dz = offset_from_ray(intro, x, y, z)
         distance = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -92,17 +92,17 @@ def point_tail(head, frame, length, a, b, tail):
 
 
 @njit(cache=True)
-def _value_at(duct, intro, head, frame, length, room, a, b, tail):
-    """Return how much room lacks in the direction (a, b), and fill `tail`."""
+def _value_at(duct, intro, head, frame, length, needed, a, b, tail):
+    """Return how much clearance lacks in the direction (a, b), and fill `tail`."""
     point_tail(head, frame, length, a, b, tail)
-    return duct_value(duct, intro, tail[0], tail[1], tail[2]) + room
+    return duct_value(duct, intro, tail[0], tail[1], tail[2]) + needed
 
 
 @njit(cache=True)
-def _first_room(duct, intro, head, frame, length, room, a, b, low, c_low, high, c_high, tail):
-    """Return the fraction of (a, b), in (low, high], at which room begins; fill `tail`.
+def _first_fit(duct, intro, head, frame, length, needed, a, b, low, c_low, high, c_high, tail):
+    """Return the fraction of (a, b), in (low, high], at which it is feasible; fill `tail`.
 
-    False position with the Illinois rule; room lacks by `c_low` at `low`, and not at `high`.
+    False position with the Illinois rule; at `low` `c_low` of the clearance lacks, at `high` none.
     """
     scale = math.sqrt(a * a + b * b)
     last = c_high
@@ -113,7 +113,7 @@ def _first_room(duct, intro, head, frame, length, room, a, b, low, c_low, high, 
             middle = 0.5 * (low + high)
             if not low < middle < high:
                 break
-        c = _value_at(duct, intro, head, frame, length, room, middle * a, middle * b, tail)
+        c = _value_at(duct, intro, head, frame, length, needed, middle * a, middle * b, tail)
         if c <= 0.0:
             high = middle
             last = c_high = c
@@ -131,11 +131,11 @@ def _first_room(duct, intro, head, frame, length, room, a, b, low, c_low, high, 
 
 
 @njit(cache=True)
-def march_circle(duct, intro, head, frame, length, room, slope, tail):
-    """Find the nearest direction with room in the plane, marching both ways from the old one.
+def march_circle(duct, intro, head, frame, length, needed, slope, tail):
+    """Find the nearest feasible direction in the plane, marching both ways from the old one.
 
-    Where room lacks by c, none is within a chord of c / slope. No step is shorter than `MARCH`:
-    a stretch with room is only missed if it offers less than ``slope MARCH / 2`` more than asked.
+    Where c lacks, none is within a chord of c / slope. No step is shorter than `MARCH`:
+    a feasible stretch is only missed if it offers less than ``slope MARCH / 2`` more than asked.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def march_circle(duct, intro, head, frame, length, room, slope, tail):
     angle : float
         Signed, of the direction found, whose point is put into `tail`.
     """
-    start = _value_at(duct, intro, head, frame, length, room, 0.0, 0.0, tail)
+    start = _value_at(duct, intro, head, frame, length, needed, 0.0, 0.0, tail)
     least = MARCH / length
     angles = np.zeros(2)
     lacks = np.full(2, start)
@@ -159,12 +159,24 @@ def march_circle(duct, intro, head, frame, length, room, slope, tail):
         c_before = lacks[side]
         skip = 2.0 * math.asin(min(0.5 * c_before / (slope * length), 1.0))
         after = min(before + max(skip, least), limit)
-        c = _value_at(duct, intro, head, frame, length, room, sign * after, 0.0, tail)
+        c = _value_at(duct, intro, head, frame, length, needed, sign * after, 0.0, tail)
         angles[side] = after
         lacks[side] = c
         if c <= 0.0:
-            after = _first_room(
-                duct, intro, head, frame, length, room, sign, 0.0, before, c_before, after, c, tail
+            after = _first_fit(
+                duct,
+                intro,
+                head,
+                frame,
+                length,
+                needed,
+                sign,
+                0.0,
+                before,
+                c_before,
+                after,
+                c,
+                tail,
             )
             found = True
             limit = after
@@ -185,21 +197,21 @@ def _nearest_in_square(a, b, half):
 
 @njit(cache=True)
 def search_sphere(
-    duct, intro, head, frame, length, room, slope, known, gap, finest, budget, coordinates
+    duct, intro, head, frame, length, needed, slope, known, gap, finest, budget, coordinates
 ):
-    """Find the nearest direction with room, and a bound below which none is: branch and bound.
+    """Find the nearest feasible direction, and a bound below which none is: branch and bound.
 
     Squares of directions are taken up nearest first, and divided where the bound on the value does
-    not exclude room in them, down to `finest`.
+    not exclude feasible ones in them, down to `finest`.
 
     Parameters
     ----------
     known : float
-        Angle of a direction known to have room; infinite if there is none.
+        Angle of a direction known to be feasible; infinite if there is none.
     gap : float
         By how much an angle may miss the least one [rad].
     finest : float
-        Half the side of the smallest squares [rad]: one with room is only missed if it offers
+        Half the side of the smallest squares [rad]: a feasible one is only missed if it offers
         less than ``slope * length * sqrt(2) * finest`` more than asked.
     budget : int
         Values of the duct at most.
@@ -211,9 +223,9 @@ def search_sphere(
     found : bool
         Whether a nearer direction than `known` was found.
     angle : float
-        Of the nearest direction, infinite if none has room.
+        Of the nearest direction, infinite if none is feasible.
     bound : float
-        No direction nearer than this has room, but for the slack of `finest`.
+        No direction nearer than this is feasible, but for the slack of `finest`.
     count : int
         Values of the duct used.
     """
@@ -228,13 +240,13 @@ def search_sphere(
         if key >= angle - gap or count >= budget:
             bound = min(bound, key)
             break
-        c = _value_at(duct, intro, head, frame, length, room, a, b, tail)
+        c = _value_at(duct, intro, head, frame, length, needed, a, b, tail)
         count += 1
         turn = math.sqrt(a * a + b * b)
         if c <= 0.0 and turn < angle and turn <= math.pi:
-            start = _value_at(duct, intro, head, frame, length, room, 0.0, 0.0, tail)
-            share = _first_room(
-                duct, intro, head, frame, length, room, a, b, 0.0, start, 1.0, c, tail
+            start = _value_at(duct, intro, head, frame, length, needed, 0.0, 0.0, tail)
+            share = _first_fit(
+                duct, intro, head, frame, length, needed, a, b, 0.0, start, 1.0, c, tail
             )
             angle = share * turn
             coordinates[0] = share * a
@@ -258,13 +270,13 @@ def search_sphere(
 
 
 @njit(cache=True)
-def find_roomiest(duct, intro, head, frame, length, room, slope, planar, floor, budget, tail):
-    """Find the direction where least room lacks: branch and bound.
+def find_roomiest(duct, intro, head, frame, length, needed, slope, planar, floor, budget, tail):
+    """Find the direction where the least clearance lacks: branch and bound.
 
     Parameters
     ----------
     floor : float
-        Where some room lacks everywhere that was looked, the search goes on until none can have
+        Where some lacks everywhere that was looked, the search goes on until none can have
         more than this to spare [mm].
 
     Returns
@@ -292,7 +304,7 @@ def find_roomiest(duct, intro, head, frame, length, room, slope, planar, floor, 
         for i in range(2 if planar else 4):
             na = a + (half if i % 2 == 0 else -half)
             nb = 0.0 if planar else b + (half if i < 2 else -half)
-            value = _value_at(duct, intro, head, frame, length, room, na, nb, point)
+            value = _value_at(duct, intro, head, frame, length, needed, na, nb, point)
             count += 1
             if value < best:
                 best = value
@@ -309,11 +321,10 @@ def find_roomiest(duct, intro, head, frame, length, room, slope, planar, floor, 
     return best, min(bound, enough)
 
 
-# Numba kernels for one constrained link: the tail that moves least, at its distance, in the duct.
+# One constrained link: the tail that moves least, at its distance, in the duct.
 #
-# All points are in the duct's own frame; a duct is packed for `duct._clearance_kernels`. A room
-# that lacks is the signed distance to the free space (`_direction_kernels`) plus the room asked
-# for.
+# All points are in the duct's own frame; a duct is packed for `duct.kernels.clearance`. What a tail
+# lacks is the signed distance to the free space (`duct_value`) plus the clearance needed.
 
 FREE = 0
 WALL = 1
@@ -324,13 +335,13 @@ SMOOTH_ITERATIONS = 10
 MAX_ITERATIONS = 40
 
 NEARBY = 0.3
-"""A local step that turns by more than this is held against a search of all directions [rad]."""
+"""A local step that turns by more than this is compared with a search of all directions [rad]."""
 GAP = 1e-3
 """By how much the search may miss the least turn before it is polished [rad]."""
 FINEST = 1e-3
 """Half the side of the smallest square of directions that the search looks at [rad]."""
 CLOSE = 0.01
-"""What room a refused direction may have to spare, by what moving over the smallest square is."""
+"""What clearance a refused direction may have to spare, in moves over the smallest square."""
 BUDGET = 200_000
 """Values of the duct in a search at most."""
 
@@ -395,7 +406,7 @@ def _frame(w, e, f):
 
 
 @njit(cache=True)
-def _local_step(duct, intro, head, frame, length, room, start, cuts, tail):
+def _local_step(duct, intro, head, frame, length, needed, start, cuts, tail):
     """Minimise the turn from direction `w` subject to the duct; a bundle of linear cuts in 2-D.
 
     Unknown: the normal coordinates (a, b) of the direction around `w`, whose norm is the angle,
@@ -428,7 +439,7 @@ def _local_step(duct, intro, head, frame, length, room, start, cuts, tail):
         for n in range(3):
             tail[n] = head[n] + length * (ca * w[n] + sinc * (a * e[n] + b * f[n]))
         c, gx, gy, gz = duct_and_gradient(duct, intro, tail[0], tail[1], tail[2])
-        c += room
+        c += needed
         # derivative along the radial direction and across it
         radial = 0.0
         across = 0.0
@@ -513,22 +524,22 @@ def make_frame(head, old, planar, frame):
 
 
 @njit(cache=True)
-def _search(duct, intro, head, length, room, slope, planar, known, work, tail):
+def _search(duct, intro, head, length, needed, slope, planar, known, work, tail):
     """Search all directions, with a local step's turn `known` if it has converged."""
     frame = work[:3]
     start = work[0, 3:]
     if planar:
-        found, _ = march_circle(duct, intro, head, frame, length, room, slope, tail)
+        found, _ = march_circle(duct, intro, head, frame, length, needed, slope, tail)
         if found:
             return WALL, 0.0
     else:
         found, least, _, _ = search_sphere(
-            duct, intro, head, frame, length, room, slope, known, GAP, FINEST, BUDGET, start
+            duct, intro, head, frame, length, needed, slope, known, GAP, FINEST, BUDGET, start
         )
         if found:
             a = start[0]
             b = start[1]
-            ok, turn = _local_step(duct, intro, head, frame, length, room, start, work[3:6], tail)
+            ok, turn = _local_step(duct, intro, head, frame, length, needed, start, work[3:6], tail)
             if not ok or turn > least:
                 point_tail(head, frame, length, a, b, tail)
             return SEARCHED, 0.0
@@ -537,7 +548,7 @@ def _search(duct, intro, head, length, room, slope, planar, known, work, tail):
             return WALL, 0.0
     floor = CLOSE * slope * length * FINEST
     lack, _ = find_roomiest(
-        duct, intro, head, frame, length, room, slope, planar, floor, BUDGET, tail
+        duct, intro, head, frame, length, needed, slope, planar, floor, BUDGET, tail
     )
     if lack <= 0.0:
         return SEARCHED, 0.0
@@ -545,10 +556,10 @@ def _search(duct, intro, head, length, room, slope, planar, known, work, tail):
 
 
 @njit(cache=True)
-def place_tail(duct, intro, head, old, length, room, slope, planar, work, tail):
+def place_tail(duct, intro, head, old, length, needed, slope, planar, work, tail):
     """One constrained link step (thesis eq. 5.15).
 
-    Fill `tail` with the point at `length` from `head`, in the duct with at least `room` to the
+    Fill `tail` with the point at `length` from `head`, in the duct with at least `needed` to the
     wall, that is nearest to `old`: in the plane (`planar`) by marching both ways, in space by a
     local step, and by a search of all directions where that fails or turns far. ``slope`` bounds
     how fast the duct's value changes; ``work`` is a (6, 5) scratch array.
@@ -560,25 +571,25 @@ def place_tail(duct, intro, head, old, length, room, slope, planar, work, tail):
         3 infeasible: no direction found, nor one that has 1e-5 of the length to spare (on a
         sampled field sqrt(3) times that), unless the search ran out; `tail` is the best one.
     lack : float
-        For code 3 the least value of ``duct + room`` on the sphere, to 0.01 mm or 1 %, else 0.
+        For code 3 the least value of ``duct + needed`` on the sphere, to 0.01 mm or 1 %, else 0.
     """
     frame = work[:3]
     make_frame(head, old, planar, frame)
     for n in range(3):
         tail[n] = head[n] + length * frame[0, n]
-    if duct_value(duct, intro, tail[0], tail[1], tail[2]) + room <= 0.0:
+    if duct_value(duct, intro, tail[0], tail[1], tail[2]) + needed <= 0.0:
         return FREE, 0.0
     known = np.inf
     if not planar:
         start = work[0, 3:]
         start[0] = 0.0
         start[1] = 0.0
-        ok, turn = _local_step(duct, intro, head, frame, length, room, start, work[3:6], tail)
+        ok, turn = _local_step(duct, intro, head, frame, length, needed, start, work[3:6], tail)
         if ok:
             known = turn
             if turn <= NEARBY:
                 return WALL, 0.0
-    return _search(duct, intro, head, length, room, slope, planar, known, work, tail)
+    return _search(duct, intro, head, length, needed, slope, planar, known, work, tail)
 
 
 DONE = 0
@@ -608,7 +619,7 @@ def advance_chain(
     path,
     arc,
     length,
-    room,
+    needed,
     slope,
     planar,
     head_step,
@@ -632,7 +643,7 @@ def advance_chain(
     chain : (joints, 3) float
         The chain, updated in place to the last accepted step.
     state : (4,) float
-        In and out: head arc length of the last accepted step, link index, value (how much room
+        In and out: head arc length of the last accepted step, link index, value (how much clearance
         lacks, or jump), and where the head was in the step that failed.
     out : (rows, joints, 3) float
         Filled with accepted steps.
@@ -662,7 +673,7 @@ def advance_chain(
         target = min(s + size, end)
         where = _point_on_path(path, arc, target, where, trial[0])
         depth = duct_value(duct, intro, trial[0, 0], trial[0, 1], trial[0, 2])
-        if depth + room > 0.0:
+        if depth + needed > 0.0:
             if size > floor:
                 size *= 0.5
                 where = 0
@@ -676,7 +687,7 @@ def advance_chain(
         link = 0
         for j in range(1, joints):
             code, value = place_tail(
-                duct, intro, trial[j - 1], chain[j], length, room, slope, planar, work, trial[j]
+                duct, intro, trial[j - 1], chain[j], length, needed, slope, planar, work, trial[j]
             )
             move = math.sqrt(
                 (trial[j, 0] - chain[j, 0]) ** 2
@@ -767,13 +778,13 @@ def measure_body(duct, intro, chains, radius, pitch, clearance, worst):
                     if t_out >= 0.0 and off <= intro[6]:
                         continue
                     waiting = False
-                room = clearance_estimate(duct, x, y, z) - radius
-                skip = int(max(room - least, 0.0) * parts / (1.7321 * max(size, 1e-9)))
-                if room < least:
-                    least = room
-                    if room < worst[3]:
+                gap = clearance_estimate(duct, x, y, z) - radius
+                skip = int(max(gap - least, 0.0) * parts / (1.7321 * max(size, 1e-9)))
+                if gap < least:
+                    least = gap
+                    if gap < worst[3]:
                         worst[0] = x
                         worst[1] = y
                         worst[2] = z
-                        worst[3] = room
+                        worst[3] = gap
             clearance[t, j - 1] = least

@@ -58,11 +58,11 @@ def tail_on_path(path, i, length):
 
 
 @njit(cache=True)
-def trace_chord(duct, intro, ax, ay, az, bx, by, bz, room, pitch, stop):
+def trace_chord(duct, intro, ax, ay, az, bx, by, bz, needed, pitch, stop):
     """Return (least, u): the smallest bound seen from a to b, and where.
 
-    Wide places are passed in steps of 0.7 times the bound minus `room`, so `least` is exact only
-    where it is near or below `room`; no step is smaller than `pitch`. The trace ends early where
+    Wide places are passed in steps of 0.7 times the bound minus `needed`, so `least` is exact only
+    where it is near or below `needed`; no step is smaller than `pitch`. The trace ends early where
     the bound is `stop` or less.
     """
     dx = bx - ax
@@ -80,11 +80,11 @@ def trace_chord(duct, intro, ax, ay, az, bx, by, bz, room, pitch, stop):
             where = u
         if t >= size or g <= stop:
             return least, where
-        t = min(t + max(0.7 * (g - room), pitch), size)
+        t = min(t + max(0.7 * (g - needed), pitch), size)
 
 
 @njit(cache=True)
-def check_chords(duct, intro, path, first, length, room, clearance):
+def check_chords(duct, intro, path, first, length, needed, clearance):
     """Fill `clearance` (n,) with the smallest bound along each vertex's chord; return the worst.
 
     Vertices before `first` (in the introducer) are taken as clear. Also the vertex itself counts.
@@ -101,7 +101,7 @@ def check_chords(duct, intro, path, first, length, room, clearance):
         by = path[k, 1] + w * (path[k + 1, 1] - path[k, 1])
         bz = path[k, 2] + w * (path[k + 1, 2] - path[k, 2])
         g, _ = trace_chord(
-            duct, intro, path[i, 0], path[i, 1], path[i, 2], bx, by, bz, room, TRACE_STEP, -np.inf
+            duct, intro, path[i, 0], path[i, 1], path[i, 2], bx, by, bz, needed, TRACE_STEP, -np.inf
         )
         clearance[i] = g
         worst = min(worst, g)
@@ -122,8 +122,8 @@ def _push(path, first, centre, weight, reach, px, py, pz):
 
 
 @njit(cache=True)
-def relax_path(duct, intro, path, first, length, room, sweeps, tension, reach):
-    """Run sweeps of an elastic band that bends the path until every chord has `room`.
+def relax_path(duct, intro, path, first, length, needed, sweeps, tension, reach):
+    """Run sweeps of an elastic band that bends the path until every chord is clear by `needed`.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def relax_path(duct, intro, path, first, length, room, sweeps, tension, reach):
     n = path.shape[0]
     pitch = max(TRACE_STEP, length / 40.0)
     worst = -np.inf
-    # A chord seen with room to spare is left alone until the path may have moved that much.
+    # A chord seen with clearance to spare is left alone until the path may have moved that much.
     drift = 0.0
     wake = np.zeros(n)
     seen = np.full(n, np.inf)
@@ -178,12 +178,12 @@ def relax_path(duct, intro, path, first, length, room, sweeps, tension, reach):
             by = path[k, 1] + w * (path[k + 1, 1] - path[k, 1])
             bz = path[k, 2] + w * (path[k + 1, 2] - path[k, 2])
             ax, ay, az = path[i, 0], path[i, 1], path[i, 2]
-            g, u = trace_chord(duct, intro, ax, ay, az, bx, by, bz, room, pitch, -np.inf)
+            g, u = trace_chord(duct, intro, ax, ay, az, bx, by, bz, needed, pitch, -np.inf)
             worst = min(worst, g)
-            if g >= room:
+            if g >= needed:
                 # Between samples there is at least 0.3 of this to spare; a chord's tail moves up
                 # to a few times as far as the path.
-                wake[i] = drift + pushed + 0.1 * (g - room)
+                wake[i] = drift + pushed + 0.1 * (g - needed)
                 seen[i] = g
             else:
                 x = ax + u * (bx - ax)
@@ -197,7 +197,7 @@ def relax_path(duct, intro, path, first, length, room, sweeps, tension, reach):
                 there0 = u * (1.0 - w)
                 there1 = u * w
                 norm = (here * here + there0 * there0 + there1 * there1) * slope
-                push = (room - g) / norm
+                push = (needed - g) / norm
                 limit = 1.0 / math.sqrt(slope)
                 push = min(push, limit)
                 pushed = max(pushed, 2.0 * push * math.sqrt(slope))
@@ -206,24 +206,24 @@ def relax_path(duct, intro, path, first, length, room, sweeps, tension, reach):
                 _push(path, first, k, there0, reach, px, py, pz)
                 _push(path, first, k + 1, there1, reach, px, py, pz)
         drift += pushed
-        if worst >= room and alpha == 0.0:
+        if worst >= needed and alpha == 0.0:
             break
     return worst
 
 
 @njit(cache=True)
-def tabulate_tube(duct, intro, path, first, length, room, cap, slope, tube):
-    """Tabulate m: how far joints may stray from the path so that all links keep `room`.
+def tabulate_tube(duct, intro, path, first, length, needed, cap, slope, tube):
+    """Tabulate m: how far joints may stray from the path, all links staying clear by `needed`.
 
     m(s) is the largest e such that each chord from p(s) to a p(s') behind it with
-    ||p(s) - p(s')| - L| <= e has clearance room + e; it is min over s' of
-    max(clearance - room, ||p(s) - p(s')| - L|), capped, and made Lipschitz with `slope`.
+    ||p(s) - p(s')| - L| <= e has a clearance of needed + e; it is min over s' of
+    max(clearance - needed, ||p(s) - p(s')| - L|), capped, and made Lipschitz with `slope`.
     """
     n = path.shape[0]
     pitch = max(TRACE_STEP, length / 40.0)
     for i in range(n):
         if i < first:
-            tube[i] = max(0.0, min(cap, intro[6] - room))
+            tube[i] = max(0.0, min(cap, intro[6] - needed))
             continue
         m = cap
         if i > 0:
@@ -261,11 +261,11 @@ def tabulate_tube(duct, intro, path, first, length, room, cap, slope, tube):
                 path[k, 0],
                 path[k, 1],
                 path[k, 2],
-                room + m,
+                needed + m,
                 pitch,
-                room + abs(gap),
+                needed + abs(gap),
             )
-            m = min(m, max(g - room, abs(gap)))
+            m = min(m, max(g - needed, abs(gap)))
             k -= 1
         tube[i] = max(m, 0.0)
     for i in range(n - 2, -1, -1):

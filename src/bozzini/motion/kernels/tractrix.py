@@ -1,10 +1,132 @@
-"""Numba kernel of the free chain: one link after the other, by the closed form or one minimum."""
+"""Numba kernels of the tractrix: a chain in a tube along a shaped path, and a free chain.
+
+Neither asks the field.
+"""
 
 from __future__ import annotations
 
 import math
 
 from numba import njit
+
+
+@njit(cache=True)
+def _locate(arc, s, k):
+    """Return the segment of arc length s, searched from segment k on."""
+    n = arc.shape[0]
+    while k < n - 2 and arc[k + 1] < s:
+        k += 1
+    while k > 0 and arc[k] > s:
+        k -= 1
+    return k
+
+
+@njit(cache=True)
+def move_in_tube(path, arc, tube, heads, length, cap, slip, freedom, chain, places, out):
+    """Move a chain so that every joint stays within the tube around the path.
+
+    Each joint takes the tractrix step (with slip: thesis Appendix C, corrected), unless that
+    leaves the ball of radius rho around y, the path's first point at distance L behind the joint
+    before; then it takes the nearest point of the ball on the sphere of radius L. The ball always
+    meets the sphere, so there is always a place.
+
+    Parameters
+    ----------
+    path : (n, 3), arc : (n,), tube : (n,) float
+        The shaped path, introducer included, its arc length, and the tube radius.
+    heads : (steps,) float
+        Arc length of the head at each step.
+    cap : float
+        Largest deviation as a fraction of the link.
+    slip : float
+        0 tractrix ... 1 the tail moves like the head.
+    freedom : float
+        Scales the tube radius: 1 as far as it is free, 0 follow the leader.
+    chain : (joints, 3), places : (joints,) float
+        The chain and its arc lengths, updated to the last step.
+    out : (steps, joints, 3) float
+        Filled.
+    """
+    joints = chain.shape[0]
+    head_segment = 0
+    for t in range(heads.shape[0]):
+        s = heads[t]
+        head_segment = _locate(arc, s, head_segment)
+        span = arc[head_segment + 1] - arc[head_segment]
+        u = min(max((s - arc[head_segment]) / span, 0.0), 1.0)
+        m_before = tube[head_segment] + u * (tube[head_segment + 1] - tube[head_segment])
+        k = head_segment
+        qx, qy, qz = chain[0, 0], chain[0, 1], chain[0, 2]
+        hx = path[k, 0] + u * (path[k + 1, 0] - path[k, 0])
+        hy = path[k, 1] + u * (path[k + 1, 1] - path[k, 1])
+        hz = path[k, 2] + u * (path[k + 1, 2] - path[k, 2])
+        chain[0, 0], chain[0, 1], chain[0, 2] = hx, hy, hz
+        places[0] = s
+        out[t, 0, 0], out[t, 0, 1], out[t, 0, 2] = hx, hy, hz
+        square = length * length
+        for j in range(1, joints):
+            # y: first point of the path behind the place of j - 1, at distance L from it
+            ax = path[k, 0] - hx
+            ay = path[k, 1] - hy
+            az = path[k, 2] - hz
+            while k > 0 and ax * ax + ay * ay + az * az < square:
+                k -= 1
+                ax = path[k, 0] - hx
+                ay = path[k, 1] - hy
+                az = path[k, 2] - hz
+            bx = path[k + 1, 0] - path[k, 0]
+            by = path[k + 1, 1] - path[k, 1]
+            bz = path[k + 1, 2] - path[k, 2]
+            bb = bx * bx + by * by + bz * bz
+            ab = ax * bx + ay * by + az * bz
+            aa = ax * ax + ay * ay + az * az
+            root = math.sqrt(max(ab * ab - bb * (aa - square), 0.0))
+            w = (-ab - root) / bb
+            if w < 0.0 or w > 1.0:
+                w = (-ab + root) / bb
+            w = min(max(w, 0.0), 1.0)
+            yx = ax + w * bx
+            yy = ay + w * by
+            yz = az + w * bz
+            size = math.sqrt(yx * yx + yy * yy + yz * yz)
+            yx /= size
+            yy /= size
+            yz /= size
+            places[j] = arc[k] + w * (arc[k + 1] - arc[k])
+            m_here = tube[k] + w * (tube[k + 1] - tube[k])
+            rho = freedom * min(min(m_before, m_here), cap * length)
+            # the tractrix step, with slip
+            ox, oy, oz = chain[j, 0], chain[j, 1], chain[j, 2]
+            tx = ox - hx + slip * (hx - qx)
+            ty = oy - hy + slip * (hy - qy)
+            tz = oz - hz + slip * (hz - qz)
+            size = math.sqrt(tx * tx + ty * ty + tz * tz)
+            tx /= size
+            ty /= size
+            tz /= size
+            cos = tx * yx + ty * yy + tz * yz
+            chord = rho / length
+            # |X - y| = L sqrt(2 - 2 cos)
+            if 2.0 - 2.0 * cos > chord * chord:
+                ex = tx - cos * yx
+                ey = ty - cos * yy
+                ez = tz - cos * yz
+                size = math.sqrt(ex * ex + ey * ey + ez * ez)
+                ca = 1.0 - 0.5 * chord * chord
+                sa = chord * math.sqrt(max(1.0 - 0.25 * chord * chord, 0.0))
+                if size > 1e-12:
+                    tx = ca * yx + sa * ex / size
+                    ty = ca * yy + sa * ey / size
+                    tz = ca * yz + sa * ez / size
+                else:
+                    tx, ty, tz = yx, yy, yz
+            hx += length * tx
+            hy += length * ty
+            hz += length * tz
+            chain[j, 0], chain[j, 1], chain[j, 2] = hx, hy, hz
+            out[t, j, 0], out[t, j, 1], out[t, j, 2] = hx, hy, hz
+            qx, qy, qz = ox, oy, oz
+            m_before = m_here
 
 
 @njit(cache=True)

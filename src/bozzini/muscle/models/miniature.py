@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_range, name_at
+from ...checks import add_hint, broadcast, check_array, check_range, name_at
 from ...errors import InputError
 from ...numeric.roots import bisect
 from ..design import Braid
@@ -538,13 +538,8 @@ class StrainFit(CatalogueModel):
         with np.errstate(all="ignore"):
             square = ((loads - given["kappa2"]) / pressures - given["kappa3"]) / given["kappa1"]
         low, high = (1.0 - x / self.braid.length for x in self.contraction_limits[::-1])
-        check_range(
-            "squared stretch",
-            square,
-            low**2,
-            high**2,
-            hint=": pressure and load must leave a legal length",
-        )
+        with add_hint(": pressure and load must leave a legal length"):
+            check_range("squared stretch", square, low**2, high**2)
         return np.asarray(1.0 - np.sqrt(square))
 
     def find_radial_strain(self, strain: ArrayLike) -> Floats:

@@ -2,55 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
-
-# Numba kernels of measures: how far joints travel, and by the pure tractrix on the same path.
-
-
-@njit(cache=True)
-def total_travel(joints):
-    """Return the sum over steps and joints of how far each joint moves [mm]."""
-    total = 0.0
-    for t in range(1, joints.shape[0]):
-        for j in range(joints.shape[1]):
-            square = 0.0
-            for k in range(joints.shape[2]):
-                square += (joints[t, j, k] - joints[t - 1, j, k]) ** 2
-            total += math.sqrt(square)
-    return total
-
-
-@njit(cache=True)
-def tractrix_travel(heads, chain, length):
-    """Return the same sum for a free chain pulled along `heads` (steps, dim).
-
-    Each joint is pulled straight towards the one before (thesis eq. 5.13, the discrete tractrix,
-    first order in the head step). `chain` (joints, dim) is changed in place.
-    """
-    total = 0.0
-    dim = chain.shape[1]
-    for t in range(heads.shape[0]):
-        square = 0.0
-        for k in range(dim):
-            square += (heads[t, k] - chain[0, k]) ** 2
-            chain[0, k] = heads[t, k]
-        total += math.sqrt(square)
-        for j in range(1, chain.shape[0]):
-            size = 0.0
-            for k in range(dim):
-                size += (chain[j, k] - chain[j - 1, k]) ** 2
-            size = math.sqrt(size)
-            scale = length / max(size, 1e-300)
-            square = 0.0
-            for k in range(dim):
-                moved = chain[j - 1, k] + scale * (chain[j, k] - chain[j - 1, k])
-                square += (moved - chain[j, k]) ** 2
-                chain[j, k] = moved
-            total += math.sqrt(square)
-    return total
 
 
 @njit(cache=True)
@@ -62,17 +15,17 @@ def _find(parent, n):
 
 
 @njit(cache=True)
-def widest_level(room, nodes, order, place, start, goal):
-    """Add nodes from the roomiest on until start and goal are connected (26 neighbours).
+def widest_level(clearance, nodes, order, place, start, goal):
+    """Add nodes from the widest on until start and goal are connected (26 neighbours).
 
     Parameters
     ----------
-    room : (n,) float
+    clearance : (n,) float
         Of the nodes that may be on the way.
     nodes : (n,) int
         Their flat indices in the grid.
     order : (n,) int
-        Their numbers by falling room.
+        Their numbers by falling clearance.
     place : (nx, ny, nz) int32
         -1 everywhere; filled with where in `order` a node is.
     start, goal : int
@@ -81,12 +34,12 @@ def widest_level(room, nodes, order, place, start, goal):
     Returns
     -------
     level : float
-        The room of the last node added: no way on the grid has more everywhere; -inf if none.
+        The clearance of the last node added: no way on the grid has more everywhere; -inf if none.
     node : int
         Its number, -1 if none.
     """
     nx, ny, nz = place.shape
-    parent = np.full(room.shape[0], -1, np.int32)
+    parent = np.full(clearance.shape[0], -1, np.int32)
     first = last = -1
     for t in range(order.shape[0]):
         n = order[t]
@@ -109,7 +62,7 @@ def widest_level(room, nodes, order, place, start, goal):
                         if p != q:
                             parent[p] = q
         if first >= 0 and last >= 0 and _find(parent, first) == _find(parent, last):
-            return room[n], n
+            return clearance[n], n
     return -np.inf, -1
 
 
