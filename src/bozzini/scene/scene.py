@@ -79,8 +79,11 @@ def prepare_tract(surface: tuple[ArrayLike, ArrayLike], *, max_faces: int) -> Tr
     if len(vertices) == 3 * len(faces):  # a loose set of triangles
         mesh.merge_vertices()
     if len(mesh.faces) > max_faces:
+        from fast_simplification import simplify
+
         # Quadric edge collapse (Garland and Heckbert, SIGGRAPH 1997).
-        mesh = mesh.simplify_quadric_decimation(face_count=max_faces)
+        coarse = simplify(mesh.vertices, mesh.faces.astype(np.int32), target_count=max_faces)
+        mesh = trimesh.Trimesh(*map(np.asarray, coarse[:2]), process=False)
     flat = mesh.area_faces == 0.0
     if flat.all():
         raise InputError(f"surface has {len(flat)} faces, all of zero area: it must have area")
