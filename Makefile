@@ -22,7 +22,7 @@ ifneq ($(SOUND),yes)
 $(shell rm -f $(CORE) $(DEV) $(DOCS))
 endif
 
-.PHONY: help demo test test-slow fuzz bench docs check format picture figures clean
+.PHONY: help demo test test-all oldest fuzz bench docs check format picture figures clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -33,8 +33,14 @@ demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 test: $(DEV) ## Run the tests
 	@$(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile
 
-test-slow: $(DEV) ## Run the tests that take minutes
+test-all: test ## Run all tests, those that take minutes too
 	@$(RUN) -m pytest -m slow -n auto --maxprocesses 4 --dist worksteal
+
+oldest: $(DEV) ## Run the tests with the lowest versions declared, in .venv-oldest
+	@$(PIP) uv
+	@$(RUN) -m uv venv --quiet --clear --python $(RUN) .venv-oldest
+	@$(RUN) -m uv pip install --quiet --python .venv-oldest/bin/python --resolution lowest-direct --editable '.[dev]'
+	@.venv-oldest/bin/python -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile
 
 fuzz: $(DEV) ## Run all commands on damaged files (COUNT=500 SEED=0, CASE= repeats one)
 	@$(RUN) -m tests.fuzz --count $(or $(COUNT),500) --seed $(or $(SEED),0) $(if $(CASE),--case $(CASE))

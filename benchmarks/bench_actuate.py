@@ -10,9 +10,9 @@ import pytest
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import build_field, find_centreline
-from bozzini.motion import Introducer, Scope, plan_insertion
+from bozzini.motion import FreeSpace, Scope, plan_insertion
 from bozzini.motion.actuate.actuate import FitJob, actuate_plan, check_robot
-from tests.continuum.motions import make_robot
+from tests.motion.actuate.motions import make_robot
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +28,8 @@ def bench_actuation(benchmark: Any, human: Any, section: float, radius: float, c
     scope = Scope(diameter=2.0 * radius, link_length=0.5 * section)
     plan = plan_insertion(field, line, scope=scope)
     moved = actuate_plan(plan, robot, field)
-    introducer = Introducer.from_description(plan.meta["introducer"])
-    job = FitJob(plan, check_robot(robot), field, introducer)
+    space = FreeSpace(field, introducer=plan.introducer)
+    job = FitJob(plan, check_robot(robot), space)
     fit = benchmark.pedantic(job.fit, args=(1.0,), rounds=5, warmup_rounds=1)
     each = benchmark.stats.stats.median / plan.steps
     begin = time.perf_counter()

@@ -15,7 +15,7 @@ import pytest
 
 from bozzini.continuum import ContinuumRobot, Section, Tendon
 from bozzini.continuum.arc import arc_frames
-from bozzini.continuum.inverse import InverseResult, solve_pose, solve_tip
+from bozzini.continuum.inverse import ContinuumInverse, solve_pose, solve_tip
 from bozzini.continuum.workspace import sample_workspace
 
 COUNT = 1000
@@ -44,7 +44,7 @@ def make_robot(sections: int, travel: float = math.inf) -> ContinuumRobot:
     )
 
 
-def solve(robot: ContinuumRobot, kind: str, frame: np.ndarray) -> InverseResult:
+def solve(robot: ContinuumRobot, kind: str, frame: np.ndarray) -> ContinuumInverse:
     if kind == "pose":
         return solve_pose(robot, frame)
     return solve_tip(robot, frame[:3, 3], direction=frame[:3, 2] if kind == "direction" else None)
@@ -52,7 +52,7 @@ def solve(robot: ContinuumRobot, kind: str, frame: np.ndarray) -> InverseResult:
 
 def time_all(
     robot: ContinuumRobot, kind: str, frames: np.ndarray
-) -> tuple[np.ndarray, list[InverseResult]]:
+) -> tuple[np.ndarray, list[ContinuumInverse]]:
     solve(robot, kind, frames[0])
     took, results = [], []
     for frame in frames:

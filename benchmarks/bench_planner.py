@@ -11,9 +11,16 @@ import pytest
 from benchmarks.bench_motion import time_slsqp
 from benchmarks.ring import draw_links, make_ring
 from bozzini.duct import Centreline, SampledField, build_field, find_centreline
-from bozzini.motion import Introducer, Scope, certify_plan, plan_insertion
-from bozzini.motion.shape import ShapedPath, shape_path
-from bozzini.motion.tube import TubeOptions, move_in_tube, spread_heads
+from bozzini.motion import (
+    FreeSpace,
+    Introducer,
+    PlannerOptions,
+    Scope,
+    certify_plan,
+    plan_insertion,
+)
+from bozzini.motion.shape import Band, ShapedPath
+from bozzini.motion.tube import move_in_tube, spread_heads
 from bozzini.numeric.polylines import measure_arc_length, resample_polyline
 from tests.shapes import tube_lumen
 
@@ -49,7 +56,7 @@ def bench_human_plan_with_certificate(
     )
     took = benchmark.stats.stats.median
     assert plan.status == "complete"
-    assert plan.meta["certified"]
+    assert plan.certified
     benchmark.extra_info.update(
         what=f"human tract, diameter {diameter:g}, links {link:g} mm: plan with certificate",
         measured=f"{took * 1e3:.0f} ms ({plan.steps} steps x {plan.links} links)",
@@ -66,7 +73,7 @@ def bench_long_plan(benchmark: Any, long_tube: tuple[SampledField, Centreline]) 
     )
     took = benchmark.stats.stats.median
     assert plan.status == "complete"
-    assert plan.meta["certified"]
+    assert plan.certified
     assert plan.steps >= 4900
     assert plan.joints.shape[1] >= 100
     benchmark.extra_info.update(
@@ -77,28 +84,25 @@ def bench_long_plan(benchmark: Any, long_tube: tuple[SampledField, Centreline]) 
     assert took <= 0.5
 
 
-def prepare(
-    tube: tuple[SampledField, Centreline], link: float
-) -> tuple[Any, np.ndarray, ShapedPath]:
+def prepare(tube: tuple[SampledField, Centreline], link: float) -> tuple[Band, ShapedPath]:
     field, line = tube
     introducer = Introducer.at_start(line, bore=8.0, along=link)
-    intro = introducer.pack(field)
-    path = np.ascontiguousarray(field.to_grid(line.points))
-    shaped = shape_path(field.pack(), intro, path, length=link, room=4.25, lead=2000.0)
+    space = FreeSpace(field, line, introducer)
+    band = Band(space=space, length=link, clearance=4.25, lead=2000.0)
+    shaped = band.shape(np.ascontiguousarray(field.to_grid(line.points)))
     assert shaped.clear
-    return field.pack(), intro, shaped
+    return band, shaped
 
 
 def bench_joint_step(benchmark: Any, long_tube: tuple[SampledField, Centreline]) -> None:
     """The tube tractrix alone: its joint step against SLSQP on the printed one."""
-    data, intro, shaped = prepare(long_tube, 12.5)
-    heads = spread_heads(shaped.length, TubeOptions())
+    band, shaped = prepare(long_tube, 12.5)
+    heads = spread_heads(shaped.length, PlannerOptions())
     links = 100
+    joints = np.empty((len(heads), links + 1, 3))
 
-    def move(freedom: float) -> np.ndarray:
-        return move_in_tube(
-            data, intro, shaped, heads, length=12.5, links=links, room=4.25, freedom=freedom
-        )
+    def move(freedom: float) -> None:
+        move_in_tube(band, shaped, heads, joints, freedom=freedom)
 
     move(1.0)
     # The table is made once per path and would hide the step: follow the leader needs none.
@@ -119,16 +123,15 @@ def bench_joint_step(benchmark: Any, long_tube: tuple[SampledField, Centreline])
 
 
 def fit_slope(tube: tuple[SampledField, Centreline]) -> float:
-    data, intro, shaped = prepare(tube, 12.5)
+    band, shaped = prepare(tube, 12.5)
     product, cost = [], []
     for step, links in ((5.0, 20), (2.0, 30), (1.0, 50), (0.5, 80), (0.25, 100), (0.25, 140)):
-        heads = spread_heads(shaped.length, TubeOptions(head_step=step))
+        heads = spread_heads(shaped.length, PlannerOptions(head_step=step))
+        joints = np.empty((len(heads), links + 1, 3))
         best = np.inf
         for _ in range(5):
             begin = time.perf_counter()
-            move_in_tube(
-                data, intro, shaped, heads, length=12.5, links=links, room=4.25, freedom=0.0
-            )
+            move_in_tube(band, shaped, heads, joints, freedom=0.0)
             best = min(best, time.perf_counter() - begin)
         product.append(len(heads) * links)
         cost.append(best)
@@ -182,8 +185,8 @@ def bench_warm_replan(benchmark: Any, human: tuple[SampledField, Centreline]) ->
         replan, args=(plan, moved), kwargs={"advect": advect}, rounds=9, warmup_rounds=1
     )
     took = benchmark.stats.stats.median
-    assert result.meta["replan"]["warm"]
-    assert result.meta["certified"]
+    assert result.replan.warm
+    assert result.certified
     benchmark.extra_info.update(
         what="human tract moved by up to 2 mm: warm re-plan with certificate",
         measured=f"{took * 1e3:.0f} ms",

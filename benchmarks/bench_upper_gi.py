@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 from bozzini.anatomy import read_tract
 from bozzini.motion import Scope
-from bozzini.study import InsertionStudy, run_insertion
+from bozzini.study import InsertionOptions, InsertionStudy, run_insertion
 
 
 def run_stages(source: Path, labels: tuple[int, ...] | None) -> InsertionStudy:
@@ -18,7 +19,8 @@ def run_stages(source: Path, labels: tuple[int, ...] | None) -> InsertionStudy:
     tract = read_tract(source, labels=labels)
     seconds = {"read": time.perf_counter() - begin}
     scope = Scope(diameter=5.0, link_length=6.0)
-    return run_insertion(tract, scope=scope, inflate=3.0, method="thesis", seconds=seconds)
+    study = run_insertion(tract, scope, InsertionOptions(inflate=3.0, method="thesis"))
+    return replace(study, seconds=seconds | study.seconds)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from bozzini.continuum import ContinuumRobot, EnergyModel, RodModel, Section, Tendon
+from bozzini.continuum import ContinuumRobot, EnergyModel, Helix, RodModel, Section, Tendon
 
 LENGTH, BENDING, TORSION, OFFSET = 100.0, 1000.0, 770.0, 4.0
 SEGMENTS = 40
@@ -42,7 +42,7 @@ class Row:
 
 def make_robot(turns: float) -> ContinuumRobot:
     tendon = (
-        Tendon.helix("t", OFFSET, turns=turns, end=LENGTH)
+        Tendon(name="t", offset=OFFSET, angle=Helix(turns=turns), end=LENGTH)
         if turns
         else Tendon(name="t", offset=OFFSET)
     )

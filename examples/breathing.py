@@ -19,8 +19,8 @@ import numpy as np
 
 from bozzini.anatomy import LabelTract, make_phantom, read_tract
 from bozzini.duct import build_field, find_centreline
-from bozzini.motion import Introducer, Scope, plan_insertion, replan
-from bozzini.motion.insertion import measure_body
+from bozzini.motion import FreeSpace, Scope, plan_insertion, replan
+from bozzini.motion.measures import measure_body
 
 AMPLITUDE = 6.0  # of the sideways wave [mm]
 WAVELENGTH = 200.0  # along the body's axis [mm]
@@ -56,7 +56,6 @@ def follow_breath(tract, scope, *, frames=8, voxel=2.0):
     """Plan in every frame of one breath; return a row of results per frame."""
     field = build_field(move_tract(tract, 0.0), voxel=voxel)
     plan = still = plan_insertion(field, find_centreline(field), scope=scope)
-    introducer = Introducer.from_description(still.meta["introducer"])
     # Once, to have everything compiled before anything is timed.
     replan(plan, field)
     rows = []
@@ -75,9 +74,9 @@ def follow_breath(tract, scope, *, frames=8, voxel=2.0):
                 "field": field,
                 "field_s": built - begin,
                 "replan_ms": 1e3 * (done - built),
-                "certified_mm": plan.meta["certificate"]["clearance_mm"],
+                "certified_mm": plan.certificate.clearance,
                 "first_plan_mm": measure_body(
-                    field, still.joints, scope=scope, introducer=introducer
+                    FreeSpace(field, introducer=still.introducer), still.joints, scope
                 )[0].min(),
             }
         )
@@ -90,10 +89,10 @@ def print_table(rows):
     """Print what came out, frame by frame."""
     print("frame  tissue moved  path       field    re-plan  certified  first plan, if kept")
     for row in rows:
-        note = row["plan"].meta["replan"]
-        how = f"moved+{note['sweeps']}" if note["warm"] else "in full"
+        note = row["plan"].replan
+        how = f"moved+{note.sweeps}" if note.warm else "in full"
         print(
-            f"{row['frame']:5d}  {note['tissue_move_mm']:9.2f} mm  {how:9s} "
+            f"{row['frame']:5d}  {note.tissue_move:9.2f} mm  {how:9s} "
             f"{row['field_s']:6.2f} s  {row['replan_ms']:5.0f} ms  {row['certified_mm']:6.2f} mm  "
             f"{row['first_plan_mm']:6.2f} mm   {row['plan'].reason}"
         )

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bozzini.continuum import MODELS, ContinuumRobot, EnergyModel, RodModel
+from bozzini.continuum import CONTINUUM_MODELS, ContinuumRobot, EnergyModel, RodModel
 from bozzini.errors import GeometryError
 from bozzini.plot import write_figure
 from bozzini.plot.continuum import draw_comparison
@@ -50,7 +50,7 @@ def compare(robot, pulls):
     tensions = np.array([pulls.get(name, 0.0) for name in robot.tendon_names])
     rod = RodModel(robot).shape_under_tensions(tensions).require()
     shapes = {}
-    for name, model in MODELS.items():
+    for name, model in CONTINUUM_MODELS.items():
         if name == "energy":
             for between in FINER:
                 finer = EnergyModel(robot, between=between)

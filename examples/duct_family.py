@@ -15,17 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from bozzini.duct import Centreline, Polygon, RoundCones
+from bozzini.duct import Centreline, Circles, Polygon, RoundCones
 from bozzini.duct.compose import without
 from bozzini.duct.shapes.curves import BetweenCurves
 from bozzini.duct.shapes.cylinders import ConnectedCylinders
 from bozzini.duct.shapes.mesh import TriangleMesh
-from bozzini.duct.shapes.obstacles import Circles
 from bozzini.duct.shapes.points import PointCloud
 from bozzini.duct.shapes.polyhedron import ConvexPolyhedra
 from bozzini.duct.shapes.quads import StitchedQuads
 from bozzini.duct.shapes.super_ellipses import SuperEllipses, SuperEllipsoids
-from bozzini.motion import Scope, place_tail, plan_insertion
+from bozzini.motion import PlannerOptions, Scope, place_tail, plan_insertion
 
 RADIUS = 8.0  # of the pipe [mm]
 BEND = 30.0  # radius of its middle line in both bends [mm]
@@ -34,6 +33,7 @@ LINKS = 40
 CHAIN = Scope(diameter=6.0, link_length=4.4, length=LINKS * 4.4)
 LINK = 20.0  # length of the single link [mm]
 STEP = 0.5  # of the head [mm]
+OPTIONS = PlannerOptions(head_step=STEP)
 COLORS = {"wall": "#5d7388", "lumen": "#e8eef3", "link": "#2f7fd0", "chain": "#0f7b6c"}
 
 
@@ -182,8 +182,8 @@ def run(ducts):
     for name, duct in ducts.items():
         line = make_line(duct)
         heads, tails = move_link(duct, line)
-        plan = plan_insertion(duct, line, scope=CHAIN, method="thesis", head_step=STEP)
-        proved = plan.meta["certificate"]["clearance_mm"]
+        plan = plan_insertion(duct, line, scope=CHAIN, method="thesis", options=OPTIONS)
+        proved = plan.certificate.clearance
         room = -duct.signed_distance(tails).max()
         print(
             f"{name:18s}  link: {len(tails):3d} steps, tail {room:.2f} mm from the wall   chain: "

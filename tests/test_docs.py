@@ -80,6 +80,18 @@ def test_pages_of_the_documentation_are_in_its_menu() -> None:
         assert page.relative_to(ROOT / "docs").as_posix() in menu
 
 
+def test_the_front_page_links_every_page() -> None:
+    linked = set(LINK.findall((ROOT / "docs" / "index.md").read_text(encoding="utf-8")))
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    assert pages - {"index.md"} <= linked
+
+
+def test_every_package_has_a_page_of_its_names() -> None:
+    packages = {path.parent.name for path in (ROOT / "src" / "bozzini").glob("*/__init__.py")}
+    pages = {path.stem for path in (ROOT / "docs" / "api").glob("*.md")}
+    assert packages - pages == {"cli", "io", "numeric", "thesis"}
+
+
 def test_table_of_commands_is_complete() -> None:
     text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^\| `bozzini ([a-z]+)", text, re.M)) == set(COMMANDS)

@@ -72,61 +72,40 @@ def test_numbers_of_any_kind_pass(number: float) -> None:
     assert parse_quantity(number, "length") == float(number)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        " ",
-        "mm",
-        "five mm",
-        "5 kg",
-        "5 psi",
-        "5 foobar",
-        "5mm mm",
-        "nan",
-        "nan mm",
-        "inf",
-        "1e999mm",
-        "5,0mm",  # a decimal comma must not become 50 mm
-        "1,000mm",
-        "1+2 mm",
-        "2*3 mm",
-        "(1,2) mm",
-        "5 mm 3",
-        "5.5.5mm",
-        "5 degC",
-        "__import__('os')",
-        "5mm; rm",
-    ],
-)
-def test_nonsense_is_one_line_that_names_it(text: str) -> None:
+LENGTH = "give a length such as 5mm"
+LENGTHS = "a length must lie in [-1e+06, 1e+06] mm"
+
+# fmt: off
+REFUSALS: list[tuple[object, str, str]] = [
+    *((text, "length", LENGTH) for text in (
+        "", " ", "mm", "five mm", "5 kg", "5 psi", "5 foobar", "5mm mm", "nan", "nan mm", "inf",
+        "1e999mm", "1+2 mm", "2*3 mm", "(1,2) mm", "5 mm 3", "5.5.5mm", "5 degC", "5 deg",
+        "__import__('os')", "5mm; rm",
+        "5,0mm", "1,000mm",  # a decimal comma must not become 50 mm
+        math.nan, math.inf, None, [1.0, 2.0], object, 10**400,
+    )),
+    *((text, "length", LENGTHS) for text in (
+        "1e308mm", "-1e308mm", "5parsec", "1e9mm", 1e308, "1.001km",
+    )),
+    ("1e308Pa", "pressure", "a pressure must lie in [-1e+15, 1e+15] MPa"),
+    ("1e300", "dimensionless", "a plain number must lie in [-1e+15, 1e+15]"),
+    ("1e300N", "force", "a force must lie in [-1e+15, 1e+15] N"),
+    ("5 mm", "angle", "give an angle such as 36deg"),
+    *((text, "dimensionless", "has a unit: give a plain number such as 0.5") for text in (
+        "360 deg", "1 rad", "2 turn", "1 mm/mm", "1 sr",
+    )),
+]
+# fmt: on
+"""What is given, the kind asked for, and what the message states as legal."""
+
+
+@pytest.mark.parametrize(("given", "kind", "legal"), REFUSALS)
+def test_refused(given: object, kind: str, legal: str) -> None:
     with pytest.raises(UnitError) as caught:
-        parse_quantity(text, "length")
-    message = str(caught.value)
-    assert f"'{text}'" in message
-    assert "5mm" in message  # an example of what is legal
-    assert "\n" not in message
-
-
-@pytest.mark.parametrize(
-    ("text", "kind"),
-    [
-        ("1e308mm", "length"),
-        ("-1e308mm", "length"),
-        ("5parsec", "length"),
-        ("1e9mm", "length"),
-        (1e308, "length"),
-        ("1.001km", "length"),
-        ("1e308Pa", "pressure"),
-        ("1e300", "dimensionless"),
-        ("1e300N", "force"),
-    ],
-)
-def test_an_absurd_quantity_is_one_line_with_the_legal_range(text: str, kind: str) -> None:
-    with pytest.raises(
-        UnitError, match=r"must lie in \[-1e\+06, 1e\+06\] mm|must lie in \[-1e\+15,"
-    ):
-        parse_quantity(text, kind)
+        parse_quantity(given, kind)  # type: ignore[arg-type]
+    line = str(caught.value)
+    assert (str(given) in line or given == 10**400) and line.count(legal) == 1
+    assert "\n" not in line
 
 
 def test_the_largest_lengths_are_legal() -> None:
@@ -174,12 +153,6 @@ def test_any_unit_is_told_at_once(text: str) -> None:
     assert time.perf_counter() - begin < 2.0
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, None, [1.0, 2.0], object(), 10**400])
-def test_wrong_values_are_unit_errors(value: object) -> None:
-    with pytest.raises(UnitError):
-        parse_quantity(value, "length")  # type: ignore[arg-type]
-
-
 @given(text=st.text(max_size=12))
 def test_any_text_is_a_finite_number_or_a_unit_error(text: str) -> None:
     try:
@@ -200,16 +173,3 @@ def test_vector_mixes_units() -> None:
     assert parse_vector("12mm, -0.5cm,0", "length") == pytest.approx((12.0, -5.0, 0.0))
     with pytest.raises(UnitError, match="'x'"):
         parse_vector("1,x,3", "length")
-
-
-@pytest.mark.parametrize("text", ["360 deg", "1 rad", "2 turn", "1 mm/mm", "1 sr"])
-def test_a_plain_number_has_no_unit_of_angle(text: str) -> None:
-    with pytest.raises(UnitError, match="has a unit: give a plain number"):
-        parse_quantity(text, "dimensionless")
-
-
-def test_messages_have_their_article() -> None:
-    with pytest.raises(UnitError, match="give an angle such as"):
-        parse_quantity("5 mm", "angle")
-    with pytest.raises(UnitError, match="give a length such as"):
-        parse_quantity("5 deg", "length")

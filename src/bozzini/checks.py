@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass
 from numbers import Real
@@ -60,7 +61,7 @@ def check_number(
             raise TypeError
         number = float(given)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} is {_show(value)}: it must be a number in {legal}") from None
+        raise InputError(f"{name} is {show_value(value)}: it must be a number in {legal}") from None
     below = number <= low if low_open and not math.isinf(low) else number < low
     if not math.isfinite(number) or below or number > high:
         raise InputError(f"{name} is {number:g}{suffix}: it must lie in {legal}")
@@ -76,7 +77,7 @@ def check_integer(name: str, value: int, *, low: int, high: int | None = None) -
     except (TypeError, ValueError, OverflowError):
         whole = False
     if not whole:
-        raise InputError(f"{name} is {_show(value)}: it must be a whole number in {legal}")
+        raise InputError(f"{name} is {show_value(value)}: it must be a whole number in {legal}")
     if number < low or (high is not None and number > high):
         raise InputError(f"{name} is {number}: it must lie in {legal}")
     return number
@@ -116,7 +117,7 @@ def check_array(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 
 def _no_array(name: str, values: object, more: str = "") -> InputError:
-    wrong = f"{name} is {_show(values)}: it must be a number or an array of numbers"
+    wrong = f"{name} is {show_value(values)}: it must be a number or an array of numbers"
     return InputError(wrong + more)
 
 
@@ -209,10 +210,12 @@ def _is_real(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def _show(value: object) -> str:
-    """Return a value as one short line."""
+def show_value(value: object) -> str:
+    """Return a value as one short line; of much data only the beginning is looked at."""
+    brief = reprlib.Repr()
+    brief.maxstring = brief.maxother = brief.maxlong = 80
     try:
-        text = " ".join(repr(value).split())
+        text = " ".join(brief.repr(value).split())
     except ValueError:  # an integer of more digits than Python writes
         return f"a huge {type(value).__name__}"
     return text if len(text) <= 80 else f"{text[:77]}..."
@@ -229,7 +232,8 @@ class Quantity:
     Attributes
     ----------
     kind : str
-        A key of `bozzini.units.INTERNAL_UNITS`.
+        A key of `bozzini.units.INTERNAL_UNITS`; for what is no number "text", "flag", "file",
+        "end" or "labels".
     help : str
         What it is, in a few words.
     low, high : float or callable
@@ -242,6 +246,10 @@ class Quantity:
         How much of it matters to a fit; None for a tenth of where the fit starts.
     label : str
         What messages call it; by default the field's name with blanks.
+    words : tuple of str
+        The legal words, where it is one of a few.
+    option : str
+        Its option of the command line, if not ``--`` and the field's name.
     """
 
     kind: str = "dimensionless"
@@ -252,15 +260,35 @@ class Quantity:
     whole: bool = False
     scale: float | None = None
     label: str = ""
+    words: tuple[str, ...] = ()
+    option: str = ""
 
     @property
     def unit(self) -> str:
         """The unit, empty for none."""
-        return INTERNAL_UNITS[self.kind]
+        return INTERNAL_UNITS.get(self.kind, "")
+
+    def check(self, name: str, value: Any, item: Any = None) -> float:
+        """Return a legal value as a plain number, or raise `InputError`.
+
+        Parameters
+        ----------
+        name : str
+            What messages call it.
+        value : float
+            The value received.
+        item : object, optional
+            The dataclass, for limits that depend on its other fields.
+        """
+        low, high = (end(item) if callable(end) else end for end in (self.low, self.high))
+        if self.whole:
+            most = None if math.isinf(high) else int(high)
+            return check_integer(name, value, low=int(low), high=most)
+        return check_number(name, value, low=low, high=high, low_open=self.low_open, unit=self.unit)
 
 
 def quantity(kind: str = "dimensionless", help: str = "", **known: Any) -> Any:
-    """Return a dataclass field that is a number; see `Quantity` for the keywords.
+    """Return a dataclass field that carries a `Quantity`; see `Quantity` for the keywords.
 
     ``default`` and ``kw_only`` are those of `dataclasses.field`.
     """
@@ -281,17 +309,6 @@ def list_quantities(kind: type) -> Mapping[str, Quantity]:
     return _KNOWN[kind]
 
 
-def check_quantity(name: str, value: Any, known: Quantity, item: object = None) -> float:
-    """Return a value of a field as a plain number, or raise `InputError`.
-
-    `item` is what ends of the range that are functions take.
-    """
-    low, high = (end(item) if callable(end) else end for end in (known.low, known.high))
-    if known.whole:
-        return check_integer(name, value, low=int(low), high=int(high))
-    return check_number(name, value, low=low, high=high, low_open=known.low_open, unit=known.unit)
-
-
 def legal_range(item: Any, name: str) -> tuple[float, float]:
     """Return the legal range of a field, the other fields of the object being as they are."""
     known = list_quantities(type(item))[name]
@@ -299,8 +316,10 @@ def legal_range(item: Any, name: str) -> tuple[float, float]:
     return low, high
 
 
-def check_fields(item: Any, prefix: str = "") -> None:
+def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> None:
     """Check the fields of a dataclass made by `quantity`, and turn them into plain numbers.
+
+    A default outside fixed limits is legal: it means that the value is not given.
 
     Parameters
     ----------
@@ -308,15 +327,28 @@ def check_fields(item: Any, prefix: str = "") -> None:
         A dataclass, frozen or not, in its ``__post_init__``.
     prefix : str
         Put before the names of fields in messages.
+    skip : tuple of str
+        Fields that hold more than one number; the class checks them itself.
 
     Raises
     ------
     InputError
         If a value is outside its legal range.
     """
+    defaults = {field.name: field.default for field in dataclasses.fields(item)}
     for name, known in list_quantities(type(item)).items():
+        if name in skip or (getattr(item, name) is None and defaults[name] is None):
+            continue
         words = known.label or prefix + name.replace("_", " ")
-        object.__setattr__(item, name, check_quantity(words, getattr(item, name), known, item))
+        value, default = getattr(item, name), defaults[name]
+        if known.words and not isinstance(value, tuple) and value not in known.words:
+            raise InputError(f"{words} is {value!r}: it must be one of {', '.join(known.words)}")
+        if known.words or known.kind not in INTERNAL_UNITS:
+            continue
+        fixed = not callable(known.low) and not callable(known.high)
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        given = not (fixed and is_number and value == default)
+        object.__setattr__(item, name, known.check(words, value, item) if given else default)
 
 
 def describe_fields(item: Any) -> dict[str, float]:

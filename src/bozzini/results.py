@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from .units import add_unit
@@ -12,6 +13,9 @@ from .units import add_unit
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
+
+Json = dict[str, Any]
+"""Values by name that JSON takes."""
 
 SHOWN_ROWS = 20
 """Rows of a table that a notebook shows."""
@@ -108,27 +112,30 @@ def measured(unit: str) -> Any:
     return dataclasses.field(metadata={"unit": unit})
 
 
-def to_plain(value: Any) -> Any:
+def to_plain(value: Any, *, unknown: Callable[[Any], Any] = repr) -> Any:
     """Return a value made of plain types: numbers, texts, lists, dictionaries with text as keys.
 
-    A number that is not finite becomes None, and what has no plain form its representation.
+    A number that is not finite becomes None, and what has no plain form `unknown` of it: by
+    default its representation.
     """
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        return float(value) if math.isfinite(value) else None
     if isinstance(value, Result):
-        return value.to_dict()
+        return to_plain(value.to_dict(), unknown=unknown)
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tolist"):  # NumPy arrays and numbers
+        return to_plain(value.tolist(), unknown=unknown)
+    if isinstance(value, (list, tuple)):
+        return [to_plain(item, unknown=unknown) for item in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = dataclasses.fields(value)
-        return {field.name: to_plain(getattr(value, field.name)) for field in fields if field.repr}
+        value = {field.name: getattr(value, field.name) for field in fields if field.repr}
     if isinstance(value, Mapping):
-        return {str(key): to_plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [to_plain(item) for item in value]
-    if hasattr(value, "tolist"):  # NumPy arrays and numbers
-        return to_plain(value.tolist())
-    return repr(value)
+        return {str(key): to_plain(item, unknown=unknown) for key, item in value.items()}
+    return unknown(value)
 
 
 def _flatten(value: Any) -> list[Any]:

@@ -17,7 +17,6 @@ from .errors import UnitError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["INTERNAL_UNITS", "add_unit", "parse_quantity", "parse_vector"]
 
 INTERNAL_UNITS = {
     "length": "mm",
@@ -29,9 +28,11 @@ INTERNAL_UNITS = {
     "line force": "N/mm",
     "moment": "N mm",
     "rigidity": "N mm^2",
+    "angle in turns": "turn",
     "dimensionless": "",
 }
 """The unit that each kind of quantity has inside Bozzini."""
+
 
 LARGEST = {"length": 1e6}
 """What a quantity may be at most, in either direction: a length of 1 km [mm]."""
@@ -47,6 +48,7 @@ _EXAMPLES = {
     "line force": "0.001N/mm, 1N/m",
     "moment": "5Nmm, 0.02 N m",
     "rigidity": "200Nmm^2, 2e-4 N m^2",
+    "angle in turns": "0.5, 180deg",
     "dimensionless": "0.5",
 }
 # One number, then at most one unit. The number is not left to pint, which reads 5,0mm as 50 mm.
@@ -122,8 +124,10 @@ def parse_quantity(text: str | float, kind: str) -> float:
         raise UnitError(f"'{text}' is not a finite number: {hint}")
     largest = LARGEST.get(kind, _LARGEST_OTHER)
     if abs(value) > largest:
+        what = f"{article} {kind}" if unit else "a plain number"
+        shown = f"'{text}' is {value:g} {unit}".rstrip()
         legal = f"[-{largest:g}, {largest:g}] {unit}".rstrip()
-        raise UnitError(f"'{text}' is {value:g} {unit}: {article} {kind} must lie in {legal}")
+        raise UnitError(f"{shown}: {what} must lie in {legal}")
     return value
 
 

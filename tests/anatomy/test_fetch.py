@@ -10,7 +10,7 @@ import pytest
 
 from bozzini.anatomy import CATALOGUE, PublicData, fetch_data
 from bozzini.anatomy.fetch import find_data
-from bozzini.errors import FileFormatError, InputError, OutputError
+from bozzini.errors import FileFormatError, OutputError
 
 CONTENT = b"a small tract\n" * 200_000
 
@@ -132,21 +132,6 @@ def test_a_place_that_does_not_give_it_is_one_line(tmp_path, server, place):
     assert not (tmp_path / "data").exists()
 
 
-def test_places_that_cannot_be_written_are_refused(tmp_path, local):
-    (tmp_path / "file").touch()
-    with pytest.raises(OutputError):
-        fetch_data(entry(local), tmp_path / "file")
-    with pytest.raises(OutputError):
-        fetch_data(entry(local), tmp_path / "a" / "b")
-
-
-def test_other_addresses_are_refused(tmp_path):
-    with pytest.raises(InputError, match="must be http or file"):
-        fetch_data(entry("ftp://somewhere/x"), tmp_path)
-    with pytest.raises(InputError, match="the catalogue has"):
-        fetch_data("nothing", tmp_path)
-
-
 def test_the_catalogue_is_complete():
     names = [item.name for item in CATALOGUE]
     assert len(set(names)) == len(names)
@@ -154,12 +139,3 @@ def test_the_catalogue_is_complete():
         assert find_data(item.name) is item
         assert item.url.startswith("https://")
         assert re.search(r"doi:10\.\d{4,}/", item.citation)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [{"sha256": "12"}, {"sha256": "X" * 64}, {"licence": ""}, {"file_name": "../x"}],
-)
-def test_an_entry_that_is_not_whole_is_refused(changes):
-    with pytest.raises(InputError):
-        entry("https://somewhere/x", **changes)

@@ -8,7 +8,7 @@ from scipy import ndimage
 from skimage import measure
 
 from bozzini.anatomy import tract_from_labels
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import InputError
 
 
 def codes(tract):
@@ -76,19 +76,6 @@ def test_only_the_labels_asked_for_are_lumen():
     assert tract.mask.sum() == 4 * 4 * 15
     assert "1, 5" in codes(tract)["labels-left-out"].message
     assert tract_from_labels(array, np.eye(4), labels=[1, 2]).label_values == (1, 2)
-
-
-def test_a_label_that_is_not_there_lists_those_that_are():
-    array = tube()
-    array[4:8, 5:9, 20:35] = 6
-    with pytest.raises(InputError, match=r"no voxel of label 4: it has 1 \(0.272 mL\), 6 "):
-        tract_from_labels(array, np.eye(4), labels=[1, 4], source="scan")
-
-
-@pytest.mark.parametrize("labels", [[], [0], [-1], [70000], [1.5], [True]])
-def test_impossible_labels_are_refused(labels):
-    with pytest.raises(InputError):
-        tract_from_labels(tube(), np.eye(4), labels=labels)
 
 
 def test_a_lumen_that_meets_only_at_an_edge_or_corner_is_two_components():
@@ -188,8 +175,8 @@ def test_a_label_inside_the_lumen_is_wall_and_is_named():
 def test_labels_are_asked_for_where_there_are_several():
     array = tube()
     array[4:8, 5:9, 20:35] = 2
-    with pytest.raises(InputError, match=r"2 labels.*1 stomach \(0.272 mL\), 2 \(0.24 mL\)"):
-        tract_from_labels(array, np.eye(4), labels=None, names={1: "stomach"})
+    with pytest.raises(InputError):
+        tract_from_labels(array, np.eye(4), labels=None)
     assert tract_from_labels(tube(), np.eye(4), labels=None).label_values == (1,)
 
 
@@ -247,66 +234,10 @@ def test_odd_voxels_are_warned_of(size, code):
     assert tract_from_labels(tube(), np.eye(4)).findings == ()
 
 
-@pytest.mark.parametrize(
-    ("size", "said"),
-    [
-        ((0.01, 0.01, 0.01), "it must be 1 to 10000 mm"),
-        ((1e5, 1e5, 1e5), "it must be 1 to 10000 mm"),
-        ((2, 2, 0.001), "2e+03 times longer than wide: at most 100 times"),
-    ],
-)
-def test_absurd_voxels_are_refused(size, said):
-    with pytest.raises(GeometryError) as caught:
-        tract_from_labels(tube(), np.diag([*size, 1.0]))
-    assert said in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("array", "said"),
-    [
-        (np.ones((4, 4, 4, 2)), "4 dimensions, shape (4, 4, 4, 2)"),
-        (np.ones((4, 4)), "2 dimensions"),
-        (np.full((4, 4, 4), 1.5), "value 1.5"),
-        (np.full((4, 4, 4), np.nan), "not finite"),
-        (np.full((4, 4, 4), -1000), "from -1000"),
-        (np.full((4, 4, 4), "a"), "whole numbers"),
-        (np.ones((0, 4, 4)), "no voxels"),
-    ],
-)
-def test_an_array_that_is_no_label_volume_is_refused(array, said):
-    with pytest.raises(InputError) as caught:
-        tract_from_labels(array, np.eye(4))
-    assert said in str(caught.value)
-
-
-def test_an_empty_volume_is_refused():
-    with pytest.raises(GeometryError, match="every voxel is 0"):
-        tract_from_labels(np.zeros((4, 4, 4)), np.eye(4))
-
-
 def test_trailing_axes_of_one_and_whole_floats_are_taken():
     plain = tract_from_labels(tube(), np.eye(4))
     other = tract_from_labels(tube()[..., None, None].astype(float), np.eye(4))
     assert np.array_equal(plain.labels, other.labels)
-
-
-SHEAR = np.eye(4)
-SHEAR[0, 1] = 0.01
-
-
-@pytest.mark.parametrize(
-    ("affine", "said"),
-    [
-        (SHEAR, "sheared"),
-        (np.diag([1.0, 0.0, 1.0, 1.0]), "singular"),
-        (np.array([[1, 1, 0, 0], [0, 1e-9, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]), "singular"),
-        (np.diag([1.0, 1.0, np.inf, 1.0]), "not finite"),
-        (np.diag([1.0, 1.0, 1.0, 2.0]), "last row"),
-    ],
-)
-def test_an_affine_that_is_no_frame_is_refused(affine, said):
-    with pytest.raises(InputError, match=said):
-        tract_from_labels(tube(), affine)
 
 
 @pytest.mark.parametrize(

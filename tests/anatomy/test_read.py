@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from bozzini.anatomy import read_labels, read_surface, read_tract
-from bozzini.errors import BozziniError, FileFormatError, GeometryError, InputError, UnitError
+from bozzini.errors import BozziniError, FileFormatError, InputError
 
 
 def codes(tract):
@@ -72,7 +72,7 @@ def test_a_file_without_unit_or_frame_says_so(tmp_path):
 def test_a_series_of_one_volume_is_taken_and_of_two_refused(tmp_path):
     one = read_labels(save(tmp_path / "one.nii", tube()[..., None]), labels="all")
     assert one.mask.sum() == 16 * 32
-    with pytest.raises(FileFormatError, match=r"shape \(12, 13, 40, 2\)"):
+    with pytest.raises(FileFormatError):
         read_labels(save(tmp_path / "two.nii", np.stack([tube()] * 2, axis=-1)))
 
 
@@ -131,20 +131,6 @@ def test_the_loggers_of_the_readers_are_given_back(tmp_path):
     assert not logging.getLogger("trimesh").disabled
 
 
-def test_a_ct_image_is_not_taken_for_labels(tmp_path):
-    image = np.random.default_rng(0).integers(-1000, 1000, (8, 8, 8)).astype(np.int16)
-    with pytest.raises(InputError, match="looks like an image"):
-        read_tract(save(tmp_path / "ct.nii.gz", image))
-
-
-def test_arguments_that_do_not_go_with_the_file_are_refused(scan, tmp_path):
-    box().export(tmp_path / "box.stl")
-    with pytest.raises(InputError, match="has no labels"):
-        read_tract(tmp_path / "box.stl", labels=[1])
-    with pytest.raises(InputError, match="unit is 'm'"):
-        read_tract(scan, unit="m")
-
-
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "glb", "off"])
 @pytest.mark.parametrize(("unit", "scale"), [("mm", 1.0), ("m", 1e-3), ("in", 1 / 25.4)])
 def test_every_format_and_unit_gives_the_same_surface(tmp_path, suffix, unit, scale):
@@ -173,27 +159,6 @@ def test_the_nodes_of_a_scene_are_put_in_their_places(tmp_path):
     np.testing.assert_allclose(tract.vertices.mean(axis=0), (50.0, 60.0, 70.0), atol=1e-4)
     assert tract.volume > 0
     assert "components-dropped" in codes(tract)
-
-
-@pytest.mark.parametrize(
-    "unit", ["parsec/s", "lightfoot", "", "N", "nan", "0m", "e3mm", "*5 mm", "mm\nm"]
-)
-def test_an_unknown_unit_is_refused(tmp_path, unit):
-    box().export(tmp_path / "box.stl")
-    with pytest.raises(UnitError) as caught:
-        read_surface(tmp_path / "box.stl", unit=unit)
-    assert "length" in str(caught.value)
-
-
-def test_vertices_that_are_not_numbers_are_counted(tmp_path):
-    mesh = box()
-    points = np.asarray(mesh.vertices).copy()
-    points[2, 1] = np.nan
-    lines = [f"v {x} {y} {z}" for x, y, z in points]
-    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces]
-    (tmp_path / "box.obj").write_text("\n".join(lines))
-    with pytest.raises(InputError, match=r"box.obj has 1 vertex that is not finite"):
-        read_tract(tmp_path / "box.obj")
 
 
 def write_vtk(path, vertices, polygons):
@@ -232,10 +197,3 @@ def test_real_labels_and_real_surface_are_the_same_tract(upper_gi_dir):
     assert "components-dropped" in codes(labels)
     with pytest.raises(InputError, match=r"it has 1 \(.* mL\), 2 .*, 3 "):
         read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels=[4])
-
-
-def test_a_flat_surface_file_is_refused(tmp_path):
-    flat = trimesh.Trimesh([[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1, 2], [0, 2, 1]], process=False)
-    flat.export(tmp_path / "flat.stl")
-    with pytest.raises(GeometryError, match="no volume"):
-        read_tract(tmp_path / "flat.stl")

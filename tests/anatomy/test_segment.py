@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from bozzini.anatomy import segment_gas
 from bozzini.anatomy.labels import Volume
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import InputError
 
 STEP = 2.0
 RADIUS = 12.0
@@ -123,25 +123,6 @@ def test_seeds_choose_and_must_lie_at_gas():
     found = segment_gas(scan, seeds=[(60.0, 15.0, 60.0)])
     assert len(found.segments) == 1 and found.segments[0].point[0] > 0
     assert "gas-left-out" in {item.code for item in found.findings}
-    with pytest.raises(InputError, match="from the nearest gas"):
-        segment_gas(scan, seeds=[(0.0, 0.0, 10.0)])
-    with pytest.raises(InputError, match="from the nearest gas"):
-        segment_gas(scan, seeds=[(45.0, 0.0, 180.0)])  # in a lung
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "said"),
-    [
-        (lambda ct: ct * 0 + 1, InputError, "values from 1 to 1"),
-        (lambda ct: np.maximum(ct, 0), InputError, "CT in HU"),
-        (lambda ct: ct * 0 + np.where(np.arange(100) < 40, 40, -1000), GeometryError, "no gas"),
-        (lambda ct: ct[..., None] * np.ones(2), InputError, "not a CT image"),
-    ],
-)
-def test_what_is_no_ct_with_gas_is_refused(change, error, said):
-    scan, _, _ = make_scan()
-    array = np.asarray(change(scan.array.astype(np.int32)))
-    with pytest.raises(error, match=said):
-        segment_gas(Volume(array=array, affine=scan.affine, source="ct"))
-    with pytest.raises(InputError, match="threshold"):
-        segment_gas(scan, threshold=100.0)
+    for seed in ((0.0, 0.0, 10.0), (45.0, 0.0, 180.0)):  # the second in a lung
+        with pytest.raises(InputError, match=r"from the nearest gas .* within 5 mm"):
+            segment_gas(scan, seeds=[seed])

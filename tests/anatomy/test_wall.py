@@ -9,8 +9,9 @@ import trimesh
 from bozzini.anatomy import read_surface
 from bozzini.duct import TriangleMesh, build_field, find_centreline
 from bozzini.errors import GeometryError
-from bozzini.motion import Introducer, Scope, plan_insertion
+from bozzini.motion import Scope
 from tests.exact import outside_introducer, sample_body
+from tests.motion.plans import insert
 
 LENGTH = 70.0
 RADIUS = 10.0
@@ -83,7 +84,7 @@ def bare(tmp_path_factory):
 def plan_through(tract):
     field = build_field(tract, voxel=1.0)
     line = find_centreline(field, ENDS)
-    return plan_insertion(field, line, scope=Scope(diameter=8.0, link_length=8.0))
+    return insert(field, line, scope=Scope(diameter=8.0, link_length=8.0))
 
 
 @pytest.mark.parametrize("name", list(OBSTACLES))
@@ -105,11 +106,9 @@ def test_no_certified_motion_goes_through_a_triangle_of_the_file(tmp_path, bare,
         assert plan.status == "stopped"
     if plan.inserted == 0.0:
         return
-    assert plan.meta["certified"]
+    assert plan.certified
     points, *_ = sample_body(plan.joints, 1500, np.random.default_rng(0))
-    points = points[
-        outside_introducer(points, Introducer.from_description(plan.meta["introducer"]), 4.0)
-    ]
+    points = points[outside_introducer(points, plan.introducer, 4.0)]
     near = points[np.abs(points[:, 2]) < 25.0]
     for thing in things:
         assert len(near) == 0 or clearance(near, thing).min() >= 4.0 - 1e-9

@@ -11,8 +11,9 @@ from typing import Any
 import nibabel
 import numpy as np
 import trimesh
+from skimage.measure import marching_cubes
 
-from tests.shapes import bend_curve
+from tests.shapes import bend_curve, curve_distance
 
 SCOPE = ["--diameter", "5mm", "--link", "8mm", "--head-step", "1mm"]
 CURVE = bend_curve(25.0, 1.4, 22.0)
@@ -47,6 +48,31 @@ class Tracts:
     @property
     def surface(self) -> Path:
         return self.folder / "tube.stl"
+
+
+def write_tracts(folder: Path) -> Tracts:
+    low, high = CURVE.min(axis=0) - 12.0, CURVE.max(axis=0) + 12.0
+    axes = [np.arange(a, b, 1.5) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    distance = curve_distance(CURVE, 8.0)(points)
+    vertices, faces, _, _ = marching_cubes(distance, level=0.0, spacing=(1.5,) * 3)
+    mesh = trimesh.Trimesh(vertices, faces)
+    mesh.export(folder / "tube.stl")
+    labels = np.where(distance < 0.0, np.where(points[..., 2] < 10.0, 1, 2), 0).astype(np.uint8)
+    write_volume(folder / "halves.nii.gz", labels)
+    write_volume(folder / "tube.nii.gz", np.minimum(labels, 1))
+    return Tracts(folder, mesh, labels)
+
+
+def write_scan(path: Path, step: float = 3.0) -> Path:
+    """Write the CT of a block of tissue in air, with two tubes of gas of different width."""
+    x, y, z = np.meshgrid(*[np.arange(n) * step for n in (40, 40, 50)], indexing="ij")
+    ct = np.full(x.shape, -1000, dtype=np.int16)
+    ct[3:-3, 3:-3] = 40
+    for place, radius in ((40.0, 12.0), (85.0, 9.0)):
+        tube = np.hypot(x - place, y - 60.0) < radius
+        ct[tube & (z > 20.0) & (z < 120.0)] = -1000
+    return write_volume(path, ct, step)
 
 
 @dataclass(frozen=True)

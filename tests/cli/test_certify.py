@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from bozzini.cli.main import main
 from bozzini.motion import Plan
 from tests.cli.plan_cases import SCOPE, Outcome, Tracts, write_volume
 from tests.duct.test_refined import shift_affine
+from tests.motion.plans import describe_anew, forge
 from tests.motion.planted import plant
 
 CAPTURE = pytest.CaptureFixture[str]
@@ -51,7 +53,7 @@ def test_a_plan_is_certified_anew_by_both_methods(
     result, second = outcome.result, outcome.result["second_check"]
     assert result["certified"] is True and result["consistent"] is True
     assert all(item["ok"] for item in result["checks"])
-    stated = Plan.load(plans[name]).meta["certificate"]["clearance_mm"]
+    stated = Plan.load(plans[name]).certificate.clearance
     assert result["clearance_claimed_mm"] == stated
     assert stated <= result["clearance_certified_mm"] + 1e-6
     assert result["clearance_certified_mm"] <= second["found_mm"]
@@ -97,8 +99,8 @@ def test_a_wider_bore_is_not_accepted(
     code: int,
 ) -> None:
     plan = Plan.load(plans["surface"])
-    plan.meta["introducer"]["bore_mm"] += by
-    forged = plan.save(tmp_path / "plan.npz")
+    wider = replace(plan.introducer, bore=plan.introducer.bore + by)
+    forged = replace(plan, introducer=wider).save(tmp_path / "plan.npz")
     outcome = certify(capsys, forged, tracts.surface)
     assert outcome.code == code
     assert ("FAILED bore: the introducer's bore" in outcome.out) == (by > 0.0)
@@ -117,14 +119,8 @@ def forge_half(plan: Plan) -> Plan:
         path=np.vstack([plan.path[kept], plan.joints[step, 0]]),
         path_arc_length=np.append(plan.path_arc_length[kept], head),
         path_radius=plan.path_radius[: int(kept.sum()) + 1],
-        meta={
-            **plan.meta,
-            "options": {**plan.meta["options"], "route": [1.0]},
-            "measures": {
-                **plan.meta["measures"],
-                "clearance_min_mm": float(plan.clearance[: step + 1].min()),
-            },
-        },
+        options=replace(plan.options, route=(1.0,)),
+        measures=replace(plan.measures, clearance_min=float(plan.clearance[: step + 1].min())),
     )
 
 
@@ -140,11 +136,16 @@ def change(**parts: dict[str, object]) -> Callable[[Plan], Plan]:
         for part, values in parts.items():
             meta[part] = {**meta.get(part, {}), **values}
             meta[part] = {key: value for key, value in meta[part].items() if value is not None}
-        return replace(plan, meta=meta)
+        return describe_anew(plan, meta)
 
     return apply
 
 
+NOWHERE: dict[str, object] = {
+    "points_mm": [[0.0, 0.0, 0.0]] * 2,
+    "arc_length_mm": [0.0, 0.0],
+    "radius_mm": [1.0, 1.0],
+}
 SOFT: dict[str, object] = {"allowed_mm": 5.0, "used_mm": 5.0}
 
 
@@ -154,7 +155,7 @@ SOFT: dict[str, object] = {"allowed_mm": 5.0, "used_mm": 5.0}
         (lambda plan: plan, None),
         (forge_half, "ends"),
         (stop, "ends"),
-        (change(centreline={"points_mm": [[0.0, 0.0, 0.0]] * 2}), "ends"),
+        (change(centreline=NOWHERE), "ends"),
         (change(scope={"diameter_mm": 0.5}), "clearances"),
         (change(field={"inflation_mm": 20.0}), "inflation"),
         (
@@ -230,8 +231,8 @@ def test_an_input_that_cannot_be_read_as_stated_is_one_line(
     message: str,
 ) -> None:
     plan = Plan.load(plans["labels"])
-    plan.meta["input"].update(change)
-    outcome = certify(capsys, plan.save(tmp_path / "p.npz"), tracts.volume)
+    path = forge(plan.save(tmp_path / "p.npz"), lambda meta: meta["input"].update(change))
+    outcome = certify(capsys, path, tracts.volume)
     assert outcome.code == 2
     assert message in outcome.err and outcome.err.count("\n") == 1
 
@@ -288,19 +289,18 @@ def test_a_plan_that_needed_the_finer_grid_is_certified_on_it_and_not_without(
         *(f"--diameter={scope.diameter}mm", f"--link={scope.link_length}mm"),
         *("--head-step=1mm", "--voxel=1mm", "--method=tube", *ends),
     )
-    assert made.meta["field"]["fine_spacing_mm"] == 0.5
+    assert made.field.fine_spacing == 0.5
     outcome = certify(capsys, tmp_path / "plan" / "plan.npz", source, "--independent", "--json")
     assert (outcome.code, outcome.err) == (0, "")
-    claimed = made.meta["certificate"]["clearance_mm"]
+    claimed = made.certificate.clearance
     assert outcome.result["clearance_certified_mm"] == pytest.approx(claimed, abs=1e-6)
     for name, value in (("fine_distance_mm", -1.0), ("fine_spacing_mm", 0.001)):
-        forged = Plan.load(tmp_path / "plan" / "plan.npz")
-        forged.meta["field"][name] = value
-        wrong = certify(capsys, forged.save(tmp_path / "forged.npz"), source)
+        forged = shutil.copy(tmp_path / "plan" / "plan.npz", tmp_path / "forged.npz")
+        forge(forged, lambda meta: meta["field"].update({name: value}))  # noqa: B023
+        wrong = certify(capsys, forged, source)
         assert wrong.code == 2 and f"meta.field.{name} is {value:g}" in wrong.err
-    for name in ("fine_spacing_mm", "fine_distance_mm"):
-        del made.meta["field"][name]
-    coarse = certify(capsys, made.save(tmp_path / "coarse.npz"), source)
+    field = replace(made.field, fine_spacing=None, fine_distance=None)
+    coarse = certify(capsys, replace(made, field=field).save(tmp_path / "coarse.npz"), source)
     assert coarse.code == 1 and "FAILED certificate" in coarse.out
 
 
@@ -317,17 +317,16 @@ def test_several_parts_of_a_scene_go_from_plan_to_certificate(
     options = [*SCOPE, "--unit=mm", "--voxel=2mm", "--method=tube", "--organ=colon"]
     options += ["--part=low", "--part=middle"]
     made = plan(source, tmp_path / "two", *options)
-    assert made.meta["input"]["part"] == ["low", "middle"]
+    assert made.input.part == ("low", "middle")
     assert np.ptp(made.path, axis=0).max() < 40.0
     outcome = certify(capsys, tmp_path / "two" / "plan.npz", source, "--json")
     assert outcome.code == 0 and outcome.result["certified"] is True
     for part, code in (("middle,low", 0), ("all", 1)):
-        made.meta["input"]["part"] = part
-        assert certify(capsys, made.save(tmp_path / "other.npz"), source).code == code
-    made.meta["input"]["part"] = ["middle", "high"]
-    assert certify(capsys, made.save(tmp_path / "other.npz"), source).code == 1
-    made.meta["input"]["part"] = [{}]
-    assert certify(capsys, made.save(tmp_path / "other.npz"), source).code == 2
+        other = replace(made, input=replace(made.input, part=part))
+        assert certify(capsys, other.save(tmp_path / "other.npz"), source).code == code
+    for parts, code in ((["middle", "high"], 1), ([{}], 2)):
+        path = forge(made.save(tmp_path / "other.npz"), lambda m: m["input"].update(part=parts))  # noqa: B023
+        assert certify(capsys, path, source).code == code
 
 
 def test_a_folder_of_masks_is_known_by_its_hash(
@@ -338,11 +337,11 @@ def test_a_folder_of_masks_is_known_by_its_hash(
     for label, name in ((1, "a"), (2, "b")):
         write_volume(folder / f"{name}.nii.gz", (tracts.labels == label).astype(np.uint8))
     made = plan(folder, tmp_path / "plan", *SCOPE, "--labels=all", "--voxel=2mm", "--compare")
-    assert len(made.meta["input"]["sha256"]) == 64
+    assert len(made.input.sha256) == 64
     for name in ("plan", "plan-tube", "plan-follow", "plan-thesis"):
         outcome = certify(capsys, tmp_path / "plan" / f"{name}.npz", folder, "--json")
         checks = {item["name"]: item for item in outcome.result["checks"]}
-        assert checks["input"]["ok"] and made.meta["input"]["sha256"] in checks["input"]["message"]
+        assert checks["input"]["ok"] and made.input.sha256 in checks["input"]["message"]
     (folder / "b.nii.gz").rename(folder / "c.nii.gz")
     outcome = certify(capsys, tmp_path / "plan" / "plan.npz", folder)
     assert outcome.code == 1 and "FAILED input: the plan was made from another" in outcome.out

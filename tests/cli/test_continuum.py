@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from bozzini.cli.main import main
-from bozzini.continuum import MODELS, ArcModel, ContinuumRobot, EnergyModel, RodModel
+from bozzini.continuum import CONTINUUM_MODELS, ArcModel, ContinuumRobot, EnergyModel, RodModel
 from bozzini.continuum.arc import displacements_for
-from bozzini.continuum.dexterity import map_dexterity
 from bozzini.continuum.inverse import solve_tip
-from bozzini.continuum.workspace import sample_workspace
+from bozzini.continuum.workspace import map_dexterity, sample_workspace
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TWO, HELICAL, CONVERGING, COLONOSCOPE = (
@@ -63,10 +62,10 @@ def ask(run):
     return call
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", CONTINUUM_MODELS)
 def test_pose_is_the_library(ask, name):
     said = ask("pose", TWO, "--displacement", BENT, "--model", name)
-    shape = MODELS[name](ROBOT).shape(displacements_for(ROBOT, BENDS))
+    shape = CONTINUUM_MODELS[name](ROBOT).shape(displacements_for(ROBOT, BENDS))
     assert said["model"] == name
     assert said["converged"] is True
     near = 1e-4 if name in ("energy", "rod") else 1e-6  # these stop within the tolerance
@@ -286,7 +285,7 @@ def test_smallest_bends_are_smaller(ask):
 def test_compare_holds_models_against_the_rod(ask):
     said = ask("compare", TWO, "--displacement", BENT)
     rows = said["models"]
-    assert list(rows) == list(MODELS)
+    assert list(rows) == list(CONTINUUM_MODELS)
     assert said["reference"] == "rod"
     assert rows["arc"]["tip_from_rod_mm"] < 1e-4
     assert rows["rod"]["tip_from_rod_mm"] == 0.0
@@ -386,7 +385,7 @@ def test_files(run, tmp_path):
     assert rows == pytest.approx(dict(zip(ROBOT.tendon_names,
         solve_tip(ROBOT, [30.0, 10.0, 80.0]).displacements, strict=True)))  # fmt: skip
     with open("compare.csv", newline="") as file:
-        assert [row["model"] for row in csv.DictReader(file)] == list(MODELS)
+        assert [row["model"] for row in csv.DictReader(file)] == list(CONTINUUM_MODELS)
     code, _, err = run("pose", TWO, *bent, "--out", "pose.png")
     assert code == 2
     assert "exists already" in err

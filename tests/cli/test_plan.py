@@ -98,8 +98,8 @@ def test_plan_file_and_summary_say_the_same(good: tuple[Outcome, Path]) -> None:
     moves = np.linalg.norm(np.diff(plan.joints, axis=0), axis=2)
     assert moves.max() == pytest.approx(result["joint_step_max_mm"])
     assert np.linalg.norm(np.diff(plan.joints, axis=1), axis=2) == pytest.approx(8.0, abs=1e-6)
-    assert plan.meta["input"]["file"] == "tube.nii.gz"
-    assert len(plan.meta["input"]["sha256"]) == 64
+    assert plan.input.file == "tube.nii.gz"
+    assert len(plan.input.sha256) == 64
 
 
 def test_without_json_people_get_sentences(tracts: Tracts, run: Run, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from bozzini.cli.main import main
 from tests.cli.plan_cases import Run, Tracts, list_all
-from tests.continuum.motions import make_robot
+from tests.motion.actuate.motions import make_robot
 
 FAST = ["--head-step", "1mm", "--quiet"]
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "gastroscope.yaml"

@@ -12,23 +12,13 @@ import pytest
 
 from bozzini.anatomy import read_tract
 from bozzini.cli.main import main
-
-STEP = 3.0
+from tests.cli.plan_cases import write_scan
 
 
 @pytest.fixture
 def scan(tmp_path: Path) -> Path:
     """Write a block of tissue in air, with two tubes of gas of different width."""
-    x, y, z = np.meshgrid(*[np.arange(n) * STEP for n in (40, 40, 50)], indexing="ij")
-    ct = np.full(x.shape, -1000, dtype=np.int16)
-    ct[3:-3, 3:-3] = 40
-    for place, radius in ((40.0, 12.0), (85.0, 9.0)):
-        tube = np.hypot(x - place, y - 60.0) < radius
-        ct[tube & (z > 20.0) & (z < 120.0)] = -1000
-    image = nibabel.Nifti1Image(ct, np.diag([STEP, STEP, STEP, 1.0]))
-    image.header.set_xyzt_units("mm")
-    nibabel.save(image, tmp_path / "ct.nii.gz")
-    return tmp_path / "ct.nii.gz"
+    return write_scan(tmp_path / "ct.nii.gz")
 
 
 def test_labels_picture_and_report(scan: Path, capsys: pytest.CaptureFixture[str]) -> None:

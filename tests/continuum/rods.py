@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from bozzini.continuum import ContinuumRobot, Section, Tendon
+from bozzini.continuum import ContinuumRobot, Helix, Section, Tendon
 
 LENGTH = 100.0
 BENDING, TORSION = 1000.0, 770.0
@@ -45,7 +45,7 @@ def cross_tendons(count=4, offset=4.0, angle=0.0, prefix="t", **other):
 
 
 def helix(name, turns, angle=0.0, offset=4.0):
-    return Tendon.helix(name, offset, turns=turns, end=LENGTH, angle=angle)
+    return Tendon(name=name, offset=offset, angle=Helix(turns=turns, start=angle), end=LENGTH)
 
 
 def taper(name, angle=0.0, start=6.0, end=2.0):

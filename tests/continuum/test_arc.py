@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
 from bozzini.continuum.arc import arc_frames, bend_vectors, displacements_for, jacobian
 from bozzini.errors import GeometryError, InputError
 from tests.continuum.robots import QUARTER, THIRD, antagonistic_robots, make_robot
@@ -214,7 +214,10 @@ def test_bend_as_tight_as_the_body_is_refused() -> None:
     ("tendon", "words"),
     [
         (Tendon(name="x", offset=((0.0, 5.0), (100.0, 2.0))), "changes its offset or angle"),
-        (Tendon.helix("x", 4.0, turns=0.25, end=100.0), "changes its offset or angle"),
+        (
+            Tendon(name="x", offset=4.0, angle=Helix(turns=0.25), end=100.0),
+            "changes its offset or angle",
+        ),
         (Tendon(name="x", offset=4.0, end=60.0), "ends at 60 mm, before its section"),
     ],
 )

@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from bozzini.continuum import Section, Shape, Tendon
+from bozzini.continuum import ContinuumRobot, Section, Shape, Tendon
 from bozzini.continuum.coupling import Coupling
 from bozzini.continuum.energy import SEGMENTS, EnergyModel
 from bozzini.continuum.kernels import energy as kernels
 from bozzini.continuum.kernels.energy import ARC, CHANNEL, CHORD, solve_bounded
-from bozzini.continuum.robot import ContinuumRobot
 from bozzini.continuum.rod import RodModel
 from bozzini.errors import GeometryError, InputError
 from tests.continuum.rods import (
@@ -459,9 +458,9 @@ def test_recomputed_lengths_are_those_of_the_drawn_tendons(routed) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"segment": "line"}, "segment is 'line': choose one of"),
+        ({"segment": "line"}, "segment is 'line': it must be one of"),
         ({"between": -1}, "between is -1"),
-        ({"tendon_stiffness": 0.0}, "tendon_stiffness is 0 N"),
+        ({"tendon_stiffness": 0.0}, "tendon stiffness is 0 N"),
         ({"tolerance": math.nan}, "tolerance is nan"),
     ],
 )
@@ -504,8 +503,8 @@ def test_lengths_in_channels_are_convex(seed, share) -> None:
     ("options", "words"),
     [
         ({"segment": ["chord"]}, r"segment is \['chord'\]"),
-        ({"tendon_stiffness": np.ones(2)}, "tendon_stiffness is array"),
-        ({"tendon_stiffness": -math.inf}, "tendon_stiffness is -inf N"),
+        ({"tendon_stiffness": np.ones(2)}, "tendon stiffness is array"),
+        ({"tendon_stiffness": -math.inf}, "tendon stiffness is -inf N"),
     ],
 )
 def test_options_of_another_kind_are_named(options, words) -> None:

@@ -9,22 +9,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
-from bozzini.continuum._bend_limits import find_limits
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
 from bozzini.continuum.arc import arc_frames, displacements_for, jacobian
-from bozzini.continuum.inverse import InverseResult, solve_curve, solve_pose, solve_tip
+from bozzini.continuum.coupling import find_limits
+from bozzini.continuum.inverse import (
+    ContinuumInverse,
+    solve_curve,
+    solve_pose,
+    solve_section,
+    solve_tip,
+)
 from bozzini.continuum.kernels.arc import fill_chain, place_point
 from bozzini.continuum.kernels.inverse import (
     EMPTY,
     SOLVED,
     add_curvature,
     evaluate,
-    factor_shifted,
     make_work,
     step_inside,
 )
-from bozzini.continuum.section_inverse import solve_section
 from bozzini.errors import GeometryError, InputError
+from bozzini.numeric.kernels.linear_algebra import factor_cholesky
 
 
 def make_robot(
@@ -73,7 +78,9 @@ def tip_frames(robot: ContinuumRobot, bends: np.ndarray) -> np.ndarray:
     return arc_frames(robot, bends, arc_length=[robot.length])[..., -1, :, :]
 
 
-def solve(kind: str, robot: ContinuumRobot, frame: np.ndarray, **options: object) -> InverseResult:
+def solve(
+    kind: str, robot: ContinuumRobot, frame: np.ndarray, **options: object
+) -> ContinuumInverse:
     if kind == "pose":
         return solve_pose(robot, frame, **options)
     direction = frame[:3, 2] if kind == "direction" else None
@@ -125,7 +132,7 @@ def test_a_limited_step_is_the_lowest_point_inside(seed: int, sections: int, cou
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     low, high = -random.uniform(0.1, 2.0, count), random.uniform(0.1, 2.0, count)
     factor = np.zeros((n, n))
-    assert factor_shifted(matrix, 0.0, factor)
+    assert factor_cholesky(matrix, len(matrix), 0.0, 1e-14, factor)
     free = 4.0 * random.normal(size=n)
     x = free.copy()
     assert step_inside(factor, x, limits, rows, low, high) == SOLVED
@@ -426,7 +433,7 @@ def test_cables_that_cannot_push_are_only_pulled(seed: int) -> None:
 
 
 def test_robots_that_are_not_parallel_are_refused() -> None:
-    helix = Tendon.helix("turning", 2.0, turns=1.0, end=30.0)
+    helix = Tendon(name="turning", offset=2.0, angle=Helix(turns=1.0), end=30.0)
     robot = ContinuumRobot((Section(length=30.0, radius=2.5, tendons=(helix,)),))
     with pytest.raises(GeometryError, match="'turning'.*the inverse.*bend in arcs") as caught:
         solve_tip(robot, (0.0, 0.0, 30.0))

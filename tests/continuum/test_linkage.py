@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.continuum import ArcModel, ContinuumRobot, LinkageModel, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, LinkageModel, Section, Tendon
 from bozzini.continuum.arc import displacements_for
 from bozzini.errors import GeometryError, InputError
 from tests.continuum.reference import solve_chain, solve_segment
@@ -201,7 +201,7 @@ def test_points_are_those_of_the_frames_and_batch_is_pointwise() -> None:
     for model in (LinkageModel(robot), LinkageModel(robot, segments=(7, 20))):
         shape, points = model.shape(pulled), model.points(pulled)
         assert np.allclose(points, shape.points, atol=1e-12)
-        assert points.shape == (4, 5, sum(model.segments) + 1, 3)
+        assert points.shape == (4, 5, sum(model.counts) + 1, 3)
         for place in np.ndindex(4, 5):
             assert np.allclose(model.points(pulled[place]), points[place], atol=1e-12)
 
@@ -282,7 +282,7 @@ def test_other_routing_is_refused() -> None:
             Section(
                 length=100.0,
                 radius=6.0,
-                tendons=(Tendon.helix("x", 4.0, turns=1.0, end=100.0),),
+                tendons=(Tendon(name="x", offset=4.0, angle=Helix(turns=1.0), end=100.0),),
             ),
         )
     )

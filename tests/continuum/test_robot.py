@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from bozzini.continuum import ContinuumRobot, Section, Tendon
+from bozzini.continuum import ContinuumRobot, Helix, Section, Tendon
 from bozzini.errors import BozziniError, FileFormatError, InputError
 from tests.continuum.robots import QUARTER, THIRD, antagonistic_robots, make_robot
 
@@ -74,7 +74,7 @@ def test_rest_lengths_are_those_of_line_taper_and_helix() -> None:
                 tendons=(
                     Tendon(name="line", offset=4.0, angle=1.0),
                     Tendon(name="taper", offset=((0.0, 6.0), (100.0, 2.0))),
-                    Tendon.helix("helix", 4.0, turns=1.0, end=100.0),
+                    Tendon(name="helix", offset=4.0, angle=Helix(turns=1.0), end=100.0),
                     Tendon(name="bent", offset=((0.0, 5.0), (60.0, 5.0), (100.0, 2.0))),
                 ),
             ),
@@ -114,7 +114,7 @@ def test_plain_data_round_trip(robot: ContinuumRobot) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("6 cm", "-6 cm", r"sections\[0\]: section length is -60 mm: it must lie in \(0, "),
+        ("6 cm", "-6 cm", r"sections\[0\]\.length is -60 mm: it must lie in \(0, "),
         ("6 cm", "6 kg", r"sections\[0\]\.length: '6 kg' has the wrong kind"),
         ("6 cm", "", r"sections\[0\]\.length is None"),
         ("6 cm", "true", r"sections\[0\]\.length is True"),
@@ -128,7 +128,7 @@ def test_plain_data_round_trip(robot: ContinuumRobot) -> None:
         ("1e-3 N m^2", "3 N", r"bending_stiffness: '3 N' has the wrong kind of unit"),
         ("sections:", "section:", "unknown field 'section'"),
         ("- {name: a1", "- {nam: a1", r"sections\[0\]\.tendons\[0\] has an unknown field 'nam'"),
-        ("name: two", "name: [two", "line 2: not YAML"),
+        ("name: two", "name: [two", "not YAML in line 2"),
         ("pushes: true", "pushes: 1", "pushes is 1"),
         ("[[0, 6 mm], [10 cm, 2 mm]]", "[0, 6 mm]", r"offset\[0\] is 0"),
         ("[-10 mm, null]", "[5, 1]", "travel"),

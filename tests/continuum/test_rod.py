@@ -248,7 +248,7 @@ def test_a_batch_is_its_commands_one_by_one() -> None:
         ({"tip_force": (1.0, 2.0)}, "tip_force has shape"),
         ({"distributed_force": (0.0, math.inf, 0.0)}, "distributed_force has 1 point"),
         ({"steps": 3}, "steps is 3"),
-        ({"tendon_stiffness": -1.0}, "tendon_stiffness is -1 N"),
+        ({"tendon_stiffness": -1.0}, "tendon stiffness is -1 N"),
     ],
 )
 def test_bad_options_are_named(options, words) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from bozzini.continuum import ArcModel, ContinuumRobot, RodModel, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Helix, RodModel, Section, Tendon
 from bozzini.continuum.energy import EnergyModel
 from bozzini.continuum.kernels.rod import expand_potential, find_curvature, measure_unloaded
 from tests.continuum.rods import cross_tendons, draw_command, draw_robot
@@ -162,7 +162,7 @@ def test_a_solver_that_fails_does_not_blame_a_tendon() -> None:
 @pytest.mark.parametrize("stiffness", [1e-9, 1e-3, 1e15])
 def test_the_shape_does_not_know_the_unit_of_stiffness(stiffness) -> None:
     tendons = (
-        Tendon.helix("h", 4.0, turns=0.5, end=60.0),
+        Tendon(name="h", offset=4.0, angle=Helix(turns=0.5), end=60.0),
         Tendon(name="t", offset=((0.0, 4.0), (60.0, 2.0)), angle=2.0),
     )
     one, other = (

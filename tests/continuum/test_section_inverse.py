@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bozzini.continuum import ContinuumRobot, Section
 from bozzini.continuum.arc import arc_frames
-from bozzini.continuum.section_inverse import LARGEST_RATIO, bend_for_ratio, solve_section
+from bozzini.continuum.inverse import LARGEST_RATIO, bend_for_ratio, solve_section
 from bozzini.errors import GeometryError, InputError
 from bozzini.thesis.section_arc import solve_direction, solve_extensible, solve_joints
 

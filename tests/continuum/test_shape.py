@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from bozzini.continuum import (
-    MODELS,
+    CONTINUUM_MODELS,
     ArcModel,
+    ContinuumModel,
     ContinuumRobot,
     LinkageModel,
     Section,
     Shape,
-    ShapeModel,
     Tendon,
 )
 from bozzini.errors import GeometryError, InputError
@@ -52,8 +52,8 @@ def test_tendons_run_at_their_offset_in_the_cross_sections_to_their_end(shape: S
 @pytest.mark.parametrize("name", ["arc", "linkage"])
 def test_models_answer_the_same_way(name: str) -> None:
     robot = make_robot(THIRD, THIRD)
-    model = MODELS[name](robot)
-    assert isinstance(model, ShapeModel)
+    model = CONTINUUM_MODELS[name](robot)
+    assert isinstance(model, ContinuumModel)
     assert model.name == name
     assert model.robot is robot
     shape = model.shape(PULLED)
@@ -90,37 +90,41 @@ def test_require_gives_the_first_reason() -> None:
         alone.require()
 
 
-@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("name", list(CONTINUUM_MODELS))
 def test_no_command_has_no_shape(name: str) -> None:
-    shape = MODELS[name](make_robot(THIRD, THIRD)).shape(np.zeros((0, 6)))
+    shape = CONTINUUM_MODELS[name](make_robot(THIRD, THIRD)).shape(np.zeros((0, 6)))
     assert shape.frames.shape[0] == 0
     assert shape.section_parameters.shape == (0, 2, 2)
     assert shape.converged.shape == shape.reason.shape == (0,)
-    assert MODELS[name](make_robot(THIRD)).shape(np.zeros((2, 0, 3))).tip.shape == (2, 0, 3)
+    assert CONTINUUM_MODELS[name](make_robot(THIRD)).shape(np.zeros((2, 0, 3))).tip.shape == (
+        2,
+        0,
+        3,
+    )
 
 
-@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("name", list(CONTINUUM_MODELS))
 def test_commands_are_kept_not_shared(name: str) -> None:
     commands = PULLED.copy()
-    shape = MODELS[name](make_robot(THIRD, THIRD)).shape(commands)
+    shape = CONTINUUM_MODELS[name](make_robot(THIRD, THIRD)).shape(commands)
     commands[:] = 7.0
     assert np.array_equal(shape.displacements, PULLED)
 
 
-@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("name", list(CONTINUUM_MODELS))
 @pytest.mark.parametrize("robot", [None, 3, make_robot(THIRD).sections[0]])
 def test_what_is_no_robot_is_refused(name: str, robot: Any) -> None:
     with pytest.raises(InputError, match="must be a ContinuumRobot"):
-        MODELS[name](robot)
+        CONTINUUM_MODELS[name](robot)
 
 
-@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("name", list(CONTINUUM_MODELS))
 def test_tolerance_is_above_zero(name: str) -> None:
     with pytest.raises(InputError, match=r"tolerance is 0 mm: it must lie in \(0, 1\] mm"):
-        MODELS[name](make_robot(THIRD), tolerance=0.0)
+        CONTINUUM_MODELS[name](make_robot(THIRD), tolerance=0.0)
 
 
-@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("name", list(CONTINUUM_MODELS))
 def test_every_model_keeps_the_limits(name: str) -> None:
     def told(shape: Shape, words: str) -> bool:
         return bool(shape.converged[0]) and words in shape.reason[1]
@@ -133,7 +137,7 @@ def test_every_model_keeps_the_limits(name: str) -> None:
         ({"radius": 90.0}, "its discs, of radius 90 mm, meet at 63.66 deg"),
     ):
         section = Section(**{"length": 100.0, "radius": 6.0, "tendons": tendons, **fields})
-        shape = MODELS[name](ContinuumRobot((section,))).shape(
+        shape = CONTINUUM_MODELS[name](ContinuumRobot((section,))).shape(
             [[2.0, 0.0, -2.0, 0.0], [5.5, 0.0, -5.5, 0.0]]
         )
         assert told(shape, words)
@@ -146,6 +150,6 @@ def test_discs_meet_where_an_uneven_bend_is_tightest(name: str) -> None:
     tendon = Tendon(name="t", offset=((0.0, 6.0), (100.0, 1.0)))
     for radius, converged in ((20.0, True), (45.0, False)):
         robot = ContinuumRobot((Section(length=100.0, radius=radius, tendons=(tendon,)),))
-        shape = MODELS[name](robot).shape([6.0])
+        shape = CONTINUUM_MODELS[name](robot).shape([6.0])
         assert bool(shape.converged) == converged, shape.reason
     assert "mm where it is tightest: its discs, of radius 45 mm, meet" in str(shape.reason)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.continuum import Tendon
+from bozzini.continuum import Helix, Tendon
 from bozzini.errors import InputError
 
 KNOTS = ((0.0, 3.0), (30.0, 5.0), (70.0, 2.0), (100.0, 2.5))
@@ -55,7 +55,7 @@ def test_slope_at_a_corner_is_that_of_the_distal_side() -> None:
 
 @given(turns=st.floats(-3.0, 3.0), angle=st.floats(-3.0, 3.0))
 def test_helix_has_its_pitch_everywhere(turns: float, angle: float) -> None:
-    tendon = Tendon.helix("h", 4.0, turns=turns, end=80.0, angle=angle)
+    tendon = Tendon(name="h", offset=4.0, angle=Helix(turns=turns, start=angle), end=80.0)
     speed = np.linalg.norm(tendon.path_slope(np.linspace(0.0, 80.0, 9)), axis=-1)
     assert np.allclose(speed, 4.0 * 2.0 * math.pi * abs(turns) / 80.0)
     assert np.allclose(tendon.angle_at([0.0, 80.0]), [angle, angle + 2.0 * math.pi * turns])
@@ -64,7 +64,7 @@ def test_helix_has_its_pitch_everywhere(turns: float, angle: float) -> None:
 def test_knots_of_one_value_are_parallel() -> None:
     assert Tendon(name="a", offset=((0.0, 4.0), (9.0, 4.0))).is_parallel
     assert not Tendon(name="a", offset=((0.0, 4.0), (9.0, 3.0))).is_parallel
-    assert not Tendon.helix("h", 4.0, turns=0.1, end=9.0).is_parallel
+    assert not Tendon(name="h", offset=4.0, angle=Helix(turns=0.1), end=9.0).is_parallel
 
 
 def test_arc_length_outside_the_tendon_is_refused() -> None:
@@ -111,8 +111,8 @@ def test_bad_field_is_refused_in_one_line(fields: dict[str, Any], words: str) ->
 
 
 def test_a_helix_checks_its_angle() -> None:
-    with pytest.raises(InputError, match="'h' angle is 'x'"):
-        Tendon.helix("h", 4.0, turns=1.0, end=60.0, angle="x")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="helix start is 'x'"):
+        Tendon(name="h", offset=4.0, angle=Helix(turns=1.0, start="x"), end=60.0)  # type: ignore[arg-type]
 
 
 def test_a_drive_without_limits_is_free_both_ways() -> None:

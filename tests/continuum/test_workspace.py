@@ -9,16 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.continuum import ContinuumRobot, Section, Tendon
+from bozzini.continuum import ContinuumRobot, Helix, Section, Tendon
 from bozzini.continuum.arc import arc_frames, displacements_for, jacobian
-from bozzini.continuum.dexterity import (
+from bozzini.continuum.inverse import solve_tip
+from bozzini.continuum.workspace import (
     manipulability,
     map_dexterity,
     measure_dexterity,
+    measure_volume,
+    sample_workspace,
     spread_directions,
+    tendon_travel,
 )
-from bozzini.continuum.inverse import solve_tip
-from bozzini.continuum.workspace import measure_volume, sample_workspace, tendon_travel
 from bozzini.errors import GeometryError, InputError
 
 
@@ -346,7 +348,7 @@ def test_wrong_inputs_get_one_line(call: object, words: str) -> None:
 
 
 def test_robots_without_arcs_are_refused_without_advice_that_does_not_help() -> None:
-    helix = Tendon.helix("h", 2.0, turns=0.5, end=30.0)
+    helix = Tendon(name="h", offset=2.0, angle=Helix(turns=0.5), end=30.0)
     robot = ContinuumRobot((Section(length=30.0, radius=2.5, tendons=(helix,)),))
     for call in (
         lambda: sample_workspace(robot, 5),

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from bozzini.anatomy import LabelTract
-from bozzini.duct import build as walls
 from bozzini.duct import build_field, field_from_mask, field_from_mesh
-from bozzini.duct.build import MAX_NODES, _divide
+from bozzini.duct import field as walls
+from bozzini.duct.field import MAX_NODES, _divide
 from bozzini.errors import GeometryError, InputError
 from tests.exact import MeshWall
 
@@ -379,16 +379,3 @@ def test_progress_is_shown_and_ends():
         mesh.vertices, mesh.faces, voxel=1.0, progress=lambda stage, part: seen.append(part)
     )
     assert len(seen) >= 10 and seen == sorted(seen) and seen[-1] == 1.0
-
-
-def test_bad_values_are_refused_with_the_range():
-    mask = np.ones((4, 4, 4), dtype=bool)
-    with pytest.raises(GeometryError, match="empty"):
-        field_from_mask(np.zeros((3, 3, 3)), np.eye(4))
-    with pytest.raises(GeometryError, match=f"limit is {MAX_NODES:,}, give at least"):
-        field_from_mask(mask, np.eye(4), voxel=0.01)
-    mesh = icosphere()
-    with pytest.raises(GeometryError, match="smaller --voxel"):
-        field_from_mask(mask[:1, :1, :1], np.diag([0.1, 0.1, 0.1, 1.0]), voxel=5.0)
-    with pytest.raises(InputError, match="inflation is -1 mm"):
-        field_from_mesh(mesh.vertices, mesh.faces, voxel=1.0).inflate(-1.0)

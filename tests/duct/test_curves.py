@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from bozzini.duct import BetweenCurves, Circles, Duct, Polygon, without
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import InputError
 
 SPAN = (0.0, 2.0 * np.pi)
 
@@ -157,45 +157,6 @@ def test_it_is_a_planar_duct():
     assert duct.inflate(0.2).signed_distance([3.0, 1.0]) == pytest.approx(
         duct.signed_distance([3.0, 1.0]) - 0.2
     )
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "options", "error", "message"),
-    [
-        (lower, upper, {}, InputError, "span is missing"),
-        (lower, upper, {"span": (1.0, 1.0)}, InputError, r"span\[1\] is 1"),
-        (lower, upper, {"span": SPAN, "tolerance": 0.0}, InputError, "tolerance is 0 mm"),
-        (lower, upper, {"span": SPAN, "tolerance": 1e-12}, InputError, "would need .* chords"),
-        (lower, [(0, 0), (1, 1)], {"span": SPAN}, InputError, "both be functions, or both samples"),
-        (lower, lambda u: u, {"span": SPAN}, InputError, r"second\(u\) has shape"),
-        (lower, lambda u: lower(u) / 0.0, {"span": SPAN}, InputError, r"second\(u\) .* not finite"),
-        (
-            lower,
-            lambda u: np.stack([u, 0.0 * u], axis=1),
-            {"span": (1.0, 4.0)},
-            GeometryError,
-            "the curves meet|rulings cross",
-        ),
-        (
-            [(0, 0), (1, 0), (2, 0)],
-            [(0, 1), (1, 1)],
-            {},
-            InputError,
-            r"second has 2 point\(s\)",
-        ),
-        (
-            [(0, 0), (1, 0), (2, 0)],
-            [(0, 1), (3, 1), (2, 1)],
-            {"span": (0.0, 20.0)},
-            GeometryError,
-            "rulings cross between u = 10 and 20",
-        ),
-        ([(0, 0), (1, 0)], [(0, 0), (1, 1)], {}, GeometryError, r"meet at u = 0, at \(0, 0\) mm"),
-    ],
-)
-def test_what_is_no_region_is_refused(first, second, options, error, message):
-    with np.errstate(divide="ignore", invalid="ignore"), pytest.raises(error, match=message):
-        BetweenCurves(first, second, **options)
 
 
 def test_among_shapes_the_error_is_taken_off():

@@ -290,38 +290,6 @@ def test_inflation_moves_the_wall_by_no_more_than_its_amount():
     assert change.max() <= 0.4
 
 
-UP = [(0, 0, 1)] * 3
-
-
-@pytest.mark.parametrize(
-    ("centres", "normals", "radii", "error", "message"),
-    [
-        ([(0, 0, 0)], [(0, 0, 1)], [1.0], InputError, r"centres has shape \(1, 3\)"),
-        ([(0, 0, 0), (0, 0, 4), (0, 0, 8)], UP, [1, 0, 1], InputError, r"radii\[1\] is 0 mm"),
-        ([(0, 0, 0), (0, 0, 4)], [(0, 0, 1), (0, 0, 0)], [1, 1], InputError, r"normals\[1\] is z"),
-        ([(0, 0, 0), (0, 0, 4)], UP, [1, 1], InputError, r"normals has 3 value\(s\)"),
-        ([(0, 0, 0), (0, 0, 0)], UP[:2], [1, 1], GeometryError, "circles 0 and 1 have the same"),
-        (
-            [(0, 0, 0), (0, 0, 4), (0, 0, 1)],
-            UP,
-            [1, 1, 1],
-            GeometryError,
-            "circle 1 does not lie across the duct: its normal is 0 deg and 180 deg off",
-        ),
-        (
-            [(0, 0, 0), (2, 0, 1)],
-            [(0, 0, 1), (1, 0, 0.2)],
-            [3.0, 3.0],
-            GeometryError,
-            r"circles 0 and 1 overlap: the spacing 2\.24 mm is too short for a bend of 78\.7 deg",
-        ),
-    ],
-)
-def test_an_illegal_chain_is_refused(centres, normals, radii, error, message):
-    with pytest.raises(error, match=message):
-        ConnectedCylinders(centres, normals, radii)
-
-
 def test_it_is_a_duct():
     _, duct = draw(1)
     assert isinstance(duct, Duct)

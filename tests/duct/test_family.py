@@ -19,8 +19,8 @@ from bozzini.duct import (
     union,
     without,
 )
-from bozzini.duct.kernels import family as kernels
-from bozzini.duct.shapes.common import collect_shapes, find_least
+from bozzini.duct.kernels import shapes as kernels
+from bozzini.duct.search import find_least
 
 SEEDS = st.integers(0, 10**6)
 
@@ -138,7 +138,7 @@ def test_inflation_never_says_there_is_room_beyond_it(seed, amount):
 
 
 def test_shapes_of_other_ducts_are_not_made_up():
-    assert collect_shapes(RoundCones([(0, 0, 0)], [1.0]).sample(0.5)) is None
+    assert RoundCones([(0, 0, 0)], [1.0]).sample(0.5).family_shapes is None
 
 
 @given(seed=SEEDS)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from bozzini.duct import Duct, SampledField
-from bozzini.errors import InputError
+from bozzini.duct import Duct
 from tests.shapes import ball_distance, sample_field
 
 
@@ -67,31 +66,3 @@ def test_bounds_hold_the_lumen_and_it_is_a_duct(ball):
     assert isinstance(ball, Duct)
     assert np.all(ball.bounds[0] <= -6.0) and np.all(ball.bounds[1] >= 6.0)
     assert 0.866 < ball.error < 0.867
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"values": np.zeros((1, 4, 4), np.float32)}, r"shape \(1, 4, 4\)"),
-        ({"values": np.full((4, 4, 4), np.nan, np.float32)}, "not all finite"),
-        ({"spacing": np.array([1.0, 0.0, 1.0])}, "three lengths in"),
-        ({"rotation": 2.0 * np.eye(3)}, "orthonormal"),
-        ({"inflation": -1.0}, "inflation is -1 mm"),
-    ],
-)
-def test_an_illegal_field_is_refused(change, message):
-    legal = {
-        "values": np.zeros((4, 4, 4), np.float32),
-        "spacing": np.ones(3),
-        "origin": np.zeros(3),
-        "rotation": np.eye(3),
-    }
-    with pytest.raises(InputError, match=message):
-        SampledField(**{**legal, **change})
-
-
-def test_points_must_be_finite_and_three_dimensional(ball):
-    with pytest.raises(InputError, match="not finite"):
-        ball.signed_distance([0.0, np.nan, 0.0])
-    with pytest.raises(InputError, match=r"shape \(2,\)"):
-        ball.signed_distance([0.0, 0.0])

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.duct import Centreline, RoundCones
-from bozzini.duct.chain_line import widen_line
+from bozzini.duct.centreline import widen_line
 from tests.shapes import bend_curve
 
 BEND = bend_curve(30.0, 2.0, 15.0)

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from bozzini.duct.search import find_split, link_gauges
 from bozzini.duct.shapes import super_ellipses as super_ellipsoid
-from bozzini.duct.shapes.common import find_split, link_gauges
 from bozzini.duct.shapes.super_ellipses import (
     SuperEllipses,
     SuperEllipsoids,

@@ -135,24 +135,6 @@ def test_kernels_see_the_same_and_ignore_height():
     assert bound == pytest.approx(-duct.signed_distance(points), abs=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("vertices", "error", "message"),
-    [
-        ([(0, 0), (10, 10), (10, 0), (0, 10)], GeometryError, "edges 0 and 2 .* cross or touch"),
-        ([(0, 0), (10, 0), (10, 5), (5, 0), (0, 5)], GeometryError, "edges 0 and 2"),
-        ([(0, 0), (10, 0), (5, 0), (5, 5)], GeometryError, "edges 0 and 1 .* fold back"),
-        ([(0, 0), (10, 0), (10, 0), (0, 10)], GeometryError, r"edge 1 .* no length.*\(10, 0\)"),
-        ([(0, 0), (10, 0), (20, 0)], GeometryError, "fold back"),
-        ([(0, 0), (1, 0)], InputError, r"vertices has shape \(2, 2\): .* at least 3"),
-        ([(0, 0, 0)] * 4, InputError, r"vertices has shape \(4, 3\): it must be \(n, 2\)"),
-        ([(0, 0), (np.inf, 0), (0, 1)], InputError, r"vertices\[1\] is .* must be finite"),
-    ],
-)
-def test_what_is_not_a_simple_polygon_is_refused(vertices, error, message):
-    with pytest.raises(error, match=message):
-        Polygon(vertices)
-
-
 @given(seed=st.integers(0, 10**6))
 def test_two_vertices_swapped_are_found_out(seed):
     # In a convex polygon swapping two neighbours makes exactly the edges around them cross.

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from bozzini.duct.base import Duct
 from bozzini.duct.shapes.polyhedron import ConvexPolyhedra
-from bozzini.errors import GeometryError, InputError
 
 
 def draw(seed, count=None):
@@ -107,39 +106,6 @@ def test_planes_and_points_make_the_same():
     assert hull.signed_distance(points) == pytest.approx(planes.signed_distance(points), abs=1e-12)
     # Each face of the box is two triangles of the hull, and one plane here.
     assert len(hull.pieces[0]) == 6
-
-
-@pytest.mark.parametrize(
-    ("pieces", "error", "message"),
-    [
-        ([], InputError, "pieces is empty"),
-        (box((0, 0, 0), (1, 1, 1)), InputError, "pieces is one array of 6 rows"),
-        ([np.zeros((4, 3))], InputError, r"pieces\[0\] has shape \(4, 3\)"),
-        (
-            [np.r_[box((0, 0, 0), (1, 1, 1)), [[0, 0, 0, 1]]]],
-            InputError,
-            r"normal of pieces\[0\]\[6\] is zero",
-        ),
-        ([box((0, 0, 0), (1, 1, 1))[:5]], GeometryError, "piece 0 has no end: its 5 planes do not"),
-        ([box((0, 0, 0), (1, 1, 1))[[0, 1, 3, 4]]], GeometryError, "piece 0 has no end"),
-        ([box((1, 0, 0), (0, 1, 1))], GeometryError, "piece 0 is empty or flat"),
-        ([box((0, 0, 0), (1, 1, 0))], GeometryError, "piece 0 is empty or flat"),
-        (
-            [box((0, 0, 0), (1, 1, 1)), box((1, 0, 0), (2, 1, 1))],
-            GeometryError,
-            "falls apart: piece 0 and piece 1 come nearest, and do not overlap",
-        ),
-    ],
-)
-def test_what_is_no_polyhedron_is_refused(pieces, error, message):
-    with pytest.raises(error, match=message):
-        ConvexPolyhedra(pieces)
-
-
-def test_flat_points_have_no_hull():
-    flat = np.c_[np.random.default_rng(0).normal(size=(9, 2)), np.zeros(9)]
-    with pytest.raises(GeometryError, match=r"groups\[0\] has no hull: its 9 points lie in a"):
-        ConvexPolyhedra.from_points([flat])
 
 
 def test_it_is_a_duct():

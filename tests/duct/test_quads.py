@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bozzini.duct import Duct, Polygon, StitchedQuads
 from bozzini.duct.shapes.quads import invert_quads
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import GeometryError
 
 SEEDS = st.integers(0, 10**6)
 
@@ -157,21 +157,6 @@ def test_eroded_and_inflated_move_the_wall_by_the_amount(seed, amount):
     assert duct.inflate(amount).kind == "bound"
 
 
-@pytest.mark.parametrize(
-    ("quad", "along", "message"),
-    [
-        (5, 0.5, r"quad is 5: it must be a whole number in \[0, 0\]"),
-        (-1, 0.5, r"quad is -1: it must be a whole number in \[0, 0\]"),
-        (0.5, 0.5, r"quad is 0\.5: it must be a whole number"),
-        (0, np.nan, "along has values that are not finite"),
-    ],
-)
-def test_places_in_no_quad_are_refused(quad, along, message):
-    duct = StitchedQuads([(0, 0), (1, 0)], [(0, 1), (1, 1)])
-    with pytest.raises(InputError, match=message):
-        duct.locate(quad, along, 0.5)
-
-
 def test_it_is_a_planar_duct_and_the_same_as_its_outline():
     random, duct = random_strip(5)
     assert isinstance(duct, Duct)
@@ -180,27 +165,6 @@ def test_it_is_a_planar_duct_and_the_same_as_its_outline():
     points = scatter(random, duct, 100)
     assert np.array_equal(duct.signed_distance(points), outline.signed_distance(points))
     assert np.array_equal(duct.gradient(points), outline.gradient(points))
-
-
-@pytest.mark.parametrize(
-    ("left", "right", "error", "message"),
-    [
-        ([(0, 1), (4, 1), (8, -1)], [(0, -1), (4, -1), (8, 1)], GeometryError, "quad 1 crosses"),
-        (
-            [(0, 1), (4, 1), (8, 1)],
-            [(0, -1), (4, -1), (4.5, 0.8)],
-            GeometryError,
-            r"quad 1 is not convex at corner right\[2\] \(4\.5, 0\.8\) mm",
-        ),
-        ([(0, 1), (4, 1), (2, 1)], [(0, -1), (4, -1), (2, -1)], GeometryError, "quad 1 is turned"),
-        ([(0, 1), (0, 1)], [(0, -1), (4, -1)], GeometryError, "quad 0 is not convex"),
-        ([(0, 1), (4, 1)], [(0, -1)], InputError, r"right has shape \(1, 2\)"),
-        ([(0, 1), (4, 1)], [(0, -1), (2, -1), (4, -1)], InputError, r"right has 3 point\(s\)"),
-    ],
-)
-def test_what_is_no_strip_of_convex_quads_is_refused(left, right, error, message):
-    with pytest.raises(error, match=message):
-        StitchedQuads(left, right)
 
 
 def test_a_duct_that_runs_into_itself_is_refused_with_the_quads():

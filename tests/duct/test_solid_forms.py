@@ -8,7 +8,6 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from bozzini.duct import ConnectedCylinders, ConvexPolyhedra
-from bozzini.errors import InputError
 from bozzini.thesis.solids import (
     PrintedCircle,
     centroid_form,
@@ -114,17 +113,3 @@ def test_the_printed_centroid_form_pushes_outwards():
     outside = np.linspace(1.1, 4.0, 20)[:, None] * np.array([1.0, 0.0, 0.0])
     assert np.all(np.diff(centroid_form(outside, cloud)) < 0.0)
     assert np.all(np.diff(ball.signed_distance(outside)) > 0.0)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: super_ellipsoid_form([(0, 0, 0)], (1, 1, 1), e=0.0, n=1.0), r"e is 0: it must"),
-        (lambda: super_ellipsoid_form([(0, 0, 0)], (1, 0, 1), e=1.0, n=1.0), "half axes are"),
-        (lambda: PrintedCircle((0, 0, 0), 0.0, 0.0, 0.0), r"radius is 0 mm: it must lie in"),
-        (lambda: half_space_form([(0, 0, 0)], np.eye(3)), r"triangles has shape \(3, 3\)"),
-    ],
-)
-def test_illegal_numbers_are_refused(call, message):
-    with pytest.raises(InputError, match=message):
-        call()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from bozzini.duct import Circles, Duct, SuperEllipses
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import GeometryError
 
 SEEDS = st.integers(0, 10**6)
 
@@ -212,7 +212,7 @@ def test_shapes_pulled_apart_are_found_out(seed):
     SuperEllipses(centres, half_axes, **options)
     k = int(random.integers(1, count))
     centres[k:] += 200.0
-    with pytest.raises(GeometryError, match="the union falls apart"):
+    with pytest.raises(GeometryError, match="the union is not connected"):
         SuperEllipses(centres, half_axes, **options)
     SuperEllipses(centres, half_axes, connected=False, **options)
 
@@ -228,40 +228,6 @@ def test_it_is_a_planar_duct():
     assert isinstance(duct, Duct)
     assert (duct.kind, duct.error, duct.bounds.shape) == ("bound", 0.0, (2, 2))
     assert replace(duct, wall="colon").wall == "colon"
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"half_axes": [(1.0, 1.0), (1.0, 0.0)]}, r"half axes\[1\] is \[1.0, 0.0\] mm: each must"),
-        ({"half_axes": [(1.0, 1.0)]}, r"half axes has 1 value\(s\): .* one per centre, 2"),
-        (
-            {"powers": [2.0, 0.7]},
-            r"powers\[1\] is 0.7: .* \[1, 20\], the shape would not be convex",
-        ),
-        ({"powers": [30.0, 2.0]}, r"powers\[0\] is 30: it must lie in \[1, 20\]"),
-        ({"angles": [0.0, np.nan]}, r"angles\[1\] is nan: it must be finite"),
-        ({"inflation": -1.0}, r"inflation is -1 mm"),
-    ],
-)
-def test_wrong_shapes_are_refused(change, message):
-    good = {
-        "centres": [(0.0, 0.0), (1.0, 0.0)],
-        "half_axes": [(1.0, 1.0)] * 2,
-        "powers": [2.0, 2.0],
-        "angles": [0.0, 0.0],
-    }
-    with pytest.raises(InputError, match=message):
-        SuperEllipses(**{**good, **change})
-
-
-@pytest.mark.parametrize(
-    ("radii", "message"),
-    [([1.0, 0.0], r"radii\[1\] is 0 mm: it must lie in \[1e-06"), ([1.0], r"radii has 1 value")],
-)
-def test_wrong_circles_are_refused(radii, message):
-    with pytest.raises(InputError, match=message):
-        Circles([(0.0, 0.0), (5.0, 0.0)], radii)
 
 
 @given(seed=SEEDS)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bozzini.duct.base import Duct
 from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import GeometryError
 from bozzini.thesis.solids import super_ellipsoid_form
 
 EXPONENTS = (0.1, 0.25, 1.0, 1.5, 2.0)
@@ -194,7 +194,7 @@ def test_shapes_that_meet_beside_the_line_of_their_centres_hang_together():
     rods = {"e1": [1.0, 1.0], "e2": [1.0, 1.0], "rotations": turn}
     duct = SuperEllipsoids(centres, [(10.0, 1.0, 1.0)] * 2, **rods)
     assert float(duct.signed_distance([0.0, 0.0, 0.0])) < 0.0
-    with pytest.raises(GeometryError, match="falls apart: shape 0 and shape 1 come nearest"):
+    with pytest.raises(GeometryError, match="is not connected: shape 0 and shape 1 come nearest"):
         SuperEllipsoids(centres * 1.2, [(10.0, 1.0, 1.0)] * 2, **rods)
 
 
@@ -208,34 +208,6 @@ def test_a_union_that_falls_apart_names_the_shapes():
     SuperEllipsoids(
         centres[[0, 2, 1, 3]], np.full((4, 3), 2.0), **{k: v[:4] for k, v in same.items()}
     )
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"half_axes": [(1, 1, 1), (2, 0, 2)]}, r"half axes\[1\] is \[2.0, 0.0, 2.0\] mm"),
-        ({"e1": [1.0, 2.5]}, r"e1\[1\] is 2\.5: it must lie in \[0\.1, 2\], the shape would not"),
-        ({"e2": [0.05, 1.0]}, r"e2\[0\] is 0\.05: it must lie in \[0\.1, 2\]$"),
-        ({"e1": [1.0]}, r"e1 has 1 value\(s\): it must have one per centre, 2"),
-        ({"rotations": [np.eye(3), 2.0 * np.eye(3)]}, r"rotations\[1\] is no rotation"),
-        (
-            {"rotations": [np.diag([1, 1, -1]), np.eye(3)]},
-            r"rotations\[0\] is a reflection, .* is -1",
-        ),
-        ({"centres": [(0, 0, 0), (np.inf, 0, 0)]}, r"centres\[1\] is .*: it must be finite"),
-        ({"inflation": -1.0}, r"inflation is -1 mm: it must lie in \[0, 1e\+06\] mm"),
-    ],
-)
-def test_illegal_shapes_are_refused(change, message):
-    legal = {
-        "centres": [(0, 0, 0), (1, 0, 0)],
-        "half_axes": [(1, 1, 1), (2, 2, 2)],
-        "e1": [1.0, 1.0],
-        "e2": [1.0, 1.0],
-        "rotations": [np.eye(3), np.eye(3)],
-    }
-    with pytest.raises(InputError, match=message):
-        SuperEllipsoids(**{**legal, **change})
 
 
 def test_it_is_a_duct():

@@ -229,10 +229,3 @@ def test_chi_is_one_inside_and_drops_at_once():
 def test_the_example_of_5_27_is_solved_in_closed_form(x, v):
     y = np.sin(x) * (1.0 - v) + (np.sin(x + np.pi / 8.0) + 1.0) * v
     assert forms.curves_5_27((x, y)) == pytest.approx([x, v], abs=1e-9)
-
-
-def test_wrong_shapes_are_refused():
-    with pytest.raises(InputError, match=r"left has shape \(1, 2\)"):
-        forms.quads_5_25((0.0, 0.0), [(0.0, 0.0)], [(1.0, 0.0)])
-    with pytest.raises(InputError, match="power is 0"):
-        forms.super_ellipse_5_16((0.0, 0.0), (0.0, 0.0), (1.0, 1.0), 0.0)

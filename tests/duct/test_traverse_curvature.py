@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.duct import Polygon, RoundCones
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import GeometryError
 from bozzini.thesis import traverse_curvature as tc
 
 
@@ -168,31 +168,3 @@ def test_meshes() -> None:
     around = cosine / (10.0 + 3.0 * cosine)
     expected = np.sort(np.stack([np.full_like(around, 1 / 3), around], axis=1), axis=1)
     np.testing.assert_allclose(tc.measure_mesh(torus.vertices, torus.faces), expected, atol=0.025)
-
-
-def test_bad_input() -> None:
-    with pytest.raises(InputError, match=r"radius is 0 mm: it must lie in \[1e-06, 1e\+06\] mm"):
-        tc.relative_curvature(0.1, 0.0)
-    with pytest.raises(InputError, match="not all finite"):
-        tc.relative_curvature([math.nan], 1.0)
-    with pytest.raises(InputError, match="side is 'up'"):
-        tc.measure_curve([1, 0], [0, 1], side="up")
-    with pytest.raises(InputError, match="must not stand still"):
-        tc.measure_curve([0, 0], [0, 1])
-    with pytest.raises(InputError, match="curvatures is empty"):
-        tc.is_traversable([], 1.0)
-    with pytest.raises(InputError, match="curvatures is empty"):
-        tc.find_rolling_radius([])
-    with pytest.raises(InputError, match=r"do not go together: first \(3, 2\), second \(4, 2\)"):
-        tc.measure_curve(np.ones((3, 2)), np.ones((4, 2)))
-    with pytest.raises(InputError, match=r"do not go together: first \(3,\), second \(2,\)"):
-        tc.printed_curve(np.ones(3), np.ones(2), 1.0)
-    e = np.eye(3)
-    with pytest.raises(InputError, match=r"do not go together: .*first_v \(2, 3\)"):
-        tc.measure_surface(np.ones((3, 3)), np.ones((2, 3)), e[2], e[2], e[2], toward=e[2])
-    with pytest.raises(InputError, match="parallel"):
-        tc.measure_surface(e[0], 2 * e[0], e[2], e[2], e[2], toward=e[2])
-    with pytest.raises(InputError, match="lies in the surface"):
-        tc.measure_surface(e[0], e[1], e[2], e[2], e[2], toward=e[0])
-    with pytest.raises(InputError, match=r"faces name vertices outside \[0, 2\]"):
-        tc.measure_mesh(e, [[0, 1, 3]])

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bozzini.motion import plan_insertion
 from bozzini.motion.recheck import Tube, recheck_motion, voxel_wall
 from tests.exact import sample_body
+from tests.motion.plans import describe_anew, insert
 from tests.motion.planted import plant
 
 VARIANTS = (
@@ -37,17 +37,13 @@ class Planted:
 
     def plan(self, *, thin=1.0, **options):
         scope = replace(self.scope, diameter=thin * self.scope.diameter)
-        return plan_insertion(self.field, self.line, scope=scope, **options)
+        return insert(self.field, self.line, scope=scope, **options)
 
 
 def read_tube(plan):
     """The introducer as the second checker takes it."""
-    stated = plan.meta["introducer"]
-    return Tube(
-        entry=np.array(stated["entry_mm"]),
-        outward=np.array(stated["outward"]),
-        bore=stated["bore_mm"],
-    )
+    stated = plan.introducer
+    return Tube(entry=stated.entry, outward=stated.outward, bore=stated.bore)
 
 
 def recheck(plan, wall, **options):
@@ -55,9 +51,9 @@ def recheck(plan, wall, **options):
     return recheck_motion(
         plan.joints,
         wall,
-        radius=0.5 * plan.meta["scope"]["diameter_mm"],
+        radius=0.5 * plan.scope.diameter,
         tube=read_tube(plan),
-        inflation=plan.meta["field"]["inflation_mm"],
+        inflation=plan.field.inflation,
         **options,
     )
 
@@ -65,9 +61,9 @@ def recheck(plan, wall, **options):
 def sample_clearance(plan, wall, count, random):
     """Exact clearances of random body points that are not in the introducer."""
     points, *_ = sample_body(plan.joints, count, random)
-    radius, tube = 0.5 * plan.meta["scope"]["diameter_mm"], read_tube(plan)
+    radius, tube = 0.5 * plan.scope.diameter, read_tube(plan)
     points = points[~tube.holds(points, radius)]
-    return wall.measure_clearance(points) + plan.meta["field"]["inflation_mm"] - radius
+    return wall.measure_clearance(points) + plan.field.inflation - radius
 
 
 def find_wrong(plan, wall):
@@ -184,9 +180,8 @@ def damage(plan, random):
         array.flat[int(random.integers(array.size))] = bad if array is not clearance else np.nan
     elif kind == "plane":
         joints = joints[..., :2]
-    return kind, replace(
-        plan, joints=joints, head_arc_length=heads, clearance=clearance, meta=meta, **changes
-    )
+    changes |= {"joints": joints, "head_arc_length": heads, "clearance": clearance}
+    return kind, replace(describe_anew(plan, meta), **changes)
 
 
 KINDS = (

@@ -10,9 +10,10 @@ import pytest
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import build_field, field_from_mask, find_centreline
-from bozzini.motion import Scope, find_largest, plan_insertion
+from bozzini.motion import Scope, find_largest
 from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import voxelise
+from tests.motion.plans import insert
 from tests.motion.planted import random_curve
 from tests.shapes import bend_curve
 
@@ -31,7 +32,7 @@ class Lumen:
     def plan(self, *, diameter, link, inflation=0.0, **options):
         field, line = (self.field, self.line) if inflation == 0.0 else self.make(inflation)
         scope = Scope(diameter=diameter, link_length=link)
-        return plan_insertion(field, line, scope=scope, head_step=1.0, **options)
+        return insert(field, line, scope=scope, head_step=1.0, **options)
 
 
 def make_tube(curve, radius, ends=None):
@@ -75,7 +76,7 @@ def check_advice(lumen, *, diameter, link, **options):
     plan = lumen.plan(diameter=diameter, link=link, **options)
     if plan.status == "complete":
         return None
-    refusal = plan.meta["refusal"]
+    refusal = plan.refusal
     held = {"refusal": 1, "code": plan.reason_code}
     assert plan.reason.count(". ") <= 1, plan.reason
     # What is re-run is what is printed.
@@ -84,15 +85,15 @@ def check_advice(lumen, *, diameter, link, **options):
         "link": re.search(r"links of (\d+\.\d\d) mm(?: or|$)", plan.reason.partition(". ")[2]),
         "inflation": re.search(r"inflated by (\d+\.\d) mm", plan.reason),
     }
-    keys = {"diameter": "diameter_max_mm", "link": "link_max_mm", "inflation": "inflate_mm"}
+    keys = {"diameter": "diameter_max", "link": "link_max", "inflation": "inflate"}
     for name, found in printed.items():
-        assert (found is None) == (refusal[keys[name]] is None)
+        assert (found is None) == (getattr(refusal, keys[name]) is None)
         if found is None:
             continue
         changed = {"diameter": diameter, "link": link, **options, name: float(found[1])}
         again = lumen.plan(**changed)
         assert again.status == "complete", (name, found[1], plan.reason, again.reason)
-        assert again.meta["certified"]
+        assert again.certified
         held[name] = 1
     return held
 
@@ -132,13 +133,13 @@ def test_no_inflation_is_advised_beyond_what_the_field_knows():
 
     lumen = make_straight("waist")
     scope = Scope(diameter=8.0, link_length=9.0)
-    advised = plan_insertion(lumen.field, lumen.line, scope=scope).meta["refusal"]["inflate_mm"]
+    advised = insert(lumen.field, lumen.line, scope=scope).refusal.inflate
     for reach in (0.0, advised - 0.15):
         field = replace(lumen.field, reach=reach)
-        plan = plan_insertion(field, lumen.line, scope=scope)
-        assert plan.meta["refusal"]["inflate_mm"] is None
+        plan = insert(field, lumen.line, scope=scope)
+        assert plan.refusal.inflate is None
     field = replace(lumen.field, exact_outside=False)
-    assert plan_insertion(field, lumen.line, scope=scope).meta["refusal"]["inflate_mm"] is None
+    assert insert(field, lumen.line, scope=scope).refusal.inflate is None
 
 
 def list_scopes(seed):

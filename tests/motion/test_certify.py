@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from bozzini.duct import field_from_mask
 from bozzini.duct.centreline import Centreline
 from bozzini.errors import InputError
-from bozzini.motion import Introducer, Plan, Scope, plan_insertion
-from bozzini.motion.certify import certify_motion, certify_plan
+from bozzini.motion import FreeSpace, Plan, Scope, certify_motion, certify_plan
 from tests.exact import VoxelWall, body_points, outside_introducer, sample_body, voxelise
+from tests.motion.plans import insert
 from tests.shapes import bend_curve
 
 DIAMETER, LINK = 4.0, 9.0
@@ -33,10 +33,10 @@ class Case:
         self.scope = Scope(diameter=DIAMETER, link_length=LINK)
 
     def plan(self, **options):
-        return plan_insertion(self.field, self.line, scope=self.scope, **options)
+        return insert(self.field, self.line, scope=self.scope, **options)
 
     def exact(self, plan, points):
-        introducer = Introducer.from_description(plan.meta["introducer"])
+        introducer = plan.introducer
         counts = outside_introducer(points, introducer, RADIUS)
         clearance = np.full(len(points), np.inf)
         clearance[counts] = self.wall.clearance(points[counts]) - RADIUS
@@ -80,8 +80,8 @@ def test_certified_says_what_the_sign_says(bend, plans):
     for plan in plans.values():
         certificate = certify_plan(plan, bend.field)
         assert certificate.certified == (certificate.clearance >= 0.0)
-        assert plan.meta["certified"] == certificate.certified
-    assert plans["tube"].meta["certified"]
+        assert plan.certified == certificate.certified
+    assert plans["tube"].certified
 
 
 @settings(max_examples=25)
@@ -195,10 +195,9 @@ def test_a_bound_of_either_sign_is_settled_where_it_can_be(bend, plans):
     certificate = certify_plan(plan, bend.field)
     # A body thicker by nearly all that was found: 0.05 mm are left, less than the tolerance.
     radius = RADIUS + certificate.found - 0.05
-    introducer = Introducer.from_description(plan.meta["introducer"])
-    options = {"radius": radius, "introducer": introducer}
-    assert not certify_motion(plan.joints, bend.field, settle=False, **options).certified
-    assert certify_motion(plan.joints, bend.field, **options).certified
+    space = FreeSpace(bend.field, introducer=plan.introducer)
+    assert not certify_motion(plan.joints, space, settle=False, radius=radius).certified
+    assert certify_motion(plan.joints, space, radius=radius).certified
 
 
 def test_a_plan_from_a_file_gets_the_same_certificate(bend, plans, tmp_path):
@@ -217,21 +216,20 @@ def test_a_hand_made_plan_is_judged_by_its_joints_alone(bend, plans):
         clearance=np.full_like(plan.clearance, 99.0),
         head_arc_length=plan.head_arc_length[::-1],
         path=plan.path + 100.0,
-        meta={key: plan.meta[key] for key in ("scope", "introducer")},
     )
     assert certify_plan(poor, bend.field).clearance == certify_plan(plan, bend.field).clearance
     with pytest.raises(InputError, match="scope diameter"):
-        certify_plan(replace(plan, meta={}), bend.field)
+        certify_plan(replace(plan, scope=None), bend.field)
 
 
 def test_points_put_between_steps_change_nothing(bend, plans):
     joints = plans["in and out"].joints
     fine = np.repeat(joints, 2, axis=0)[:-1]
     fine[1::2] = 0.5 * (joints[1:] + joints[:-1])
-    introducer = Introducer.from_description(plans["in and out"].meta["introducer"])
-    options = {"radius": RADIUS, "introducer": introducer, "tolerance": 0.01}
-    coarse = certify_motion(joints, bend.field, **options)
-    assert certify_motion(fine, bend.field, **options).clearance == pytest.approx(
+    space = FreeSpace(bend.field, introducer=plans["in and out"].introducer)
+    options = {"radius": RADIUS, "tolerance": 0.01}
+    coarse = certify_motion(joints, space, **options)
+    assert certify_motion(fine, space, **options).clearance == pytest.approx(
         coarse.clearance, abs=0.011
     )
 
@@ -243,12 +241,9 @@ def test_the_bound_moves_with_the_body_and_the_lumen(bend, plans):
     affine = np.eye(4)
     affine[:3, :3] = turn @ bend.affine[:3, :3]
     affine[:3, 3] = turn @ bend.affine[:3, 3] + shift
-    meta = dict(plan.meta)
-    introducer = Introducer.from_description(meta["introducer"])
-    meta["introducer"] = replace(
-        introducer, entry=turn @ introducer.entry + shift, outward=turn @ introducer.outward
-    ).describe()
-    moved = replace(plan, joints=plan.joints @ turn.T + shift, meta=meta)
+    tube = plan.introducer
+    there = replace(tube, entry=turn @ tube.entry + shift, outward=turn @ tube.outward)
+    moved = replace(plan, joints=plan.joints @ turn.T + shift, introducer=there)
     assert certify_plan(moved, field_from_mask(bend.mask, affine)).clearance == pytest.approx(
         certify_plan(plan, bend.field).clearance, abs=1e-6
     )

@@ -7,8 +7,9 @@ import pytest
 
 from bozzini.anatomy import read_tract
 from bozzini.duct import build_field, find_centreline
-from bozzini.motion import Introducer, Scope, find_passage, plan_insertion
+from bozzini.motion import Scope, find_passage
 from tests.exact import MeshWall, VoxelWall, outside_introducer, sample_body
+from tests.motion.plans import insert
 
 FILES = {"labels": "upper_gi_labels_1mm.nii.gz", "surface": "upper_gi_mc1mm.stl"}
 
@@ -26,7 +27,7 @@ class Human:
     def plan(self, diameter, link, *, inflate=0.0, **options):
         field = self.field.inflate(inflate)
         scope = Scope(diameter=diameter, link_length=link)
-        return plan_insertion(field, self.line, scope=scope, **options)
+        return insert(field, self.line, scope=scope, **options)
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +51,10 @@ def human(request):
 def test_the_scope_passes_certified(human, diameter, link):
     plan = human.plan(diameter, link)
     assert plan.status == "complete", plan.reason
-    assert plan.meta["certified"]
-    proved = plan.meta["certificate"]["clearance_mm"]
+    assert plan.certified
+    proved = plan.certificate.clearance
     points, *_ = sample_body(plan.joints, 12_000, np.random.default_rng(0))
-    introducer = Introducer.from_description(plan.meta["introducer"])
+    introducer = plan.introducer
     points = points[outside_introducer(points, introducer, 0.5 * diameter)]
     assert human.wall.clearance(points).min() - 0.5 * diameter >= proved - 1e-9
 
@@ -62,15 +63,15 @@ def test_the_scope_passes_certified(human, diameter, link):
 def test_nine_millimetres_are_refused_and_pass_when_inflated(human, link):
     plan = human.plan(9.0, link)
     assert plan.status == "stopped"
-    refusal = plan.meta["refusal"]
+    refusal = plan.refusal
     assert plan.reason_code in ("NO_PASSAGE", "GOAL_CLEARANCE", "LINK_TOO_LONG")
-    assert refusal["offers_mm"] < refusal["needs_mm"]
+    assert refusal.offers < refusal.needs
     # Whatever the links: the widest way on the grid is narrower than the scope.
     assert find_passage(human.field, human.line.points[0], human.line.points[-1]).level < 4.55
-    assert plan.inserted == 0.0 or plan.meta["certified"]
+    assert plan.inserted == 0.0 or plan.certified
     inflated = human.plan(9.0, link, inflate=4.0)
     assert inflated.status == "complete", inflated.reason
-    assert inflated.meta["certified"]
+    assert inflated.certified
 
 
 def test_joint_moves_stay_near_the_head_step(labels):
@@ -85,7 +86,7 @@ def test_joint_moves_stay_near_the_head_step(labels):
 
 def test_in_out_in_is_certified_and_spares_motion(surface):
     there_and_back = surface.plan(6.0, 12.0, route=(1.0, 0.0, 1.0))
-    assert there_and_back.status == "complete" and there_and_back.meta["certified"]
+    assert there_and_back.status == "complete" and there_and_back.certified
     travel = [
         np.linalg.norm(np.diff(surface.plan(6.0, 12.0, method=name).joints, axis=0), axis=2).sum()
         for name in ("tube", "follow")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bozzini.duct import field_from_mask
-from bozzini.motion import Introducer
+from bozzini.motion import FreeSpace, Introducer
 from bozzini.motion.certify import certify_motion
 from tests.exact import voxelise
 
@@ -43,7 +43,7 @@ def straight(head, joints=6):
 
 
 def certify(lumen, introducer, *chains):
-    return certify_motion(np.array(chains), lumen, radius=RADIUS, introducer=introducer)
+    return certify_motion(np.array(chains), FreeSpace(lumen, introducer=introducer), radius=RADIUS)
 
 
 def test_a_straight_insertion_is_certified(lumen, introducer):
@@ -157,5 +157,5 @@ def test_a_scope_that_leaves_the_bore_sideways_is_held_against_the_lumen(lumen, 
     ahead = np.stack([-LINK * np.arange(1, 3), np.zeros(2), np.full(2, 40.0)], axis=1)
     sideways = np.concatenate([ahead[::-1], waiting])
     for motion in (sideways[None], np.stack([sideways, sideways - [2.0, 0.0, 0.0]])):
-        certificate = certify_motion(motion, lumen, radius=RADIUS, introducer=introducer)
+        certificate = certify_motion(motion, FreeSpace(lumen, introducer=introducer), radius=RADIUS)
         assert not certificate.certified

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bozzini.duct import Centreline, SampledField
-from bozzini.motion import Scope, plan_insertion
+from bozzini.motion import Scope
+from tests.motion.plans import insert
 from tests.shapes import curve_distance
 
 RADIUS, DEPTH = 5.0, 45.0
@@ -55,7 +56,7 @@ def count_in_septum(joints: np.ndarray, gap: float) -> int:
 @pytest.mark.parametrize("method", ["best", "follow"])
 def test_no_motion_passes_through_the_wall_between_two_limbs(gap, inflation, link, method):
     field, line = make_hairpin(gap, inflation)
-    plan = plan_insertion(
+    plan = insert(
         field, line, scope=Scope(diameter=2.0, link_length=link), method=method, head_step=1.0
     )
     assert count_in_septum(plan.joints, gap) == 0
@@ -65,6 +66,6 @@ def test_no_motion_passes_through_the_wall_between_two_limbs(gap, inflation, lin
 
 def test_the_bend_itself_is_passed():
     field, line = make_hairpin(8.0, 2.0)
-    plan = plan_insertion(field, line, scope=Scope(diameter=4.0, link_length=6.0), head_step=1.0)
-    assert plan.status == "complete" and plan.meta["certified"]
+    plan = insert(field, line, scope=Scope(diameter=4.0, link_length=6.0), head_step=1.0)
+    assert plan.status == "complete" and plan.certified
     assert count_in_septum(plan.joints, 8.0) == 0

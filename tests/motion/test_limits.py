@@ -9,9 +9,10 @@ import pytest
 
 from bozzini.duct import field_from_mask, find_centreline
 from bozzini.errors import InputError
-from bozzini.motion import Scope, plan_insertion
+from bozzini.motion import Scope
 from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import VoxelWall, sample_body, voxelise
+from tests.motion.plans import insert
 from tests.motion.planted import plant
 from tests.shapes import bend_curve
 
@@ -32,7 +33,7 @@ class Lumen:
                 points=line.points, arc_length=line.arc_length, radius=line.radius + inflate
             )
         scope = Scope(diameter=diameter, link_length=link)
-        return plan_insertion(field, line, scope=scope, advise=advise, **options)
+        return insert(field, line, scope=scope, advise=advise, **options)
 
 
 def straight(radius_at):
@@ -62,72 +63,72 @@ def hairpin():
 
 def check_prefix(lumen, plan):
     """The motion made is certified, and exact samples of it do not belie that."""
-    assert plan.meta["certified"]
+    assert plan.certified
     points, *_ = sample_body(plan.joints, 8000, np.random.default_rng(0))
-    entry = np.array(plan.meta["introducer"]["entry_mm"])
-    outward = np.array(plan.meta["introducer"]["outward"])
+    entry = plan.introducer.entry
+    outward = np.array(plan.introducer.outward)
     points = points[(points - entry) @ outward < 0.0]
-    radius = 0.5 * plan.meta["scope"]["diameter_mm"]
-    assert lumen.wall.clearance(points).min() - radius >= plan.meta["certificate"]["clearance_mm"]
+    radius = 0.5 * plan.scope.diameter
+    assert lumen.wall.clearance(points).min() - radius >= plan.certificate.clearance
 
 
 def test_a_pinch_is_no_passage_and_the_motion_ends_before_it(pinched):
     plan = pinched.plan(8.0, 9.0)
-    refusal = plan.meta["refusal"]
+    refusal = plan.refusal
     assert (plan.status, plan.reason_code) == ("stopped", "NO_PASSAGE")
-    place = np.interp(refusal["at_mm"], pinched.line.arc_length, pinched.line.points[:, 2])
+    place = np.interp(refusal.at, pinched.line.arc_length, pinched.line.points[:, 2])
     assert place == pytest.approx(70.0, abs=3.0)
-    assert refusal["offers_mm"] < refusal["needs_mm"] == 4.0
-    assert 30.0 < plan.inserted < refusal["at_mm"]
+    assert refusal.offers < refusal.needs == 4.0
+    assert 30.0 < plan.inserted < refusal.at
     check_prefix(pinched, plan)
     # What it says would fit: not more than was proved to be too much.
-    assert refusal["diameter_max_mm"] < 2.0 * refusal["offers_mm"] + 1e-9
-    assert pinched.plan(refusal["diameter_max_mm"] - 0.6, 5.0).status == "complete"
+    assert refusal.diameter_max < 2.0 * refusal.offers + 1e-9
+    assert pinched.plan(refusal.diameter_max - 0.6, 5.0).status == "complete"
 
 
 def test_it_passes_when_the_wall_gives_way(pinched):
-    refusal = pinched.plan(8.0, 9.0).meta["refusal"]
-    assert pinched.plan(8.0, 9.0, inflate=refusal["inflate_mm"] + 0.5).status == "complete"
+    refusal = pinched.plan(8.0, 9.0).refusal
+    assert pinched.plan(8.0, 9.0, inflate=refusal.inflate + 0.5).status == "complete"
     assert pinched.plan(8.0, 9.0, inflate=0.3).status == "stopped"
 
 
 def test_a_narrow_goal_is_named_as_such(narrow_end):
     plan = narrow_end.plan(7.0, 9.0)
-    refusal = plan.meta["refusal"]
+    refusal = plan.refusal
     assert plan.reason_code == "GOAL_CLEARANCE"
-    assert refusal["at_mm"] == pytest.approx(narrow_end.line.length)
+    assert refusal.at == pytest.approx(narrow_end.line.length)
     assert plan.inserted > 0.6 * narrow_end.line.length
     check_prefix(narrow_end, plan)
-    assert narrow_end.plan(refusal["diameter_max_mm"] - 0.1, 9.0).status == "complete"
+    assert narrow_end.plan(refusal.diameter_max - 0.1, 9.0).status == "complete"
 
 
 def test_a_narrow_entry_is_named_as_such_and_nothing_moves(narrow_start):
     plan = narrow_start.plan(7.0, 9.0)
     assert plan.reason_code == "ENTRY_CLEARANCE"
     assert plan.inserted == 0.0 and plan.steps == 1
-    assert not plan.meta["certified"]
-    fits = plan.meta["refusal"]["diameter_max_mm"]
+    assert not plan.certified
+    fits = plan.refusal.diameter_max
     assert fits < 7.0
     assert narrow_start.plan(fits - 0.1, 9.0).status == "complete"
     # A scope that the entry just admits, but with no room to plan in, is told so too.
-    offers = plan.meta["refusal"]["offers_mm"]
+    offers = plan.refusal.offers
     nearly = narrow_start.plan(2.0 * offers - 0.02, 9.0)
     assert nearly.reason_code == "ENTRY_CLEARANCE"
-    assert nearly.meta["refusal"]["needs_mm"] > offers
+    assert nearly.refusal.needs > offers
 
 
 def test_too_long_a_link_is_named_and_a_shorter_one_fits(hairpin):
     plan = hairpin.plan(5.0, 22.0)
-    refusal = plan.meta["refusal"]
+    refusal = plan.refusal
     assert plan.reason_code in ("LINK_TOO_LONG", "FOLD")
     bend = hairpin.line.points[:, 2] > -5.0
-    where = np.interp(refusal["at_mm"], hairpin.line.arc_length, np.arange(len(bend)))
+    where = np.interp(refusal.at, hairpin.line.arc_length, np.arange(len(bend)))
     assert np.flatnonzero(bend)[0] - 10 <= where <= np.flatnonzero(bend)[-1] + 22
     assert 0.0 < plan.inserted < hairpin.line.length
     check_prefix(hairpin, plan)
-    assert refusal["link_max_mm"] is None or 2.0 <= refusal["link_max_mm"] < 22.0
+    assert refusal.link_max is None or 2.0 <= refusal.link_max < 22.0
     assert hairpin.plan(5.0, 6.0).status == "complete"
-    assert refusal["diameter_max_mm"] is None or refusal["diameter_max_mm"] < 5.0
+    assert refusal.diameter_max is None or refusal.diameter_max < 5.0
 
 
 def test_a_shorter_link_gets_as_far_or_farther(hairpin):
@@ -142,11 +143,11 @@ def test_a_shorter_link_gets_as_far_or_farther(hairpin):
 
 def test_an_angle_limit_stops_the_motion_below_it(hairpin):
     free = hairpin.plan(4.0, 8.0)
-    widest = free.meta["measures"]["joint_angle_max_rad"]
+    widest = free.measures.joint_angle_max
     plan = hairpin.plan(4.0, 8.0, angle_limit=0.7 * widest)
     assert plan.reason_code == "ANGLE"
     assert 0.0 < plan.inserted < free.inserted
-    assert plan.meta["measures"]["joint_angle_max_rad"] <= 0.7 * widest
+    assert plan.measures.joint_angle_max <= 0.7 * widest
     check_prefix(hairpin, plan)
 
 
@@ -160,7 +161,7 @@ def test_refused_plans_still_say_why_in_one_line(pinched, narrow_end, narrow_sta
         plan = lumen.plan(diameter, link)
         assert plan.reason and "\n" not in plan.reason
         assert "nan" not in plan.reason and "inf" not in plan.reason.split()
-        assert plan.meta["refusal"]["code"] == plan.reason_code
+        assert plan.refusal.code == plan.reason_code
 
 
 def test_a_surface_inflated_within_its_reach_gets_a_bound_and_beyond_it_is_refused():
@@ -176,11 +177,11 @@ def test_a_surface_inflated_within_its_reach_gets_a_bound_and_beyond_it_is_refus
         rigid.inflate(5.0)
     field = rigid.inflate(3.0)
     line = Centreline.from_points([[0.0, 0.0, -20.0], [0.0, 0.0, 20.0]], field)
-    plan = plan_insertion(field, line, scope=Scope(diameter=15.0, link_length=8.0))
+    plan = insert(field, line, scope=Scope(diameter=15.0, link_length=8.0))
     assert plan.status == "stopped"
     assert plan.reason_code == "NO_PASSAGE"
-    assert 3.0 + 3.0 - 0.05 <= plan.meta["refusal"]["offers_mm"] < 7.5
-    assert plan.meta["refusal"]["at_mm"] == pytest.approx(20.0, abs=5.0)
+    assert 3.0 + 3.0 - 0.05 <= plan.refusal.offers < 7.5
+    assert plan.refusal.at == pytest.approx(20.0, abs=5.0)
 
 
 def coil(length, radius=45.0, pitch=34.0):
@@ -213,9 +214,9 @@ def test_a_motion_stops_near_the_obstacle_however_long_the_way(plated, diameter,
     # Before, a point of the line with too little clearance for the bisection ended the search.
     field, line, plate = plated
     scope = Scope(diameter=diameter, link_length=link)
-    plan = plan_insertion(field, line, scope=scope, head_step=2.0, method="tube", advise=False)
+    plan = insert(field, line, scope=scope, head_step=2.0, method="tube", advise=False)
     assert plan.reason_code == "NO_PASSAGE"
-    assert plan.meta["certified"]
+    assert plan.certified
     ahead = np.linalg.norm(plan.joints[-1, 0] - plate)
     assert scope.radius < ahead < scope.radius + 4.0
 
@@ -223,29 +224,29 @@ def test_a_motion_stops_near_the_obstacle_however_long_the_way(plated, diameter,
 @pytest.mark.parametrize("seed", range(100, 106))
 def test_a_pinched_tube_is_entered_up_to_where_it_gets_too_narrow(seed):
     tube = plant(seed, pinched=True, spare=1.2, grid=1.0)
-    plan = plan_insertion(tube.field, tube.line, scope=tube.scope, head_step=1.0, advise=False)
+    plan = insert(tube.field, tube.line, scope=tube.scope, head_step=1.0, advise=False)
     head = np.linalg.norm(tube.line.points - plan.joints[-1, 0], axis=1).argmin()
     narrow = np.argmax(tube.line.radius < tube.scope.radius)
     assert 0.0 <= tube.line.arc_length[narrow] - tube.line.arc_length[head] <= 3.0
-    assert plan.meta["refusal"]["ends_at_mm"] == pytest.approx(tube.line.arc_length[head], abs=1.0)
+    assert plan.refusal.ends_at == pytest.approx(tube.line.arc_length[head], abs=1.0)
 
 
 def test_an_introducer_is_no_wider_than_the_entry(narrow_start):
     plan = narrow_start.plan(7.0, 9.0)
-    bore = plan.meta["introducer"]["bore_mm"]
+    bore = plan.introducer.bore
     entry = narrow_start.line.points[0]
     assert bore == pytest.approx(float(narrow_start.field.clearance_bound(entry)))
     assert bore < 3.5
-    assert not plan.meta["certified"]
-    fits = narrow_start.plan(plan.meta["refusal"]["diameter_max_mm"], 9.0)
-    assert fits.meta["certified"]
-    assert fits.meta["introducer"]["bore_mm"] == pytest.approx(bore)
+    assert not plan.certified
+    fits = narrow_start.plan(plan.refusal.diameter_max, 9.0)
+    assert fits.certified
+    assert fits.introducer.bore == pytest.approx(bore)
 
 
 def test_a_motion_too_large_to_hold_is_refused_at_once(pinched):
     def plan(head_step=0.25, **scope):
         scope = Scope(**{"diameter": 2.0, "link_length": 8.0, **scope})
-        return plan_insertion(pinched.field, pinched.line, scope=scope, head_step=head_step)
+        return insert(pinched.field, pinched.line, scope=scope, head_step=head_step)
 
     with pytest.raises(InputError, match=r"scope length is 1e\+09 mm: .* in \[8, 10000\] mm"):
         plan(length=1e9)
@@ -268,7 +269,7 @@ def test_a_duct_with_a_coarse_part_is_searched_on_it(pinched):
     duct = Refined(pinched.field)
     for diameter in (3.0, 8.0):
         scope = Scope(diameter=diameter, link_length=9.0)
-        plans = [plan_insertion(d, pinched.line, scope=scope) for d in (duct, pinched.field)]
+        plans = [insert(d, pinched.line, scope=scope) for d in (duct, pinched.field)]
         assert plans[0].reason == plans[1].reason
         assert np.array_equal(plans[0].joints, plans[1].joints)
-        assert plans[0].meta["field"] == plans[1].meta["field"]
+        assert plans[0].field == plans[1].field

@@ -9,12 +9,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from bozzini.duct import Polygon, RoundCones
+from bozzini.duct import Circles, Polygon, RoundCones
 from bozzini.duct.compose import without
 from bozzini.duct.kernels.clearance import evaluate_estimate
-from bozzini.duct.shapes.obstacles import Circles
 from bozzini.errors import InputError
-from bozzini.motion import Introducer, place_tail
+from bozzini.motion import FreeSpace, Introducer, place_tail
 from bozzini.motion.kernels.chain import make_frame, search_sphere
 from tests.motion.pipes import NAMES, make_pipes
 from tests.motion.test_link import sphere_points
@@ -207,7 +206,9 @@ def test_an_introducer_is_free_space_too():
     duct = RoundCones(np.array([(0, 0, 0), (0, 0, 50)], dtype=float), np.array([5.0, 5.0]))
     outside = Introducer(entry=np.zeros(3), outward=np.array([0.0, 0.0, -1.0]), bore=5.0)
     given = {"length": 20.0, "clearance": 2.0}
-    free = place_tail(duct, (0.0, 0.0, 1.0), (0.0, 0.0, -19.0), introducer=outside, **given)
+    free = place_tail(
+        FreeSpace(duct, introducer=outside), (0.0, 0.0, 1.0), (0.0, 0.0, -19.0), **given
+    )
     assert free.status == "free" and free.turn == pytest.approx(0.0, abs=1e-9)
     held = place_tail(duct, (0.0, 0.0, 1.0), (0.0, 0.0, -19.0), **given)
     assert held.found and held.turn > 0.5 * np.pi

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.duct import Centreline, Duct, Polygon, RoundCones
-from bozzini.motion import Scope, certify_plan, find_passage, plan_insertion
+from bozzini.motion import Scope, certify_plan, find_passage
+from tests.motion.plans import insert
 from tests.motion.test_planar import measure_exact
 from tests.shapes import bend_curve
 
@@ -24,23 +25,22 @@ def make_tube(radii):
 def test_a_bent_tube_is_passed_with_a_proof(method):
     duct, line = make_tube(6.0)
     scope = Scope(diameter=5.0, link_length=9.0)
-    plan = plan_insertion(duct, line, scope=scope, method=method)
-    assert plan.status == "complete" and plan.meta["certified"]
+    plan = insert(duct, line, scope=scope, method=method)
+    assert plan.status == "complete" and plan.certified
     assert plan.joints.shape[2] == 3
     lengths = np.linalg.norm(np.diff(plan.joints, axis=1), axis=2)
     assert lengths == pytest.approx(9.0, abs=1e-9)
-    proved = plan.meta["certificate"]["clearance_mm"]
+    proved = plan.certificate.clearance
     assert 0.0 <= proved <= measure_exact(plan, duct, 40_000).min() <= proved + 0.3
-    field = plan.meta["field"]
-    assert (field["kind"], field["interpolation_error_mm"]) == ("bound", 0.0)
+    assert (plan.field.kind, plan.field.interpolation_error) == ("bound", 0.0)
 
 
 def test_sampled_and_analytic_tube_agree():
     duct, line = make_tube(6.0)
     scope = Scope(diameter=5.0, link_length=9.0)
     field = duct.sample(0.5)
-    plan = plan_insertion(duct, line, scope=scope)
-    other = plan_insertion(field, line, scope=scope)
+    plan = insert(duct, line, scope=scope)
+    other = insert(field, line, scope=scope)
     assert plan.status == other.status == "complete"
     # Either's proof, held against the other's wall.
     loose = 0.25
@@ -55,13 +55,13 @@ def test_a_neck_is_proved_too_narrow_and_the_plan_goes_up_to_it():
     arc = np.linspace(-1.0, 1.0, len(CURVE))
     duct, line = make_tube(6.0 - 4.0 * np.exp(-((arc / 0.15) ** 2)))
     neck = line.arc_length[np.argmin(line.radius)]
-    plan = plan_insertion(duct, line, scope=Scope(diameter=6.0, link_length=6.0))
+    plan = insert(duct, line, scope=Scope(diameter=6.0, link_length=6.0))
     assert (plan.status, plan.reason_code) == ("stopped", "NO_PASSAGE")
-    assert plan.meta["refusal"]["at_mm"] == pytest.approx(neck, abs=4.0)
-    assert plan.meta["certified"]
+    assert plan.refusal.at == pytest.approx(neck, abs=4.0)
+    assert plan.certified
     assert 0.5 * neck < plan.inserted < neck
-    thin = plan_insertion(duct, line, scope=Scope(diameter=3.0, link_length=6.0))
-    assert thin.status == "complete" and thin.meta["certified"]
+    thin = insert(duct, line, scope=Scope(diameter=3.0, link_length=6.0))
+    assert thin.status == "complete" and thin.certified
 
 
 @settings(max_examples=4)
@@ -82,28 +82,28 @@ def test_the_passage_is_bounded_from_above(seed):
 
 def test_a_tube_thinner_than_the_scope_is_refused_at_the_entry():
     duct, line = make_tube(3.0)
-    plan = plan_insertion(duct, line, scope=Scope(diameter=7.0, link_length=9.0))
+    plan = insert(duct, line, scope=Scope(diameter=7.0, link_length=9.0))
     assert (plan.status, plan.reason_code, plan.inserted) == ("stopped", "ENTRY_CLEARANCE", 0.0)
     assert "needs 3.50 mm" in plan.reason
-    assert 2.99 <= plan.meta["refusal"]["offers_mm"] <= 3.0
-    assert not plan.meta["certified"]
+    assert 2.99 <= plan.refusal.offers <= 3.0
+    assert not plan.certified
 
 
 def test_a_goal_too_near_to_the_end_is_told():
     radii = np.full(len(CURVE), 6.0)
     radii[-2:] = 2.0
     duct, line = make_tube(radii)
-    plan = plan_insertion(duct, line, scope=Scope(diameter=6.0, link_length=6.0))
+    plan = insert(duct, line, scope=Scope(diameter=6.0, link_length=6.0))
     assert (plan.status, plan.reason_code) == ("stopped", "GOAL_CLEARANCE")
-    assert plan.meta["certified"]
+    assert plan.certified
     assert line.length - 25.0 < plan.inserted < line.length
 
 
 def test_the_thesis_scheme_runs_on_the_cones_themselves():
     duct, line = make_tube(6.0)
     scope = Scope(diameter=4.0, link_length=8.0)
-    plan = plan_insertion(duct, line, scope=scope, method="thesis")
-    other = plan_insertion(duct.sample(1.0), line, scope=scope, method="thesis")
+    plan = insert(duct, line, scope=scope, method="thesis")
+    other = insert(duct.sample(1.0), line, scope=scope, method="thesis")
     assert plan.status == other.status == "complete"
     assert np.linalg.norm(plan.joints[-1] - other.joints[-1], axis=1).max() < 0.3
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from bozzini.duct import field_from_mask
-from bozzini.motion.passage import find_passage
+from bozzini.motion.space import find_passage
 from tests.exact import VoxelWall, voxelise
 
 AXIS = np.arange(0.0, 60.5, 0.5)[:, None] * np.array([0.0, 0.0, 1.0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.errors import FileFormatError, InputError, OutputError
-from bozzini.motion import Plan, Scope
+from bozzini.motion import Plan, Scope, verify_plan
 
 
 def make_plan(steps=4, count=3, **changes):
@@ -26,7 +27,8 @@ def make_plan(steps=4, count=3, **changes):
         "status": "stopped",
         "reason_code": "LINK_LOCKED",
         "reason": "link 2 locks",
-        "meta": {"scope": {"diameter_mm": 5.0}, "text": "naïve µm"},
+        "scope": Scope(diameter=5.0, link_length=2.0),
+        "more": {"text": "naïve µm"},
     }
     return Plan(**{**values, **changes})
 
@@ -40,7 +42,7 @@ def test_a_saved_plan_comes_back_whole(tmp_path_factory, steps, joints):
     for name in ("joints", "head_arc_length", "clearance", "path", "path_radius"):
         assert np.array_equal(getattr(back, name), getattr(plan, name))
     assert (back.status, back.reason, back.method) == (plan.status, plan.reason, plan.method)
-    assert back.meta["text"] == "naïve µm"
+    assert back.more["text"] == "naïve µm"
     assert (back.steps, back.links) == (steps, joints - 1)
 
 
@@ -104,3 +106,40 @@ def test_scope_dimensions_must_be_positive_numbers(bad):
 def test_a_scope_has_at_least_one_link():
     with pytest.raises(InputError, match=r"scope length is 4 mm: it must lie in \[5, 10000\] mm"):
         Scope(diameter=2.0, link_length=5.0, length=4.0)
+
+
+OLD = Path(__file__).parents[1] / "data"
+
+
+@pytest.mark.parametrize("name", ["best", "soft", "stopped"])
+def test_a_file_of_version_0_1_says_the_same_when_it_is_written_again(tmp_path, name):
+    source = OLD / f"plan_0_1_{name}.npz"
+    plan = Plan.load(source)
+    again = plan.save(tmp_path / "plan.npz")
+    with np.load(source) as old, np.load(again) as new:
+        assert set(old.files) == set(new.files)
+        for array in set(old.files) - {"meta"}:
+            assert np.array_equal(old[array], new[array])
+        stated, written = (json.loads(str(data["meta"])) for data in (old, new))
+    assert written == stated
+    assert plan.scope.diameter == stated["scope"]["diameter_mm"]
+    assert plan.introducer.bore == stated["introducer"]["bore_mm"]
+    assert plan.certified == stated["certified"]
+    assert plan.input.voxel == stated["input"]["voxel_mm"]
+    assert plan.options.route == tuple(stated["options"]["route"])
+    assert (plan.refusal is None) == ("refusal" not in stated)
+    assert all(check.ok for check in verify_plan(plan).checks)
+
+
+def test_a_plan_is_a_result_with_a_table_and_a_picture():
+    for name, complete in (("best", True), ("stopped", False)):
+        plan = Plan.load(OLD / f"plan_0_1_{name}.npz")
+        assert plan.converged is complete and (plan.residual < 0.01) is complete
+        frame = plan.to_frame()
+        assert len(frame) == plan.steps
+        assert np.array_equal(frame["head_arc_length_mm"], plan.head_arc_length)
+        assert frame["clearance_mm"].min() == plan.clearance_min
+        assert json.loads(json.dumps(plan.to_dict()))["reason_code"] == plan.reason_code
+        assert "head_arc_length_mm" in plan._repr_html_()
+        axes = plan.plot()
+        assert plan.plot(axes) is axes and "clearance" in axes.get_ylabel()

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from bozzini.duct import Centreline, Polygon
 from bozzini.errors import InputError
-from bozzini.motion import Introducer, Plan, Scope, certify_motion, certify_plan, plan_insertion
+from bozzini.motion import FreeSpace, Plan, Scope, certify_motion, certify_plan
+from tests.motion.plans import insert
 
 
 def make_channel(middle, half):
@@ -45,8 +46,8 @@ def zigzag():
 def measure_exact(plan, duct, count, seed=0):
     """The clearance at random times and places of the body that have left the introducer."""
     random = np.random.default_rng(seed)
-    introducer = Introducer.from_description(plan.meta["introducer"])
-    radius = 0.5 * plan.meta["scope"]["diameter_mm"]
+    introducer = plan.introducer
+    radius = 0.5 * plan.scope.diameter
     t = random.uniform(0.0, plan.steps - 1.0, count)
     step = np.minimum(t.astype(int), plan.steps - 2)
     part = (t - step)[:, None]
@@ -65,29 +66,29 @@ def measure_exact(plan, duct, count, seed=0):
 def test_a_zigzag_is_passed_with_a_proof(zigzag, method):
     duct, line = zigzag
     scope = Scope(diameter=5.0, link_length=10.0)
-    plan = plan_insertion(duct, line, scope=scope, method=method)
+    plan = insert(duct, line, scope=scope, method=method)
     assert (plan.status, plan.reason, plan.method) == ("complete", "", method)
     assert plan.joints.shape[2] == plan.path.shape[1] == 2
     lengths = np.linalg.norm(np.diff(plan.joints, axis=1), axis=2)
     assert lengths == pytest.approx(10.0, abs=1e-9)
     assert plan.joints[-1, 0] == pytest.approx(line.points[-1], abs=1e-9)
-    assert plan.meta["certified"]
-    proved = plan.meta["certificate"]["clearance_mm"]
+    assert plan.certified
+    proved = plan.certificate.clearance
     exact = measure_exact(plan, duct, 40_000)
     assert len(exact) > 10_000
     assert 0.0 <= proved <= exact.min() <= proved + 0.3
-    assert plan.meta["field"]["kind"] == "exact"
-    assert "nodes" not in plan.meta["field"]
+    assert plan.field.kind == "exact"
+    assert plan.field.nodes is None
 
 
 def test_the_estimate_agrees_with_the_proof(zigzag):
     duct, line = zigzag
-    plan = plan_insertion(duct, line, scope=Scope(diameter=5.0, link_length=10.0))
-    slack = plan.meta["field"]["clearance_error_mm"]
+    plan = insert(duct, line, scope=Scope(diameter=5.0, link_length=10.0))
+    slack = plan.field.clearance_error
     assert slack == pytest.approx(0.125)
-    assert plan.clearance_min >= plan.meta["certificate"]["clearance_mm"] - 1e-9
-    assert plan.clearance_min <= plan.meta["certificate"]["found_mm"] + 2.0 * slack
-    place = plan.meta["measures"]["clearance_where_mm"]
+    assert plan.clearance_min >= plan.certificate.clearance - 1e-9
+    assert plan.clearance_min <= plan.certificate.found + 2.0 * slack
+    place = plan.measures.clearance_where
     assert 0.0 <= place <= line.length
 
 
@@ -95,14 +96,14 @@ def test_the_estimate_agrees_with_the_proof(zigzag):
 def test_in_out_in(zigzag, method):
     duct, line = zigzag
     scope = Scope(diameter=5.0, link_length=8.0)
-    plan = plan_insertion(duct, line, scope=scope, route=(1.0, 0.0, 1.0), method=method)
-    assert plan.status == "complete" and plan.meta["certified"]
+    plan = insert(duct, line, scope=scope, route=(1.0, 0.0, 1.0), method=method)
+    assert plan.status == "complete" and plan.certified
     turned = int(np.argmin(plan.head_arc_length[1:])) + 1
     assert plan.joints[turned, 0] == pytest.approx(line.points[0], abs=1e-9)
     if method == "follow":
         assert plan.joints[turned] == pytest.approx(plan.joints[0], abs=1e-6)
     assert plan.joints[-1, 0] == pytest.approx(line.points[-1], abs=1e-9)
-    assert measure_exact(plan, duct, 20_000).min() >= plan.meta["certificate"]["clearance_mm"]
+    assert measure_exact(plan, duct, 20_000).min() >= plan.certificate.clearance
 
 
 def test_a_pinch_is_proved_and_the_plan_goes_up_to_it():
@@ -110,55 +111,55 @@ def test_a_pinch_is_proved_and_the_plan_goes_up_to_it():
     duct = make_channel(middle, [8.0, 8.0, 8.0, 2.0, 8.0, 8.0, 8.0])
     line = Centreline.from_points(shorten(middle, 20.0, 9.0), duct)
     pinch = line.arc_length[np.argmin(line.radius)]
-    plan = plan_insertion(duct, line, scope=Scope(diameter=6.0, link_length=8.0))
+    plan = insert(duct, line, scope=Scope(diameter=6.0, link_length=8.0))
     assert (plan.status, plan.reason_code) == ("stopped", "NO_PASSAGE")
-    refusal = plan.meta["refusal"]
-    assert refusal["at_mm"] == pytest.approx(pinch, abs=3.0)
-    assert line.radius.min() <= refusal["offers_mm"] < 3.0
-    assert plan.meta["certified"]
+    refusal = plan.refusal
+    assert refusal.at == pytest.approx(pinch, abs=3.0)
+    assert line.radius.min() <= refusal.offers < 3.0
+    assert plan.certified
     assert 0.7 * pinch < plan.inserted < pinch
     # What it advises fits.
-    advised = Scope(diameter=0.95 * refusal["diameter_max_mm"], link_length=8.0)
-    assert plan_insertion(duct, line, scope=advised).status == "complete"
+    advised = Scope(diameter=0.95 * refusal.diameter_max, link_length=8.0)
+    assert insert(duct, line, scope=advised).status == "complete"
 
 
 def test_links_too_long_for_a_bend_are_told(zigzag):
     duct, line = zigzag
-    plan = plan_insertion(duct, line, scope=Scope(diameter=9.0, link_length=30.0))
+    plan = insert(duct, line, scope=Scope(diameter=9.0, link_length=30.0))
     assert plan.status == "stopped"
     assert plan.reason_code in ("LINK_TOO_LONG", "FOLD")
-    assert plan.meta["certified"]
+    assert plan.certified
     shorter = Scope(diameter=9.0, link_length=4.0)
-    assert plan_insertion(duct, line, scope=shorter).status == "complete"
+    assert insert(duct, line, scope=shorter).status == "complete"
 
 
 def test_a_wall_moved_outwards_lets_a_wider_scope_pass(zigzag):
     duct, line = zigzag
     scope = Scope(diameter=17.0, link_length=8.0)
-    plan = plan_insertion(duct, line, scope=scope)
+    plan = insert(duct, line, scope=scope)
     assert plan.reason_code == "ENTRY_CLEARANCE"
-    plan = plan_insertion(duct.inflate(4.0), line, scope=scope)
-    assert plan.status == "complete" and plan.meta["certified"]
-    assert plan.meta["field"]["inflation_mm"] == 4.0
+    plan = insert(duct.inflate(4.0), line, scope=scope)
+    assert plan.status == "complete" and plan.certified
+    assert plan.field.inflation == 4.0
     assert measure_exact(plan, duct, 20_000).min() >= -4.0
 
 
 def test_a_saved_planar_plan_is_proved_again(zigzag, tmp_path):
     duct, line = zigzag
-    plan = plan_insertion(duct, line, scope=Scope(diameter=5.0, link_length=10.0))
+    plan = insert(duct, line, scope=Scope(diameter=5.0, link_length=10.0))
     back = Plan.load(plan.save(tmp_path / "planar.npz"))
     again = certify_plan(back, duct)
     assert again.certified and again.place.shape == (2,)
-    assert again.clearance == pytest.approx(plan.meta["certificate"]["clearance_mm"])
+    assert again.clearance == pytest.approx(plan.certificate.clearance)
 
 
 def test_one_joint_through_the_wall_is_caught(zigzag):
     duct, line = zigzag
-    plan = plan_insertion(duct, line, scope=Scope(diameter=5.0, link_length=10.0))
-    introducer = Introducer.from_description(plan.meta["introducer"])
+    plan = insert(duct, line, scope=Scope(diameter=5.0, link_length=10.0))
+    introducer = plan.introducer
     joints = plan.joints.copy()
     joints[-40, 2] += [0.0, 9.0]
-    broken = certify_motion(joints, duct, radius=2.5, introducer=introducer)
+    broken = certify_motion(joints, FreeSpace(duct, introducer=introducer), radius=2.5)
     assert not broken.certified
     assert abs(broken.step - (plan.steps - 40)) <= 1.0 and broken.link in (2, 3)
 
@@ -175,10 +176,10 @@ def test_a_planted_passage_is_found(seed):
     middle = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     duct = make_channel(middle, 8.0)
     line = Centreline.from_points(shorten(middle, 20.0, 10.0), duct)
-    plan = plan_insertion(duct, line, scope=Scope(diameter=8.0, link_length=8.0), head_step=0.5)
+    plan = insert(duct, line, scope=Scope(diameter=8.0, link_length=8.0), head_step=0.5)
     assert plan.status == "complete", plan.reason
-    assert plan.meta["certified"]
-    assert measure_exact(plan, duct, 5_000, seed).min() >= plan.meta["certificate"]["clearance_mm"]
+    assert plan.certified
+    assert measure_exact(plan, duct, 5_000, seed).min() >= plan.certificate.clearance
 
 
 def test_dimensions_must_agree(zigzag):
@@ -187,6 +188,6 @@ def test_dimensions_must_agree(zigzag):
         points=duct.to_grid(line.points), arc_length=line.arc_length, radius=line.radius
     )
     with pytest.raises(InputError, match=r"centreline's points have shape .*: this duct needs"):
-        plan_insertion(duct, lifted, scope=Scope(diameter=5.0, link_length=10.0))
+        insert(duct, lifted, scope=Scope(diameter=5.0, link_length=10.0))
     with pytest.raises(InputError, match=r"joints have shape \(1, 2, 3\): the duct needs .*, 2\)"):
         certify_motion(np.zeros((1, 2, 3)), duct, radius=1.0)

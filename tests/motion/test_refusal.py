@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.motion import Scope
+from bozzini.motion.plan import write_record
 from bozzini.motion.refusal import REASON_CODES, Refusal, floor_mm
 
 
@@ -70,13 +72,13 @@ def test_a_motion_that_ends_elsewhere_names_its_end_on_the_centreline(at, end):
 
 def test_advice_is_added_without_changing_the_statement():
     plain = make()
-    advised = plain.advise(link_max=6.0)
+    advised = replace(plain, link_max=6.0)
     assert advised.what == plain.what and plain.link_max is None
     assert advised.reason != plain.reason
 
 
 def test_a_description_is_plain_json():
-    description = make(link_max=3.0).describe()
+    description = write_record(make(link_max=3.0))
     assert json.loads(json.dumps(description, allow_nan=False)) == description
     assert description["code"] in REASON_CODES
     assert description["link_max_mm"] == 3.0 and description["inflate_mm"] is None

@@ -10,7 +10,8 @@ import pytest
 from bozzini.anatomy import read_tract
 from bozzini.duct import Centreline, Polygon, RoundCones, field_from_mask, find_centreline
 from bozzini.errors import InputError
-from bozzini.motion import Plan, Scope, certify_plan, plan_insertion, replan
+from bozzini.motion import Plan, Scope, certify_plan, replan
+from tests.motion.plans import insert
 from tests.shapes import bend_curve, curve_distance, sample_field, tube_lumen
 
 RADIUS = 5.0
@@ -32,7 +33,7 @@ def lumen(curve, radius=RADIUS):
 @pytest.fixture(scope="module")
 def at_rest():
     field, line = lumen(CURVE)
-    plan = plan_insertion(field, line, scope=SCOPE, head_step=0.5)
+    plan = insert(field, line, scope=SCOPE, head_step=0.5)
     assert plan.status == "complete"
     return field, line, plan
 
@@ -45,13 +46,13 @@ def gap_to(points, path):
 def test_where_nothing_moved_the_path_stays(at_rest):
     field, _, plan = at_rest
     again = replan(plan, field)
-    note = again.meta["replan"]
-    assert note["warm"]
-    assert note["sweeps"] == 0
-    assert note["tissue_move_mm"] == 0.0
+    note = again.replan
+    assert note.warm
+    assert note.sweeps == 0
+    assert note.tissue_move == 0.0
     assert again.path[[0, -1]] == pytest.approx(plan.path[[0, -1]], abs=1e-12)
     assert gap_to(again.path, plan.path) < 0.05  # resampled, not bent
-    assert again.meta["certified"]
+    assert again.certified
     assert again.joints.shape[1] == plan.joints.shape[1]
 
 
@@ -63,14 +64,10 @@ def test_a_rigid_move_takes_the_whole_plan_along(at_rest):
     moved = replace(field, origin=field.origin @ turn.T + shift, rotation=turn @ field.rotation)
     still = replan(plan, field)
     there = replan(plan, moved, advect=lambda points: points @ turn.T + shift)
-    assert there.meta["replan"]["warm"]
+    assert there.replan.warm
     assert there.joints == pytest.approx(still.joints @ turn.T + shift, abs=1e-6)
-    assert there.meta["certificate"]["clearance_mm"] == pytest.approx(
-        still.meta["certificate"]["clearance_mm"], abs=1e-6
-    )
-    assert there.meta["introducer"]["outward"] == pytest.approx(
-        turn @ plan.meta["introducer"]["outward"], abs=1e-9
-    )
+    assert there.certificate.clearance == pytest.approx(still.certificate.clearance, abs=1e-6)
+    assert there.introducer.outward == pytest.approx(turn @ plan.introducer.outward, abs=1e-9)
 
 
 @pytest.mark.parametrize("amount", [-2.0, 2.0])
@@ -79,12 +76,12 @@ def test_what_is_proved_holds_in_the_lumen_as_it_is_now(at_rest, amount):
     curve = sway(CURVE, amount)
     field, _ = lumen(curve)
     moved = replan(plan, field, advect=lambda points: sway(points, amount))
-    assert moved.meta["replan"]["warm"]
-    assert moved.meta["replan"]["tissue_move_mm"] == pytest.approx(
+    assert moved.replan.warm
+    assert moved.replan.tissue_move == pytest.approx(
         np.linalg.norm(sway(plan.path, amount) - plan.path, axis=1).max()
     )
     assert moved.status == "complete"
-    bound = moved.meta["certificate"]["clearance_mm"]
+    bound = moved.certificate.clearance
     assert bound >= 0.0
     assert certify_plan(moved, field).clearance == pytest.approx(bound)
     # and against the true wall, at random places and times, links within the lumen's reach
@@ -97,8 +94,8 @@ def test_what_is_proved_holds_in_the_lumen_as_it_is_now(at_rest, amount):
         weight * ((1.0 - along) * heads[at, link] + along * tails[at, link])
         for weight, at in ((1.0 - time, step), (time, step + 1))
     )
-    entry = np.array(moved.meta["introducer"]["entry_mm"])
-    outside = (body - entry) @ np.array(moved.meta["introducer"]["outward"]) > -RADIUS
+    entry = np.array(moved.introducer.entry)
+    outside = (body - entry) @ np.array(moved.introducer.outward) > -RADIUS
     room = -curve_distance(curve, RADIUS)(body[~outside]) - SCOPE.radius
     assert len(room) > 5_000
     assert room.min() >= bound
@@ -113,13 +110,13 @@ def test_many_breaths_do_not_wear_the_path_out(at_rest):
         change = amount - last
         plan = replan(plan, field, advect=lambda points, change=change: sway(points, change))
         last = amount
-        assert plan.meta["replan"]["warm"]
+        assert plan.replan.warm
         assert plan.status == "complete"
-        proved.append(plan.meta["certificate"]["clearance_mm"])
+        proved.append(plan.certificate.clearance)
     first, third = np.array(proved).reshape(3, 8)[[0, 2]]
     assert min(proved) > 0.0
     assert third.min() > 0.5 * first.min()
-    assert plan.meta["measures"]["joint_step_ratio_max"] < 2.0
+    assert plan.measures.joint_step_ratio_max < 2.0
 
 
 def test_the_goal_must_move_with_its_tissue(at_rest):
@@ -129,16 +126,16 @@ def test_the_goal_must_move_with_its_tissue(at_rest):
     field, line = lumen(CURVE + far)
     left = replan(plan, field)
     assert left.status == "stopped"
-    assert not left.meta["replan"]["warm"]
-    assert left.meta["replan"]["reason"] == "the entry is narrower than the scope"
+    assert not left.replan.warm
+    assert left.replan.reason == "the entry is narrower than the scope"
     assert left.reason_code == "ENTRY_CLEARANCE"
     taken = replan(plan, field, advect=lambda points: points + far)
     assert taken.status == "complete"
-    assert taken.meta["replan"]["warm"]
+    assert taken.replan.warm
     # with the way as it is now there is a full plan, introducer included
     full = replan(plan, field, line=line)
     assert full.status == "complete"
-    assert not full.meta["replan"]["warm"]
+    assert not full.replan.warm
     assert full.path[0] == pytest.approx(line.points[0])
 
 
@@ -151,23 +148,23 @@ def test_a_pinch_stops_it_and_an_opening_lets_it_go_on(at_rest):
     stopped = replan(plan, pinched)
     assert stopped.status == "stopped"
     assert stopped.reason_code == "NO_PASSAGE"
-    assert not stopped.meta["replan"]["warm"]
-    assert "are needed" in stopped.meta["replan"]["reason"]
+    assert not stopped.replan.warm
+    assert "are needed" in stopped.replan.reason
     with pytest.raises(InputError, match="the last plan stopped .NO_PASSAGE.*give line"):
         replan(stopped, field)
     opened = replan(stopped, field, line=line)
     assert opened.status == "complete"
-    assert opened.meta["replan"]["reason"] == "the last plan did not reach its goal"
+    assert opened.replan.reason == "the last plan did not reach its goal"
 
 
 def test_the_request_is_the_last_plans(at_rest, tmp_path):
     field, line, _ = at_rest
     asked = {"method": "follow", "head_step": 0.8, "route": (1.0, 0.2), "slip": 0.25}
-    plan = plan_insertion(field, line, scope=SCOPE, angle_limit=1.5, **asked)
+    plan = insert(field, line, scope=SCOPE, angle_limit=1.5, **asked)
     again = replan(Plan.load(plan.save(tmp_path / "plan.npz")), field)
     assert again.method == "follow"
-    for key in ("options", "head_step_mm", "scope"):
-        assert again.meta[key] == plan.meta[key]
+    for key in ("options", "scope"):
+        assert getattr(again, key) == getattr(plan, key)
     share = again.head_arc_length / again.head_arc_length.max()
     assert share[-1] == pytest.approx(0.2)
     # every joint of "follow" is on the path, or in the introducer before it
@@ -179,17 +176,17 @@ def test_another_scope_may_be_asked_for(at_rest):
     field, _, plan = at_rest
     thin = Scope(diameter=4.0, link_length=6.0, length=60.0)
     again = replan(plan, field, scope=thin)
-    assert again.meta["scope"] == {"diameter_mm": 4.0, "link_length_mm": 6.0}
+    assert (again.scope.diameter, again.scope.link_length) == (4.0, 6.0)
     assert again.links == 10
-    assert again.meta["certified"]
+    assert again.certified
 
 
 @pytest.mark.parametrize(
     ("change", "options", "message"),
     [
         ({"method": "thesis"}, {}, "by method 'thesis' cannot be planned again"),
-        ({"meta": {}}, {}, "no scope"),
-        ({"meta": {}}, {"scope": SCOPE}, "no introducer"),
+        ({"scope": None}, {}, "no scope"),
+        ({"introducer": None}, {"scope": SCOPE}, "no introducer"),
         ({}, {"advect": lambda points: points[1:]}, "advect returns"),
         ({}, {"advect": lambda points: points * np.nan}, "what advect returns has .* not finite"),
         ({}, {"advect": lambda points: 0.0 * points}, "folds the tissue at the entry"),
@@ -213,7 +210,7 @@ def test_the_last_plan_is_left_as_it_was(at_rest):
     replan(plan, field, advect=push)
     assert np.array_equal(plan.path, path)
     assert np.array_equal(plan.joints, joints)
-    assert "replan" not in plan.meta
+    assert plan.replan is None
 
 
 def test_planar_and_analytic_lumens_are_planned_again_too():
@@ -230,18 +227,18 @@ def test_planar_and_analytic_lumens_are_planned_again_too():
 
     inner = middle[2:-2]
     duct = channel(0.0)
-    plan = plan_insertion(duct, Centreline.from_points(inner, duct), scope=SCOPE, head_step=0.5)
+    plan = insert(duct, Centreline.from_points(inner, duct), scope=SCOPE, head_step=0.5)
     flat = replan(plan, channel(2.0), advect=lambda points: sway_plane(points, 2.0))
-    assert flat.meta["replan"]["warm"]
-    assert flat.meta["certified"]
+    assert flat.replan.warm
+    assert flat.certified
     assert flat.joints.shape[2] == 2
 
     duct = RoundCones(CURVE, np.full(len(CURVE), RADIUS))
-    plan = plan_insertion(duct, Centreline.from_points(CURVE, duct), scope=SCOPE, head_step=0.5)
+    plan = insert(duct, Centreline.from_points(CURVE, duct), scope=SCOPE, head_step=0.5)
     moved = RoundCones(sway(CURVE, 2.0), np.full(len(CURVE), RADIUS))
     space = replan(plan, moved, advect=lambda points: sway(points, 2.0))
-    assert space.meta["replan"]["warm"]
-    assert space.meta["certified"]
+    assert space.replan.warm
+    assert space.certified
     with pytest.raises(InputError, match="has 3 dimensions, the duct has 2"):
         replan(plan, channel(0.0))
 
@@ -251,7 +248,7 @@ def test_a_human_tract_in_a_breath(upper_gi_dir):
     mask, affine = np.pad(tract.mask, 6), tract.affine.copy()
     affine[:3, 3] -= 6.0 * affine[:3, :3].sum(axis=1)
     field = field_from_mask(mask, affine, voxel=2.0)
-    plan = plan_insertion(
+    plan = insert(
         field,
         find_centreline(field),
         scope=Scope(diameter=5.5, link_length=12.0),
@@ -271,8 +268,8 @@ def test_a_human_tract_in_a_breath(upper_gi_dir):
     moved = field_from_mask(mask[tuple(source.T)].reshape(mask.shape), affine, voxel=2.0)
     again = replan(plan, moved, advect=breathe)
     assert again.status == "complete"
-    assert again.meta["certified"]
-    assert again.meta["replan"]["warm"]
+    assert again.certified
+    assert again.replan.warm
     assert certify_plan(again, moved).certified
     # the old motion would not do: the tissue has moved into it
     assert not certify_plan(plan, moved).certified
@@ -284,5 +281,5 @@ def test_a_centreline_may_be_made_of_the_moved_one(at_rest):
     field, _ = lumen(sway(CURVE, 2.0))
     way = Centreline.from_points(curve, field)
     again = replan(plan, field, advect=lambda points: sway(points, 2.0), line=way)
-    assert again.meta["replan"]["warm"]
-    assert again.meta["measures"]["clearance_where_mm"] <= way.length
+    assert again.replan.warm
+    assert again.measures.clearance_where <= way.length

@@ -7,14 +7,13 @@ import pytest
 
 from bozzini.duct import field_from_mask
 from bozzini.duct.centreline import Centreline
-from bozzini.motion import Introducer
+from bozzini.motion import FreeSpace, Introducer
 from bozzini.motion.shape import (
-    SHORTEST,
+    SHORTEST_MM,
+    Band,
     ShapedPath,
-    continue_length,
     cut_path,
     measure_folds,
-    shape_path,
 )
 from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import VoxelWall, voxelise
@@ -32,14 +31,15 @@ def bend():
     )
 
 
-def shape(case, length, room, shaper=shape_path, lead=60.0, **options):
+def shape(case, length, clearance, shaper=Band.shape, lead=60.0, **options):
     field, _, line = case
     introducer = Introducer.at_start(
         line, bore=float(field.clearance_bound(line.points[0])), along=length
     )
-    packed = introducer.pack(field)
     path = np.ascontiguousarray(field.to_grid(line.points))
-    return shaper(field.pack(), packed, path, length=length, room=room, lead=lead, **options)
+    space = FreeSpace(field, line, introducer)
+    band = Band(space=space, length=length, clearance=clearance, lead=lead)
+    return shaper(band, path, **options)
 
 
 def walk_chords(path, length, first):
@@ -70,7 +70,7 @@ def test_every_chord_of_the_shaped_path_is_clear(bend, length):
     inside = (points - world[shaped.first]) @ outward < 0.0
     # Between its vertices, half a millimetre apart, a chord may lose a little.
     assert wall.clearance(points[inside]).min() >= 2.5 - 0.05
-    assert wall.clearance(points[inside]).min() >= shaped.room - 0.05
+    assert wall.clearance(points[inside]).min() >= shaped.clearance - 0.05
 
 
 def test_ends_and_introducer_stay(bend):
@@ -104,7 +104,7 @@ def test_what_does_not_fit_is_said_and_cut(bend):
     field, wall, _ = bend
     shaped = shape(bend, 9.0, 5.4)
     assert not shaped.clear
-    assert shaped.room < 5.4
+    assert shaped.clearance < 5.4
     assert 0.0 <= shaped.clear_until < shaped.length
     # The part before it is clear for as much as was asked.
     easier = shape(bend, 30.0, 3.0, thorough=False)
@@ -122,12 +122,12 @@ def test_what_does_not_fit_is_said_and_cut(bend):
 
 
 def test_growing_the_link_ends_at_the_length_or_at_the_largest_that_fits(bend):
-    whole, largest = shape(bend, 9.0, 2.5, continue_length)
+    whole, largest = shape(bend, 9.0, 2.5, Band.grow_link)
     assert whole is not None and whole.clear and largest == 9.0
-    none, largest = shape(bend, 40.0, 3.5, continue_length)
-    assert none is None and SHORTEST <= largest < 40.0
-    assert shape(bend, largest, 3.5, continue_length)[0] is not None
-    none, largest = shape(bend, 9.0, 5.4, continue_length)
+    none, largest = shape(bend, 40.0, 3.5, Band.grow_link)
+    assert none is None and SHORTEST_MM <= largest < 40.0
+    assert shape(bend, largest, 3.5, Band.grow_link)[0] is not None
+    none, largest = shape(bend, 9.0, 5.4, Band.grow_link)
     assert none is None and largest == 0.0
 
 
@@ -146,7 +146,7 @@ def test_folds_of_a_line_and_of_a_circle():
             points=points,
             arc_length=arc,
             first=0,
-            room=1.0,
+            clearance=1.0,
             tightest=0.0,
             clear=True,
             clear_until=float(arc[-1]),

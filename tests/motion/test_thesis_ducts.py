@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from bozzini.duct import Centreline, Polygon, RoundCones
-from bozzini.motion import Introducer, Scope, certify_plan, plan_insertion
+from bozzini.motion import FreeSpace, Introducer, Scope, certify_plan
 from bozzini.motion.thesis import move_by_thesis
 from tests.motion.pipes import NAMES, load_example, make_pipes
+from tests.motion.plans import insert
 from tests.motion.test_link_ducts import room_at
 from tests.motion.test_planar import measure_exact
 from tests.shapes import bend_curve
@@ -19,7 +20,7 @@ SCOPE = Scope(diameter=6.0, link_length=9.0)
 def plan_pipe(name, scope=SCOPE, head_step=0.5):
     duct = make_pipes()[name]
     line = load_example().make_line(duct)
-    return duct, line, plan_insertion(duct, line, scope=scope, method="thesis", head_step=head_step)
+    return duct, line, insert(duct, line, scope=scope, method="thesis", head_step=head_step)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -31,18 +32,18 @@ def test_a_chain_goes_through_every_pipe_and_is_checked_again(name):
     lengths = np.linalg.norm(np.diff(plan.joints, axis=1), axis=2)
     assert lengths == pytest.approx(9.0, abs=1e-9)
     # joints keep the scope's radius once they are ahead of the entry
-    introducer = Introducer.from_description(plan.meta["introducer"])
+    introducer = plan.introducer
     joints = plan.joints[1:].reshape(-1, plan.joints.shape[2])
     joints = joints[(joints - introducer.entry) @ introducer.outward < 0.0]
     assert room_at(duct, joints).min() >= 3.0 - 2e-9
     # some are at the wall, so that it was felt
     assert np.mean(room_at(duct, joints) < 3.0 + 1e-6) > 0.02
     # the whole body, again: the proof, by itself from the plan, and random places of the body
-    proved = plan.meta["certificate"]["clearance_mm"]
+    proved = plan.certificate.clearance
     assert certify_plan(plan, duct).clearance == proved
     found = measure_exact(plan, duct, 4_000).min()
     assert proved <= found + 1e-9
-    assert plan.meta["certified"] == (proved >= 0.0)
+    assert plan.certified == (proved >= 0.0)
     moves = np.linalg.norm(np.diff(plan.joints, axis=0), axis=2)
     assert moves.max() <= 4.0 * 0.5 + 1e-9
 
@@ -75,7 +76,7 @@ def test_a_planar_pipe_is_the_middle_of_a_tall_one():
 def test_obstacles_are_kept_off():
     duct, _, plan = plan_pipe("with obstacles")
     (circles,) = duct.obstacles
-    introducer = Introducer.from_description(plan.meta["introducer"])
+    introducer = plan.introducer
     joints = plan.joints.reshape(-1, 2)
     joints = joints[(joints - introducer.entry) @ introducer.outward < 0.0]
     gaps = np.linalg.norm(joints[:, None] - circles.centres, axis=2) - circles.radii
@@ -91,8 +92,7 @@ def test_a_lock_is_where_it_is_in_the_sampled_tube():
     line = Centreline.from_points(curve[3:-4], cones)
     scope = Scope(diameter=0.2, link_length=22.0)
     plans = [
-        plan_insertion(duct, line, scope=scope, method="thesis")
-        for duct in (cones, cones.sample(1.0))
+        insert(duct, line, scope=scope, method="thesis") for duct in (cones, cones.sample(1.0))
     ]
     for plan in plans:
         assert (plan.status, plan.reason_code) == ("stopped", "LINK_LOCKED")
@@ -107,15 +107,10 @@ def test_a_link_without_a_place_is_said_with_all_that_was_asked():
     # Without a tube to come from, a link longer than the room has nowhere to be.
     room = Polygon([(0, -5), (20, -5), (20, 5), (0, 5)])
     line = Centreline.from_points([(5.0, 0.0), (15.0, 0.0)], room)
-    motion = move_by_thesis(
-        room,
-        line,
-        scope=Scope(diameter=2.0, link_length=30.0),
-        introducer=Introducer(entry=line.points[0], outward=np.array([-1.0, 0.0]), bore=0.0),
-        links=2,
-        head_step=0.25,
-    )
-    assert (motion.status, motion.reason_code) == ("stopped", "LINK_INFEASIBLE")
+    tube = Introducer(entry=line.points[0], outward=np.array([-1.0, 0.0]), bore=0.0)
+    scope = Scope(diameter=2.0, link_length=30.0)
+    motion = move_by_thesis(FreeSpace(room, line, tube), scope, links=2, head_step=0.25)
+    assert motion.reason_code == "LINK_INFEASIBLE"
     assert motion.joints.shape == (1, 3, 2)
     # from (5, 0) the farthest places with 1 mm are (19, +-4)
     lack = 30.0 - np.hypot(14.0, 4.0)

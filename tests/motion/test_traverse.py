@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from bozzini.duct import Centreline, Polygon, RoundCones, SampledField, TriangleMesh
 from bozzini.errors import InputError
 from bozzini.motion.traverse import find_diameter_limits, find_link_limits, make_ceiling
-from bozzini.motion.traverse_bend import Bend
+from bozzini.thesis.traverse_bend import Bend
 from tests.motion.bends import bend_duct
 from tests.shapes import bend_curve, curve_distance, sample_field
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError
-from bozzini.motion.traverse_bend import Bend, limit_by_turning
+from bozzini.thesis.traverse_bend import Bend, limit_by_turning
 from tests.motion.bends import bend_room, link_passes, pull_joints
 
 bends = st.builds(

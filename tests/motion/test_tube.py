@@ -7,12 +7,12 @@ import pytest
 
 from bozzini.duct import field_from_mask
 from bozzini.duct.centreline import Centreline
-from bozzini.motion import Scope, plan_insertion
-from bozzini.motion.certify import certify_plan
+from bozzini.motion import Scope, certify_plan
 from bozzini.motion.kernels.tube import move_in_tube as move
 from bozzini.motion.tube import DEVIATION_CAP, STEP_RATIO_MAX
 from bozzini.numeric.polylines import measure_arc_length
 from tests.exact import voxelise
+from tests.motion.plans import insert
 from tests.shapes import bend_curve
 
 LINK = 9.0
@@ -26,7 +26,7 @@ def bend():
 
 
 def plan(bend, **options):
-    return plan_insertion(*bend, scope=Scope(diameter=4.0, link_length=LINK), **options)
+    return insert(*bend, scope=Scope(diameter=4.0, link_length=LINK), **options)
 
 
 def travel(joints):
@@ -50,14 +50,14 @@ def test_link_lengths_are_exact_and_the_motion_is_certified(bend, options):
     assert result.status == "complete"
     lengths = np.linalg.norm(np.diff(result.joints, axis=1), axis=2)
     assert lengths == pytest.approx(LINK, abs=1e-9)
-    assert result.meta["certified"]
+    assert result.certified
     assert certify_plan(result, bend[0]).clearance >= 0.0
 
 
 def test_followers_stay_on_the_path(bend):
     result = plan(bend, method="follow", head_step=1.0)
     entry = result.path[0]
-    outward = np.array(result.meta["introducer"]["outward"])
+    outward = np.array(result.introducer.outward)
     line = np.concatenate([[entry + 500.0 * outward], result.path])
     joints = result.joints[::5].reshape(-1, 3)
     assert distance_to_polyline(joints, line).max() < 1e-6
@@ -87,7 +87,7 @@ def test_joints_move_boundedly_however_fine_the_head_steps(bend):
 def test_in_out_in_ends_where_in_ends(bend):
     once = plan(bend)
     again = plan(bend, route=(1.0, 0.0, 1.0))
-    assert again.meta["certified"]
+    assert again.certified
     # The motion has hysteresis, as a tractrix has: most where joints have hardly entered.
     gaps = np.linalg.norm(again.joints[-1] - once.joints[-1], axis=1)
     assert gaps.max() <= DEVIATION_CAP * LINK
@@ -173,34 +173,32 @@ def test_a_narrow_tube_holds_the_joint_near_the_path():
 
 def test_an_angle_that_following_keeps_is_no_reason_to_stop(bend):
     follow = plan(bend, method="follow")
-    limit = follow.meta["measures"]["joint_angle_max_rad"] + 0.005
+    limit = follow.measures.joint_angle_max + 0.005
     free = plan(bend, method="tube")
-    assert free.meta["measures"]["joint_angle_max_rad"] > limit
+    assert free.measures.joint_angle_max > limit
     held = plan(bend, method="tube", angle_limit=limit)
     assert held.status == "complete"
-    assert held.meta["measures"]["joint_angle_max_rad"] <= limit
+    assert held.measures.joint_angle_max <= limit
     tight = plan(bend, method="tube", angle_limit=0.5 * limit)
     assert (tight.status, tight.reason_code) == ("stopped", "ANGLE")
-    assert tight.meta["certified"]
+    assert tight.certified
 
 
 @pytest.mark.parametrize(("diameter", "link"), [(2.0, 6.0), (4.0, 9.0), (6.0, 14.0)])
 def test_the_best_plan_has_the_most_certified_clearance(bend, diameter, link):
     scope = Scope(diameter=diameter, link_length=link)
-    best, *others = (
-        plan_insertion(*bend, scope=scope, method=name) for name in ("best", "tube", "follow")
-    )
-    proved = best.meta["certificate"]["clearance_mm"]
-    ratio = best.meta["measures"]["joint_step_ratio_max"]
+    best, *others = (insert(*bend, scope=scope, method=name) for name in ("best", "tube", "follow"))
+    proved = best.certificate.clearance
+    ratio = best.measures.joint_step_ratio_max
     for other in others:
-        assert other.meta["certificate"]["clearance_mm"] <= proved + 1e-9
+        assert other.certificate.clearance <= proved + 1e-9
     # It is the candidate that it names, and the best of the calm ones.
     assert best.method in ("tube", "follow")
-    assert (best.method == "follow") == (best.meta["options"]["freedom"] == 0.0)
-    assert best.meta["options"]["asked"] == "best"
-    calm = [one for one in best.meta["candidates"] if one["joint_step_ratio"] <= STEP_RATIO_MAX]
-    assert len(best.meta["candidates"]) >= 3
-    assert proved == pytest.approx(max(one["clearance_mm"] for one in calm), abs=1e-9)
+    assert (best.method == "follow") == (best.freedom == 0.0)
+    assert best.asked == "best"
+    calm = [one for one in best.candidates if one.joint_step_ratio <= STEP_RATIO_MAX]
+    assert len(best.candidates) >= 3
+    assert proved == pytest.approx(max(one.clearance for one in calm), abs=1e-9)
     assert ratio <= STEP_RATIO_MAX
     assert certify_plan(best, bend[0]).clearance == pytest.approx(proved)
 
@@ -208,8 +206,8 @@ def test_the_best_plan_has_the_most_certified_clearance(bend, diameter, link):
 def test_a_best_motion_whose_joints_jump_is_not_taken(bend):
     # Links nearly as long as the bend is wide: some candidates may move fast, none is chosen then.
     scope = Scope(diameter=2.0, link_length=24.0)
-    best = plan_insertion(*bend, scope=scope)
-    ratios = [one["joint_step_ratio"] for one in best.meta["candidates"]]
-    chosen = best.meta["measures"]["joint_step_ratio_max"]
+    best = insert(*bend, scope=scope)
+    ratios = [one.joint_step_ratio for one in best.candidates]
+    chosen = best.measures.joint_step_ratio_max
     assert best.status == "complete"
     assert chosen <= STEP_RATIO_MAX or chosen == pytest.approx(min(ratios))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from dataclasses import replace
 
@@ -11,8 +10,7 @@ import pytest
 
 from bozzini.duct import SampledField
 from bozzini.errors import BozziniError, FileFormatError, InputError
-from bozzini.motion import Plan
-from bozzini.motion.certify import certify_plan
+from bozzini.motion import Plan, certify_plan
 from bozzini.motion.recheck import Tube, recheck_motion, surface_wall, voxel_wall
 from bozzini.motion.verify import check_consistency, verify_plan
 from tests.exact import MeshWall, VoxelWall
@@ -25,6 +23,7 @@ from tests.motion.damage import (
     recheck,
     sample_clearance,
 )
+from tests.motion.plans import forge, rewrite
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def case():
 @pytest.fixture(scope="module")
 def plan(case):
     made = case.plan(head_step=1.0)
-    assert made.status == "complete" and made.meta["certified"]
+    assert made.status == "complete" and made.certified
     return made
 
 
@@ -86,7 +85,7 @@ def judge(damaged, case, folder):
     """Return whether a plan, written and read again, is accepted."""
     try:
         back = Plan.load(damaged.save(folder / "plan.npz"))
-        field = case.field.inflate(back.meta["field"]["inflation_mm"])
+        field = case.field.inflate(back.field.inflation)
         return verify_plan(back, field).certified
     except (BozziniError, ValueError) as error:  # JSON takes no NaN
         assert "\n" not in str(error)
@@ -173,25 +172,23 @@ def test_each_fault_is_named(case, plan):
     jump = plan.joints.copy()
     jump[60:, :] += [0.0, 0.0, 5.0]
     assert "moves" in faults(joints=jump)
-    stated = plan.meta["introducer"]
-    inwards = {**stated, "outward": [-v for v in stated["outward"]]}
-    assert "introducer" in faults(meta={**plan.meta, "introducer": inwards})
-    measures = {**plan.meta["measures"], "clearance_min_mm": 3.0}
-    assert faults(meta={**plan.meta, "measures": measures}) == {"measures"}
+    inwards = replace(plan.introducer, outward=-plan.introducer.outward)
+    assert "introducer" in faults(introducer=inwards)
+    assert faults(measures=replace(plan.measures, clearance_min=3.0)) == {"measures"}
 
 
 def test_a_claim_is_held_to_the_proof_not_to_its_looseness(case, plan):
     second = recheck(plan, case.wall, tolerance=0.01)
     for claim, holds in ((0.0, True), (second.lower - 0.35, True), (second.found + 0.01, False)):
-        proof = {**plan.meta["certificate"], "clearance_mm": max(claim, 0.0)}
-        result = verify_plan(replace(plan, meta={**plan.meta, "certificate": proof}), case.field)
+        proof = replace(plan.certificate, clearance=max(claim, 0.0))
+        result = verify_plan(replace(plan, certificate=proof), case.field)
         assert result.certified == holds
 
 
 def test_clearances_at_steps_are_measured_anew(case, plan):
     clearance = np.where(np.isfinite(plan.clearance), plan.clearance + 2.0, np.inf)
-    measures = {**plan.meta["measures"], "clearance_min_mm": float(clearance.min())}
-    forged = replace(plan, clearance=clearance, meta={**plan.meta, "measures": measures})
+    measures = replace(plan.measures, clearance_min=float(clearance.min()))
+    forged = replace(plan, clearance=clearance, measures=measures)
     result = verify_plan(forged, case.field)
     assert [item.name for item in result.checks if not item.ok] == ["clearances"]
     assert not result.certified
@@ -298,22 +295,6 @@ def test_bad_input_of_the_second_checker_is_named(joints, options):
         recheck_motion(joints, wall, **{"radius": 1.0, **options})
 
 
-def rewrite(file, **changes):
-    """Write the archive again with other arrays."""
-    with np.load(file) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    np.savez_compressed(file, **{**arrays, **changes})
-    return file
-
-
-def forge(path, change):
-    """Write the archive again with its meta changed by a function."""
-    with np.load(path) as archive:
-        meta = json.loads(str(archive["meta"]))
-    change(meta)
-    return rewrite(path, meta=np.array(json.dumps(meta)))
-
-
 def nested(meta, key, name, value):
     meta[key][name] = value
 
@@ -406,7 +387,7 @@ def test_an_archive_that_states_more_than_it_holds_is_refused(plan, tmp_path):
 def test_an_archive_that_unpacks_to_too_much_is_refused(plan, tmp_path, monkeypatch):
     path = plan.save(tmp_path / "plan.npz")
     Plan.load(path)
-    monkeypatch.setattr("bozzini.motion.plan.LARGEST", 2**22)
+    monkeypatch.setattr("bozzini.motion.plan.FILE_SIZE_MAX", 2**22)
     rewrite(path, joints=np.zeros((2**17, 2, 3)))
     assert path.stat().st_size < 2**18
     with pytest.raises(FileFormatError, match="MiB unpacked"):

@@ -12,7 +12,9 @@ from bozzini.cli.main import main
 from bozzini.effector import Effector, effector_preset
 from bozzini.errors import InputError
 from bozzini.muscle import MODELS, CatalogueModel, EnergyMuscle
-from bozzini.muscle.models import GROUP, ModelRegistry
+from bozzini.muscle.models import ModelRegistry
+
+GROUP = MODELS.group
 
 SPRING = EntryPoint("spring", "tests.effector.models:SpringMuscle", GROUP)
 LOST = EntryPoint("lost", "no_such_package:Model", GROUP)
@@ -24,7 +26,7 @@ OURS = EntryPoint("energy", "no_such_package:Model", GROUP)
 def registry(monkeypatch):
     points = [SPRING, LOST, NONE, OURS]
     monkeypatch.setattr(
-        "bozzini.muscle.models.entry_points",
+        "bozzini.registry.entry_points",
         lambda *, group: [point for point in points if point.group == group],
     )
     return ModelRegistry()

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from bozzini.anatomy import read_tract
 from bozzini.motion import Scope
-from bozzini.study import run_insertion
+from bozzini.study import InsertionOptions, run_insertion
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +31,11 @@ def tract(colon_dir: Path):
 @pytest.mark.parametrize("diameter", [5.0, 9.0, 12.8])
 def test_a_colon_is_entered_at_the_anus_and_certified(tract, reviewed, diameter) -> None:
     scope = Scope(diameter=diameter, link_length=8.0)
-    study = run_insertion(tract, scope=scope, method="tube", head_step=1.0)
+    study = run_insertion(tract, scope, InsertionOptions(method="tube", head_step=1.0))
     line = study.line
     ends = [np.linalg.norm(point - reviewed[0]) for point in line.points[[0, -1]]]
     assert ends[0] < 20.0 < ends[1]
-    assert study.plan.status == "complete" and study.plan.meta["certified"], study.plan.reason
+    assert study.plan.status == "complete" and study.plan.certified, study.plan.reason
     # The reviewed line lies beside the middle: by 4 mm on average, and with less clearance.
     gaps, nearest = cKDTree(reviewed).query(line.points)
     assert gaps.mean() < 5.0

@@ -12,16 +12,18 @@ import numpy as np
 import pytest
 import trimesh
 
+from bozzini.anatomy.files import write_tract
 from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import ORGANS, Component, LabelTract, Opening
-from bozzini.cli._tract_options import _ORGANS
 from bozzini.duct import build_field, find_centreline
+from bozzini.duct.field import INFLATION_MAX
+from bozzini.duct.fitting.fit import KINDS
 from bozzini.errors import GeometryError, InputError
-from bozzini.motion import Scope
+from bozzini.motion import PLANNERS, Scope
 from bozzini.report.verdict import judge_plan
-from bozzini.study import run_insertion
-from bozzini.study.ends import find_way, measure_gap, resolve_places
+from bozzini.study import InsertionOptions, options, run_insertion
+from bozzini.study.ends import measure_gap, orient_centreline, resolve_places
 from bozzini.study.insertion import write_centreline, write_volumes
 from bozzini.study.reach import Unreached, find_unreached
 from tests.shapes import curve_distance
@@ -63,12 +65,16 @@ def tract() -> LabelTract:
     )
 
 
+def plan(tract: LabelTract, *, scope: Scope = SCOPE, head_step: float = 2.0, **given: object):
+    return run_insertion(tract, scope, InsertionOptions(head_step=head_step, **given))
+
+
 def near(point: np.ndarray, place: np.ndarray, reach: float = 16.0) -> bool:
     return bool(np.linalg.norm(point - place) < reach)
 
 
 def way_of(tract: LabelTract, *ends: object, **options: object) -> object:
-    return find_way(tract, build_field(tract), resolve_places(tract, *ends), **options)
+    return orient_centreline(tract, build_field(tract), resolve_places(tract, *ends), **options)
 
 
 @pytest.mark.parametrize(
@@ -223,19 +229,19 @@ def test_via_chooses_between_two_ways() -> None:
     chosen = np.argwhere(labels > 0)[centres[:, 0] < -35.0]
     labels[tuple(chosen.T)] = 5
     marked = replace(ring, labels=labels)
-    way = find_way(marked, field, resolve_places(marked, low, high, (5,)))
+    way = orient_centreline(marked, field, resolve_places(marked, low, high, (5,)))
     assert way.line.points[:, 0].min() < -35.0
 
 
 @pytest.fixture(scope="module")
 def both(tract):
     bare = replace(tract, organ=None, landmarks={}, openings=())
-    return bare, run_insertion(bare, scope=SCOPE, head_step=2.0)
+    return bare, plan(bare)
 
 
 def test_of_an_unknown_organ_both_ends_are_tried_and_named(both) -> None:
     bare, study = both
-    summary = study.summarise()
+    summary = study.to_dict()
     assert len(summary["entries"]) == 2
     firsts = np.array([entry["point_mm"] for entry in summary["entries"]])
     assert firsts[0] == pytest.approx(study.line.points[0], abs=1e-3)
@@ -243,10 +249,10 @@ def test_of_an_unknown_organ_both_ends_are_tried_and_named(both) -> None:
     (note,) = (item for item in study.findings if item.code == "organ-unknown")
     for point in firsts:
         assert f"({', '.join(f'{v:.0f}' for v in point)}) mm" in note.message
-    other = run_insertion(bare, scope=SCOPE, head_step=2.0, reverse=True)
+    other = plan(bare, reverse=True)
     assert other.line.points[0] == pytest.approx(study.line.points[-1])
-    known = run_insertion(replace(bare, organ="colon"), scope=SCOPE, head_step=2.0)
-    assert "entries" not in known.summarise()
+    known = plan(replace(bare, organ="colon"))
+    assert "entries" not in known.to_dict()
     same = study if near(study.line.points[0], LOW) else other
     assert known.plan.joints == pytest.approx(same.plan.joints)
 
@@ -262,24 +268,22 @@ def test_the_end_that_gets_farther_is_taken() -> None:
     affine = np.diag([1.5, 1.5, 1.5, 1.0])
     affine[:3, 3] = low
     funnel = tract_from_labels(inside.astype(np.uint16), affine, source="funnel")
-    study = run_insertion(funnel, scope=Scope(diameter=13.0, link_length=8.0), head_step=2.0)
+    study = plan(funnel, scope=Scope(diameter=13.0, link_length=8.0))
     assert study.line.points[0, 2] < study.line.points[-1, 2]
-    entries = study.summarise()["entries"]
+    entries = study.to_dict()["entries"]
     assert entries[0]["inserted_mm"] > entries[1]["inserted_mm"]
 
 
 def test_what_lies_beyond_a_given_end_stands_in_the_verdict(tract) -> None:
     end = COLON[1]
-    study = run_insertion(
-        replace(tract, organ="colon"), scope=SCOPE, end=end, head_step=2.0, start=LOW
-    )
+    study = plan(replace(tract, organ="colon"), end=end, start=LOW)
     (part,) = study.unreached
     assert part.kind == "beyond"
     # The rest of the tube, but for about a sphere round the end.
     rest = np.linalg.norm(COLON[2] - COLON[1]) + np.linalg.norm(COLON[3] - COLON[2])
     whole = rest + np.linalg.norm(COLON[1] - COLON[0])
     assert 0.5 * rest / whole < part.share < rest / whole
-    summary = study.summarise()
+    summary = study.to_dict()
     verdict = judge_plan(study.plan, summary, error=summary["clearance_error_mm"])
     assert verdict.label.startswith("Fits to the given end")
     assert "beyond the goal" in verdict.sentence
@@ -305,7 +309,7 @@ def test_a_component_that_is_not_joined_stands_in_the_verdict(tract, both) -> No
     torn = replace(
         study, unreached=find_unreached(replace(bare, not_reached=(part,)), study.field, study.line)
     )
-    summary = torn.summarise()
+    summary = torn.to_dict()
     (record,) = summary["unreached"]
     assert record["kind"] == "component"
     assert record["share"] == pytest.approx(0.3 / 1.3, rel=0.01)
@@ -314,7 +318,7 @@ def test_a_component_that_is_not_joined_stands_in_the_verdict(tract, both) -> No
     assert verdict.label.startswith("Reaches the end of a part") and not torn.fits
     assert "separate component (caecum)" in verdict.sentence
     assert replace(torn, unreached=(replace(torn.unreached[0], kind="branch"),)).fits
-    whole = judge_plan(study.plan, study.summarise())
+    whole = judge_plan(study.plan, study.to_dict())
     assert whole.label.startswith("Fits, proved") and "lumen" not in whole.label
 
 
@@ -326,7 +330,7 @@ def test_missing_lumen_and_landmarks_outside_stand_in_the_verdict(tract, both) -
     lacking = replace(bare, missing=(gone,), landmarks=marks)
     torn = replace(study, unreached=find_unreached(lacking, study.field, study.line))
     assert [part.kind for part in torn.unreached] == ["missing", "landmark"]
-    verdict = judge_plan(torn.plan, torn.summarise())
+    verdict = judge_plan(torn.plan, torn.to_dict())
     size = f"{gone.volume / 1000.0:.3g} mL of lumen are missing in the file"
     assert f"{size}; not reached: ileocaecal valve." in verdict.sentence
     assert verdict.label.endswith("lumen is missing in the file") and verdict.tone == "amber"
@@ -339,7 +343,7 @@ def test_a_proof_below_the_error_of_the_wall_is_amber(both) -> None:
         (1e-3, "green", "Fits, proved"),
         (9.0, "amber", "Fits, proved for the stated wall"),
     ):
-        verdict = judge_plan(study.plan, study.summarise() | {"wall_error_mm": error})
+        verdict = judge_plan(study.plan, study.to_dict() | {"wall_error_mm": error})
         assert (verdict.tone, verdict.label) == (tone, label)
 
 
@@ -368,16 +372,14 @@ def test_a_septum_that_closes_the_lumen_is_no_fit() -> None:
     centres = np.indices(whole.labels.shape)[0] * VOXEL + whole.affine[0, 3]
     labels = np.where((centres > 29.0) & (centres < 31.0) & (whole.labels > 0), 0, whole.labels)
     closed = replace(tract_from_labels(labels, whole.affine, source="tube"), organ="colon")
-    study = run_insertion(closed, scope=SCOPE, method="follow", head_step=2.0)
-    assert study.plan.status == "complete" and study.plan.meta["certified"]
-    assert not study.fits and not study.summarise()["fits"]
-    verdict = judge_plan(study.plan, study.summarise())
+    study = plan(closed, method="follow")
+    assert study.plan.status == "complete" and study.plan.certified
+    assert not study.fits and not study.to_dict()["fits"]
+    verdict = judge_plan(study.plan, study.to_dict())
     assert verdict.label.startswith("Reaches the end of a part, proved")
-    asked = run_insertion(
-        closed, scope=SCOPE, method="follow", head_step=2.0, end=study.line.points[-1]
-    )
+    asked = plan(closed, method="follow", end=study.line.points[-1])
     assert asked.fits
-    assert judge_plan(asked.plan, asked.summarise()).label.startswith("Fits to the given end")
+    assert judge_plan(asked.plan, asked.to_dict()).label.startswith("Fits to the given end")
 
 
 HOOK = np.array([[26.0, 0, 0], [60.0, 0, 0], [60.0, 0, 50.0], [0, 0, 50.0], [0, 0, -40.0]])
@@ -385,7 +387,7 @@ HOOK = np.array([[26.0, 0, 0], [60.0, 0, 0], [60.0, 0, 50.0], [0, 0, 50.0], [0, 
 
 
 @pytest.mark.parametrize(
-    ("options", "crosses"),
+    ("ends", "crosses"),
     [
         ({"organ": "colon"}, ""),
         ({"start": HOOK[-1], "end": HOOK[0]}, ""),
@@ -398,12 +400,12 @@ HOOK = np.array([[26.0, 0, 0], [60.0, 0, 0], [60.0, 0, 50.0], [0, 0, 50.0], [0, 
         ({"start": (2.0, 3.0, -36.0), "end": HOOK[0]}, ""),
     ],
 )
-def test_an_introducer_through_the_wall_is_stated(options, crosses) -> None:
-    options = dict(options)
-    hook = replace(make_tract(HOOK), organ=options.pop("organ", "upper-tract"))
-    study = run_insertion(hook, scope=SCOPE, method="follow", head_step=2.0, **options)
+def test_an_introducer_through_the_wall_is_stated(ends, crosses) -> None:
+    ends = dict(ends)
+    hook = replace(make_tract(HOOK), organ=ends.pop("organ", "upper-tract"))
+    study = plan(hook, method="follow", **ends)
     found = [item for item in study.findings if item.code == "introducer-crosses"]
-    verdict = judge_plan(study.plan, study.summarise())
+    verdict = judge_plan(study.plan, study.to_dict())
     assert study.plan.status == "complete"
     assert ("the introducer crosses" in verdict.label) == bool(crosses) == bool(found)
     if not crosses:
@@ -412,9 +414,9 @@ def test_an_introducer_through_the_wall_is_stated(options, crosses) -> None:
     assert verdict.tone == "amber"
     # The place that is named is on the introducer, and at a wall of the lumen.
     place = np.array([float(v) for v in found[0].message.split("(")[1].split(")")[0].split(",")])
-    tube = study.plan.meta["introducer"]
-    off = np.cross(place - tube["entry_mm"], tube["outward"])
-    assert np.linalg.norm(off) <= tube["bore_mm"]
+    tube = study.plan.introducer
+    off = np.cross(place - tube.entry, tube.outward)
+    assert np.linalg.norm(off) <= tube.bore
     assert abs(float(study.field.signed_distance(place))) < VOXEL
 
 
@@ -429,13 +431,13 @@ def test_two_tubes_in_one_field_are_two_components() -> None:
 
 
 def test_the_verdict_states_up_to_which_wall_error_the_proof_holds(both) -> None:
-    summary = both[1].summarise()
+    summary = both[1].to_dict()
     proved = summary["clearance_certified_mm"]
     assert proved > 0.0
     for stated, covers in ((0.5 * proved, True), (2.0 * proved, False)):
         asked = replace(both[1], label_error=stated)
         assert asked.fits is covers  # the user asked for it
-        verdict = judge_plan(asked.plan, asked.summarise())
+        verdict = judge_plan(asked.plan, asked.to_dict())
         (note,) = verdict.notes
         assert ("does not cover" in note) is not covers
         assert (verdict.tone == "green") is covers
@@ -481,5 +483,34 @@ def test_files_for_other_tools_keep_the_place(tract, tmp_path: Path, frame: str)
             assert np.all(found > 0)
 
 
-def test_the_command_line_knows_every_organ() -> None:
-    assert _ORGANS == ORGANS
+def test_the_labels_of_an_export_are_those_of_the_tract(tract, tmp_path: Path) -> None:
+    write_volumes(build_field(tract), tract, tmp_path, frame="RAS")
+    write_tract(tmp_path / "own.nii.gz", tract)
+    exported, own = (nibabel.load(tmp_path / f"{name}.nii.gz") for name in ("labels", "own"))
+    assert np.array_equal(np.asarray(exported.dataobj), np.asarray(own.dataobj))
+    assert exported.affine == pytest.approx(own.affine)
+    assert exported.header == own.header
+
+
+def test_a_named_end_is_searched_once(tract, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+
+    def search(*given, **known):
+        found.append(given)
+        return find_centreline(*given, **known)
+
+    monkeypatch.setattr("bozzini.study.ends.find_centreline", search)
+    field = build_field(tract)
+    named = orient_centreline(tract, field, resolve_places(tract, "appendix tip", None))
+    assert len(found) == 1
+    again = find_centreline(field, (named.line.points[0], None))
+    assert named.line.length == pytest.approx(again.length, rel=0.01)
+    assert near(named.line.points[-1], again.points[-1], 2.0)
+
+
+def test_options_know_every_organ_method_and_shape() -> None:
+    assert options.ORGANS == ORGANS
+    fields = options.InsertionOptions.__dataclass_fields__
+    assert fields["method"].metadata["quantity"].words == tuple(PLANNERS)
+    assert options.SHAPES == KINDS
+    assert options.INFLATION_MAX == INFLATION_MAX

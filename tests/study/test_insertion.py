@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bozzini import view
+from bozzini import plot, report, scene
 from bozzini.anatomy import Finding
 from bozzini.anatomy.labels import tract_from_labels
 from bozzini.anatomy.surface import tract_from_surface
 from bozzini.anatomy.tract import LabelTract, SurfaceTract
 from bozzini.errors import GeometryError, InputError, OutputError
-from bozzini.motion import Scope
-from bozzini.study import InsertionStudy, run_insertion
+from bozzini.motion import FreeSpace, Scope
+from bozzini.study import InsertionOptions, InsertionStudy, run_insertion
 from tests.shapes import bend_curve, curve_distance
 
 VOXEL = 1.5
@@ -57,14 +57,20 @@ def surface() -> SurfaceTract:
     return tract_from_surface(vertices + low, faces, source="tube")
 
 
-def run(tract: LabelTract | SurfaceTract, **options: object) -> InsertionStudy:
-    given = {"scope": SCOPE, "start": START, "end": END, "head_step": 1.0, **options}
-    return run_insertion(tract, **given)
+def run(
+    tract: LabelTract | SurfaceTract,
+    *,
+    scope: Scope = SCOPE,
+    inputs: dict[str, object] | None = None,
+    **options: object,
+) -> InsertionStudy:
+    given = InsertionOptions(**{"start": START, "end": END, "head_step": 1.0, **options})
+    return run_insertion(tract, scope, given, inputs=inputs)
 
 
 @pytest.fixture(scope="module")
 def study(labels: LabelTract) -> InsertionStudy:
-    return run(labels, seconds={"read": 0.5}, inputs={"file": "tube.nii"})
+    return run(labels, inputs={"file": "tube.nii"})
 
 
 def test_labels_and_surface_of_one_tube_agree_within_their_errors(
@@ -79,14 +85,15 @@ def test_labels_and_surface_of_one_tube_agree_within_their_errors(
         assert part.line.radius == pytest.approx(RADIUS, abs=part.field.error + VOXEL)
     assert np.median(study.line.radius) == pytest.approx(np.median(other.line.radius), abs=allowed)
     # The same motion in the other field has the same clearance, within both errors.
-    from bozzini.motion import Introducer
-    from bozzini.motion.insertion import measure_body
+    from bozzini.motion.measures import measure_body
 
-    introducer = Introducer.from_description(study.plan.meta["introducer"])
-    crossed, _ = measure_body(other.field, study.plan.joints, scope=SCOPE, introducer=introducer)
+    introducer = study.plan.introducer
+    crossed, _ = measure_body(
+        FreeSpace(other.field, introducer=introducer), study.plan.joints, SCOPE
+    )
     both = np.isfinite(crossed) & np.isfinite(study.plan.clearance)
     assert both.any()
-    stated = sum(s.plan.meta["field"]["clearance_error_mm"] for s in (study, other))
+    stated = sum(s.plan.field.clearance_error for s in (study, other))
     gap = np.abs(crossed[both] - study.plan.clearance[both]).max()
     assert gap <= stated + study.field.wall_error
 
@@ -106,13 +113,24 @@ def test_a_turned_and_moved_scan_gives_the_turned_and_moved_plan(study: Insertio
     assert turned.plan.clearance[finite] == pytest.approx(study.plan.clearance[finite], abs=1e-3)
 
 
+def test_the_study_is_a_result_with_a_table_and_a_picture(study: InsertionStudy) -> None:
+    assert study.converged is study.fits is True and study.reason == ""
+    assert study.residual == study.plan.meta["field"]["clearance_error_mm"]
+    assert study.to_frame().loc[0, "status"] == "complete"
+    axes = study.plot()
+    assert study.plot(axes) is axes
+    over, smallest = axes.collections[-1].get_segments()[-1][-1]
+    assert over == pytest.approx(study.plan.inserted)
+    assert smallest >= study.plan.clearance_min
+
+
 def test_inflation_adds_its_room_along_the_same_centreline(
     study: InsertionStudy, labels: LabelTract
 ) -> None:
     wide = run(labels, inflate=2.0)
     assert wide.line.points == pytest.approx(study.line.points, abs=1e-6)
     assert wide.line.radius == pytest.approx(study.line.radius + 2.0, abs=1e-5)
-    assert wide.summarise()["inflation_mm"] == 2.0
+    assert wide.to_dict()["inflation_mm"] == 2.0
     assert wide.plan.clearance_min > study.plan.clearance_min
 
 
@@ -129,7 +147,7 @@ def test_an_end_in_a_label_lies_in_it(labels: LabelTract) -> None:
     for point, label in ((found.line.points[0], 2), (found.line.points[-1], 1)):
         index = np.rint(inverse[:3, :3] @ point + inverse[:3, 3]).astype(int)
         assert labels.labels[tuple(index)] == label
-    assert found.plan.meta["input"]["start"] == 2
+    assert found.plan.input.more["start"] == 2
 
 
 def test_wrong_ends_are_said(labels: LabelTract, surface: SurfaceTract) -> None:
@@ -145,12 +163,12 @@ def test_findings_are_carried_to_plan_and_summary() -> None:
     finding = Finding("odd", "warning", "something odd")
     found = run(make_labels(findings=[finding]))
     shown = {"code": "odd", "severity": "warning", "message": "something odd"}
-    assert shown in found.summarise()["findings"]
-    assert "warning: something odd" in found.plan.meta["findings"]
+    assert shown in found.to_dict()["findings"]
+    assert "warning: something odd" in found.plan.findings
 
 
 def test_summary_is_json_and_says_what_the_plan_says(study: InsertionStudy) -> None:
-    summary = study.summarise()
+    summary = study.to_dict()
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     assert summary["clearance_min_mm"] == pytest.approx(study.plan.clearance_min)
     assert summary["radius_min_mm"] == study.line.radius.min()
@@ -162,7 +180,6 @@ def test_summary_is_json_and_says_what_the_plan_says(study: InsertionStudy) -> N
 
 
 def test_seconds_by_stage(study: InsertionStudy, tmp_path: Path) -> None:
-    assert study.seconds["read"] == 0.5
     assert {"distance", "centreline", "plan"} <= set(study.seconds)
     summary = study.write(tmp_path / "plan")
     stages = {key: value for key, value in summary["seconds"].items() if key != "total"}
@@ -183,7 +200,8 @@ def test_a_stage_that_fails_leaves_nothing_behind(
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr(view, stage, fail)
+    place = {"write_scene": scene, "draw_overview": plot, "write_report": report}[stage]
+    monkeypatch.setattr(place, stage, fail)
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "summary.json").write_text(own := '{"files": ["summary.json"]}')
     for place, force in ((tmp_path / "plan", False), (tmp_path / "kept", True)):
@@ -204,7 +222,7 @@ def test_a_study_that_does_not_enter_is_a_result_too(labels: LabelTract, tmp_pat
 
 def test_a_label_may_be_any_whole_number_but_not_a_truth_value(labels: LabelTract) -> None:
     found = run(labels, start=np.int64(2), end=np.uint8(1))
-    assert found.plan.meta["input"]["start"] == 2
+    assert found.plan.input.more["start"] == 2
     assert found.line.points == pytest.approx(run(labels, start=2, end=1).line.points)
     for value in (True, np.True_):
         with pytest.raises(InputError, match="start is True: it must be a point .* or the "):
@@ -260,7 +278,7 @@ def test_another_end_is_a_finding(labels: LabelTract, monkeypatch: pytest.Monkey
     )
     forth, back = run(labels), run(labels, reverse=True)
     for found, name in ((forth, "end"), (back, "start")):
-        (item,) = (entry for entry in found.summarise()["findings"] if entry["code"] == "branches")
+        (item,) = (entry for entry in found.to_dict()["findings"] if entry["code"] == "branches")
         assert item["severity"] == "warning"
         assert "(1, 2, 3) mm" in item["message"] and f"--{name} " in item["message"]
-        assert f"warning: {item['message']}" in found.plan.meta["findings"]
+        assert f"warning: {item['message']}" in found.plan.findings

@@ -9,20 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bozzini.motion import Introducer, Scope
+from bozzini.continuum import ContinuumRobot
+from bozzini.motion import FreeSpace, Introducer, Scope
 from bozzini.motion.actuate.actuation import Actuation
 from bozzini.motion.actuate.executed import certify_arcs
-from bozzini.study import InsertionStudy, run_insertion
-from tests.continuum.motions import make_robot
+from bozzini.motion.plan import read_record
+from bozzini.study import InsertionOptions, InsertionStudy, run_insertion
+from tests.motion.actuate.motions import make_robot
 from tests.study.test_insertion import END, START, make_labels
 
 SCOPE = Scope(diameter=5.0, link_length=8.0)
 ROBOT_FILES = {"tendons.csv", "tendons.parquet", "robot.npz", "robot.png"}
 
 
-def run(**options: object) -> InsertionStudy:
-    given = {"scope": SCOPE, "start": START, "end": END, "head_step": 1.0, **options}
-    return run_insertion(make_labels(), **given)
+def run(*, robot: ContinuumRobot, scope: Scope = SCOPE, **options: object) -> InsertionStudy:
+    given = InsertionOptions(start=START, end=END, head_step=1.0, **options)
+    return run_insertion(make_labels(), scope, given, robot=robot)
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +60,8 @@ def test_without_parquet_there_is_csv(
 
 def test_a_robot_that_does_not_get_there_is_a_finding(tmp_path: Path) -> None:
     short = run(robot=make_robot(15.0, 3, radius=2.5))
-    assert short.plan.status == "complete" and short.plan.meta["certified"]
-    assert not short.fits and not short.summarise()["fits"]
+    assert short.plan.status == "complete" and short.plan.certified
+    assert not short.fits and not short.to_dict()["fits"]
     (finding,) = (item for item in short.findings if item.code == "robot")
     assert finding.severity == "warning" and "more section(s)" in finding.message
     summary = short.write(tmp_path / "out")
@@ -74,15 +76,14 @@ def test_a_wall_that_gives_way_gives_way_to_the_robot_too() -> None:
     soft = run(robot=robot, scope=thick, soft_wall=6.0)
     assert soft.robot is not None and soft.robot.fits
     moved = soft.robot
-    used = soft.plan.meta["soft_wall"]["used_mm"]
+    used = soft.plan.soft_wall.used
     # At rest the lumen offers the introducer that much less, too.
-    introducer = Introducer.from_description(moved.meta["introducer"])
+    introducer = read_record(Introducer, moved.meta["introducer"], "introducer")
     rest = certify_arcs(
         robot,
         moved.bends,
         moved.base_advance,
-        soft.field,
-        introducer=replace(introducer, bore=introducer.bore - used),
+        FreeSpace(soft.field, introducer=replace(introducer, bore=introducer.bore - used)),
     )
     assert used > 0.0
     assert rest.clearance == pytest.approx(moved.certificate.clearance - used, abs=0.2)

@@ -11,8 +11,9 @@ from bozzini.duct import RoundCones
 from bozzini.duct.shapes.cylinders import ConnectedCylinders
 from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import InputError
-from bozzini.study import traverse
+from bozzini.study import FitOptions, PathOptions, run_fit, run_sections, traverse
 from bozzini.study.traverse import run_limits
+from tests.study.test_insertion import END, START, make_labels
 
 TURN = np.linspace(0.0, 0.8, 13)
 BEND = 60.0 * np.stack([np.cos(TURN), np.sin(TURN), 0.0 * TURN], axis=1)
@@ -36,6 +37,14 @@ def test_a_body_wider_than_the_waist_is_too_wide_and_not_its_links_too_long(tigh
     assert replace(tight, diameters_of_link=None).verdict == "too wide"
     assert tight.diameters.low <= 6.0 <= tight.diameters.high <= 9.0
     assert tight.diameters_of_link.high <= tight.diameters.high
+
+
+def test_the_limits_are_a_result_with_a_reason_a_table_and_a_picture(tight):
+    assert (tight.converged, tight.reason) == (False, "too wide")
+    assert tight.to_frame().loc[0, "verdict"] == "too wide"
+    assert "not converged" in tight._repr_html_()
+    axes = tight.plot()
+    assert tight.plot(axes) is axes and axes.get_ylabel() == "length of a link [mm]"
 
 
 def test_that_no_link_passes_is_a_bound_of_the_diameter(tight, monkeypatch):
@@ -63,7 +72,7 @@ def test_the_way_along_a_chain_is_that_of_its_centres(tight):
     assert np.linalg.norm(tight.line.points[:, None] - BEND, axis=-1).min(axis=1).max() <= 2.1
     assert tight.line.length == pytest.approx(48.0, rel=0.01)
     # On a grid, as with a voxel, there is no more room.
-    grid = run_limits(make_waist(), diameter=4.0, voxel=1.5)
+    grid = run_limits(make_waist(), PathOptions(voxel=1.5), diameter=4.0)
     assert grid.diameters.low <= tight.diameters.low * 1.05
 
 
@@ -89,7 +98,7 @@ def test_super_ellipsoids_keep_the_room_that_balls_have(monkeypatch):
 
 
 def test_bounds_of_fitted_shapes_are_told_to_be_of_the_shapes(tight):
-    assert tight.fit == tight.summarise()["fit"] == "inscribed"
+    assert tight.fit == tight.to_dict()["fit"] == "inscribed"
     (found,) = tight.findings
     assert found.severity == "warning" and "upper bounds do not hold" in found.message
     (other,) = traverse._explain_fit("least squares", tight.duct)
@@ -101,6 +110,21 @@ def test_what_is_wrong_is_said():
     with pytest.raises(InputError, match="fit is 'tight': it must be one of inscribed"):
         run_limits(make_waist(), diameter=9.0, fit="tight")
     with pytest.raises(InputError, match=r"voxel is 1e\+09 mm: it must not exceed"):
-        run_limits(make_waist(), diameter=9.0, voxel=1e9)
+        run_limits(make_waist(), PathOptions(voxel=1e9), diameter=9.0)
     with pytest.raises(InputError, match="start is label 3, but shapes have no labels"):
-        run_limits(make_waist(), diameter=9.0, start=3)
+        run_limits(make_waist(), PathOptions(start=3), diameter=9.0)
+
+
+def test_fitted_shapes_and_sections_are_results_with_a_picture():
+    fit = run_fit(make_labels(), FitOptions(max_error=2.0, start=START, end=END))
+    assert fit.converged is fit.fitted.reached
+    assert fit.residual == fit.fitted.report.outside_bound
+    assert 0.0 < fit.clearance_min <= -fit.field.signed_distance(fit.line.points).min()
+    axes = fit.plot()
+    assert fit.plot(axes) is axes
+    assert [line.get_label() for line in axes.lines[:2]] == ["true", "of the shapes"]
+    sections = run_sections(make_labels(), PathOptions(start=START, end=END), spacing=5.0)
+    drawn = sections.plot()
+    names = [line.get_label() for line in drawn.lines]
+    assert names == ["clearance on the centreline", *sections.circles]
+    assert np.array_equal(drawn.lines[1].get_ydata(), sections.inscribed.radii)

@@ -7,19 +7,18 @@ front, +z to the head; LPS for DICOM and MetaImage).
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .fetch import CATALOGUE, FetchResult, PublicData, fetch_data
+    from .files import write_tract
     from .labels import tract_from_labels
     from .phantom import Phantom, make_phantom
-    from .read import read_tract
+    from .read import read_surface, read_tract
     from .segment import GasSegment, Segmentation, segment_gas
     from .surface import tract_from_surface
-    from .surfaces import read_surface
-    from .tract import Component, Finding, LabelTract, Opening, Organ, SurfaceTract, Tract
+    from .tract import Component, Finding, LabelTract, Opening, Organ, SurfaceTract
     from .volumes import read_labels, read_volume
-    from .write import write_tract
 
 __all__ = [
     "CATALOGUE",
@@ -34,7 +33,6 @@ __all__ = [
     "PublicData",
     "Segmentation",
     "SurfaceTract",
-    "Tract",
     "fetch_data",
     "make_phantom",
     "read_labels",
@@ -48,33 +46,30 @@ __all__ = [
 ]
 
 _MODULES = {
-    "CATALOGUE": "fetch",
-    "Component": "tract",
-    "FetchResult": "fetch",
-    "Finding": "tract",
-    "GasSegment": "segment",
-    "Segmentation": "segment",
-    "LabelTract": "tract",
-    "Opening": "tract",
-    "Organ": "tract",
-    "Phantom": "phantom",
-    "PublicData": "fetch",
-    "SurfaceTract": "tract",
-    "Tract": "tract",
-    "fetch_data": "fetch",
-    "make_phantom": "phantom",
-    "read_labels": "volumes",
-    "read_surface": "surfaces",
-    "read_tract": "read",
-    "read_volume": "volumes",
-    "segment_gas": "segment",
-    "tract_from_labels": "labels",
-    "tract_from_surface": "surface",
-    "write_tract": "write",
+    name: module
+    for module, names in {
+        "fetch": ("CATALOGUE", "FetchResult", "PublicData", "fetch_data"),
+        "files": ("write_tract",),
+        "labels": ("tract_from_labels",),
+        "phantom": ("Phantom", "make_phantom"),
+        "read": ("read_surface", "read_tract"),
+        "segment": ("GasSegment", "Segmentation", "segment_gas"),
+        "surface": ("tract_from_surface",),
+        "tract": (
+            "Component",
+            "Finding",
+            "LabelTract",
+            "Opening",
+            "Organ",
+            "SurfaceTract",
+        ),
+        "volumes": ("read_labels", "read_volume"),
+    }.items()
+    for name in names
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)

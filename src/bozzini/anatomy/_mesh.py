@@ -1,105 +1,99 @@
-"""Bookkeeping on triangles with NumPy: edges, parts, sheets, fans, holes, winding."""
+"""Triangles: welding, edges, connected parts, sheets, fans, holes and winding."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "Edges",
-    "Hole",
-    "agree",
-    "count_edges",
-    "count_fans",
-    "drop_degenerate",
-    "fill_small_holes",
-    "find_holes",
-    "label_fans",
-    "label_parts",
-    "label_sheets",
-    "measure_part_volumes",
-    "measure_volume",
-    "weld",
-]
-
 Vertices = NDArray[np.float64]
 Faces = NDArray[np.int64]
-
-
-class Edges(NamedTuple):
-    """The edges of a mesh: pairs of vertices (n, 2), and how many triangles each has (n,)."""
-
-    pairs: NDArray[np.int64]
-    counts: NDArray[np.int64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 def weld(points: Vertices, faces: Faces, *, tolerance: float = 0.0) -> tuple[Vertices, Faces]:
     """Merge equal vertices, or those within about `tolerance` [mm] of each other."""
     if tolerance > 0:
-        from scipy.sparse import coo_matrix
-        from scipy.sparse.csgraph import connected_components
         from scipy.spatial import cKDTree
 
         pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
-        ones = np.ones(len(pairs), dtype=np.int8)
-        graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-        _, group = connected_components(graph, directed=False)
+        group = label_graph(pairs, len(points))
         _, first, index = np.unique(group, return_index=True, return_inverse=True)
     else:
-        points = points + 0.0  # -0.0 and 0.0 are one place
-        order = np.lexsort(points.T)
-        fresh = np.ones(len(points), dtype=bool)
-        fresh[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
-        first = order[fresh]
-        index = np.empty(len(points), dtype=np.int64)
-        index[order] = np.cumsum(fresh) - 1
+        first, index = _find_unique(points + 0.0)  # -0.0 and 0.0 are one place
     return points[first], index.reshape(-1)[faces].astype(np.int64)
+
+
+def _find_unique(rows: Vertices) -> tuple[Integers, Integers]:
+    """Return the first of each set of equal rows, and the set of each row.
+
+    trimesh rounds to 1e-8, which would join parts that almost meet in a corner.
+    """
+    order = np.lexsort(rows.T)
+    fresh = np.ones(len(rows), dtype=bool)
+    fresh[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+    index = np.empty(len(rows), dtype=np.int64)
+    index[order] = np.cumsum(fresh) - 1
+    return order[fresh], index
 
 
 def drop_degenerate(faces: Faces) -> Faces:
     """Drop triangles with two equal corners, and every second copy of a triangle."""
+    from trimesh.grouping import unique_rows
+
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
-    if len(faces) == 0:
-        return faces
-    key = np.sort(faces, axis=1)
-    order = np.lexsort(key.T)
-    fresh = np.ones(len(faces), dtype=bool)
-    fresh[1:] = (key[order[1:]] != key[order[:-1]]).any(axis=1)
-    return faces[np.sort(order[fresh])]
+    return faces[np.sort(unique_rows(np.sort(faces, axis=1))[0])] if len(faces) else faces
 
 
-def _directed(faces: Faces) -> NDArray[np.int64]:
-    """Edges (3 m, 2): those from corner 0 to 1 of all faces, then 1 to 2, then 2 to 0."""
-    return np.concatenate((faces[:, (0, 1)], faces[:, (1, 2)], faces[:, (2, 0)]))
+def label_graph(pairs: Integers, number: int) -> Integers:
+    """Number the connected components of a graph, the same number for joined nodes."""
+    from trimesh.graph import connected_component_labels
+
+    return np.asarray(connected_component_labels(pairs, node_count=number), dtype=np.int64)
 
 
-def count_edges(faces: Faces) -> Edges:
-    """Return the edges and the number of triangles at each."""
-    pairs = np.sort(_directed(faces), axis=1)
-    width = int(faces.max()) + 1
-    key, counts = np.unique(pairs[:, 0] * width + pairs[:, 1], return_counts=True)
-    return Edges(np.stack((key // width, key % width), axis=1), counts)
-
-
-def label_parts(items: NDArray[np.int64], number: int) -> NDArray[np.int64]:
+def label_parts(items: Integers, number: int) -> Integers:
     """Number the connected parts of faces or edges (m, k) that share vertices, shape (m,)."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    rows = np.concatenate([items[:, 0]] * (items.shape[1] - 1))
-    columns = np.concatenate([items[:, k] for k in range(1, items.shape[1])])
-    ones = np.ones(len(rows), dtype=np.int8)
-    graph = coo_matrix((ones, (rows, columns)), shape=(number, number))
-    _, part = connected_components(graph, directed=False)
-    _, label = np.unique(part[items[:, 0]], return_inverse=True)
+    pairs = np.concatenate([items[:, (0, k)] for k in range(1, items.shape[1])])
+    _, label = np.unique(label_graph(pairs, number)[items[:, 0]], return_inverse=True)
     return np.asarray(label.reshape(-1), dtype=np.int64)
 
 
+def split_by(faces: Faces, label: Integers) -> list[Faces]:
+    """Return the faces of each label from 0 on."""
+    order = np.argsort(label, kind="stable")
+    return np.split(faces[order], np.cumsum(np.bincount(label))[:-1])
+
+
+class Edges(NamedTuple):
+    """The edges of a mesh, lower vertex first (n, 2), and how many triangles each has (n,).
+
+    `net` is how much more often an edge is run through upwards than downwards.
+    """
+
+    pairs: Integers
+    counts: Integers
+    net: Integers
+
+
+def count_edges(faces: Faces) -> Edges:
+    """Return the edges, and the number and direction of the triangles at each."""
+    directed = np.concatenate((faces[:, (0, 1)], faces[:, (1, 2)], faces[:, (2, 0)]))
+    width = int(faces.max()) + 1
+    key, index, counts = np.unique(
+        np.sort(directed, axis=1) @ np.array([width, 1]), return_inverse=True, return_counts=True
+    )
+    way = np.where(directed[:, 0] < directed[:, 1], 1.0, -1.0)
+    net = np.rint(np.bincount(index.reshape(-1), weights=way, minlength=len(key)))
+    return Edges(np.stack((key // width, key % width), axis=1), counts, net.astype(np.int64))
+
+
 def measure_part_volumes(
-    points: Vertices, faces: Faces, part: NDArray[np.int64], number: int
+    points: Vertices, faces: Faces, part: Integers, number: int
 ) -> NDArray[np.float64]:
     """Return the signed volume of each part [mm^3], exact where the part is closed."""
     corners = points[faces] - points.mean(axis=0)
@@ -110,6 +104,46 @@ def measure_part_volumes(
 def measure_volume(points: Vertices, faces: Faces) -> float:
     """Return the signed volume [mm^3]: positive where faces turn outwards."""
     return float(measure_part_volumes(points, faces, np.zeros(len(faces), dtype=np.int64), 1)[0])
+
+
+def measure_area(points: Vertices, faces: Faces) -> float:
+    """Return the area [mm^2]."""
+    from trimesh.triangles import area
+
+    return float(area(points[faces]).sum())
+
+
+def wind(points: Vertices, faces: Faces, places: Vertices) -> NDArray[np.float64]:
+    """Return the winding number of triangles about places."""
+    import igl
+
+    arrays = (np.ascontiguousarray(array) for array in (points, faces, places))
+    return np.asarray(igl.fast_winding_number(*arrays), dtype=np.float64)
+
+
+def find_nearest(
+    points: Vertices, faces: Faces, places: Vertices
+) -> tuple[NDArray[np.float64], Integers]:
+    """Return the distance of places from triangles [mm], and the nearest triangle of each."""
+    import igl
+
+    mesh = np.ascontiguousarray(points), np.ascontiguousarray(faces)
+    boxes = igl.AABB()
+    boxes.init(*mesh)
+    squared, nearest, _ = boxes.squared_distance(*mesh, np.ascontiguousarray(places))
+    return np.sqrt(squared), np.asarray(nearest)
+
+
+def find_crossing(points: Vertices, faces: Faces, group: Integers | None = None) -> Mask:
+    """Say which triangles cross one of another group; without groups, any other triangle."""
+    from .kernels.meshes import cross_groups
+
+    faces = np.ascontiguousarray(faces)
+    extent = np.ptp(points[faces], axis=1).max(axis=1)
+    # A cell of about two triangles; the kernel enlarges it where triangles differ much.
+    cell = max(2.0 * float(np.median(extent)), 1e-6 * float(np.ptp(points, axis=0).max()), 1e-9)
+    groups = np.arange(len(faces)) if group is None else group
+    return np.asarray(cross_groups(points, faces, cell, groups), dtype=np.bool_)
 
 
 class Hole(NamedTuple):
@@ -133,7 +167,7 @@ class Hole(NamedTuple):
     radius: float
     deviation: float
     length: float
-    edges: NDArray[np.int64]
+    edges: Integers
 
 
 def find_holes(points: Vertices, faces: Faces) -> list[Hole]:
@@ -142,21 +176,13 @@ def find_holes(points: Vertices, faces: Faces) -> list[Hole]:
     A border edge is one that is not run through as often one way as the other. Triangles from the
     border's edges to its middle, ``(a, b, middle)``, close the surface exactly.
     """
-    directed = _directed(faces)
-    width = int(faces.max()) + 1
-    forward = directed[:, 0] < directed[:, 1]
-    key, index = np.unique(np.sort(directed, axis=1) @ np.array([width, 1]), return_inverse=True)
-    net = np.bincount(index.reshape(-1), weights=np.where(forward, 1.0, -1.0), minlength=len(key))
-    net = np.rint(net).astype(np.int64)
-    pairs = np.stack((key // width, key % width), axis=1)
+    pairs, _, net = count_edges(faces)
     back = np.where((net > 0)[:, None], pairs[:, ::-1], pairs)  # the cap runs the other way
     edges = np.repeat(back, np.abs(net), axis=0)
     if len(edges) == 0:
         return []
-    loop = label_parts(edges, width)
     holes = []
-    for k in range(int(loop.max()) + 1):
-        border = edges[loop == k]
+    for border in split_by(edges, label_parts(edges, int(faces.max()) + 1)):
         start, end = points[border[:, 0]], points[border[:, 1]]
         lengths = np.linalg.norm(end - start, axis=1)
         total = float(lengths.sum())
@@ -164,115 +190,128 @@ def find_holes(points: Vertices, faces: Faces) -> list[Hole]:
         middle = np.asarray((0.5 * (start + end) * weights[:, None]).sum(axis=0))
         area = 0.5 * np.cross(start - middle, end - middle).sum(axis=0)
         size = float(np.linalg.norm(area))
-        radius = float(np.sqrt(size / np.pi))
         off = (start - middle) @ area / size if size > 0.0 else np.linalg.norm(start - middle)
+        radius = float(np.sqrt(size / np.pi))
         holes.append(Hole(middle, radius, float(np.abs(off).max()), total, border))
     return sorted(holes, key=lambda hole: -hole.radius)
 
 
 def fill_small_holes(points: Vertices, faces: Faces) -> tuple[Faces, list[Hole]]:
     """Fill holes of three or four edges with one or two triangles; return the holes filled."""
-    faces, _ = agree(faces, len(points))
+    faces, _ = agree(faces)
     filled, caps = [], [faces]
     for hole in find_holes(points, faces):
         following = {int(a): int(b) for a, b in hole.edges}
         ring = [int(hole.edges[0, 0])]
         while len(ring) < len(hole.edges) and following.get(ring[-1], ring[0]) != ring[0]:
             ring.append(following[ring[-1]])
-        if len(hole.edges) > 4 or len(ring) != len(hole.edges):
-            continue
-        caps += [np.array([(ring[0], ring[k], ring[k + 1])]) for k in range(1, len(ring) - 1)]
-        filled.append(hole)
+        if len(hole.edges) <= 4 and len(ring) == len(hole.edges):
+            caps += [np.array([(ring[0], ring[k], ring[k + 1])]) for k in range(1, len(ring) - 1)]
+            filled.append(hole)
     return np.concatenate(caps), filled
 
 
-def agree(faces: Faces, number: int) -> tuple[Faces, int]:
+def _pair_corners(faces: Faces) -> tuple[Integers, Integers]:
+    """Return the pairs of faces that share an edge of exactly two, and the corners at its ends.
+
+    Corners have the shape (pairs, 2 faces, 2 ends of the edge), each 0, 1 or 2.
+    """
+    from trimesh.graph import face_adjacency
+
+    pairs, edges = face_adjacency(faces, return_edges=True)
+    corners = (faces[pairs][:, :, None, :] == edges[:, None, :, None]).argmax(axis=3)
+    return pairs, corners
+
+
+def agree(faces: Faces) -> tuple[Faces, int]:
     """Turn faces so that neighbours agree; return them and how many were turned.
 
     An edge of two triangles must be run through once each way. The turns are found on the graph
     of neighbours doubled into "as it is" and "turned" copies. Within a part the smaller number
     is turned. Where no choice agrees everywhere (a one-sided surface) the faces stay as they are.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    directed = _directed(faces)
-    key = np.sort(directed, axis=1) @ np.array([number, 1])
-    forward = directed[:, 0] < directed[:, 1]
-    face = np.tile(np.arange(len(faces)), 3)
-    order = np.argsort(key, kind="stable")
-    key, forward, face = key[order], forward[order], face[order]
-    first = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
-    first = first[np.diff(np.r_[first, len(key)]) == 2]  # only edges of exactly two triangles
-    one, other, clash = face[first], face[first + 1], forward[first] == forward[first + 1]
+    pairs, corners = _pair_corners(faces)
+    forward = (corners[:, :, 1] - corners[:, :, 0]) % 3 == 1
+    clash = forward[:, 0] == forward[:, 1]
     if not clash.any():
         return faces, 0
     m = len(faces)
-    rows = np.concatenate((one, one + m))
-    columns = np.concatenate((other + m * clash, other + m * ~clash))
-    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * m, 2 * m))
-    count, part = connected_components(graph, directed=False)
-    plain, flipped = part[:m], part[m:]
+    one, other = pairs.T
+    rows, columns = np.r_[one, one + m], np.r_[other + m * clash, other + m * ~clash]
+    plain, flipped = np.split(label_graph(np.stack((rows, columns), axis=1), 2 * m), 2)
     if (plain == flipped).any():
         return faces, 0
-    votes = np.bincount(plain, minlength=count)  # of a part's two copies, the one of more votes
+    votes = np.bincount(plain, minlength=2 * m)  # of a part's two copies, the one of more votes
     turn = (votes[flipped] > votes[plain]) | ((votes[flipped] == votes[plain]) & (flipped < plain))
-    result = faces.copy()
-    result[turn] = result[turn, ::-1]
-    return result, int(np.count_nonzero(turn))
+    return np.where(turn[:, None], faces[:, ::-1], faces), int(np.count_nonzero(turn))
 
 
-def _pair_corners(faces: Faces) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the corners (3 face + corner) that meet across edges of exactly two triangles."""
-    m = len(faces)
-    directed = _directed(faces)
-    width = int(faces.max()) + 1
-    key = np.sort(directed, axis=1) @ np.array([width, 1])
-    face = np.tile(np.arange(m), 3)
-    start = np.repeat([0, 1, 2], m)  # the corner at which the edge starts
-    swap = directed[:, 0] > directed[:, 1]
-    end = (start + 1) % 3
-    low = face * 3 + np.where(swap, end, start)
-    high = face * 3 + np.where(swap, start, end)
-    order = np.argsort(key, kind="stable")
-    key, low, high = key[order], low[order], high[order]
-    first = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
-    first = first[np.diff(np.r_[first, len(key)]) == 2]
-    return (
-        np.concatenate((low[first], high[first])),
-        np.concatenate((low[first + 1], high[first + 1])),
-    )
-
-
-def _join(
-    one: NDArray[np.int64], other: NDArray[np.int64], size: int
-) -> tuple[int, NDArray[np.int64]]:
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    ones = np.ones(len(one), dtype=np.int8)
-    graph = coo_matrix((ones, (one, other)), shape=(size, size))
-    number, label = connected_components(graph, directed=False)
-    return int(number), np.asarray(label, dtype=np.int64)
-
-
-def label_sheets(faces: Faces) -> tuple[int, NDArray[np.int64]]:
+def label_sheets(faces: Faces) -> Integers:
     """Number the sheets (m,): triangles joined by edges that have no third triangle."""
-    rows, columns = _pair_corners(faces)
-    return _join(rows // 3, columns // 3, len(faces))
+    pairs, _ = _pair_corners(faces)
+    return np.unique(label_graph(pairs, len(faces)), return_inverse=True)[1].reshape(-1)
 
 
-def label_fans(faces: Faces) -> tuple[int, NDArray[np.int64]]:
+def label_fans(faces: Faces) -> Integers:
     """Number the fans of triangles around vertices, for each corner (m, 3).
 
     Corners of two triangles at one vertex belong to one fan where the triangles share an edge that
     has no third triangle. There are more fans than vertices where a surface touches itself.
     """
-    rows, columns = _pair_corners(faces)
-    number, label = _join(rows, columns, 3 * len(faces))
-    return number, label.reshape(-1, 3)
+    pairs, corners = _pair_corners(faces)
+    nodes = np.moveaxis(3 * pairs[:, :, None] + corners, 1, 2).reshape(-1, 2)
+    fan = label_graph(nodes, 3 * len(faces))
+    return np.unique(fan, return_inverse=True)[1].reshape(-1, 3)
 
 
-def count_fans(faces: Faces) -> tuple[int, int]:
-    """Count the fans of triangles around vertices, and the sheets of triangles."""
-    return label_fans(faces)[0], label_sheets(faces)[0]
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """Triangles that agree in their turn, joined by edges that have no third triangle.
+
+    Attributes
+    ----------
+    faces : (m, 3) int
+    holes : list of Hole
+        Where it is open.
+    volume : float
+        With flat caps, positive where the triangles turn outwards [mm^3].
+    area : float
+        Without caps [mm^2].
+    """
+
+    faces: Faces
+    holes: list[Hole]
+    volume: float
+    area: float
+
+    @staticmethod
+    def find(points: Vertices, faces: Faces) -> Sheet:
+        """Make the faces agree, and measure them."""
+        faces, _ = agree(faces)
+        holes = find_holes(points, faces)
+        volume = measure_volume(*close_holes(points, faces, holes))
+        return Sheet(faces=faces, holes=holes, volume=volume, area=measure_area(points, faces))
+
+    def close(self, points: Vertices) -> tuple[Vertices, Faces]:
+        """Return corners and triangles with flat caps."""
+        return close_holes(points, self.faces, self.holes)
+
+    def turn_outwards(self) -> Sheet:
+        """Return the same sheet, its triangles turned outwards."""
+        if self.volume >= 0.0:
+            return self
+        holes = [hole._replace(edges=hole.edges[:, ::-1]) for hole in self.holes]
+        faces = np.ascontiguousarray(self.faces[:, ::-1])
+        return Sheet(faces=faces, holes=holes, volume=-self.volume, area=self.area)
+
+
+def close_holes(points: Vertices, faces: Faces, holes: list[Hole]) -> tuple[Vertices, Faces]:
+    """Close holes by triangles from their border to its middle."""
+    if not holes:
+        return points, faces
+    middles = [hole.point for hole in holes]
+    caps = [
+        np.column_stack((hole.edges, np.full(len(hole.edges), len(points) + k)))
+        for k, hole in enumerate(holes)
+    ]
+    return np.concatenate((points, middles)), np.concatenate((faces, *caps)).astype(np.int64)

@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError
 from . import _mesh
+from ._mesh import Faces, Integers, Mask, Sheet, Vertices
 from .kernels.meshes import add_windings
 from .labels import tract_from_labels
-from .tract import Component, Finding, LabelTract, Opening, name_place
+from .tract import (
+    Component,
+    Finding,
+    LabelTract,
+    Opening,
+    count_noun,
+    name_place,
+    show_volume,
+    to_point,
+)
 
 # Open surfaces: which sheets bound the lumen, which are the other side of its wall.
 
@@ -30,34 +41,7 @@ ALIKE = 0.1
 """Largest difference of area and of volume of two copies of one sheet."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sheet:
-    """Triangles that agree in their turn, joined by edges that have no third triangle.
-
-    Attributes
-    ----------
-    faces : (m, 3) int
-    holes : list of Hole
-        Where it is open.
-    volume : float
-        With flat caps, positive where the triangles turn outwards [mm^3].
-    area : float
-        Without caps [mm^2].
-    """
-
-    faces: Faces
-    holes: list[_mesh.Hole]
-    volume: float
-    area: float
-
-    def move(self, start: int) -> Sheet:
-        """Return the same with corners numbered from `start`."""
-        holes = [hole._replace(edges=hole.edges + start) for hole in self.holes]
-        return replace(self, faces=self.faces + start, holes=holes)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Choice:
+class Choice(NamedTuple):
     """What the sheets of an open surface are.
 
     Attributes
@@ -77,81 +61,33 @@ class Choice:
     copies: list[Sheet]
     others: list[Sheet]
 
-    def move(self, start: int) -> Choice:
-        """Return the same with corners numbered from `start`."""
-        kept, outer, copies, others = (
-            [sheet.move(start) for sheet in sheets]
-            for sheets in (self.kept, self.outer, self.copies, self.others)
-        )
-        return Choice(kept=kept, outer=outer, copies=copies, others=others)
-
-
-def close_sheet(points: Vertices, faces: Faces, holes: list[_mesh.Hole]) -> tuple[Vertices, Faces]:
-    """Close holes by triangles from their border to its middle."""
-    middles = [hole.point for hole in holes]
-    caps = [
-        np.column_stack((hole.edges, np.full(len(hole.edges), len(points) + k)))
-        for k, hole in enumerate(holes)
-    ]
-    if not holes:
-        return points, faces
-    return np.concatenate((points, middles)), np.concatenate((faces, *caps)).astype(np.int64)
-
 
 def choose_sheets(points: Vertices, faces: Faces) -> Choice:
-    """Split a surface where more than two triangles meet, and say what each sheet is.
+    """Split a surface where more than two triangles meet, and find what each sheet is.
 
     The wall of a published organ is often a pair of sheets, the outer one turned outwards and the
     inner one turned inwards. Where such pairs are found, the inner sheets bound the lumen; else all
     do but those that have another one inside.
     """
-    number, label = _mesh.label_sheets(faces)
-    order = np.argsort(label, kind="stable")
-    pieces = np.split(faces[order], np.cumsum(np.bincount(label, minlength=number))[:-1])
-    sheets = [_measure_sheet(points, piece) for piece in pieces]
+    pieces = _mesh.split_by(faces, _mesh.label_sheets(faces))
+    sheets = [Sheet.find(points, piece) for piece in pieces]
     largest = max(abs(sheet.volume) for sheet in sheets)
     main = [sheet for sheet in sheets if _can_bound(sheet, largest)]
     others = [sheet for sheet in sheets if not _can_bound(sheet, largest)]
     main, copies = _drop_copies(points, main)
     encloses = _find_nested(points, main)
-    inner = [
-        k
-        for k, sheet in enumerate(main)
-        if sheet.volume < 0.0
-        and any(encloses[j, k] and main[j].volume > 0.0 for j in range(len(main)))
-    ]
-    if inner:  # pairs of sheets: those that turn inwards bound the lumen
-        kept = [sheet for sheet in main if sheet.volume < 0.0]
-        outer = [sheet for sheet in main if sheet.volume > 0.0]
-    else:
-        kept = [sheet for k, sheet in enumerate(main) if not encloses[k].any()]
-        outer = [sheet for k, sheet in enumerate(main) if encloses[k].any()]
-    return Choice(
-        kept=[_turn_outwards(sheet) for sheet in kept], outer=outer, copies=copies, others=others
-    )
-
-
-def _measure_sheet(points: Vertices, faces: Faces) -> Sheet:
-    turned, _ = _mesh.agree(faces, len(points))
-    holes = _mesh.find_holes(points, turned)
-    volume = _mesh.measure_volume(*close_sheet(points, turned, holes))
-    corners = points[turned]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = 0.5 * float(np.linalg.norm(normals, axis=1).sum())
-    return Sheet(faces=turned, holes=holes, volume=volume, area=area)
+    outwards = np.array([sheet.volume > 0.0 for sheet in main], dtype=bool)
+    # In pairs of sheets those that turn inwards bound the lumen.
+    paired = (encloses & outwards[:, None] & ~outwards).any()
+    bounds = np.atleast_1d(~outwards if paired else ~encloses.any(axis=1))
+    kept = [main[k].turn_outwards() for k in np.flatnonzero(bounds)]
+    outer = [main[k] for k in np.flatnonzero(~bounds)]
+    return Choice(kept=kept, outer=outer, copies=copies, others=others)
 
 
 def _can_bound(sheet: Sheet, largest: float) -> bool:
     size = abs(sheet.volume)
     return size > LEAST_VOLUME * largest and size > LEAST_DEPTH * sheet.area**1.5
-
-
-def _turn_outwards(sheet: Sheet) -> Sheet:
-    if sheet.volume >= 0.0:
-        return sheet
-    holes = [hole._replace(edges=hole.edges[:, ::-1]) for hole in sheet.holes]
-    faces = np.ascontiguousarray(sheet.faces[:, ::-1])
-    return Sheet(faces=faces, holes=holes, volume=-sheet.volume, area=sheet.area)
 
 
 def _drop_copies(points: Vertices, sheets: list[Sheet]) -> tuple[list[Sheet], list[Sheet]]:
@@ -162,9 +98,8 @@ def _drop_copies(points: Vertices, sheets: list[Sheet]) -> tuple[list[Sheet], li
     copies: list[Sheet] = []
     for sheet in sorted(sheets, key=lambda sheet: abs(sheet.volume)):
         own = points[np.unique(sheet.faces)]
-        reach = float(
-            np.median(np.linalg.norm(np.diff(points[sheet.faces[:, :2]], axis=1), axis=2))
-        )
+        sides = np.diff(points[sheet.faces[:, :2]], axis=1)
+        reach = float(np.median(np.linalg.norm(sides, axis=2)))
         copy = False
         for other in kept:
             if (
@@ -180,23 +115,19 @@ def _drop_copies(points: Vertices, sheets: list[Sheet]) -> tuple[list[Sheet], li
     return kept, copies
 
 
-def _find_nested(points: Vertices, sheets: list[Sheet]) -> NDArray[np.bool_]:
-    """Say whether sheet j, closed, encloses sheet k, shape (n, n)."""
-    import igl
-
+def _find_nested(points: Vertices, sheets: list[Sheet]) -> Mask:
+    """Return whether sheet j, closed, encloses sheet k, shape (n, n)."""
     nested = np.zeros((len(sheets), len(sheets)), dtype=bool)
     for j, one in enumerate(sheets):
-        corners, solid = close_sheet(points, one.faces, one.holes)
+        corners, solid = one.close(points)
         low, high = corners[solid].min(axis=(0, 1)), corners[solid].max(axis=(0, 1))
         for k, other in enumerate(sheets):
             places = points[np.unique(other.faces)]
             boxed = places[((places >= low) & (places <= high)).all(axis=1)]
             if j == k or len(boxed) < NESTED * len(places) or abs(other.volume) > abs(one.volume):
                 continue
-            winding = igl.fast_winding_number(
-                np.ascontiguousarray(corners), np.ascontiguousarray(solid), boxed
-            )
-            nested[j, k] = np.count_nonzero(np.abs(winding) > 0.5) > NESTED * len(places)
+            inside = np.abs(_mesh.wind(corners, solid, boxed)) > 0.5
+            nested[j, k] = np.count_nonzero(inside) > NESTED * len(places)
     return nested
 
 
@@ -228,10 +159,6 @@ FINEST = 200
 COARSE = 3
 """Voxels in which missing lumen is looked for, by those of the lumen."""
 
-Vertices = NDArray[np.float64]
-Faces = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
 
 class _Grid:
     """Voxels around a surface, and about which of their centres closed triangles wind."""
@@ -245,43 +172,36 @@ class _Grid:
         self.low = low - (PADDING + 0.2887) * self.voxel
         self.shape = tuple(int(n) for n in np.ceil(size / self.voxel) + 2 * PADDING + 1)
 
-    def wind(self, points: Vertices, parts: Sequence[Faces]) -> Mask:
+    def wind(self, points: Vertices, faces: Faces) -> Mask:
         """Return where closed triangles, all together, wind at least once."""
         steps = np.zeros(self.shape, dtype=np.int16)
-        for faces in parts:
-            add_windings(np.ascontiguousarray(points[faces]), self.low, self.voxel, steps)
+        add_windings(np.ascontiguousarray(points[faces]), self.low, self.voxel, steps)
         np.cumsum(steps, axis=2, out=steps)
         return steps > 0
 
-    def place(self, index: NDArray[np.int64]) -> Vertices:
+    def place(self, index: Integers) -> Vertices:
         return np.asarray(self.low + self.voxel * index, dtype=np.float64)
 
-    def find(self, places: Vertices) -> tuple[NDArray[np.int64], ...]:
+    def find(self, places: Vertices) -> tuple[Integers, ...]:
         index = np.rint((places - self.low) / self.voxel).astype(np.int64)
         return tuple(np.clip(index, 0, np.array(self.shape) - 1).T)
 
 
-def measure_width(points: Vertices, faces: Faces, holes: Sequence[_mesh.Hole]) -> float:
+def measure_width(points: Vertices, faces: Faces, holes: list[_mesh.Hole]) -> float:
     """Return twice the volume over the area [mm]: the radius of a long tube."""
-    corners = points[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = max(0.5 * float(np.linalg.norm(normals, axis=1).sum()), 1e-300)
-    return 2.0 * abs(_mesh.measure_volume(*close_sheet(points, faces, list(holes)))) / area
+    volume = abs(_mesh.measure_volume(*_mesh.close_holes(points, faces, holes)))
+    return 2.0 * volume / max(_mesh.measure_area(points, faces), 1e-300)
 
 
 def find_openings(
     holes: Sequence[_mesh.Hole], width: float
 ) -> tuple[tuple[Opening, ...], list[_mesh.Hole]]:
-    """Tell the open ends of a surface of some width, the largest first, from its small holes."""
+    """Split holes into open ends, the largest first, and small ones for the surface's width."""
     ends = [hole for hole in holes if hole.radius >= OPENING * width]
     small = [hole for hole in holes if hole.radius < OPENING * width]
     openings = tuple(
-        Opening(
-            point=(float(hole.point[0]), float(hole.point[1]), float(hole.point[2])),
-            radius=hole.radius,
-            name=f"opening {k + 1}",
-        )
-        for k, hole in enumerate(ends)
+        Opening(point=to_point(hole.point), radius=hole.radius, name=f"opening {k}")
+        for k, hole in enumerate(ends, start=1)
     )
     return openings, small
 
@@ -316,9 +236,9 @@ def solidify(
     found = list(found)
     kept = np.concatenate([sheet.faces for sheet in choice.kept])
     holes = _mesh.find_holes(points, kept)
-    corners, closed = close_sheet(points, kept, holes)
+    corners, closed = _mesh.close_holes(points, kept, holes)
     grid = _Grid(corners, closed)
-    lumen = grid.wind(corners, [closed])
+    lumen = grid.wind(corners, closed)
     ends = [hole for hole in holes if not _leads_inside(points, hole, lumen, grid)]
     openings, small = find_openings(ends, measure_width(points, kept, holes))
     if not lumen.any():
@@ -334,20 +254,18 @@ def solidify(
     volume = lumen.astype(np.uint16)
     if len(names) > 1:
         for k, sheet in reversed(list(enumerate(choice.kept))):
-            own = grid.wind(*_close_one(points, sheet))
-            volume[own & lumen] = k + 1
+            volume[grid.wind(*sheet.close(points)) & lumen] = k + 1
     affine = np.diag([grid.voxel, grid.voxel, grid.voxel, 1.0])
     affine[:3, 3] = grid.low
     tract = tract_from_labels(volume, affine, source=source, findings=found)
     sheets = np.concatenate((kept, *(sheet.faces for sheet in choice.copies)))
     caps = closed[len(kept) :]
-    deviation, farthest, place, at_cap = _measure_deviation(corners, sheets, caps, tract)
-    number = len(choice.kept)
+    off = _measure_deviation(corners, sheets, caps, tract)
     message = (
-        f"{number} {'sheet' if number == 1 else 'sheets'} united to one lumen of voxels of "
-        f"{grid.voxel:.2g} mm: its wall is within {deviation[0]:.2f} mm (95 %), "
-        f"{deviation[1]:.2f} mm (99 %) and {farthest:.1f} mm (all) of the triangles, farthest near "
-        f"{name_place(place)} mm, {'on a flat cap' if at_cap else 'where sheets meet'}"
+        f"{count_noun(len(choice.kept), 'sheet')} united to one lumen of voxels of "
+        f"{grid.voxel:.2g} mm: its wall is within {off.shares[0]:.2f} mm (95 %), "
+        f"{off.shares[1]:.2f} mm (99 %) and {off.farthest:.1f} mm (all) of the triangles, farthest "
+        f"near {name_place(off.place)} mm, {'on a flat cap' if off.at_cap else 'where sheets meet'}"
     )
     found = [*tract.findings, Finding("sheets-solidified", "warning", message)]
     return replace(
@@ -361,17 +279,12 @@ def solidify(
         missing=missing,
         label_names={k + 1: name for k, name in enumerate(names) if k + 1 in tract.label_values},
         wall=f"faces of voxels of {grid.voxel:.2g} mm of the solidified surface",
-        wall_error=float(0.5 * np.sqrt(3.0) * grid.voxel + deviation[1]),
+        wall_error=float(0.5 * np.sqrt(3.0) * grid.voxel + off.shares[1]),
     )
 
 
-def _close_one(points: Vertices, sheet: Sheet) -> tuple[Vertices, list[Faces]]:
-    corners, faces = close_sheet(points, sheet.faces, sheet.holes)
-    return corners, [faces]
-
-
 def _leads_inside(points: Vertices, hole: _mesh.Hole, lumen: Mask, grid: _Grid) -> bool:
-    """Say whether lumen goes on beyond the cap of a hole, in another sheet."""
+    """Return whether lumen goes on beyond the cap of a hole, in another sheet."""
     start, end = points[hole.edges[:, 0]], points[hole.edges[:, 1]]
     outward = np.cross(start - hole.point, end - hole.point).sum(axis=0)
     size = float(np.linalg.norm(outward))
@@ -402,14 +315,10 @@ def _check_ambiguous(
     points: Vertices, kept: Faces, lumen: Mask, grid: _Grid, source: str
 ) -> list[Finding]:
     """Ask how often the triangles without caps wind about places in the lumen."""
-    import igl
-
     index = np.flatnonzero(lumen)
     index = index[:: max(1, len(index) // ASKED)]
     places = grid.place(np.stack(np.unravel_index(index, lumen.shape), axis=1))
-    winding = igl.fast_winding_number(
-        np.ascontiguousarray(points), np.ascontiguousarray(kept), np.ascontiguousarray(places)
-    )
+    winding = _mesh.wind(points, kept, places)
     unclear = np.abs(winding - np.rint(winding)) > 0.3
     unclear |= winding < 0.3
     share = float(unclear.mean())
@@ -439,8 +348,8 @@ def _carve(
     for sheet in choice.others:
         if sheet.volume:
             side = 1 if sheet.volume > 0.0 else -1
-            corners, closed = close_sheet(points, sheet.faces, sheet.holes)
-            lumen &= ~grid.wind(corners, [closed[:, ::side]])
+            corners, closed = sheet.close(points)
+            lumen &= ~grid.wind(corners, closed[:, ::side])
     for faces in obstacles:
         if len(faces):
             _carve_touched(points, faces, lumen, grid)
@@ -469,7 +378,7 @@ def _carve(
 
 
 def _find_deep(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> Mask:
-    """Say which triangles reach deeper into the lumen than `DEEP` voxels."""
+    """Return which triangles reach deeper into the lumen than `DEEP` voxels."""
     corners = points[faces]
     deep = np.zeros(len(faces), dtype=bool)
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
@@ -491,8 +400,6 @@ def _find_deep(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> Mask
 
 def _carve_touched(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> None:
     """Take out each voxel whose centre is within half a voxel's diagonal of triangles."""
-    import igl
-
     reach = 0.5 * np.sqrt(3.0) * grid.voxel
     low = grid.find(points[faces].min(axis=(0, 1))[None] - 2.0 * grid.voxel)
     high = grid.find(points[faces].max(axis=(0, 1))[None] + 2.0 * grid.voxel)
@@ -500,11 +407,8 @@ def _carve_touched(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> 
     index = np.argwhere(lumen[box]) + np.array([part.start for part in box])
     if not len(index):
         return
-    boxes = igl.AABB()
-    triangles = np.ascontiguousarray(faces)
-    boxes.init(points, triangles)
-    squared = boxes.squared_distance(points, triangles, np.ascontiguousarray(grid.place(index)))[0]
-    lumen[tuple(index[squared <= reach**2].T)] = False
+    distance, _ = _mesh.find_nearest(points, faces, grid.place(index))
+    lumen[tuple(index[distance <= reach].T)] = False
 
 
 def find_missing(
@@ -519,12 +423,12 @@ def find_missing(
     faces = np.concatenate((kept, *(sheet.faces for sheet in outer)))
     grid = _Grid(points, faces, COARSE * _Grid(points, kept).voxel)
     step = grid.voxel
-    corners, closed = close_sheet(points, kept, _mesh.find_holes(points, kept))
-    inside = grid.wind(corners, [closed])
+    corners, closed = _mesh.close_holes(points, kept, _mesh.find_holes(points, kept))
+    inside = grid.wind(corners, closed)
     enclosed = np.zeros_like(inside)
     for sheet in outer:
-        corners, closed = close_sheet(points, sheet.faces, sheet.holes)
-        enclosed |= grid.wind(corners, [closed if sheet.volume > 0.0 else closed[:, ::-1]])
+        corners, closed = sheet.close(points)
+        enclosed |= grid.wind(corners, closed if sheet.volume > 0.0 else closed[:, ::-1])
     theirs = points[np.unique(np.concatenate([sheet.faces for sheet in outer]))]
     thick, _ = cKDTree(theirs).query(points[np.unique(kept)])
     away = ndimage.distance_transform_edt(~inside, sampling=step)
@@ -538,21 +442,18 @@ def find_missing(
         return (), []
     place = grid.place(np.argwhere(label == largest + 1)).mean(axis=0)
     message = (
-        f"only an outer sheet is there round {sizes.sum() / 1000.0:.3g} mL, the most near "
+        f"only an outer sheet is there round {show_volume(sizes.sum())}, the most near "
         f"{name_place(place)} mm: that lumen is missing"
     )
-    x, y, z = (float(v) for v in place)
-    part = Component(volume=float(sizes.sum()), point=(x, y, z))
+    part = Component(volume=float(sizes.sum()), point=to_point(place))
     return (part,), [Finding("lumen-missing", "warning", message)]
 
 
-def _measure_deviation(
-    points: Vertices, faces: Faces, caps: Faces, tract: LabelTract
-) -> tuple[NDArray[np.float64], float, NDArray[np.float64], bool]:
-    """Return how far the faces of voxels are from the triangles.
+class _Deviation(NamedTuple):
+    """How far the faces of voxels are from triangles.
 
-    Returns
-    -------
+    Attributes
+    ----------
     shares : (2,) float
         95 % and 99 % of the distances to the triangles and caps [mm].
     farthest : float
@@ -562,27 +463,26 @@ def _measure_deviation(
     at_cap : bool
         Whether a cap is nearer there than any triangle.
     """
-    import igl
 
-    mask = tract.mask
+    shares: NDArray[np.float64]
+    farthest: float
+    place: NDArray[np.float64]
+    at_cap: bool
+
+
+def _measure_deviation(
+    points: Vertices, faces: Faces, caps: Faces, tract: LabelTract
+) -> _Deviation:
     places = []
     for axis in range(3):
-        index = np.argwhere(np.diff(mask, axis=axis)).astype(np.float64)
+        index = np.argwhere(np.diff(tract.mask, axis=axis)).astype(np.float64)
         index[:, axis] += 0.5
         places.append(index)
     middles = np.concatenate(places) @ tract.affine[:3, :3].T + tract.affine[:3, 3]
-
-    def ask(triangles: Faces, asked: Vertices) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        boxes = igl.AABB()
-        triangles = np.ascontiguousarray(triangles)
-        boxes.init(points, triangles)
-        squared, nearest, _ = boxes.squared_distance(points, triangles, np.ascontiguousarray(asked))
-        return np.sqrt(squared), nearest
-
-    distance, nearest = ask(np.concatenate((faces, caps)), middles)
+    distance, nearest = _mesh.find_nearest(points, np.concatenate((faces, caps)), middles)
     shares = np.quantile(distance, (0.95, 0.99))
     at_cap = nearest >= len(faces)
     if at_cap.any():
-        distance[at_cap] = ask(faces, middles[at_cap])[0]
+        distance[at_cap] = _mesh.find_nearest(points, faces, middles[at_cap])[0]
     most = int(distance.argmax())
-    return np.asarray(shares), float(distance[most]), middles[most], bool(at_cap[most])
+    return _Deviation(shares, float(distance[most]), middles[most], bool(at_cap[most]))

@@ -1,262 +1,178 @@
-"""Triangles of VTK files: legacy PolyData, ASCII and binary, and VTP, read with NumPy alone."""
+"""Triangles of files: STL, PLY, OBJ, GLB, OFF and VTK, refused where they are damaged.
+
+trimesh reads PLY, OBJ, GLB and OFF. VTK is read here: meshio 5.3 reads neither PolyData of legacy
+VTK files nor VTP. STL is read here too, since trimesh reads files that are cut short.
+"""
 
 from __future__ import annotations
 
 import base64
+import io
 import json
 import math
 import re
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FileFormatError
-from .tract import Finding, LabelTract, Organ, Point, SurfaceTract
+from ..results import Json
+from .files import FRAME_KEY, explain, has_suffix, quiet_libraries
+from .tract import Finding, Organ, Point, Tract, to_point
 
-# Models of the Gut Cell Atlas (GCA-Models): voxel size, landmarks and organ from their JSON.
+SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".off", ".vtk", ".vtp")
 
-MOST_BYTES_GCA = 20_000_000
-"""Largest JSON that is opened."""
-
-MOST_FILES = 50
-"""Files of a folder that are opened, at most."""
-
-UPRIGHT = 2.0
-"""How much longer a way must be along its main axis than along the others to prove the axis."""
-
-_ORGANS: tuple[tuple[Organ, tuple[str, ...]], ...] = (
-    ("small-bowel", ("small intestine", "small bowel", "jejunum", "ileum")),
-    ("upper-tract", ("oesophagus", "esophagus", "stomach", "duodenum", "ogl", "gdj", "pol")),
-    ("colon", ("large intestine", "large bowel", "colon", "rectum", "sigmoid", "hepatic flexure",
-               "splenic flexure", "caecum", "cecum", "transverse")),
-)  # fmt: skip
+Vertices = NDArray[np.float64]
+Faces = NDArray[np.int64]
+Mesh = tuple[Vertices, Faces]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Model:
-    """What the JSON of a model states on one of its surfaces.
+class SurfaceFile(NamedTuple):
+    """What a file holds.
 
     Attributes
     ----------
-    file : str
-        Name of the JSON.
-    voxel : (3,) float
-        Voxel size: coordinates times it are mm.
-    organ : {"upper-tract", "small-bowel", "colon"} or None
-    landmarks : mapping of str to (3,) float
-        By name and abbreviation, in the model's coordinates.
+    parts : list of (str, (n, 3) float, (m, 3) int)
+        Name, corners in the file's unit, and triangles.
+    marked : bool
+        Whether Bozzini wrote the file, and noted the frame in it.
+    frame : object
+        What it noted, unchecked.
     """
 
-    file: str
-    voxel: NDArray[np.float64]
-    organ: Organ | None
-    landmarks: Mapping[str, NDArray[np.float64]]
-
-    def describe(
-        self,
-        tract: SurfaceTract | LabelTract,
-        corners: NDArray[np.float64],
-        sizes: NDArray[np.float64],
-        *,
-        found_unit: bool,
-    ) -> SurfaceTract | LabelTract:
-        """Add landmarks, organ and frame to a tract whose coordinates were scaled by `sizes`."""
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        slack = 0.05 * float((high - low).max())
-        places = {name: point * sizes for name, point in self.landmarks.items()}
-
-        def count(points: Iterable[NDArray[np.float64]]) -> int:
-            return sum(bool(((p >= low - slack) & (p <= high + slack)).all()) for p in points)
-
-        # Some models have the mid-line in mm already.
-        if count(self.landmarks.values()) > count(places.values()):
-            places = dict(self.landmarks)
-        kept = {
-            name: (float(p[0]), float(p[1]), float(p[2]))
-            for name, p in places.items()
-            if count([p])
-        }
-        frame = _prove_frame(kept) if self.organ == "colon" else None
-        said = [f"{len(kept)} names of landmarks" if kept else "no landmark"]
-        if found_unit:
-            said.insert(0, "voxel size " + " x ".join(f"{value:g}" for value in self.voxel) + " mm")
-        if self.organ:
-            said.append(f"organ {self.organ}")
-        if frame:
-            said.append(f"frame {frame}, as anus and flexures lie")
-        message = f"read from the model's {self.file}: {', '.join(said)}"
-        return replace(
-            tract,
-            organ=self.organ,
-            landmarks=kept,
-            frame=frame,
-            findings=(*tract.findings, Finding("model-read", "note", message)),
-        )
+    parts: list[tuple[str, Vertices, Faces]]
+    marked: bool = False
+    frame: object = None
 
 
-def find_model(surface: Path) -> Model | None:
-    """Return what the JSON of a GCA model beside a surface, or one folder up, states on it."""
-    for folder in (surface.parent, surface.parent.parent):
-        try:
-            files = sorted(folder.glob("*.json"))[:MOST_FILES]
-        except OSError:
-            continue
-        for file in files:
-            tree = _load(file)
-            if not isinstance(tree, dict) or not isinstance(tree.get("model_objects"), list):
-                continue
-            try:
-                model = _read_model(tree, file, surface)
-            except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError):
-                continue
-            if model is not None:
-                return model
-    return None
-
-
-def _load(file: Path) -> Any:
-    try:
-        if file.stat().st_size > MOST_BYTES_GCA:
-            return None
-        return json.loads(file.read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return None
-
-
-def _read_model(tree: dict[str, Any], file: Path, surface: Path) -> Model | None:
-    objects = [item for item in tree["model_objects"] if isinstance(item, dict)]
-    name = _simplify(surface.stem)
-    own = [item for item in objects if _simplify(Path(str(item.get("filename", ""))).stem) == name]
-    if not own:
-        return None
-    voxel = np.ones(3)
-    for item in objects:
-        if "voxel_size" in item:
-            voxel = np.array([float(value) for value in item["voxel_size"]])
-    if voxel.shape != (3,) or not ((voxel > 1e-3) & (voxel < 1e2)).all():
-        return None
-    text = " ".join(str(item.get("display_props", {}).get("text", "")) for item in own)
-    organ = _find_organ(f"{_simplify(surface.stem)} {text}".lower())
-    landmarks = {}
-    for path in tree.get("paths", []):
-        if organ is not None and organ != _find_organ(_describe(path)):
-            continue
-        points = _read_path(str(path.get("spline_filename", "")), file, surface)
-        if points is None:
-            continue
-        for mark in tree.get("landmarks", []):
-            if path["id"] not in mark.get("paths", []):
-                continue
-            at = int(mark["position"][0])
-            if 0 <= at < len(points):
-                for anatomy in mark["anatomy"]:
-                    for key in ("text", "abbreviated_name"):
-                        if anatomy.get(key):
-                            landmarks[str(anatomy[key])] = points[at]
-    return Model(file=file.name, voxel=voxel, organ=organ, landmarks=landmarks)
-
-
-def _describe(path: Mapping[str, Any]) -> str:
-    text = str(path.get("anatomy", {}).get("text", ""))
-    return f"{text} {_simplify(Path(str(path.get('spline_filename', ''))).stem)}".lower()
-
-
-def _simplify(name: str) -> str:
-    return name.lower().replace("_", " ").replace("-", " ")
-
-
-def _find_organ(text: str) -> Organ | None:
-    """Return the organ of the first word found; that of a part of it comes after the whole."""
-    words = f" {text} "
-    hits = [
-        (words.find(word), organ) for organ, names in _ORGANS for word in names if word in words
-    ]
-    parts = [
-        organ
-        for organ, names in _ORGANS
-        if organ == "upper-tract" and any(w in words for w in names)
-    ]
-    if parts:  # duodenum and stomach are parts of files named after the small intestine
-        return parts[0]
-    return min(hits)[1] if hits else None
-
-
-def _read_path(name: str, file: Path, surface: Path) -> NDArray[np.float64] | None:
-    if not name or Path(name).name != name:
-        return None
-    for folder in (
-        surface.parent,
-        file.parent,
-        file.parent / "Paths",
-        surface.parent.parent / "Paths",
-    ):
-        tree = _load(folder / name)
-        if isinstance(tree, dict) and isinstance(tree.get("points"), list):
-            points = np.array(tree["points"], dtype=np.float64)
-            if points.ndim == 2 and points.shape[1] == 3 and np.isfinite(points).all():
-                return points
-    return None
-
-
-def _prove_frame(landmarks: Mapping[str, Point]) -> str | None:
-    """Return the frame that the anus and the two flexures of a colon prove, if they do.
-
-    Both flexures lie above the anus, the hepatic one to the right of the splenic one, and the anus
-    behind the middle of the flexures' height; a frame that is not right-handed proves nothing.
-    """
-    try:
-        anus, liver, spleen = (np.array(landmarks[name]) for name in ("anus", "HF", "SF"))
-    except KeyError:
-        return None
-    letters = ["", "", ""]
-    axes = []
-    for way, pair in ((0.5 * (liver + spleen) - anus, "SI"), (liver - spleen, "RL")):
-        axis = int(np.abs(way).argmax())
-        others = np.delete(np.abs(way), axis)
-        if abs(way[axis]) < UPRIGHT * others.max() or letters[axis]:
-            return None
-        letters[axis] = pair[0] if way[axis] > 0 else pair[1]
-        axes.append(np.eye(3)[axis] * math.copysign(1.0, way[axis]))
-    front = np.cross(axes[0], axes[1])  # head x right
-    axis = int(np.abs(front).argmax())
-    if float(front @ (anus - 0.5 * (liver + spleen))) >= 0.0:
-        return None
-    letters[axis] = "A" if front[axis] > 0 else "P"
-    return "".join(letters)
-
-
-# Triangles of STL files, binary and ASCII.
-
-HEAD = 84
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
-_VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
-
-
-def read_stl(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Read the triangles of an STL file, each with its own corners.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    vertices : ndarray, shape (3 m, 3)
-        In the file's unit.
-    faces : ndarray, shape (m, 3)
+def read_parts(file: Path) -> SurfaceFile:
+    """Read the meshes of a file, each where its node puts it.
 
     Raises
     ------
     FileFormatError
-        If it is no STL file, or its size is not that of the triangles that it states.
+        If the file is broken.
     """
+    for suffix, reader in ((".stl", _read_stl), (".vtk", _read_vtk), (".vtp", _read_vtp)):
+        if has_suffix(file, (suffix,)):
+            return SurfaceFile([("1", *reader(file))])
+    import trimesh
+
+    kind = file.suffix.lower().lstrip(".")
+    data = file.read_bytes()
+    mark = _check_glb(file, data) if kind == "glb" else {}
+    with quiet_libraries():
+        try:
+            if kind == "off":
+                data = _check_off(data.decode("latin-1")).encode()
+            elif kind == "obj":
+                text = data.decode("latin-1")  # names and remarks; numbers are ASCII
+                _check_obj(text)
+                data = text.encode()
+            scene = trimesh.load(io.BytesIO(data), file_type=kind, process=False)
+            if not isinstance(scene, trimesh.Scene):
+                scene = trimesh.Scene({"1": scene})
+            parts = []
+            for node in scene.graph.nodes_geometry:
+                transform, name = scene.graph[node]
+                mesh = scene.geometry[name]
+                if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+                    vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+                    vertices = vertices @ transform[:3, :3].T + transform[:3, 3]
+                    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
+                    parts.append((str(node), vertices, faces))
+        except Exception as error:  # trimesh's loaders raise many kinds on a broken file
+            raise FileFormatError(
+                f"{file} is not {kind.upper()} triangles: {explain(error)}"
+            ) from None
+    return SurfaceFile(parts, marked="frame" in mark, frame=mark.get("frame"))
+
+
+def _check_off(text: str) -> str:
+    """Return an OFF file without remarks; `ValueError` unless it has the lines that it states."""
+    lines = [line.split("#")[0].split() for line in text.splitlines()]
+    lines = [line for line in lines if line]
+    if not lines or not lines[0][0].endswith("OFF"):
+        raise ValueError("it does not begin with OFF")
+    if len(lines[0]) > 1:  # the counts may stand on the same line
+        lines[:1] = [lines[0][:1], lines[0][1:]]
+    counts, rest = (lines[1] if len(lines) > 1 else []), lines[2:]
+    if len(counts) < 2:
+        raise ValueError("it states no numbers of vertices and faces")
+    corners, faces = int(counts[0]), int(counts[1])
+    if min(corners, faces) < 0 or len(rest) != corners + faces:
+        raise ValueError(
+            f"its header states {corners} vertices and {faces} faces, it has {len(rest)} lines "
+            "of them: it is cut short or damaged"
+        )
+    for line in rest[:corners]:
+        if len(line) < 3:
+            raise ValueError(f"the vertex '{' '.join(line)}' has {len(line)} numbers, not 3")
+    for line in rest[corners:]:
+        if len(line) < 1 + max(int(line[0]), 3):
+            raise ValueError(f"the face '{' '.join(line)[:60]}' is cut short")
+    return "\n".join(" ".join(line) for line in lines)
+
+
+def _check_obj(text: str) -> None:
+    """Raise `ValueError` for half a line of an OBJ file, or a face of vertices not there."""
+    corners, highest = 0, 0
+    for line in text.replace("\r\n", "\n").replace("\\\n", " ").split("\n"):
+        key, *words = line.split("#")[0].split() or [""]
+        if key not in ("v", "f"):
+            continue
+        if len(words) < 3:
+            raise ValueError(f"the line '{line.strip()[:60]}' is cut short")
+        if key == "v":
+            corners += 1
+            continue
+        for word in words:
+            index = int(word.split("/")[0])
+            if index == 0 or index < -corners:
+                raise ValueError(f"the face '{line.strip()[:60]}' names no vertex {index}")
+            highest = max(highest, index)
+    if highest > corners:
+        raise ValueError(f"a face names vertex {highest}, but it has {corners} vertices")
+
+
+def _check_glb(file: Path, data: bytes) -> dict[str, object]:
+    """Refuse a GLB whose counts cannot be in the file; return what `write_tract` noted in it."""
+    length = int.from_bytes(data[12:16], "little")
+    if data[:4] != b"glTF" or int.from_bytes(data[8:12], "little") != len(data):
+        raise FileFormatError(f"{file} is not GLB triangles: it is cut short or damaged")
+    try:
+        tree = json.loads(data[20 : 20 + length])
+        counts = [int(item["count"]) for item in tree.get("accessors", [])]
+        mark = tree.get("asset", {}).get("extras", {}).get(FRAME_KEY)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise FileFormatError(f"{file} is not GLB triangles: its JSON is damaged") from None
+    packed = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"} & set(
+        map(str, tree.get("extensionsRequired", []))
+    )
+    if packed:
+        raise FileFormatError(f"{file} is packed by {packed.pop()}: save it without compression")
+    if counts and not 0 <= min(counts) <= max(counts) <= len(data):
+        raise FileFormatError(
+            f"{file} is not GLB triangles: {max(counts)} numbers stated, {len(data)} bytes there"
+        )
+    return {"frame": None, **mark} if isinstance(mark, dict) else {}
+
+
+HEAD = 84
+"""Bytes of a binary STL before its triangles."""
+
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
+_VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
+
+
+def _read_stl(path: Path) -> Mesh:
+    """Read the triangles of an STL file, binary or ASCII, each with its own corners."""
     data = path.read_bytes()
     number = int.from_bytes(data[80:HEAD], "little") if len(data) >= HEAD else -1
     if number >= 0 and len(data) == HEAD + _TRIANGLE.itemsize * number:
@@ -278,8 +194,6 @@ def read_stl(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     return corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
 
 
-Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
-
 _LEGACY_TYPES = {
     "char": "i1", "unsigned_char": "u1", "short": "i2", "unsigned_short": "u2", "int": "i4",
     "unsigned_int": "u4", "long": "i8", "unsigned_long": "u8", "float": "f4", "double": "f8",
@@ -295,28 +209,8 @@ MOST_BYTES = 1 << 31
 """Largest array that is unpacked from a compressed file."""
 
 
-def read_vtk(path: Path) -> Mesh:
-    """Read the points and triangles of a legacy VTK PolyData file, ASCII or binary.
-
-    Polygons of more than three corners are split into fans, strips into triangles; lines and
-    attributes are not read.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    vertices : ndarray, shape (n, 3)
-        In the file's unit.
-    faces : ndarray, shape (m, 3)
-
-    Raises
-    ------
-    FileFormatError
-        If it is not such a file, or it is cut short.
-    """
+def _read_vtk(path: Path) -> Mesh:
+    """Read a legacy VTK PolyData file; polygons and strips become triangles."""
     data = path.read_bytes()
     head = data.split(b"\n", 3)
     if not head[0].startswith(b"# vtk DataFile") or len(head) < 4:
@@ -328,26 +222,31 @@ def read_vtk(path: Path) -> Mesh:
     kind = re.match(rb"\s*DATASET\s+(\S+)", body)
     if kind is None or kind[1].upper() != b"POLYDATA":
         raise FileFormatError(
-            f"{path} is {_show(body.split(chr(10).encode(), 1)[0])}: only DATASET POLYDATA is read"
+            f"{path} is {_show(body.partition(bytes([10]))[0])}: only DATASET POLYDATA is read"
         )
     try:
-        return _read_legacy(body[kind.end() :], binary=form == b"BINARY")
-    except (ValueError, IndexError, KeyError, OverflowError, MemoryError):
-        raise FileFormatError(
-            f"{path} is cut short or damaged: its numbers do not add up"
-        ) from None
+        return _read_legacy(body[kind.end() :], _take_binary if form == b"BINARY" else _take_ascii)
+    except _DAMAGE:
+        raise FileFormatError(f"{path} is cut short or damaged: {_COUNTS}") from None
+
+
+_DAMAGE = (ValueError, IndexError, KeyError, OverflowError, MemoryError, zlib.error)
+_COUNTS = "its numbers do not add up"
 
 
 def _show(line: bytes) -> str:
-    return "".join(c if c.isprintable() else "?" for c in line.decode("ascii", "replace"))[
-        :60
-    ].strip()
+    text = line.decode("ascii", "replace")[:60]
+    return "".join(c if c.isprintable() else "?" for c in text).strip()
 
 
-def _read_legacy(body: bytes, *, binary: bool) -> Mesh:
+Numbers = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.number[Any]]
+Taker = Callable[[bytes, int, str], tuple[Numbers, bytes]]
+"""Reads numbers of a type from the beginning of bytes; returns them and the bytes that follow."""
+
+
+def _read_legacy(body: bytes, take: Taker) -> Mesh:
     points = None
-    faces: list[NDArray[np.int64]] = []
-    take = _take_binary if binary else _take_ascii
+    faces: list[Faces] = []
     while True:
         line = re.compile(rb"\s*([A-Za-z_]+)[ \t]*([^\n]*)(\n|$)").match(body)
         if line is None:
@@ -356,8 +255,7 @@ def _read_legacy(body: bytes, *, binary: bool) -> Mesh:
         body = body[line.end() :]
         if word == b"POINTS":
             values, body = take(body, 3 * int(rest[0]), _LEGACY_TYPES[rest[1].decode().lower()])
-            with np.errstate(invalid="ignore"):  # a damaged number may be a signalling NaN
-                points = values.astype(np.float64).reshape(-1, 3)
+            points = _to_points(values)
         elif word in (b"POLYGONS", b"TRIANGLE_STRIPS", b"VERTICES", b"LINES"):
             table, body = _take_cells(body, rest, take)
             if word == b"POLYGONS":
@@ -373,25 +271,28 @@ def _read_legacy(body: bytes, *, binary: bool) -> Mesh:
     return points, _join(faces)
 
 
-def _take_ascii(body: bytes, number: int, kind: str) -> tuple[NDArray[Any], bytes]:
-    if number < 0 or number > len(body):
+def _take_ascii(body: bytes, number: int, kind: str) -> tuple[Numbers, bytes]:
+    words = body.split(maxsplit=number) if 0 <= number <= len(body) else []
+    if number < 0 or len(words) < number:
         raise ValueError("too few numbers")
-    words = body.split(maxsplit=number)
     rest = words[number] if len(words) > number else b""
-    if len(words) < number:
-        raise ValueError("too few numbers")
     return np.array(words[:number], dtype=np.float64 if kind[0] == "f" else np.int64), rest
 
 
-def _take_binary(body: bytes, number: int, kind: str) -> tuple[NDArray[Any], bytes]:
+def _take_binary(body: bytes, number: int, kind: str) -> tuple[Numbers, bytes]:
     size = number * int(kind[1])
-    if number < 0 or size > len(body):
+    if not 0 <= size <= len(body):
         raise ValueError("too few bytes")
     return np.frombuffer(body[:size], dtype=">" + kind), body[size:]
 
 
-def _take_cells(body: bytes, rest: list[bytes], take: Any) -> tuple[Any, bytes]:
-    """Read a table of cells as connectivity and offsets."""
+def _to_points(values: Numbers) -> Vertices:
+    with np.errstate(invalid="ignore"):  # a damaged number may be a signalling NaN
+        return values.astype(np.float64).reshape(-1, 3)
+
+
+def _take_cells(body: bytes, rest: list[bytes], take: Taker) -> tuple[tuple[Faces, Faces], bytes]:
+    """Read a table of cells as corners, and the offset of each cell in them, 0 first."""
     first, second = int(rest[0]), int(rest[1])
     if re.match(rb"\s*OFFSETS", body):  # version 5: numbers of offsets and of corners
         arrays = []
@@ -402,35 +303,30 @@ def _take_cells(body: bytes, rest: list[bytes], take: Any) -> tuple[Any, bytes]:
             values, body = take(body[line.end() :], count, _LEGACY_TYPES[line[1].decode().lower()])
             arrays.append(values.astype(np.int64))
         return (arrays[1], arrays[0]), body
-    table, body = take(body, second, "i4")
-    table = table.astype(np.int64)
+    values, body = take(body, second, "i4")
+    table = values.astype(np.int64)
     if second == 4 * first and (table[::4] == 3).all():
         return (table.reshape(-1, 4)[:, 1:].reshape(-1), np.arange(0, 3 * first + 1, 3)), body
-    starts = np.zeros(first + 1, dtype=np.int64) if first <= second else None
-    if starts is None:
-        raise ValueError("more cells than numbers")
-    keep = np.ones(second, dtype=bool)
-    place = 0
-    for k in range(first):
-        keep[place] = False
-        length = int(table[place])
-        if length < 0:
+    sizes, place = [0], 0
+    for _ in range(min(first, second + 1)):
+        sizes.append(int(table[place]))
+        place += sizes[-1] + 1
+        if sizes[-1] < 0:
             raise ValueError("negative length")
-        starts[k + 1] = starts[k] + length
-        place += length + 1
     if place != second:
         raise ValueError("cells do not add up")
-    return (table[keep], starts), body
+    starts = np.cumsum(sizes)
+    return (np.delete(table, starts[:-1] + np.arange(len(starts) - 1)), starts), body
 
 
-def _check_offsets(corners: NDArray[np.int64], starts: NDArray[np.int64]) -> NDArray[np.int64]:
+def _check_offsets(corners: Faces, starts: Faces) -> Faces:
     sizes = np.diff(starts)
     if len(starts) and (starts[0] != 0 or (sizes < 0).any() or starts[-1] > len(corners)):
         raise ValueError("offsets do not add up")
     return sizes
 
 
-def _split_polygons(corners: NDArray[np.int64], starts: NDArray[np.int64]) -> NDArray[np.int64]:
+def _split_polygons(corners: Faces, starts: Faces) -> Faces:
     sizes = _check_offsets(corners, starts)
     faces = []
     for size in np.unique(sizes[sizes > 2]):
@@ -439,42 +335,22 @@ def _split_polygons(corners: NDArray[np.int64], starts: NDArray[np.int64]) -> ND
     return _join(faces)
 
 
-def _split_strips(corners: NDArray[np.int64], starts: NDArray[np.int64]) -> NDArray[np.int64]:
-    sizes = _check_offsets(corners, starts)
+def _split_strips(corners: Faces, starts: Faces) -> Faces:
     faces = []
-    for start, size in zip(starts[:-1], sizes, strict=True):
-        strip = corners[start : start + size]
-        rows = np.stack((strip[:-2], strip[1:-1], strip[2:]), axis=1) if size > 2 else None
-        if rows is not None:
-            rows[1::2] = rows[1::2, ::-1]
-            faces.append(rows)
+    for start, size in zip(starts[:-1], _check_offsets(corners, starts), strict=True):
+        strip = corners[start : start + max(size, 2)]
+        rows = np.stack((strip[:-2], strip[1:-1], strip[2:]), axis=1)
+        rows[1::2] = rows[1::2, ::-1]
+        faces.append(rows)
     return _join(faces)
 
 
-def _join(faces: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    if not faces:
-        return np.zeros((0, 3), dtype=np.int64)
-    return np.concatenate(faces).astype(np.int64)
+def _join(faces: list[Faces]) -> Faces:
+    return np.concatenate([np.zeros((0, 3), dtype=np.int64), *faces])
 
 
-def read_vtp(path: Path) -> Mesh:
-    """Read the points and triangles of a VTK XML PolyData file, with inline or appended data.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    vertices : ndarray, shape (n, 3)
-    faces : ndarray, shape (m, 3)
-
-    Raises
-    ------
-    FileFormatError
-        If it is not such a file, it is damaged, or it is packed otherwise than with zlib.
-    """
+def _read_vtp(path: Path) -> Mesh:
+    """Read a VTK XML PolyData file with inline or appended data, plain or packed with zlib."""
     data = path.read_bytes()
     appended = b""
     start = data.find(b"<AppendedData")
@@ -504,21 +380,22 @@ def read_vtp(path: Path) -> Mesh:
     try:
         reader = _XmlArrays(root, appended, coded=coded)
         pieces = [_read_piece(piece, reader) for piece in root.iter("Piece")]
-        starts = np.cumsum([0] + [len(points) for points, _ in pieces[:-1]])
-        if not pieces:
-            raise ValueError("no piece")
-        return (
-            np.concatenate([points for points, _ in pieces]),
-            np.concatenate([faces + at for (_, faces), at in zip(pieces, starts, strict=True)]),
-        )
-    except (ValueError, IndexError, KeyError, OverflowError, MemoryError, zlib.error):
-        raise FileFormatError(
-            f"{path} is cut short or damaged: its numbers do not add up"
-        ) from None
+        return join_meshes(pieces)
+    except _DAMAGE:
+        raise FileFormatError(f"{path} is cut short or damaged: {_COUNTS}") from None
+
+
+def join_meshes(meshes: list[Mesh]) -> Mesh:
+    """Return several meshes as one."""
+    starts = np.cumsum([0] + [len(points) for points, _ in meshes])
+    return (
+        np.concatenate([points for points, _ in meshes]),
+        np.concatenate([faces + at for (_, faces), at in zip(meshes, starts, strict=False)]),
+    )
 
 
 def _read_piece(piece: ElementTree.Element, reader: _XmlArrays) -> Mesh:
-    points = reader.read(piece.find("Points/DataArray")).astype(np.float64).reshape(-1, 3)
+    points = _to_points(reader.read(piece.find("Points/DataArray")))
     faces = []
     for name, split in (("Polys", _split_polygons), ("Strips", _split_strips)):
         arrays = {item.get("Name"): item for item in piece.findall(f"{name}/DataArray")}
@@ -539,7 +416,7 @@ class _XmlArrays:
         self.appended = appended
         self.coded = coded
 
-    def read(self, item: ElementTree.Element | None) -> NDArray[Any]:
+    def read(self, item: ElementTree.Element | None) -> Numbers:
         if item is None:
             raise ValueError("an array is missing")
         kind = _XML_TYPES[item.get("type", "")]
@@ -560,18 +437,16 @@ class _XmlArrays:
     def _unpack(self, data: bytes, *, coded: bool) -> bytes:
         width = int(self.header[-1])
         if not self.packed:
-            size = int(self._take(data, 0, 1, coded=coded)[0][0])
-            return self._cut(data, width, size, coded=coded)
-        (blocks, _, _), _ = self._take(data, 0, 3, coded=coded)
-        count = int(blocks)
+            (size,), _ = self._take_header(data, 1, coded=coded)
+            return _cut(data, width, size, coded=coded)
+        (count, _, _), _ = self._take_header(data, 3, coded=coded)
         if count > len(data):
             raise ValueError("more blocks than bytes")
-        head, used = self._take(data, 0, 3 + count, coded=coded)
-        sizes = [int(size) for size in head[3:]]
+        head, used = self._take_header(data, 3 + count, coded=coded)
         # The header is coded for itself, the blocks together.
-        body = self._cut(data[used:], 0, sum(sizes), coded=coded)
+        body = _cut(data[used:], 0, sum(head[3:]), coded=coded)
         whole, place = [], 0
-        for size in sizes:
+        for size in head[3:]:
             unpacker = zlib.decompressobj()
             whole.append(unpacker.decompress(body[place : place + size], MOST_BYTES))
             if not unpacker.eof:
@@ -579,24 +454,204 @@ class _XmlArrays:
             place += size
         return b"".join(whole)
 
-    def _take(
-        self, data: bytes, start: int, number: int, *, coded: bool
-    ) -> tuple[NDArray[Any], int]:
-        """Read numbers of the header; return them and how many bytes they take."""
+    def _take_header(self, data: bytes, number: int, *, coded: bool) -> tuple[list[int], int]:
+        """Read numbers of the header; return them and how many bytes of the file they take."""
         size = number * int(self.header[-1])
-        if coded:
-            used = 4 * ((size + 2) // 3)
-            raw = base64.b64decode(data[start : start + used], validate=True)
-        else:
-            used, raw = size, data[start : start + size]
-        if len(raw) < size:
-            raise ValueError("too few bytes")
-        return np.frombuffer(raw[:size], dtype=self.header), used
+        raw = _cut(data, 0, size, coded=coded)
+        used = 4 * ((size + 2) // 3) if coded else size
+        return [int(value) for value in np.frombuffer(raw, dtype=self.header)], used
 
-    @staticmethod
-    def _cut(data: bytes, skip: int, size: int, *, coded: bool) -> bytes:
-        if coded:
-            data = base64.b64decode(data[: 4 * ((skip + size + 2) // 3)], validate=True)
-        if skip + size > len(data):
-            raise ValueError("too few bytes")
-        return data[skip : skip + size]
+
+def _cut(data: bytes, skip: int, size: int, *, coded: bool) -> bytes:
+    """Return bytes of data that may be coded as base64."""
+    if coded:
+        data = base64.b64decode(data[: 4 * ((skip + size + 2) // 3)], validate=True)
+    if skip + size > len(data):
+        raise ValueError("too few bytes")
+    return data[skip : skip + size]
+
+
+# Models of the Gut Cell Atlas (GCA-Models): voxel size, landmarks and organ from their JSON.
+
+MOST_BYTES_JSON = 20_000_000
+"""Largest JSON that is opened."""
+
+MOST_FILES = 50
+"""Files of a folder that are opened, at most."""
+
+UPRIGHT = 2.0
+"""How much longer a way must be along its main axis than along the others to prove the axis."""
+
+_ORGANS: tuple[tuple[Organ, tuple[str, ...]], ...] = (
+    ("small-bowel", ("small intestine", "small bowel", "jejunum", "ileum")),
+    ("upper-tract", ("oesophagus", "esophagus", "stomach", "duodenum", "ogl", "gdj", "pol")),
+    ("colon", ("large intestine", "large bowel", "colon", "rectum", "sigmoid", "hepatic flexure",
+               "splenic flexure", "caecum", "cecum", "transverse")),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """What the JSON of a model states on one of its surfaces.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        The JSON, and the mid-lines that were read with it.
+    voxel : (3,) float
+        Voxel size: coordinates times it are mm.
+    organ : {"upper-tract", "small-bowel", "colon"} or None
+    landmarks : mapping of str to (3,) float
+        By name and abbreviation, in the model's coordinates.
+    """
+
+    files: tuple[Path, ...]
+    voxel: NDArray[np.float64]
+    organ: Organ | None
+    landmarks: Mapping[str, NDArray[np.float64]]
+
+    def describe(
+        self, tract: Tract, corners: Vertices, sizes: NDArray[np.float64], *, found_unit: bool
+    ) -> Tract:
+        """Add landmarks, organ and frame to a tract whose coordinates were scaled by `sizes`."""
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        slack = 0.05 * float((high - low).max())
+
+        def keep(scale: NDArray[np.float64]) -> dict[str, Point]:
+            places = {name: point * scale for name, point in self.landmarks.items()}
+            return {
+                name: to_point(p)
+                for name, p in places.items()
+                if ((p >= low - slack) & (p <= high + slack)).all()
+            }
+
+        # Some models have the mid-line in mm already.
+        kept = max(keep(sizes), keep(np.ones(3)), key=len)
+        frame = _prove_frame(kept) if self.organ == "colon" else None
+        read = [f"{len(kept)} names of landmarks" if kept else "no landmark"]
+        if found_unit:
+            read.insert(0, "voxel size " + " x ".join(f"{value:g}" for value in self.voxel) + " mm")
+        if self.organ:
+            read.append(f"organ {self.organ}")
+        if frame:
+            read.append(f"frame {frame}, as anus and flexures lie")
+        message = f"read from the model's {self.files[0].name}: {', '.join(read)}"
+        found = (*tract.findings, Finding("model-read", "note", message))
+        return replace(tract, organ=self.organ, landmarks=kept, frame=frame, findings=found)
+
+
+def find_model(surface: Path) -> Model | None:
+    """Return what the JSON of a GCA model beside a .vtk file, or one folder up, states on it."""
+    if not has_suffix(surface, (".vtk",)):
+        return None
+    for folder in (surface.parent, surface.parent.parent):
+        try:
+            files = sorted(folder.glob("*.json"))[:MOST_FILES]
+        except OSError:
+            continue
+        for file in files:
+            try:
+                model = _read_model(file, surface)
+            except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError):
+                continue
+            if model is not None:
+                return model
+    return None
+
+
+def _load(file: Path) -> Json:
+    try:
+        if file.stat().st_size <= MOST_BYTES_JSON:
+            tree = json.loads(file.read_bytes())
+            return tree if isinstance(tree, dict) else {}
+    except (OSError, ValueError, RecursionError):
+        pass
+    return {}
+
+
+def _read_model(file: Path, surface: Path) -> Model | None:
+    tree = _load(file)
+    objects = [item for item in tree["model_objects"] if isinstance(item, dict)]
+    name = _simplify(surface.stem)
+    own = [item for item in objects if _simplify(Path(str(item.get("filename", ""))).stem) == name]
+    if not own:
+        return None
+    voxel = np.ones(3)
+    for item in objects:
+        if "voxel_size" in item:
+            voxel = np.array([float(value) for value in item["voxel_size"]])
+    if voxel.shape != (3,) or not ((voxel > 1e-3) & (voxel < 1e2)).all():
+        return None
+    text = " ".join(str(item.get("display_props", {}).get("text", "")) for item in own)
+    organ = _find_organ(f"{name} {text}")
+    files, landmarks = [file], {}
+    for path in tree.get("paths", []):
+        line = str(path.get("spline_filename", ""))
+        words = f"{path.get('anatomy', {}).get('text', '')} {_simplify(Path(line).stem)}"
+        place = _find_path(line, file, surface)
+        if place is None or organ not in (None, _find_organ(words)):
+            continue
+        points = np.array(_load(place)["points"], dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+            continue
+        files.append(place)
+        for mark in tree.get("landmarks", []):
+            at = int(mark["position"][0]) if path["id"] in mark.get("paths", []) else -1
+            if 0 <= at < len(points):
+                for anatomy in mark["anatomy"]:
+                    for key in ("text", "abbreviated_name"):
+                        if anatomy.get(key):
+                            landmarks[str(anatomy[key])] = points[at]
+    return Model(files=tuple(files), voxel=voxel, organ=organ, landmarks=landmarks)
+
+
+def _simplify(name: str) -> str:
+    return name.lower().replace("_", " ").replace("-", " ")
+
+
+def _find_organ(text: str) -> Organ | None:
+    """Return the organ of the first word found; that of a part of it comes after the whole."""
+    words = f" {text.lower()} "
+    hits = [
+        (words.find(word), organ) for organ, names in _ORGANS for word in names if word in words
+    ]
+    # Duodenum and stomach are parts of files named after the small intestine.
+    if any(organ == "upper-tract" for _, organ in hits):
+        return "upper-tract"
+    return min(hits)[1] if hits else None
+
+
+def _find_path(name: str, file: Path, surface: Path) -> Path | None:
+    """Return where the mid-line of a model lies, which has points."""
+    folders = (surface.parent, file.parent, file.parent / "Paths", surface.parent.parent / "Paths")
+    if not name or Path(name).name != name:
+        return None
+    places = (folder / name for folder in folders)
+    return next((place for place in places if isinstance(_load(place).get("points"), list)), None)
+
+
+def _prove_frame(landmarks: Mapping[str, Point]) -> str | None:
+    """Return the frame that the anus and the two flexures of a colon prove, if they do.
+
+    Both flexures lie above the anus, the hepatic one to the right of the splenic one, and the anus
+    behind the middle of the flexures' height; a frame that is not right-handed proves nothing.
+    """
+    try:
+        anus, liver, spleen = (np.array(landmarks[name]) for name in ("anus", "HF", "SF"))
+    except KeyError:
+        return None
+    letters = ["", "", ""]
+    axes = []
+    for way, pair in ((0.5 * (liver + spleen) - anus, "SI"), (liver - spleen, "RL")):
+        axis = int(np.abs(way).argmax())
+        others = np.delete(np.abs(way), axis)
+        if abs(way[axis]) < UPRIGHT * others.max() or letters[axis]:
+            return None
+        letters[axis] = pair[0] if way[axis] > 0 else pair[1]
+        axes.append(np.eye(3)[axis] * math.copysign(1.0, way[axis]))
+    front = np.cross(axes[0], axes[1])  # head x right
+    axis = int(np.abs(front).argmax())
+    if float(front @ (anus - 0.5 * (liver + spleen))) >= 0.0:
+        return None
+    letters[axis] = "A" if front[axis] > 0 else "P"
+    return "".join(letters)

@@ -6,13 +6,13 @@ import hashlib
 import os
 import urllib.error
 import urllib.request
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from http.client import HTTPException
 from pathlib import Path
-from typing import Any
 
-from ..errors import BozziniError, FileFormatError, InputError, OutputError
+from ..errors import FileFormatError, InputError, OutputError
 from ..io.files import write_atomically, write_text
 from ..progress import Progress, no_progress
 
@@ -37,7 +37,8 @@ class PublicData:
     file_name : str
         Name of the file on disk.
     sha256 : str or None
-        Its checksum, or None if it is not known: then a fetch cannot verify the file, and says so.
+        Its checksum, or None if it is not known: then a fetch cannot verify the file, and reports
+        that.
     size : int or None
         Bytes, or None if not known.
     """
@@ -125,8 +126,8 @@ def find_data(name: str) -> PublicData:
     raise InputError(f"there is no data set '{name}': the catalogue has {known}")
 
 
-TIMEOUT = 30.0
-"""Longest silence of a server [s]."""
+TIMEOUT_S = 30.0
+"""Longest silence of a server."""
 
 _BLOCK = 1 << 20
 _SCHEMES = ("https://", "http://", "file://")
@@ -190,109 +191,86 @@ def fetch_data(
         raise InputError(f"the address of {entry.name} is '{entry.url}': it must be http or file")
     folder = Path(directory)
     fresh = not folder.exists()
-    _make_directory(folder)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
     target = folder / entry.file_name
     beside = folder / f"{entry.file_name}.citation.txt"
     if target.is_dir():
         raise OutputError(f"{target} is a directory: remove it or choose another place")
     if target.exists() and not force:
         raise OutputError(f"{target} exists already: choose another directory or give --force")
-    state = _Transfer(entry, progress)
+    done: list[tuple[str, int]] = []
     try:
-        write_atomically(target, state.run)
+        write_atomically(target, lambda path: done.append(_transfer(entry, path, progress)))
     except BaseException:
         if fresh:
             with suppress(OSError):
                 folder.rmdir()  # made for a file that did not come
         raise
+    checksum, size = done[0]
     write_text(
         beside,
         f"{entry.file_name}\n{entry.what}\nLicence: {entry.licence}\nCite as: {entry.citation}\n"
-        f"From: {entry.url}\nSHA-256: {state.checksum}"
+        f"From: {entry.url}\nSHA-256: {checksum}"
         f"{'' if entry.sha256 else ' (computed on arrival, not verified)'}\n",
     )
     return FetchResult(
         path=target,
         citation_path=beside,
-        sha256=state.checksum,
+        sha256=checksum,
         verified=entry.sha256 is not None,
-        size=state.size,
+        size=size,
     )
 
 
-def _make_directory(folder: Path) -> None:
+def _transfer(entry: PublicData, path: Path, progress: Progress) -> tuple[str, int]:
+    """Copy a data set into a file; return its checksum and its size."""
+    digest, size = hashlib.sha256(), 0
+    request = urllib.request.Request(entry.url, headers={"User-Agent": "bozzini"})
+    with _one_error(entry):
+        source = urllib.request.urlopen(request, timeout=TIMEOUT_S)
+    with source, path.open("wb") as target:
+        stated = source.headers.get("Content-Length", "")
+        announced = int(stated) if stated.isdigit() else None
+        total = announced or entry.size
+        while True:
+            with _one_error(entry):  # the line broke, not the disk
+                block = source.read(_BLOCK)
+            if not block:
+                break
+            target.write(block)
+            digest.update(block)
+            size += len(block)
+            if total:
+                progress(f"fetching {entry.name}", min(size / total, 1.0))
+    if announced not in (None, size):
+        raise FileFormatError(
+            f"{entry.name}: {entry.url} was cut short at {size} of {announced} bytes: nothing was "
+            f"kept"
+        )
+    if size == 0:
+        raise FileFormatError(f"{entry.name}: {entry.url} gave an empty file")
+    checksum = digest.hexdigest()
+    if entry.sha256 not in (None, checksum):
+        raise FileFormatError(
+            f"{entry.name}: the checksum of {entry.url} is {checksum}, expected {entry.sha256}: "
+            f"nothing was kept"
+        )
+    return checksum, size
+
+
+@contextmanager
+def _one_error(entry: PublicData) -> Iterator[None]:
+    """Turn whatever goes wrong on the line into one line of text."""
     try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
-
-
-class _Transfer:
-    """One transfer into a temporary file; knows its size and checksum at the end."""
-
-    def __init__(self, entry: PublicData, progress: Progress) -> None:
-        self.entry = entry
-        self.progress = progress
-        self.checksum = ""
-        self.size = 0
-
-    def run(self, path: Path) -> None:
-        entry = self.entry
-        try:
-            request = urllib.request.Request(entry.url, headers={"User-Agent": "bozzini"})
-            with urllib.request.urlopen(request, timeout=TIMEOUT) as source:
-                self._copy(source, path)
-        except BozziniError:
-            raise
-        except urllib.error.HTTPError as error:
-            raise FileFormatError(
-                f"cannot fetch {entry.name} from {entry.url}: the server answers {error.code} "
-                f"{error.reason}"
-            ) from None
-        except urllib.error.URLError as error:
-            reason = getattr(error.reason, "strerror", None) or error.reason
-            raise FileFormatError(
-                f"cannot fetch {entry.name} from {entry.url}: {_one_line(reason)}"
-            ) from None
-        except (HTTPException, TimeoutError, ConnectionError, ValueError) as error:
-            raise FileFormatError(
-                f"cannot fetch {entry.name} from {entry.url}: {_one_line(error)}"
-            ) from None
-        if self.size == 0:
-            raise FileFormatError(f"{entry.name}: {entry.url} gave an empty file")
-        if entry.sha256 is not None and self.checksum != entry.sha256:
-            raise FileFormatError(
-                f"{entry.name}: the checksum of {entry.url} is {self.checksum}, expected "
-                f"{entry.sha256}: nothing was kept"
-            )
-
-    def _copy(self, source: Any, path: Path) -> None:
-        announced = source.headers.get("Content-Length")
-        total = int(announced) if announced and announced.isdigit() else self.entry.size
-        digest = hashlib.sha256()
-        with path.open("wb") as target:
-            while block := self._read(source):
-                target.write(block)
-                digest.update(block)
-                self.size += len(block)
-                if total:
-                    self.progress(f"fetching {self.entry.name}", min(self.size / total, 1.0))
-        self.checksum = digest.hexdigest()
-        if announced and announced.isdigit() and self.size != int(announced):
-            raise FileFormatError(
-                f"{self.entry.name}: {self.entry.url} was cut short at {self.size} of "
-                f"{announced} bytes: nothing was kept"
-            )
-
-    def _read(self, source: Any) -> bytes:
-        try:
-            block: bytes = source.read(_BLOCK)
-        except (OSError, HTTPException) as error:  # the line broke, not the disk
-            raise FileFormatError(
-                f"cannot fetch {self.entry.name} from {self.entry.url}: {_one_line(error)}"
-            ) from None
-        return block
-
-
-def _one_line(error: object) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+        yield
+    except (OSError, HTTPException, ValueError) as error:
+        reason = getattr(error, "reason", error)
+        if isinstance(error, urllib.error.HTTPError):
+            reason = f"the server answers {error.code} {error.reason}"
+        text = " ".join(str(getattr(reason, "strerror", None) or reason).split())
+        raise FileFormatError(
+            f"cannot fetch {entry.name} from {entry.url}: {text or type(error).__name__}"
+        ) from None

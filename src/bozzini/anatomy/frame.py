@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 
-__all__ = ["check_frame", "convert_frame", "find_axis", "fit_frame", "measure_shift"]
-
 Matrix = NDArray[np.float64]
 
 _SIDES = ("RL", "AP", "SI")

@@ -1,22 +1,30 @@
-"""From an array of labels to a checked `LabelTract`: what is wrong is said, never passed over."""
+"""From an array of labels to a checked `LabelTract`: what is wrong is reported, never ignored."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
-from xml.etree import ElementTree
-from xml.sax.saxutils import escape
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_points
 from ..errors import GeometryError, InputError
-from ._reading import check_scale
 from .frame import check_frame, find_axis, measure_shift
-from .tract import Component, Finding, LabelTract, Organ
+from .tract import (
+    Component,
+    Finding,
+    LabelTract,
+    Organ,
+    TractSource,
+    check_scale,
+    count_noun,
+    report_handles,
+    show_volume,
+    to_point,
+)
 
 # Names of labels: what tools call organs, how files hold names, which organ they mean.
 
@@ -85,40 +93,6 @@ def describe_label(label: int, names: Mapping[int, str]) -> str:
     return names.get(label) or f"label {label}"
 
 
-def list_sides() -> tuple[tuple[str, str, str], ...]:
-    """Return pairs of organs and the side of the patient on which the first lies."""
-    return _ABOVE
-
-
-def read_label_table(text: str) -> dict[int, str]:
-    """Return the names in a label table of a NIfTI header extension; {} where it is none.
-
-    The form is that of Caret and of TotalSegmentator: ``<Label Key="1">name</Label>``.
-    """
-    begin, end = text.find("<LabelTable>"), text.find("</LabelTable>")
-    if begin < 0 or end < 0 or "<!" in re.sub(r"<!\[CDATA\[", "", text[begin:end]):
-        return {}
-    try:
-        root = ElementTree.fromstring(text[begin : end + len("</LabelTable>")])
-        found = {int(item.get("Key", "")): (item.text or "").strip() for item in root}
-    except (ElementTree.ParseError, ValueError):
-        return {}
-    return {label: name for label, name in found.items() if label > 0 and name}
-
-
-def write_label_table(names: Mapping[int, str]) -> str:
-    """Return a label table for a NIfTI header extension; see `read_label_table`."""
-    rows = "".join(
-        f'<Label Key="{label}" Red="1" Green="1" Blue="1" Alpha="1">{escape(name)}</Label>'
-        for label, name in sorted(names.items())
-    )
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?><CaretExtension><VolumeInformation Index="0">'
-        f"<LabelTable>{rows}</LabelTable><VolumeType>Label</VolumeType></VolumeInformation>"
-        "</CaretExtension>"
-    )
-
-
 Labels = Sequence[int | str] | str
 """Labels by number or name, or ``"all"``."""
 
@@ -150,7 +124,9 @@ MANY_COMPONENTS = 100
 ENCLOSED = 0.5
 """Share of a label's faces that touch the lumen, above which it lies inside the lumen."""
 
-Voxels = NDArray[np.uint16]
+Voxels = NDArray[Any]
+"""Voxels of any type of number."""
+
 Matrix = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -177,13 +153,31 @@ class Volume:
         fourth axis, one entry per layer.
     """
 
-    array: NDArray[Any]
+    array: Voxels
     affine: NDArray[np.float64]
     source: str
     names: Mapping[int, str] = field(default_factory=dict)
     frame: str | None = None
     findings: tuple[Finding, ...] = ()
     segments: tuple[tuple[str, int, int], ...] = ()
+
+
+_Framed = TypeVar("_Framed", bound=TractSource | Volume)
+
+
+def override_frame(item: _Framed, frame: str | None) -> _Framed:
+    """Return a tract or volume with the frame that was given, if any, and not that of its file."""
+    if frame is None:
+        return item
+    code = check_frame(frame)
+    found = [one for one in item.findings if one.code not in ("frame-unknown", "frame-assumed")]
+    if item.frame not in (None, code) and len(found) == len(item.findings):
+        message = (
+            f"the file states the frame {item.frame}, but {code} was given: taken as {code}, "
+            f"coordinates are not changed"
+        )
+        found.append(Finding("frame-overridden", "warning", message))
+    return replace(item, frame=code, findings=tuple(found))
 
 
 def tract_from_labels(
@@ -264,18 +258,18 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
     turned = values.flags.f_contiguous and not values.flags.c_contiguous
     voxels = np.ascontiguousarray(values.T if turned else values)
     axes = matrix[:, [2, 1, 0, 3]] if turned else matrix
-    runs = _Runs.find(voxels)
+    runs = Runs.find(voxels)
     sizes = runs.sum_by(runs.labels)
     if len(sizes) == 0:
         raise GeometryError(f"{source} is empty: every voxel is 0")
-    voxel = abs(float(np.linalg.det(matrix[:3, :3])))
+    voxel = measure_voxel(matrix)
     wanted = select_labels(sizes, labels, volume.names, source, voxel)
     others = np.setdiff1d(np.flatnonzero(sizes), wanted)
     if len(others):
         shown = ", ".join(f"{v} {volume.names.get(int(v), '')}".strip() for v in others[:10])
-        more = " …" if len(others) > 10 else ""
         word = "label" if len(others) == 1 else "labels"
-        found.append(Finding("labels-left-out", "note", f"{word} not selected: {shown}{more}"))
+        message = f"{word} not selected: {shown}{' …' if len(others) > 10 else ''}"
+        found.append(Finding("labels-left-out", "note", message))
     elif len(wanted) > MANY_LABELS:
         message = f"{len(wanted)} different labels are all taken as lumen: give the labels"
         found.append(Finding("many-labels", "warning", message))
@@ -285,7 +279,7 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
     selected = runs.keep(np.isin(runs.labels, wanted))
     found += _check_border(selected, voxels.shape, turned)
     kept, missed = _split(selected, axes, volume.names, found)
-    lumen, corner = _paint(kept, turned)
+    lumen, corner = kept.crop(turned=turned)
     matrix = matrix.copy()
     matrix[:3, 3] += axes[:3, :3] @ (corner - PADDING)
     found += _check_topology(lumen, matrix)
@@ -309,7 +303,7 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Runs:
+class Runs:
     """Stretches of voxels of one label along the last axis, in the order of the rows."""
 
     shape: tuple[int, ...]
@@ -319,20 +313,17 @@ class _Runs:
     labels: Integers
 
     @staticmethod
-    def find(voxels: NDArray[Any]) -> _Runs:
+    def find(voxels: Voxels) -> Runs:
+        """Find the runs of an array that is contiguous in memory."""
         from .kernels.voxels import find_runs
 
         _, rows, begins, ends, labels = find_runs(voxels)
-        return _Runs(shape=voxels.shape, rows=rows, begins=begins, ends=ends, labels=labels)
+        return Runs(shape=voxels.shape, rows=rows, begins=begins, ends=ends, labels=labels)
 
-    def keep(self, which: NDArray[np.bool_]) -> _Runs:
-        return _Runs(
-            shape=self.shape,
-            rows=self.rows[which],
-            begins=self.begins[which],
-            ends=self.ends[which],
-            labels=self.labels[which],
-        )
+    def keep(self, which: NDArray[np.bool_]) -> Runs:
+        """Return some of the runs."""
+        rows, begins, ends = self.rows[which], self.begins[which], self.ends[which]
+        return replace(self, rows=rows, begins=begins, ends=ends, labels=self.labels[which])
 
     def sum_by(self, groups: Integers) -> Integers:
         """Return the number of voxels of each group."""
@@ -358,7 +349,25 @@ class _Runs:
         return np.stack([np.repeat(i, lengths), np.repeat(j, lengths), along], axis=1)
 
     def split_rows(self) -> tuple[Integers, Integers]:
+        """Return the first and the second index of each run."""
         return self.rows // self.shape[1], self.rows % self.shape[1]
+
+    def paint(self, target: Voxels, values: Integers, shift: ArrayLike = (0, 0, 0)) -> None:
+        """Write each run's value into an array whose voxel 0 lies at voxel ``-shift``."""
+        from .kernels.voxels import paint_runs
+
+        move = np.asarray(shift, dtype=np.int64)
+        paint_runs(target, self.rows, self.begins, self.ends, values, self.shape[1], move)
+
+    def crop(self, *, turned: bool) -> tuple[Voxels, Integers]:
+        """Return the labels with `PADDING` zeros around, and the first voxel of their box."""
+        i, j = self.split_rows()
+        low = np.array([i.min(), j.min(), self.begins.min()], dtype=np.int64)
+        high = np.array([i.max() + 1, j.max() + 1, self.ends.max()], dtype=np.int64)
+        shape = tuple(int(length) for length in high - low + 2 * PADDING)
+        lumen = np.zeros(shape[::-1] if turned else shape, dtype=np.uint16)
+        self.paint(lumen.T if turned else lumen, self.labels.astype(np.uint16), PADDING - low)
+        return lumen, low
 
     def find_middles(self, groups: Integers) -> NDArray[np.float64]:
         """Return the mean voxel index of each group, shape (n, 3)."""
@@ -380,22 +389,27 @@ class _Runs:
         return np.asarray(chosen @ axes[:3, :3].T + axes[:3, 3])
 
 
-def _check_volume(volume: NDArray[Any], source: str) -> NDArray[Any]:
-    shape = volume.shape
-    while volume.ndim > 3 and volume.shape[-1] == 1:
-        volume = volume[..., 0]
+def drop_axes(array: Voxels) -> Voxels:
+    """Return an array without trailing axes of length 1 beyond the third."""
+    while array.ndim > 3 and array.shape[-1] == 1:
+        array = array[..., 0]
+    return array
+
+
+def _check_volume(given: Voxels, source: str) -> Voxels:
+    volume = drop_axes(given)
     if volume.ndim != 3:
         raise InputError(
-            f"{source} has {len(shape)} dimensions, shape {shape}: a label volume has 3"
+            f"{source} has {given.ndim} dimensions, shape {given.shape}: a label volume has 3"
         )
     if volume.size == 0:
-        raise InputError(f"{source} has shape {shape}: it holds no voxels")
+        raise InputError(f"{source} has shape {given.shape}: it holds no voxels")
     if volume.dtype.kind not in "iubf":
         raise InputError(f"{source} holds {volume.dtype} values: labels are whole numbers")
     return volume
 
 
-def _narrow(volume: NDArray[Any], source: str) -> NDArray[Any]:
+def _narrow(volume: Voxels, source: str) -> Voxels:
     """Return the voxels as uint8 or uint16 in the same order of axes, without a copy if possible.
 
     Large volumes are checked and converted in pieces: a CT may not fit twice in memory.
@@ -417,7 +431,7 @@ def _narrow(volume: NDArray[Any], source: str) -> NDArray[Any]:
     return volume.astype(np.uint8 if high < 256 else np.uint16, order="K")
 
 
-def _check_whole(values: NDArray[Any], source: str) -> None:
+def _check_whole(values: Voxels, source: str) -> None:
     for begin in range(0, values.size, 1 << 22):
         piece = values[begin : begin + (1 << 22)]
         if not np.isfinite(piece).all():
@@ -431,13 +445,7 @@ def _check_whole(values: NDArray[Any], source: str) -> None:
 
 
 def check_affine(affine: ArrayLike, source: str) -> Matrix:
-    """Return a 4 x 4 affine that is finite, not singular and not sheared.
-
-    Raises
-    ------
-    InputError
-        If it is not so.
-    """
+    """Return a 4 x 4 affine; `InputError` if it is not finite, singular or sheared."""
     matrix = check_points(f"the affine of {source}", affine, dim=4)
     if matrix.shape != (4, 4) or not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
         raise InputError(f"the affine of {source} is not a 4 x 4 matrix with last row 0 0 0 1")
@@ -471,6 +479,11 @@ def _check_shear(matrix: Matrix, size: NDArray[np.float64]) -> list[Finding]:
     return [Finding("axes-squared", "note", message)]
 
 
+def measure_voxel(affine: Matrix) -> float:
+    """Return the volume of a voxel [mm^3]."""
+    return abs(float(np.linalg.det(affine[:3, :3])))
+
+
 def wants_all(labels: Labels) -> bool:
     """Whether labels are ``"all"``, or a sequence of just that."""
     given = [labels] if isinstance(labels, str) else list(labels)
@@ -484,23 +497,9 @@ def select_labels(
     source: str,
     voxel: float,
 ) -> list[int]:
-    """Return the numbers of the labels that are asked for; all of them are there.
+    """Return the numbers of the labels that are asked for, or raise `InputError`.
 
-    Parameters
-    ----------
-    sizes : ndarray of int
-        Voxels of each label, from label 0.
-    labels : sequence of int or str, optional
-        See `tract_from_labels`.
-    names : mapping of int to str
-    source : str
-    voxel : float
-        Volume of a voxel [mm^3].
-
-    Raises
-    ------
-    InputError
-        If a label is not there, or none is given and there are several.
+    `sizes` are the voxels of each label, from label 0; `voxel` is the volume of one [mm^3].
     """
     there = [int(value) for value in np.flatnonzero(sizes)]
     if labels is None:
@@ -535,7 +534,7 @@ def _list_labels(
     shown = sorted(sorted(there, key=rank)[:LISTED])
     text = ", ".join(
         f"{label}{f' {names[label]}' if label in names else ''} "
-        f"({sizes[label] * voxel / 1000.0:.3g} mL)"
+        f"({show_volume(sizes[label] * voxel)})"
         for label in shown
     )
     more = len(there) - len(shown)
@@ -595,7 +594,7 @@ def _find_name(name: str, there: Sequence[int], names: Mapping[int, str], source
     raise InputError(f"label is '{name}', but {source} states no names: give numbers{hint}")
 
 
-def _check_sides(runs: _Runs, axes: Matrix, names: Mapping[int, str], frame: str) -> list[Finding]:
+def _check_sides(runs: Runs, axes: Matrix, names: Mapping[int, str], frame: str) -> list[Finding]:
     """Warn where organs with names do not lie to each other as in a patient."""
     middles = runs.find_middles(runs.labels) @ axes[:3, :3].T
     by_name = {
@@ -603,7 +602,7 @@ def _check_sides(runs: _Runs, axes: Matrix, names: Mapping[int, str], frame: str
         for label, name in names.items()
         if label < len(middles) and np.any(runs.labels == label)
     }
-    for one, side, two in list_sides():
+    for one, side, two in _ABOVE:
         if one in by_name and two in by_name:
             ahead = float((by_name[one] - by_name[two]) @ find_axis(frame, side))
             if ahead < -10.0:
@@ -637,7 +636,7 @@ def _check_voxels(matrix: Matrix) -> list[Finding]:
     return found
 
 
-def _check_border(runs: _Runs, shape: tuple[int, ...], turned: bool) -> list[Finding]:
+def _check_border(runs: Runs, shape: tuple[int, ...], turned: bool) -> list[Finding]:
     places = (*runs.split_rows(), runs.begins, runs.ends - 1)
     ends = []
     for axis, name in enumerate("ijk"):
@@ -654,15 +653,15 @@ def _check_border(runs: _Runs, shape: tuple[int, ...], turned: bool) -> list[Fin
 
 
 def _split(
-    runs: _Runs, axes: Matrix, names: Mapping[int, str], found: list[Finding]
-) -> tuple[_Runs, tuple[Component, ...]]:
+    runs: Runs, axes: Matrix, names: Mapping[int, str], found: list[Finding]
+) -> tuple[Runs, tuple[Component, ...]]:
     """Return the runs of the largest component, and the other components, largest first."""
     numbers, count = runs.join()
     if count == 1:
         return runs, ()
     sizes = runs.sum_by(numbers)
     largest = int(sizes.argmax())
-    voxel = abs(float(np.linalg.det(axes[:3, :3])))
+    voxel = measure_voxel(axes)
     places = runs.find_places(numbers, axes)
     order = [int(at) for at in np.argsort(-sizes, kind="stable") if at != largest]
     order = order[:MANY_COMPONENTS]
@@ -674,7 +673,7 @@ def _split(
     missed = tuple(
         Component(
             volume=float(sizes[at] * voxel),
-            point=(float(places[at, 0]), float(places[at, 1]), float(places[at, 2])),
+            point=to_point(places[at]),
             label_names=tuple(named[at]),
         )
         for at in order
@@ -700,13 +699,13 @@ def _describe_split(
     number = len(sizes) - 1
     dropped = int(sizes.sum() - sizes.max())
     shown = "; ".join(
-        f"{item.volume / 1000.0:.3g} mL near {_place(item.point)} ({', '.join(item.label_names)})"
+        f"{show_volume(item.volume)} near {_place(item.point)} ({', '.join(item.label_names)})"
         for item in missed[:3]
     )
     message = (
         f"{number + 1} components (voxels joined through faces): the largest is kept, "
-        f"{number} {'other is' if number == 1 else 'others are'} not reached and counted as wall, "
-        f"{dropped} {'voxel' if dropped == 1 else 'voxels'} ({dropped * voxel / 1000.0:.3g} mL): "
+        f"{count_noun(number, 'other is', 'others are')} not reached and counted as wall, "
+        f"{count_noun(dropped, 'voxel')} ({show_volume(dropped * voxel)}): "
         f"{shown}{' …' if number > 3 else ''}"
     )
     if touching:
@@ -716,21 +715,6 @@ def _describe_split(
     return [Finding("components-dropped", "warning" if share > 0.01 else "note", message)]
 
 
-def _paint(runs: _Runs, turned: bool) -> tuple[Voxels, Integers]:
-    """Return the runs as an array with `PADDING` zeros around, and the first voxel of their box."""
-    from .kernels.voxels import paint_runs
-
-    i, j = runs.split_rows()
-    low = np.array([i.min(), j.min(), runs.begins.min()], dtype=np.int64)
-    high = np.array([i.max() + 1, j.max() + 1, runs.ends.max()], dtype=np.int64)
-    shape = tuple(int(length) for length in high - low + 2 * PADDING)
-    lumen = np.zeros(shape[::-1] if turned else shape, dtype=np.uint16)
-    target = lumen.T if turned else lumen
-    values = runs.labels.astype(np.uint16)
-    paint_runs(target, runs.rows, runs.begins, runs.ends, values, runs.shape[1], PADDING - low)
-    return lumen, low
-
-
 def _check_topology(lumen: Voxels, affine: Matrix) -> list[Finding]:
     """Count handles and cavities of one component from its Euler number.
 
@@ -738,7 +722,7 @@ def _check_topology(lumen: Voxels, affine: Matrix) -> list[Finding]:
     """
     from .kernels.voxels import count_euler
 
-    outside = _Runs.find((lumen == 0).view(np.uint8))
+    outside = Runs.find((lumen == 0).view(np.uint8))
     numbers, count = outside.join(corners=True)
     cavities = count - 1
     handles = 1 + cavities - int(count_euler(lumen))
@@ -747,24 +731,19 @@ def _check_topology(lumen: Voxels, affine: Matrix) -> list[Finding]:
         sizes = outside.sum_by(numbers)
         sizes[numbers[0]] = 0  # the outside begins at the first voxel
         places = outside.find_places(numbers, affine)
-        volume = float(sizes.sum()) * abs(float(np.linalg.det(affine[:3, :3])))
-        word = "cavity" if cavities == 1 else "cavities"
+        volume = float(sizes.sum()) * measure_voxel(affine)
         message = (
-            f"{cavities} closed {word} inside the lumen ({volume / 1000.0:.3g} mL, near "
-            f"{_place(places[int(sizes.argmax())])}): counted as wall"
+            f"{count_noun(cavities, 'closed cavity', 'closed cavities')} inside the lumen "
+            f"({show_volume(volume)}, near {_place(places[int(sizes.argmax())])}): counted as wall"
         )
         found.append(Finding("cavities", "warning", message))
-    if handles:
-        word = "handle" if handles == 1 else "handles"
-        message = f"{handles} {word} (the lumen closes on itself): ways around may be false"
-        found.append(Finding("handles", "warning", message))
-    return found
+    return found + report_handles(handles)
 
 
 def _check_inside(
-    runs: _Runs,
-    voxels: NDArray[Any],
-    lumen: NDArray[np.uint16],
+    runs: Runs,
+    voxels: Voxels,
+    lumen: Voxels,
     corner: Integers,
     axes: Matrix,
     volume: Volume,
@@ -782,9 +761,9 @@ def _check_inside(
     for label in np.flatnonzero(touching > ENCLOSED * outer):
         part = runs.keep(runs.labels == label)
         place = part.find_places(np.zeros(len(part.rows), dtype=np.int64), axes)[0]
-        size = int((part.ends - part.begins).sum()) * abs(float(np.linalg.det(axes[:3, :3])))
+        size = int((part.ends - part.begins).sum()) * measure_voxel(axes)
         message = (
-            f"{describe_label(int(label), volume.names)} ({size / 1000.0:.3g} mL near "
+            f"{describe_label(int(label), volume.names)} ({show_volume(size)} near "
             f"{_place(place)}) is not selected and lies inside the lumen: counted as wall"
         )
         found.append(Finding("label-inside", "warning", message))

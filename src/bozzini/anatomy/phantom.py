@@ -6,19 +6,19 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number, check_points
 from ..errors import GeometryError, InputError
-from . import _mesh
+from ._mesh import measure_volume
 from .tract import LabelTract, SurfaceTract
 
 # A smooth line in space from headings, straight pieces and circular bends.
 
 Vector = NDArray[np.float64]
+Direction = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,36 +35,23 @@ class Leg:
         Length of the straight piece after it [mm].
     """
 
-    heading: tuple[float, float, float]
+    heading: Direction
     bend: float
     straight: float
 
 
-def measure_turn(one: tuple[float, float, float], other: tuple[float, float, float]) -> float:
+def measure_turn(one: Direction, other: Direction) -> float:
     """Return the angle between two headings [rad]."""
     a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
     return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
 
 
-def trace_line(
-    legs: list[Leg], *, step: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def trace_line(legs: list[Leg], *, step: float) -> tuple[Vector, Vector, Vector]:
     """Trace the legs from the origin, the first without its bend.
 
-    Parameters
-    ----------
-    legs : list of Leg
-    step : float
-        Largest distance between samples along the line [mm].
-
-    Returns
-    -------
-    points : ndarray, shape (n, 3)
-        Samples; bends are circular arcs in the plane of the two headings.
-    bend : ndarray, shape (n,)
-        Radius of the bend that a sample lies on, infinite on straight pieces [mm].
-    breaks : ndarray, shape (len(legs) + 1,)
-        Arc length at the end of each leg's straight piece, with 0 in front [mm].
+    Returns samples at most `step` [mm] apart, shape (n, 3), with bends as circular arcs; the radius
+    of the bend of each, infinite on straight pieces; and the arc length at the end of each leg's
+    straight piece, with 0 in front.
     """
     place = np.zeros(3)
     heading = _unit(legs[0].heading)
@@ -94,7 +81,7 @@ def trace_line(
     return np.array(points), np.array(bends), np.array(breaks)
 
 
-def _unit(vector: tuple[float, float, float] | Vector) -> Vector:
+def _unit(vector: ArrayLike) -> Vector:
     array = np.asarray(vector, dtype=np.float64)
     return np.asarray(array / np.linalg.norm(array))
 
@@ -123,7 +110,7 @@ HEADINGS = {
 
 
 def plan_legs(
-    size: Mapping[str, float], headings: Mapping[str, tuple[float, float, float]]
+    size: Mapping[str, float], headings: Mapping[str, Direction]
 ) -> tuple[list[Leg], str]:
     """Share the lengths of the parts out among straight pieces and bends."""
     names = list(HEADINGS)
@@ -152,15 +139,15 @@ def plan_legs(
     least = min(straight, key=lambda name: straight[name])
     fault = ""
     if straight[least] < 1.0:
-        fault = f"no room for the bends of the {least} part"
+        fault = f"the {least} part is too short for its bends"
         straight = {name: max(length, 1.0) for name, length in straight.items()}
     legs = [Leg(heading=headings[name], bend=bend[name], straight=straight[name]) for name in names]
     return legs, fault
 
 
 def compute_radii(
-    along: NDArray[np.float64], size: Mapping[str, float], junction: float, pylorus: float
-) -> NDArray[np.float64]:
+    along: Vector, size: Mapping[str, float], junction: float, pylorus: float
+) -> Vector:
     """Return the radius along the line, eased between knots [mm]."""
     stomach = pylorus - junction
     gullet, body, antrum = (
@@ -189,18 +176,18 @@ def compute_radii(
 
 
 def find_fault(
-    points: NDArray[np.float64],
-    radii: NDArray[np.float64],
-    bends: NDArray[np.float64],
-    along: NDArray[np.float64],
+    points: Vector,
+    radii: Vector,
+    bends: Vector,
+    along: Vector,
 ) -> str:
-    """Say why the union of balls would not be a clean tube, or nothing."""
+    """Return why the union of balls would not be a clean tube, or nothing."""
     slope = np.abs(np.diff(radii) / np.diff(along))
     if slope.max() > 0.9:
         return f"the radius changes by {slope.max():.2f} mm per mm"
-    room = float((bends - radii).min())
-    if room < BEND_GAP:
-        return f"a bend is only {room:.1f} mm wider than its lumen, at least {BEND_GAP:g} is legal"
+    gap = float((bends - radii).min())
+    if gap < BEND_GAP:
+        return f"a bend is only {gap:.1f} mm wider than its lumen, at least {BEND_GAP:g} is legal"
     between = np.linalg.norm(points[:, None] - points[None], axis=2)
     reach = radii[:, None] + radii[None]
     # Samples so far apart along the line cannot be neighbours around one bend.
@@ -275,39 +262,24 @@ _DUODENUM = (
 _GRAY = "Gray, 'Anatomy of the Human Body', 20th ed. 1918, p. 1169-70: "
 _CHOICE = "a choice: no figure was found"
 
-DIMENSIONS = (
-    Dimension(
-        name="oesophagus_length", unit="mm", value=230.0, low=210.0, high=250.0, basis=_LI
-    ),
-    Dimension(
-        name="oesophagus_diameter", unit="mm", value=20.0, low=18.0, high=22.0, basis=_FERHATOGLU
-    ),
-    Dimension(name="stomach_length", unit="mm", value=210.0, low=190.0, high=230.0, basis=_STOMACH),
-    Dimension(name="body_diameter", unit="mm", value=64.0, low=56.0, high=70.0, basis=_KUIKEN),
-    Dimension(name="antrum_diameter", unit="mm", value=44.0, low=38.0, high=48.0, basis=_CHOICE),
-    Dimension(name="stomach_bend", unit="mm", value=42.0, low=41.0, high=46.0, basis=_CHOICE),
-    Dimension(name="pylorus_diameter", unit="mm", value=14.3, low=12.5, high=16.1, basis=_PYLORUS),
-    Dimension(
-        name="superior_length", unit="mm", value=50.0, low=47.0, high=55.0,
-        basis=_GRAY + "superior part about 5 cm",
-    ),
-    Dimension(
-        name="descending_length", unit="mm", value=95.0, low=75.0, high=100.0,
-        basis=_GRAY + "descending part 7 to 10 cm",
-    ),
-    Dimension(
-        name="horizontal_length", unit="mm", value=72.0, low=55.0, high=75.0,
-        basis=_GRAY + "horizontal part 5 to 7.5 cm",
-    ),
-    Dimension(
-        name="ascending_length", unit="mm", value=30.0, low=25.0, high=35.0,
-        basis=_GRAY + "ascending part about 2.5 cm",
-    ),
-    Dimension(
-        name="duodenum_diameter", unit="mm", value=24.8, low=21.0, high=28.0, basis=_DUODENUM
-    ),
-    Dimension(name="flexure_bend", unit="mm", value=21.0, low=20.0, high=23.0, basis=_CHOICE),
-)  # fmt: skip
+DIMENSIONS = tuple(
+    Dimension(name=name, unit="mm", value=value, low=low, high=high, basis=basis)
+    for name, value, low, high, basis in (
+        ("oesophagus_length", 230.0, 210.0, 250.0, _LI),
+        ("oesophagus_diameter", 20.0, 18.0, 22.0, _FERHATOGLU),
+        ("stomach_length", 210.0, 190.0, 230.0, _STOMACH),
+        ("body_diameter", 64.0, 56.0, 70.0, _KUIKEN),
+        ("antrum_diameter", 44.0, 38.0, 48.0, _CHOICE),
+        ("stomach_bend", 42.0, 41.0, 46.0, _CHOICE),
+        ("pylorus_diameter", 14.3, 12.5, 16.1, _PYLORUS),
+        ("superior_length", 50.0, 47.0, 55.0, _GRAY + "superior part about 5 cm"),
+        ("descending_length", 95.0, 75.0, 100.0, _GRAY + "descending part 7 to 10 cm"),
+        ("horizontal_length", 72.0, 55.0, 75.0, _GRAY + "horizontal part 5 to 7.5 cm"),
+        ("ascending_length", 30.0, 25.0, 35.0, _GRAY + "ascending part about 2.5 cm"),
+        ("duodenum_diameter", 24.8, 21.0, 28.0, _DUODENUM),
+        ("flexure_bend", 21.0, 20.0, 23.0, _CHOICE),
+    )
+)
 """The phantom's dimensions in the order in which a seed draws them."""
 
 
@@ -349,8 +321,8 @@ class Phantom:
         What it was made from, by the names in `bozzini.anatomy.phantom.DIMENSIONS` [mm].
     """
 
-    centreline: NDArray[np.float64]
-    radii: NDArray[np.float64]
+    centreline: Vector
+    radii: Vector
     region: NDArray[np.uint8]
     seed: int
     dimensions: Mapping[str, float]
@@ -378,7 +350,7 @@ class Phantom:
         pieces = np.linalg.norm(np.diff(self.centreline, axis=0), axis=1)
         return {name: float(pieces[self.region[:-1] == at].sum()) for at, name in REGIONS.items()}
 
-    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
+    def signed_distance(self, points: ArrayLike) -> Vector:
         """Return ``min(|p - c| - r)`` over all balls on the line, negative inside [mm].
 
         Outside this is the distance to the wall, exactly. Inside its magnitude is how far the
@@ -404,7 +376,7 @@ class Phantom:
 
         array = check_points("points", points)
         flat = np.ascontiguousarray(array.reshape(-1, 3))
-        result: NDArray[np.float64] = measure_distance(flat, self.centreline, self.radii)
+        result: Vector = measure_distance(flat, self.centreline, self.radii)
         return result.reshape(array.shape[:-1])
 
     def to_labels(self, voxel: float = 1.0) -> LabelTract:
@@ -451,7 +423,7 @@ class Phantom:
         InputError
             If `spacing` is not in [0.5, 4] mm.
         """
-        import skimage.measure
+        from skimage.measure import marching_cubes
 
         from .kernels.meshes import fill_distance
 
@@ -461,11 +433,10 @@ class Phantom:
         field, _ = fill_distance(shape, origin, spacing, self.centreline, self.radii, reach)
         tiny = np.float32(1e-3 * spacing)  # a node on the wall would make flat triangles
         field[np.abs(field) < tiny] = tiny
-        measure: Any = skimage.measure
-        index, faces, _, _ = measure.marching_cubes(field, 0.0)
+        index, faces, _, _ = marching_cubes(field, 0.0)
         vertices = origin + spacing * index.astype(np.float64)
         triangles = faces.astype(np.int64)
-        if _mesh.measure_volume(vertices, triangles) < 0:
+        if measure_volume(vertices, triangles) < 0:
             triangles = np.ascontiguousarray(triangles[:, ::-1])
         return SurfaceTract(
             vertices=vertices,
@@ -475,7 +446,7 @@ class Phantom:
             frame="RAS",
         )
 
-    def _grid(self, step: float, margin: float) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+    def _grid(self, step: float, margin: float) -> tuple[Vector, tuple[int, ...]]:
         reach = self.radii[:, None] + margin
         low = np.floor((self.centreline - reach).min(axis=0) / step)
         high = np.ceil((self.centreline + reach).max(axis=0) / step)
@@ -525,9 +496,7 @@ def make_phantom(*, seed: int = 0) -> Phantom:
     raise GeometryError(f"seed {seed}: none of {MAX_DRAWS} draws is valid, the last: {fault}")
 
 
-def _tilt(
-    heading: tuple[float, float, float], random: np.random.Generator
-) -> tuple[float, float, float]:
+def _tilt(heading: Direction, random: np.random.Generator) -> Direction:
     shift = random.uniform(-_JITTER, _JITTER, 3)
     return heading[0] + shift[0], heading[1] + shift[1], heading[2] + shift[2]
 
@@ -535,7 +504,7 @@ def _tilt(
 def _build(
     seed: int,
     size: Mapping[str, float],
-    headings: Mapping[str, tuple[float, float, float]],
+    headings: Mapping[str, Direction],
 ) -> tuple[Phantom, str]:
     """Build a phantom from its dimensions; return it and what is wrong with it, or nothing."""
     legs, fault = plan_legs(size, headings)

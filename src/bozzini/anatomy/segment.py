@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
+from ..results import Json, Result
 from .frame import find_axis
-from .labels import Volume, _Runs, check_affine
-from .tract import Finding, Point
-
-__all__ = ["GasSegment", "Segmentation", "segment_gas"]
+from .labels import Runs, Volume, Voxels, check_affine, drop_axes, measure_voxel
+from .tract import Finding, Point, count_noun, show_volume, to_point
 
 TISSUE = -300.0
 """Above this a voxel is body or table [HU]."""
@@ -83,7 +81,7 @@ class GasSegment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Segmentation:
+class Segmentation(Result):
     """What was found in a CT.
 
     Attributes
@@ -112,6 +110,39 @@ class Segmentation:
     findings: tuple[Finding, ...]
     frame: str | None
     source: str
+
+    reason = ""
+    residual = 0.0
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is any gas."""
+        return bool(self.segments)
+
+    def to_dict(self) -> Json:
+        """Return the segments and how they were found, as JSON-able values."""
+        return {
+            "source": self.source,
+            "frame": self.frame,
+            "threshold_hu": self.threshold,
+            "segments": [
+                {
+                    "label": item.label,
+                    "volume_ml": item.volume / 1000.0,
+                    "fluid_ml": item.fluid / 1000.0,
+                    "point_mm": list(item.point),
+                    "at_border": item.at_border,
+                }
+                for item in self.segments
+            ],
+            "lungs_ml": self.lungs / 1000.0,
+            "findings": [str(item) for item in self.findings],
+        }
+
+    def list_columns(self) -> Json:
+        """Return the columns of `to_frame`: one row a segment."""
+        rows = self.to_dict()["segments"]
+        return {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
 
 
 def segment_gas(
@@ -147,7 +178,7 @@ def segment_gas(
     bridge_fluid : bool
         Add fluid that lies under a flat level of gas and is brighter than tissue by contrast
         medium (above 150 HU), and join what it connects. Fluid as bright as tissue can not be
-        told from the wall, and is not added.
+        distinguished from the wall, and is not added.
     progress : callable, optional
 
     Raises
@@ -157,13 +188,11 @@ def segment_gas(
     GeometryError
         If there is no body, or no gas in it.
     """
-    from .kernels.voxels import paint_runs
-
     threshold = check_number("threshold", threshold, low=-1000.0, high=-400.0, unit="HU")
     smallest = check_number("smallest volume", smallest, low=0.0, unit="mm^3")
     image = _check_image(volume)
     affine = check_affine(volume.affine, volume.source)
-    voxel = abs(float(np.linalg.det(affine[:3, :3])))
+    voxel = measure_voxel(affine)
     found = list(volume.findings)
     # All work is on the axes in which the voxels lie in memory.
     turned = image.flags.f_contiguous and not image.flags.c_contiguous
@@ -183,7 +212,7 @@ def segment_gas(
         fluid = _find_fluid(ct, gas, body, np.linalg.norm(axes[:3, :3], axis=0), found)
         gas |= fluid
     progress("gas", 0.7)
-    runs = _Runs.find(gas.view(np.uint8))
+    runs = Runs.find(gas.view(np.uint8))
     if len(runs.rows) == 0:
         raise GeometryError(
             f"{volume.source} has no gas below {threshold:g} HU inside the body, lungs left out"
@@ -197,13 +226,13 @@ def segment_gas(
     if len(wanted) == 0:
         raise GeometryError(
             f"{volume.source} has no gas of {smallest / 1000.0:g} mL or more inside the body: the "
-            f"largest has {sizes.max() * voxel / 1000.0:.3g} mL"
+            f"largest has {show_volume(sizes.max() * voxel)}"
         )
     wanted = wanted[np.argsort(-sizes[wanted], kind="stable")][:MOST_SEGMENTS]
     left = int(sizes.sum() - sizes[wanted].sum())
     if left:
         message = (
-            f"{left * voxel / 1000.0:.3g} mL of gas in {len(sizes) - len(wanted)} other segments "
+            f"{show_volume(left * voxel)} of gas in {len(sizes) - len(wanted)} other segments "
             f"left out"
         )
         found.append(Finding("gas-left-out", "note", message))
@@ -211,9 +240,7 @@ def segment_gas(
     label[wanted] = np.arange(1, len(wanted) + 1)
     labels = np.zeros(image.shape, dtype=np.uint16)
     target = labels.T if turned else labels
-    values = label[numbers]
-    zero = np.zeros(3, dtype=np.int64)
-    paint_runs(target, runs.rows, runs.begins, runs.ends, values, runs.shape[1], zero)
+    runs.paint(target, label[numbers].astype(np.int64))
     wet = np.bincount(target[fluid] if bridge_fluid else [], minlength=len(wanted) + 1)
     progress("gas", 1.0)
     return Segmentation(
@@ -228,10 +255,8 @@ def segment_gas(
     )
 
 
-def _check_image(volume: Volume) -> NDArray[Any]:
-    image = volume.array
-    while image.ndim > 3 and image.shape[-1] == 1:
-        image = image[..., 0]
+def _check_image(volume: Volume) -> Voxels:
+    image = drop_axes(volume.array)
     if image.ndim != 3 or image.dtype.kind not in "iuf":
         raise InputError(f"{volume.source} is not a CT image: {image.dtype}, shape {image.shape}")
     low, high = float(image.min()), float(image.max())
@@ -245,20 +270,17 @@ def _check_image(volume: Volume) -> NDArray[Any]:
 
 def _label(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Return the number of each voxel's component (faces), and how large each is."""
-    from .kernels.voxels import paint_runs
-
-    runs = _Runs.find(mask.view(np.uint8))
+    runs = Runs.find(mask.view(np.uint8))
     numbers, count = runs.join()
     result = np.zeros(mask.shape, dtype=np.int32)
-    zero = np.zeros(3, dtype=np.int64)
-    paint_runs(result, runs.rows, runs.begins, runs.ends, numbers + 1, mask.shape[1], zero)
+    runs.paint(result, numbers + 1)
     sizes = np.zeros(count + 1, dtype=np.int64)
     if count:
         sizes[1:] = runs.sum_by(numbers)
     return result, sizes
 
 
-def _find_body(ct: NDArray[Any], slices: int, source: str, progress: Progress) -> Mask:
+def _find_body(ct: Voxels, slices: int, source: str, progress: Progress) -> Mask:
     """Return the largest piece of tissue, its holes filled in every slice.
 
     It is looked for with a voxel eroded, so that a table that touches it is not taken for it.
@@ -300,7 +322,7 @@ def _list_neighbours(mask: Mask, other: Mask) -> Iterator[tuple[Mask, Mask]]:
         yield mask[tuple(high)], other[tuple(low)]
 
 
-def _find_lungs(ct: NDArray[Any], body: Mask, voxel: float) -> Mask:
+def _find_lungs(ct: Voxels, body: Mask, voxel: float) -> Mask:
     numbers, sizes = _label(body & (ct < AIR))
     lungs = np.zeros(ct.shape, dtype=bool)
     for number in np.flatnonzero(sizes * voxel >= LUNG_VOLUME):
@@ -311,7 +333,7 @@ def _find_lungs(ct: NDArray[Any], body: Mask, voxel: float) -> Mask:
 
 
 def _find_fluid(
-    ct: NDArray[Any],
+    ct: Voxels,
     gas: Mask,
     body: Mask,
     spacing: NDArray[np.float64],
@@ -337,7 +359,7 @@ def _find_fluid(
     if not levels:
         message = (
             f"no level of gas over fluid brighter than {TAGGED:g} HU was found: nothing is bridged "
-            f"(fluid without contrast medium can not be told from the wall)"
+            f"(fluid without contrast medium cannot be distinguished from the wall)"
         )
         found.append(Finding("fluid-none", "warning", message))
         return fluid
@@ -356,13 +378,13 @@ def _find_fluid(
         numbers, _ = _label(np.ascontiguousarray(inside[top:] & (image[top:] > cut)))
         seeds = numbers[i + DEPTH - top, j, k]
         target[top:] |= np.isin(numbers, np.setdiff1d(seeds, 0))
-    word = "level" if len(levels) == 1 else "levels"
-    message = f"{len(levels)} {word} of {total:.0f} mm^2 between gas and bright fluid bridged"
+    what = count_noun(len(levels), "level")
+    message = f"{what} of {total:.0f} mm^2 between gas and bright fluid bridged"
     found.append(Finding("fluid-bridged", "note", message))
     return fluid
 
 
-def _turn(array: NDArray[Any], axis: int, sign: int) -> NDArray[Any]:
+def _turn(array: Voxels, axis: int, sign: int) -> Voxels:
     """Return a view in which down is along the first axis."""
     return np.moveaxis(array, axis, 0)[::sign]
 
@@ -384,7 +406,7 @@ def _find_levels(
         return []
     over = np.zeros(gas.shape, dtype=bool)
     over[tuple(bottom[wet].T)] = True
-    runs = _Runs.find(over.view(np.uint8))
+    runs = Runs.find(over.view(np.uint8))
     numbers, count = runs.join(corners=True)
     voxels, numbers = runs.expand(), np.repeat(numbers, runs.ends - runs.begins)
     voxels = np.concatenate([voxels[:, axis : axis + 1], np.delete(voxels, axis, axis=1)], axis=1)
@@ -398,7 +420,7 @@ def _find_levels(
 
 
 def _find_seeded(
-    runs: _Runs, numbers: NDArray[np.int64], axes: NDArray[np.float64], seeds: ArrayLike
+    runs: Runs, numbers: NDArray[np.int64], axes: NDArray[np.float64], seeds: ArrayLike
 ) -> NDArray[np.int64]:
     """Return the components nearest to points, each within `NEAR`."""
     points = np.atleast_2d(check_points("seeds", seeds))
@@ -421,14 +443,14 @@ def _find_seeded(
 
 
 def _describe_segments(
-    runs: _Runs,
+    runs: Runs,
     numbers: NDArray[np.int64],
     chosen: NDArray[np.int64],
     axes: NDArray[np.float64],
     fluid: NDArray[np.int64],
 ) -> tuple[GasSegment, ...]:
     """Return the segments; `fluid` holds the number of voxels of fluid of each label."""
-    voxel = abs(float(np.linalg.det(axes[:3, :3])))
+    voxel = measure_voxel(axes)
     sizes = runs.sum_by(numbers)
     places = runs.find_places(numbers, axes)
     i, j = runs.split_rows()
@@ -440,7 +462,7 @@ def _describe_segments(
         GasSegment(
             label=label,
             volume=float(sizes[at]) * voxel,
-            point=(float(places[at, 0]), float(places[at, 1]), float(places[at, 2])),
+            point=to_point(places[at]),
             fluid=float(fluid[label]) * voxel,
             at_border=bool(cut[at]),
         )

@@ -6,35 +6,39 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ..errors import GeometryError, InputError
+from ..errors import GeometryError
 from . import _mesh
-from ._nesting import resolve_parts
-from ._reading import check_scale
+from ._mesh import Faces, Integers, Sheet, Vertices
+from ._nesting import PartSet, resolve_parts
 from ._solidify import (
     Choice,
-    Sheet,
     choose_sheets,
-    close_sheet,
     find_missing,
     find_openings,
     measure_width,
     report_holes,
     solidify,
 )
-from .tract import Component, Finding, LabelTract, Opening, SurfaceTract, name_place
-
-__all__ = ["tract_from_surface", "unite_parts"]
+from .tract import (
+    Component,
+    Finding,
+    LabelTract,
+    Opening,
+    SurfaceTract,
+    check_mesh,
+    check_scale,
+    count_noun,
+    name_place,
+    report_handles,
+)
 
 FLAT = 1e-6
 """Smallest side of the box around a surface, by its longest, that is not flat."""
 
 HOLLOW = 1e-9
 """Smallest volume, by the cube of the longest side, that is not zero."""
-
-FARTHEST = 1e9
-"""Largest coordinate that is taken for one [mm]; beyond it a file is damaged."""
 
 WELD = 1e-5
 """Distance, by the longest side, within which the corners of an open surface are welded."""
@@ -50,9 +54,6 @@ MOST_DEVIATION = 0.5
 
 LEAST_ROUND = 0.4
 """Smallest circumference of the circle of a hole's area, by the length of the hole's border."""
-
-Vertices = NDArray[np.float64]
-Faces = NDArray[np.int64]
 
 
 def tract_from_surface(
@@ -101,7 +102,7 @@ def tract_from_surface(
         If the surface is flat, encloses no volume, or is open so that it is not certain what is
         inside; the message names the place.
     """
-    points, triangles = _check_arrays(vertices, faces, source)
+    points, triangles = check_mesh(vertices, faces, source)
     found = list(findings)
     points, triangles = _mesh.weld(points, triangles)
     triangles = _drop_bad(triangles, found)
@@ -114,11 +115,11 @@ def tract_from_surface(
     if _count_open(triangles):
         points, triangles = _close(points, triangles, float(extent.max()), found, repair=repair)
     part = _mesh.label_parts(triangles, len(points))
-    wall = _find_largest(points, triangles, part)
+    pieces = _mesh.split_by(triangles, part)
+    wall = int(np.argmax([abs(Sheet.find(points, piece).volume) for piece in pieces]))
     openings: tuple[Opening, ...] = ()
     missing: tuple[Component, ...] = ()
-    edges = _mesh.count_edges(triangles[part == wall])
-    if (edges.counts % 2 == 1).any():
+    if (_mesh.count_edges(pieces[wall]).counts % 2 == 1).any():
         choice = choose_sheets(points, triangles)
         if not choice.kept:
             raise GeometryError(f"{source} is open and encloses no volume")
@@ -128,7 +129,7 @@ def tract_from_surface(
             points, choice, source, found, repair
         )
         wall = 0
-    parts = resolve_parts(points, triangles, found, part=part, wall=wall)
+    parts = resolve_parts(PartSet(points, triangles, part), wall, found)
     points, triangles = parts.points, _orient(parts.points, parts.wall, found)
     size = float(np.ptp(points[triangles].reshape(-1, 3), axis=0).max())
     if abs(_mesh.measure_volume(points, triangles)) <= HOLLOW * size**3:
@@ -181,55 +182,32 @@ def unite_parts(
         If a part encloses nothing, or inside is ambiguous.
     """
     found = list(findings)
-    names: list[str] = []
-    kept: list[Sheet] = []
-    corners: list[Vertices] = []
-    others: list[Sheet] = []
-    copies: list[Sheet] = []
-    outer: list[Sheet] = []
+    welded: list[tuple[Vertices, Faces]] = []
     start = 0
-    for k, (name, vertices, faces) in enumerate((*parts, *obstacles)):
-        points, triangles = _check_arrays(vertices, faces, f"{source}, part '{name}'")
+    for name, vertices, faces in (*parts, *obstacles):
+        points, triangles = check_mesh(vertices, faces, f"{source}, part '{name}'")
         points, triangles = _mesh.weld(points, triangles)
-        triangles = _drop_bad(triangles, found)
-        choice = choose_sheets(points, triangles) if len(triangles) else None
-        if k >= len(parts):
-            if choice is not None:
-                moved = choice.move(start)
-                others += [*moved.kept, *moved.outer, *moved.copies, *moved.others]
-                corners.append(points)
-                start += len(points)
-            continue
-        if choice is None or not choice.kept:
-            raise GeometryError(f"{source}, part '{name}' encloses no volume: it is flat")
-        moved = choice.move(start)
-        names += [name] * len(moved.kept)
-        kept += moved.kept
-        outer += moved.outer
-        copies += moved.copies
-        others += moved.others
-        corners.append(points)
+        welded.append((points, _drop_bad(triangles, found) + start))
         start += len(points)
-    choice = Choice(kept=kept, outer=outer, copies=copies, others=others)
-    return solidify(np.concatenate(corners), choice, source=source, found=found, names=names)
-
-
-def _find_largest(points: Vertices, triangles: Faces, part: NDArray[np.int64]) -> int:
-    """Return the part of the largest volume, open ones with flat caps."""
-    number = int(part.max()) + 1
-    order = np.argsort(part, kind="stable")
-    pieces = np.split(triangles[order], np.cumsum(np.bincount(part, minlength=number))[:-1])
-    volumes = []
-    for piece in pieces:
-        turned, _ = _mesh.agree(piece, len(points))
-        holes = _mesh.find_holes(points, turned)
-        volumes.append(abs(_mesh.measure_volume(*close_sheet(points, turned, holes))))
-    return int(np.argmax(volumes))
+    corners = np.concatenate([points for points, _ in welded])
+    names: list[str] = []
+    union = Choice([], [], [], [])
+    for (name, _, _), (_, triangles) in zip(parts, welded, strict=False):
+        choice = choose_sheets(corners, triangles) if len(triangles) else Choice([], [], [], [])
+        if not choice.kept:
+            raise GeometryError(f"{source}, part '{name}' encloses no volume: it is flat")
+        names += [name] * len(choice.kept)
+        union = Choice(*(one + more for one, more in zip(union, choice, strict=True)))
+    for _, triangles in welded[len(parts) :]:
+        if len(triangles):
+            for sheets in choose_sheets(corners, triangles):
+                union.others.extend(sheets)
+    return solidify(corners, union, source=source, found=found, names=names)
 
 
 def _cap_sheet(
     points: Vertices, choice: Choice, source: str, found: list[Finding], repair: bool
-) -> tuple[Vertices, Faces, NDArray[np.int64], tuple[Opening, ...], tuple[Component, ...]]:
+) -> tuple[Vertices, Faces, Integers, tuple[Opening, ...], tuple[Component, ...]]:
     """Cap the one sheet that bounds the lumen; the other sheets become parts beside it."""
     sheet = choice.kept[0]
     width = measure_width(points, sheet.faces, sheet.holes)
@@ -237,8 +215,8 @@ def _cap_sheet(
     area = sum(math.pi * hole.radius**2 for hole in sheet.holes)
     bad = [hole for hole in sheet.holes if not _is_flat(hole)]
     number = sum(len(hole.edges) for hole in sheet.holes)
-    word = "hole" if len(sheet.holes) == 1 else "holes"
-    what = f"{source} is open: {number} boundary edges in {len(sheet.holes)} {word}"
+    holes = count_noun(len(sheet.holes), "hole")
+    what = f"{source} is open: {number} boundary edges in {holes}"
     if area > MOST_OPEN * sheet.area:
         hole = sheet.holes[0]
         raise GeometryError(
@@ -252,9 +230,9 @@ def _cap_sheet(
             f"{what}, {kind} near {name_place(hole.point)} mm; close it first, or give --repair to "
             f"cap it"
         )
-    corners, closed = close_sheet(points, sheet.faces, sheet.holes)
+    corners, closed = sheet.close(points)
     caps = np.arange(len(closed)) >= len(sheet.faces)
-    crossed = _find_crossing(corners, closed, caps.astype(np.int64))
+    crossed = _mesh.find_crossing(corners, closed, caps.astype(np.int64))
     if (crossed & caps).any():
         place = corners[closed[int(np.argmax(crossed & caps))]].mean(axis=0)
         raise GeometryError(
@@ -274,35 +252,6 @@ def _is_flat(hole: _mesh.Hole) -> bool:
         hole.deviation <= MOST_DEVIATION * hole.radius
         and hole.radius * 2.0 * math.pi >= LEAST_ROUND * hole.length
     )
-
-
-def _check_arrays(vertices: ArrayLike, faces: ArrayLike, source: str) -> tuple[Vertices, Faces]:
-    points = np.asarray(vertices, dtype=np.float64)
-    triangles = np.asarray(faces)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"vertices of {source} have shape {points.shape}: it must be (n, 3)")
-    bad = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
-    if bad:
-        word = "vertex that is" if bad == 1 else "vertices that are"
-        raise InputError(f"{source} has {bad} {word} not finite (NaN or infinite)")
-    farthest = float(np.abs(points).max(initial=0.0))
-    if farthest > FARTHEST:
-        raise InputError(
-            f"{source} has a coordinate of {farthest:.3g} mm: it must lie within {FARTHEST:g} mm"
-        )
-    if triangles.size == 0:
-        raise InputError(f"{source} has no faces")
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu":
-        raise InputError(
-            f"faces of {source} are {triangles.dtype} of shape {triangles.shape}: they must be "
-            f"integers (m, 3)"
-        )
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise InputError(
-            f"faces of {source} point at vertices {triangles.min()} to {triangles.max()}: they "
-            f"must lie in [0, {len(points) - 1}]"
-        )
-    return points, triangles.astype(np.int64)
 
 
 def _drop_bad(triangles: Faces, found: list[Finding]) -> Faces:
@@ -342,9 +291,9 @@ def _close(
     return points, triangles
 
 
-def _find_open(triangles: Faces) -> NDArray[np.int64]:
+def _find_open(triangles: Faces) -> Integers:
     edges = _mesh.count_edges(triangles)
-    return np.asarray(edges.pairs[edges.counts == 1], dtype=np.int64)
+    return np.asarray(edges.pairs[edges.counts == 1])
 
 
 def _count_open(triangles: Faces) -> int:
@@ -352,7 +301,7 @@ def _count_open(triangles: Faces) -> int:
 
 
 def _orient(points: Vertices, triangles: Faces, found: list[Finding]) -> Faces:
-    turned, number = _mesh.agree(triangles, len(points))
+    turned, number = _mesh.agree(triangles)
     if number:
         place = name_place(points[triangles[(turned != triangles).any(axis=1)][0]].mean(axis=0))
         message = f"{number} triangle(s) turned to agree with their neighbours, one near {place} mm"
@@ -369,67 +318,48 @@ def _check_topology(points: Vertices, triangles: Faces) -> list[Finding]:
     found = []
     edges = _mesh.count_edges(triangles)
     touching = int(np.count_nonzero(edges.counts > 2))
-    fans, sheets = _mesh.count_fans(triangles)
+    fan, corner, joints = _find_joints(triangles)
     corners = len(np.unique(triangles))
-    if touching or fans > corners:
-        where = points[_find_joints(triangles)[0]]
+    if touching or len(joints):
         message = (
             f"the surface touches itself: {touching} edge(s) of more than two triangles, "
-            f"{fans - corners} corner(s) that join separate sheets, near {name_place(where)} mm"
+            f"{len(corner) - corners} corner(s) that join separate sheets, near "
+            f"{name_place(points[joints[0]])} mm"
         )
         found.append(Finding("self-touching", "warning", message))
     # Taken apart where it touches itself, an edge of 2k triangles is k edges, a corner its fans.
-    euler = fans - int((edges.counts // 2).sum()) + len(triangles)
-    handles = sheets - euler // 2
-    if handles > 0:
-        word = "handle" if handles == 1 else "handles"
-        message = f"{handles} {word} (the lumen closes on itself): ways around may be false"
-        found.append(Finding("handles", "warning", message))
-    return found
+    euler = len(corner) - int((edges.counts // 2).sum()) + len(triangles)
+    sheets = int(_mesh.label_sheets(triangles).max()) + 1
+    return found + report_handles(sheets - euler // 2)
 
 
-def _find_joints(triangles: Faces) -> NDArray[np.int64]:
-    """Return the corners of more than one fan of triangles."""
-    number, fan = _mesh.label_fans(triangles)
-    corner = np.zeros(number, dtype=np.int64)
+def _find_joints(triangles: Faces) -> tuple[Faces, Integers, Integers]:
+    """Return the fan of each corner (m, 3), the vertex of each fan, and vertices of several."""
+    fan = _mesh.label_fans(triangles)
+    corner = np.zeros(int(fan.max()) + 1, dtype=np.int64)
     corner[fan] = triangles
-    return np.asarray(np.flatnonzero(np.bincount(corner) > 1), dtype=np.int64)
+    return fan, corner, np.flatnonzero(np.bincount(corner) > 1)
 
 
 def _split_corners(
     points: Vertices, triangles: Faces, sheets: Faces, found: list[Finding]
 ) -> tuple[Vertices, Faces, Faces]:
     """Give each fan of triangles a corner of its own: sheets that touch are then apart."""
-    joints = _find_joints(triangles)
+    fan, corner, joints = _find_joints(triangles)
     if len(joints) == 0:
         return points, triangles, sheets
-    number, fan = _mesh.label_fans(triangles)
-    corner = np.zeros(number, dtype=np.int64)
-    corner[fan] = triangles
     message = (
         f"{len(joints)} corner(s) where the surface touches itself split, near "
         f"{name_place(points[joints[0]])} mm: each sheet has its own, the wall is where it was"
     )
     found.append(Finding("corners-split", "note", message))
     used, index = np.unique(sheets, return_inverse=True)
-    sheets = index.reshape(-1, 3).astype(np.int64) + number
+    sheets = index.reshape(-1, 3).astype(np.int64) + len(corner)
     return np.concatenate((points[corner], points[used])), fan, sheets
 
 
-def _find_crossing(
-    points: Vertices, triangles: Faces, group: NDArray[np.int64] | None = None
-) -> NDArray[np.bool_]:
-    from .kernels.meshes import cross_groups
-
-    extent = np.ptp(points[triangles], axis=1).max(axis=1)
-    # ... a cell of about two triangles; the kernel enlarges it where triangles differ much
-    cell = max(2.0 * float(np.median(extent)), 1e-6 * float(np.ptp(points, axis=0).max()))
-    groups = np.arange(len(triangles)) if group is None else group
-    return np.asarray(cross_groups(points, triangles, cell, groups), dtype=np.bool_)
-
-
 def _check_crossing(points: Vertices, triangles: Faces) -> list[Finding]:
-    crossed = _find_crossing(points, triangles)
+    crossed = _mesh.find_crossing(points, triangles)
     number = int(np.count_nonzero(crossed))
     if not number:
         return []

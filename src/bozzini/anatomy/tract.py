@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
+from ..checks import check_array, check_points
 from ..errors import GeometryError, InputError
+from ._mesh import Faces, Vertices, measure_volume
 
-# What a check found in an input: not an error, but something its user should know.
+# What a check found in an input: not an error, but its user should know it.
 
 SEVERITIES = ("note", "warning")
 
@@ -26,7 +27,7 @@ class Finding:
     code : str
         A short, stable name such as ``"components-dropped"``, for programs.
     severity : str
-        ``"note"`` (said for the record) or ``"warning"`` (look at it before trusting the result).
+        ``"note"`` (for the record) or ``"warning"`` (look at it before trusting the result).
     message : str
         One line for people.
 
@@ -50,9 +51,100 @@ class Finding:
         return f"{self.severity}: {self.message}"
 
 
+Point = tuple[float, float, float]
+
+
+def to_point(place: Iterable[float]) -> Point:
+    """Return a place of the world as a tuple of floats."""
+    x, y, z = (float(value) for value in place)
+    return x, y, z
+
+
 def name_place(point: Iterable[float]) -> str:
     """Return a place of the world as text, ``"(12.0, -3.5, 80.1)"``."""
     return "(" + ", ".join(f"{float(value):.1f}" for value in point) + ")"
+
+
+def show_volume(volume: float) -> str:
+    """Return a volume [mm^3] as text in mL."""
+    return f"{volume / 1000.0:.3g} mL"
+
+
+def count_noun(number: int, one: str, several: str = "") -> str:
+    """Return a number and its noun, ``"1 handle"`` or ``"2 handles"``."""
+    return f"{number} {one if number == 1 else several or f'{one}s'}"
+
+
+PLAUSIBLE_MM = (10.0, 3000.0)
+"""Longest side of the box around a plausible tract."""
+
+POSSIBLE_MM = (1.0, 10_000.0)
+"""Longest side of the box around what is taken for a tract at all."""
+
+
+def check_scale(longest: float, *, hint: str) -> list[Finding]:
+    """Warn if the longest side of the box around a tract is implausible, refuse an absurd one.
+
+    Parameters
+    ----------
+    longest : float
+        Longest side [mm].
+    hint : str
+        What to try.
+
+    Raises
+    ------
+    GeometryError
+        If it is outside `POSSIBLE_MM`.
+    """
+    low, high = PLAUSIBLE_MM
+    if low <= longest <= high:
+        return []
+    word = "small" if longest < low else "large"
+    wrong = f"the tract is implausibly {word}: its longest side is {longest:.3g} mm"
+    least, most = POSSIBLE_MM
+    if not least <= longest <= most:
+        raise GeometryError(f"{wrong}, it must be {least:g} to {most:g} mm; {hint}")
+    return [Finding("scale", "warning", f"{wrong}, expected {low:g} to {high:g} mm; {hint}")]
+
+
+def report_handles(handles: int) -> list[Finding]:
+    """Return a finding on ways on which a lumen closes on itself, if there are any."""
+    message = f"{count_noun(handles, 'handle')} (the lumen closes on itself): ways around may be "
+    return [Finding("handles", "warning", message + "false")] if handles > 0 else []
+
+
+FARTHEST_MM = 1e9
+"""Largest coordinate that is taken for one; beyond it a file is damaged."""
+
+
+def check_mesh(vertices: ArrayLike, faces: ArrayLike, source: str) -> tuple[Vertices, Faces]:
+    """Return corners [mm] and triangles as arrays; `InputError` if they are not a surface."""
+    points, triangles = check_array(f"vertices of {source}", vertices), np.asarray(faces)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"vertices of {source} have shape {points.shape}: it must be (n, 3)")
+    bad = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
+    if bad:
+        what = count_noun(bad, "vertex that is", "vertices that are")
+        raise InputError(f"{source} has {what} not finite (NaN or infinite)")
+    farthest = float(np.abs(points).max(initial=0.0))
+    if farthest > FARTHEST_MM:
+        raise InputError(
+            f"{source} has a coordinate of {farthest:.3g} mm: it must lie within {FARTHEST_MM:g} mm"
+        )
+    if triangles.size == 0:
+        raise InputError(f"{source} has no faces")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu":
+        raise InputError(
+            f"faces of {source} are {triangles.dtype} of shape {triangles.shape}: they must be "
+            f"integers (m, 3)"
+        )
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise InputError(
+            f"faces of {source} point at vertices {triangles.min()} to {triangles.max()}: they "
+            f"must lie in [0, {len(points) - 1}]"
+        )
+    return points, triangles.astype(np.int64)
 
 
 Organ = Literal["upper-tract", "small-bowel", "colon"]
@@ -60,8 +152,6 @@ Organ = Literal["upper-tract", "small-bowel", "colon"]
 end, the colon from its lower end (the anus)."""
 
 ORGANS: tuple[Organ, ...] = ("upper-tract", "small-bowel", "colon")
-
-Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +193,35 @@ class Component:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Described:
-    """What a tract's source states about it, whichever its form."""
+class TractSource:
+    """What is known of a tract, whichever its form.
+
+    Attributes
+    ----------
+    source : str
+        Where it came from, for reports.
+    findings : tuple of Finding
+        What the checks found.
+    organ : {"upper-tract", "small-bowel", "colon"}, optional
+        Which organ this is, as far as the file states it; None where it does not.
+    landmarks : mapping of str to (x, y, z)
+        Named places in the world frame [mm], as far as the file has them.
+    openings : tuple of Opening
+        Open ends that were capped.
+    not_reached : tuple of Component
+        The other parts of the lumen, largest first: no motion in this tract reaches them.
+    missing : tuple of Component
+        Lumen that the file lacks: places that only an outer sheet of the wall encloses.
+    frame : str, optional
+        Where the world axes point in the patient, a letter each (R or L, A or P, S or I), such as
+        "RAS" or "LPS"; None where the file does not state it.
+    wall : str
+        What the wall is, in words, where it is not simply the faces of the voxels or the triangles
+        of the file.
+    wall_error : float, optional
+        How far the true wall may be from the stated one [mm], where it is not simply half a
+        voxel's diagonal; of a surface, where it is known.
+    """
 
     source: str
     findings: tuple[Finding, ...] = ()
@@ -119,7 +236,7 @@ class _Described:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LabelTract(_Described):
+class LabelTract(TractSource):
     """A lumen given by voxels.
 
     Attributes
@@ -129,30 +246,10 @@ class LabelTract(_Described):
         cropped to it, with at least two voxels of zero on every side.
     affine : ndarray, shape (4, 4)
         Voxel index (the centre of the voxel) to world [mm], of this cropped array.
-    source : str
-        Where it came from, for reports.
-    findings : tuple of Finding
-        What the checks found.
     label_names : mapping of int to str
         Names of labels, as far as the file or its maker states them.
-    organ : {"upper-tract", "small-bowel", "colon"}, optional
-        Which organ this is, as far as the file says it; None where it does not.
-    landmarks : mapping of str to (x, y, z)
-        Named places in the world frame [mm], as far as the file has them.
-    openings : tuple of Opening
-        Open ends that were capped.
-    not_reached : tuple of Component
-        The other parts of the lumen, largest first: no motion in this tract reaches them.
-    missing : tuple of Component
-        Lumen that the file lacks: places that only an outer sheet of the wall encloses.
-    frame : str, optional
-        Where the world axes point in the patient, a letter each (R or L, A or P, S or I), such as
-        "RAS" or "LPS"; None where the file does not say.
-    wall : str
-        What the wall is, in words, where it is not simply the faces of the voxels.
-    wall_error : float, optional
-        How far the true wall may be from the stated one [mm], where it is not simply half a
-        voxel's diagonal.
+    source, findings, organ, landmarks, openings, not_reached, missing, frame, wall, wall_error
+        As in `TractSource`.
 
     Raises
     ------
@@ -216,7 +313,7 @@ class LabelTract(_Described):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurfaceTract(_Described):
+class SurfaceTract(TractSource):
     """A lumen given by the triangles of its wall.
 
     Attributes
@@ -225,27 +322,8 @@ class SurfaceTract(_Described):
         World [mm].
     faces : ndarray of int64, shape (m, 3)
         Corners of each triangle, anticlockwise seen from outside the lumen.
-    source : str
-        Where it came from, for reports.
-    findings : tuple of Finding
-        What the checks found.
-    organ : {"upper-tract", "small-bowel", "colon"}, optional
-        Which organ this is, as far as the file says it; None where it does not.
-    landmarks : mapping of str to (x, y, z)
-        Named places in the world frame [mm], as far as the file has them.
-    openings : tuple of Opening
-        Open ends that were capped.
-    not_reached : tuple of Component
-        The other parts of the lumen, largest first: no motion in this tract reaches them.
-    missing : tuple of Component
-        Lumen that the file lacks: places that only an outer sheet of the wall encloses.
-    frame : str, optional
-        Where the world axes point in the patient, a letter each (R or L, A or P, S or I), such as
-        "RAS" or "LPS"; None where the file does not say.
-    wall : str
-        What the wall is, in words; "" means the triangles of the file.
-    wall_error : float, optional
-        How far the true wall may be from the stated one [mm]; None where it is not known.
+    source, findings, organ, landmarks, openings, not_reached, missing, frame, wall, wall_error
+        As in `TractSource`.
 
     Raises
     ------
@@ -257,23 +335,9 @@ class SurfaceTract(_Described):
     faces: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        vertices = check_points("vertices", self.vertices)
-        faces = np.asarray(self.faces)
-        if vertices.ndim != 2:
-            raise InputError(f"vertices have shape {vertices.shape}: it must be (n, 3)")
-        if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
-            raise InputError(
-                f"faces are {faces.dtype} of shape {faces.shape}: they must be integers (m, 3)"
-            )
-        if len(faces) == 0:
-            raise InputError("the surface has no faces")
-        if faces.min() < 0 or faces.max() >= len(vertices):
-            raise InputError(
-                f"faces point at vertices {faces.min()} to {faces.max()}: they must lie in "
-                f"[0, {len(vertices) - 1}]"
-            )
+        vertices, faces = check_mesh(self.vertices, self.faces, self.source)
         object.__setattr__(self, "vertices", np.ascontiguousarray(vertices))
-        object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int64))
+        object.__setattr__(self, "faces", np.ascontiguousarray(faces))
 
     @property
     def kind(self) -> str:
@@ -283,9 +347,7 @@ class SurfaceTract(_Described):
     @property
     def volume(self) -> float:
         """Volume inside [mm^3], positive where the faces turn outwards."""
-        corners = self.vertices[self.faces] - self.vertices.mean(axis=0)
-        cross = np.cross(corners[:, 1], corners[:, 2])
-        return float(np.einsum("ij,ij->", corners[:, 0], cross) / 6.0)
+        return measure_volume(self.vertices, self.faces)
 
 
 Tract = LabelTract | SurfaceTract

@@ -1,4 +1,8 @@
-"""Label volumes from files: NIfTI, NRRD, MetaImage, folders of one mask per organ, DICOM series."""
+"""Label volumes from files: NIfTI, NRRD, MetaImage, folders of one mask per organ, DICOM series.
+
+nibabel interprets the headers of NIfTI, and SimpleITK reads DICOM. The voxels are read here, since
+nibabel does not read a compressed stream to its end, and so misses a wrong checksum.
+"""
 
 from __future__ import annotations
 
@@ -8,30 +12,35 @@ import math
 import os
 import re
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import TYPE_CHECKING, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BozziniError, FileFormatError, InputError, MissingExtraError
-from ._reading import check_file, explain, has_suffix, name_file, quiet_libraries
-from .frame import check_frame
+from .files import PathLike, check_file, explain, has_suffix, quiet_libraries, read_label_table
 from .labels import (
+    LISTED,
     Labels,
     Volume,
+    Voxels,
     find_organ,
     is_digestive,
+    measure_voxel,
     normalise,
-    read_label_table,
+    override_frame,
     select_labels,
     tract_from_volume,
     wants_all,
 )
-from .tract import Finding, LabelTract
+from .tract import Finding, LabelTract, count_noun, show_volume
+
+if TYPE_CHECKING:
+    from nibabel.nifti1 import Nifti1Header
 
 # Volumes from files of one or two pieces: NIfTI, NRRD and MetaImage, every byte accounted for.
 #
@@ -39,7 +48,6 @@ from .tract import Finding, LabelTract
 # memory is taken for them, a compressed stream is read to its end so that its checksum is verified,
 # and a byte too many is an error like a byte too few.
 
-Path_ = str | os.PathLike[str]
 Compression = Literal["gzip", "zlib"] | None
 
 MOST_VOXELS = 1 << 31
@@ -52,7 +60,7 @@ INFLATION = 1040
 _SCALE_TO_MM = {"mm": 1.0, "meter": 1000.0, "micron": 0.001}
 
 
-def read_nifti(path: Path_) -> Volume:
+def read_nifti(path: PathLike) -> Volume:
     """Read a NIfTI-1 or NIfTI-2 file (.nii, .nii.gz), in its world frame (RAS+) in mm."""
     with _open(path, "NIfTI") as handle:
         compression: Compression = "gzip" if has_suffix(path, (".gz",)) else None
@@ -65,10 +73,11 @@ def read_nifti(path: Path_) -> Volume:
             slope, shift = header.get_slope_inter()
             shape = tuple(int(length) for length in header.get_data_shape())
             dtype = header.get_data_dtype()
-        _check_dimensions(path, shape)
-        array = _read_voxels(
-            stream, handle, path, shape=shape, dtype=dtype, packed=bool(compression)
-        )
+        if len(shape) < 3 or any(length != 1 for length in shape[3:]):
+            raise FileFormatError(
+                f"{path} has {len(shape)} dimensions, shape {shape}: a label volume has 3"
+            )
+        array = _Layout(path, shape, dtype, compression).read(handle, stream)
     if slope not in (None, 1.0) or shift not in (None, 0.0):
         array = array * np.float32(slope) + np.float32(shift)
     found = []
@@ -89,27 +98,27 @@ def read_nifti(path: Path_) -> Volume:
     return Volume(
         array=array,
         affine=affine,
-        source=name_file(path),
+        source=Path(path).name,
         names=read_label_table(extensions.decode("utf-8", "replace")),
         frame="RAS" if framed else None,
         findings=tuple(found),
     )
 
 
-def _read_nifti_header(stream: BinaryIO, path: Path_) -> tuple[Any, bytes]:
+def _read_nifti_header(stream: BinaryIO, path: PathLike) -> tuple[Nifti1Header, bytes]:
     """Return the header, and the bytes between it and the voxels."""
-    import nibabel
+    from nibabel.nifti1 import Nifti1Header
+    from nibabel.nifti2 import Nifti2Header
 
-    nifti: Any = nibabel
     start = stream.read(4)
-    kinds = {348: nifti.Nifti1Header, 540: nifti.Nifti2Header}
-    orders: tuple[Literal["little", "big"], ...] = ("little", "big")
-    size = next((n for n in kinds for order in orders if start == n.to_bytes(4, order)), 0)
+    size = next(
+        (n for n in (348, 540) if start in (n.to_bytes(4, "little"), n.to_bytes(4, "big"))), 0
+    )
     if not size:
         raise FileFormatError(f"{path} is not a NIfTI volume: its header has no known size")
     block = start + stream.read(size - 4)
     with quiet_libraries():
-        header = kinds[size](block)
+        header = Nifti1Header(block) if size == 348 else Nifti2Header(block)
         header.get_xyzt_units()
     if bytes(header["magic"].tobytes())[:3] not in (b"n+1", b"n+2"):
         raise FileFormatError(f"{path} is not a NIfTI volume: it is not of one file (.nii)")
@@ -143,7 +152,7 @@ _NRRD_SPACES = {
 }  # fmt: skip
 
 
-def read_nrrd(path: Path_) -> Volume:
+def read_nrrd(path: PathLike) -> Volume:
     """Read a NRRD file (.nrrd, .nhdr, Slicer's .seg.nrrd), coordinates in its own space.
 
     A segmentation of several layers comes back with a fourth axis, one entry per layer.
@@ -165,22 +174,21 @@ def read_nrrd(path: Path_) -> Volume:
         detached = fields.get("data file", fields.get("datafile"))
         with _open_data(handle, path, detached) as data:
             packed: Compression = None if encoding == "raw" else "gzip"
-            array = _read_voxels(
-                _inflate(data, packed), data, path, shape=shape, dtype=dtype, packed=bool(packed)
-            )
+            array = _Layout(path, shape, dtype, packed).read(data)
     array = np.moveaxis(array, spatial, (0, 1, 2))
+    segments = _list_segments(pairs)
     return Volume(
         array=array,
         affine=affine,
-        source=name_file(path),
-        names=_read_segments(pairs),
+        source=Path(path).name,
+        names={label: name for name, label, _ in segments},
         frame=frame,
         findings=tuple(found),
-        segments=_list_segments(pairs) if array.ndim > 3 and array.shape[3] > 1 else (),
+        segments=segments if array.ndim > 3 and array.shape[3] > 1 else (),
     )
 
 
-def _read_nrrd_header(handle: BinaryIO, path: Path_) -> tuple[dict[str, str], dict[str, str]]:
+def _read_nrrd_header(handle: BinaryIO, path: PathLike) -> tuple[dict[str, str], dict[str, str]]:
     """Return the fields (``key: value``) and the key/value pairs (``key:=value``)."""
     fields: dict[str, str] = {}
     pairs: dict[str, str] = {}
@@ -201,7 +209,7 @@ def _read_nrrd_header(handle: BinaryIO, path: Path_) -> tuple[dict[str, str], di
     raise FileFormatError(f"{path} is truncated: its NRRD header has no end")
 
 
-def _find_type(fields: dict[str, str], path: Path_) -> np.dtype[Any]:
+def _find_type(fields: dict[str, str], path: PathLike) -> np.dtype[np.generic]:
     word = fields.get("type", "").lower()
     kind = next((name for name, words in _NRRD_TYPES.items() if word in words), None)
     if kind is None:
@@ -211,7 +219,7 @@ def _find_type(fields: dict[str, str], path: Path_) -> np.dtype[Any]:
 
 
 def _read_nrrd_space(
-    fields: dict[str, str], dimension: int, path: Path_
+    fields: dict[str, str], dimension: int, path: PathLike
 ) -> tuple[list[int], NDArray[np.float64], str | None, list[Finding]]:
     """Return which axes are those of space, the affine, the frame, and what was found."""
     found: list[Finding] = []
@@ -242,11 +250,6 @@ def _read_nrrd_space(
     return spatial, affine, frame, found
 
 
-def _read_segments(pairs: dict[str, str]) -> dict[int, str]:
-    """Return the names of a Slicer segmentation of one layer, by label."""
-    return {label: name for name, label, _ in _list_segments(pairs)}
-
-
 def _list_segments(pairs: dict[str, str]) -> tuple[tuple[str, int, int], ...]:
     """Return name, label and layer of each segment of a Slicer segmentation."""
     found = []
@@ -271,7 +274,7 @@ _META_TYPES = {
 }  # fmt: skip
 
 
-def read_metaimage(path: Path_) -> Volume:
+def read_metaimage(path: PathLike) -> Volume:
     """Read a MetaImage (.mha, .mhd), in its world frame, which is LPS, in mm."""
     with _open(path, "MetaImage") as handle:
         fields: dict[str, str] = {}
@@ -294,12 +297,10 @@ def read_metaimage(path: Path_) -> Volume:
         big = fields.get("binarydatabyteordermsb", fields.get("elementbyteordermsb", "False"))
         dtype = np.dtype(_META_TYPES[kind]).newbyteorder(">" if big == "True" else "<")
         spacing = _split_numbers(fields, "elementspacing", path)
-        packed = fields.get("compresseddata", "False") == "True"
+        packed: Compression = "zlib" if fields.get("compresseddata") == "True" else None
         name = fields["elementdatafile"]
         with _open_data(handle, path, None if name == "LOCAL" else name) as data:
-            size = math.prod(shape) * dtype.itemsize
-            stream = _inflate(data, "zlib" if packed else None, size)
-            array = _read_voxels(stream, data, path, shape=shape, dtype=dtype, packed=packed)
+            array = _Layout(path, shape, dtype, packed).read(data)
     turns = [word for word in ("transformmatrix", "orientation", "rotation") if word in fields]
     turn = _split_numbers(fields, turns[0], path) if turns else np.eye(3).ravel()
     places = [word for word in ("offset", "position", "origin") if word in fields]
@@ -309,34 +310,36 @@ def read_metaimage(path: Path_) -> Volume:
     affine = np.eye(4)
     affine[:3, :3] = np.reshape(turn, (3, 3)).T * spacing  # a line of the matrix is an axis
     affine[:3, 3] = origin
-    return Volume(array=array, affine=affine, source=name_file(path), frame="LPS")
+    return Volume(array=array, affine=affine, source=Path(path).name, frame="LPS")
 
 
 def _split_numbers(
-    fields: dict[str, str], key: str, path: Path_, *, integer: bool = False
+    fields: dict[str, str], key: str, path: PathLike, *, integer: bool = False
 ) -> NDArray[np.float64]:
-    try:
-        values = np.array([float(word) for word in fields.get(key, "").split()])
-    except ValueError:
-        values = np.zeros(0)
-    legal = len(values) > 0 and np.isfinite(values).all()
-    if not legal or (integer and ((values < 1) | (values != np.rint(values))).any()):
+    values = _read_floats(fields.get(key, "").split())
+    if not len(values) or (integer and ((values < 1) | (values != np.rint(values))).any()):
         raise FileFormatError(f"{path} is damaged: '{key}' is '{fields.get(key, '')[:60]}'")
     return values
 
 
-def _split_vector(text: str, path: Path_) -> NDArray[np.float64]:
-    try:
-        values = np.array([float(word) for word in text.strip("() ").split(",")])
-    except ValueError:
-        values = np.zeros(0)
-    if values.shape != (3,) or not np.isfinite(values).all():
+def _split_vector(text: str, path: PathLike) -> NDArray[np.float64]:
+    values = _read_floats(text.strip("() ").split(","))
+    if values.shape != (3,):
         raise FileFormatError(f"{path} is damaged: '{text[:60]}' is not a vector of 3 numbers")
     return values
 
 
+def _read_floats(words: list[str]) -> NDArray[np.float64]:
+    """Return words as finite numbers, none where one is not."""
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError:
+        return np.zeros(0)
+    return values if np.isfinite(values).all() else np.zeros(0)
+
+
 @contextmanager
-def _open(path: Path_, kind: str) -> Iterator[BinaryIO]:
+def _open(path: PathLike, kind: str) -> Iterator[BinaryIO]:
     """Open a file, and turn whatever goes wrong while it is read into one line."""
     try:
         with Path(path).open("rb") as handle:
@@ -354,7 +357,7 @@ def _open(path: Path_, kind: str) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def _open_data(handle: BinaryIO, path: Path_, detached: str | None) -> Iterator[BinaryIO]:
+def _open_data(handle: BinaryIO, path: PathLike, detached: str | None) -> Iterator[BinaryIO]:
     """Give the file that holds the voxels: this one, or another in the same folder."""
     if detached is None:
         yield handle
@@ -370,76 +373,71 @@ def _open_data(handle: BinaryIO, path: Path_, detached: str | None) -> Iterator[
         yield data
 
 
+@dataclass(frozen=True)
+class _Layout:
+    """How voxels lie in a file: their shape, type, and compression."""
+
+    path: PathLike
+    shape: tuple[int, ...]
+    dtype: np.dtype[np.generic]
+    packed: Compression
+
+    @property
+    def size(self) -> int:
+        """Bytes of all voxels."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    def read(self, handle: BinaryIO, stream: BinaryIO | None = None) -> Voxels:
+        """Return the voxels, first axis fastest, after which the file must end."""
+        path, size, count = self.path, self.size, math.prod(self.shape)
+        length = os.fstat(handle.fileno()).st_size
+        if not 0 < count <= MOST_VOXELS:
+            raise FileFormatError(
+                f"{path} states the shape {self.shape}: {count:.3g} voxels, at most "
+                f"{MOST_VOXELS:.3g} are read"
+            )
+        if size > (INFLATION * length + 1024 if self.packed else length):
+            raise FileFormatError(
+                f"{path} is truncated or damaged: its header states {size} bytes of voxels, the "
+                f"file has {length} bytes{' compressed' if self.packed else ''}"
+            )
+        if self.dtype.hasobject or self.dtype.kind not in "iuf":
+            raise FileFormatError(f"{path} holds {self.dtype} voxels: labels are whole numbers")
+        stream = _inflate(handle, self.packed, size) if stream is None else stream
+        array = np.empty(count, self.dtype)
+        view = array.view(np.uint8).data
+        at = 0
+        while at < size:
+            piece = stream.read(min(1 << 22, size - at))
+            if not piece:
+                raise FileFormatError(
+                    f"{path} is truncated or damaged: its header states {size} bytes of voxels, "
+                    f"the file holds {at}"
+                )
+            view[at : at + len(piece)] = piece
+            at += len(piece)
+        if stream.read(1):  # ... which also verifies the checksum of a compressed stream
+            raise FileFormatError(
+                f"{path} is damaged: it goes on after the {size} bytes of voxels that its header "
+                f"states"
+            )
+        return array.reshape(self.shape, order="F")
+
+
 def _inflate(handle: BinaryIO, compression: Compression, size: int = 0) -> BinaryIO:
     """Return a stream of the bytes that follow; one of zlib holds at most `size` and one more."""
     if compression == "gzip":
         return gzip.GzipFile(fileobj=handle, mode="rb")  # type: ignore[return-value]
     if compression is None:
         return handle
-    content = handle.read()
-    if size > INFLATION * len(content) + 1024:
-        return io.BytesIO()  # ... which is refused as too short
-    inflater = zlib.decompressobj(47)  # the header says whether it is zlib or gzip
-    data = inflater.decompress(content, size + 1)
+    inflater = zlib.decompressobj(47)  # the header states whether it is zlib or gzip
+    data = inflater.decompress(handle.read(), size + 1)
     if not inflater.eof or inflater.unused_data:
         raise EOFError("the compressed stream does not end where the file does")
     return io.BytesIO(data)
 
 
-def _read_voxels(
-    stream: BinaryIO,
-    handle: BinaryIO,
-    path: Path_,
-    *,
-    shape: Sequence[int],
-    dtype: np.dtype[Any],
-    packed: bool,
-) -> NDArray[Any]:
-    """Return the voxels, first axis fastest, after which the stream must end."""
-    count = math.prod(shape)
-    size = count * dtype.itemsize
-    length = os.fstat(handle.fileno()).st_size
-    if not 0 < count <= MOST_VOXELS:
-        raise FileFormatError(
-            f"{path} states the shape {tuple(shape)}: {count:.3g} voxels, at most "
-            f"{MOST_VOXELS:.3g} are read"
-        )
-    if size > (INFLATION * length + 1024 if packed else length):
-        raise FileFormatError(
-            f"{path} is truncated or damaged: its header states {size} bytes of voxels, the file "
-            f"has {length} bytes{' compressed' if packed else ''}"
-        )
-    if dtype.hasobject or dtype.kind not in "iuf":
-        raise FileFormatError(f"{path} holds {dtype} voxels: labels are whole numbers")
-    array = np.empty(count, dtype)
-    view = array.view(np.uint8).data
-    at = 0
-    while at < size:
-        piece = stream.read(min(1 << 22, size - at))
-        if not piece:
-            raise FileFormatError(
-                f"{path} is truncated or damaged: its header states {size} bytes of voxels, the "
-                f"file holds {at}"
-            )
-        view[at : at + len(piece)] = piece
-        at += len(piece)
-    if stream.read(1):  # ... which also verifies the checksum of a compressed stream
-        raise FileFormatError(
-            f"{path} is damaged: it goes on after the {size} bytes of voxels that its header states"
-        )
-    return array.reshape(tuple(shape), order="F")
-
-
-def _check_dimensions(path: Path_, shape: tuple[int, ...]) -> None:
-    """Refuse a series of volumes before its voxels are read."""
-    extra = [length for length in shape[3:] if length != 1]
-    if len(shape) < 3 or extra:
-        raise FileFormatError(
-            f"{path} has {len(shape)} dimensions, shape {shape}: a label volume has 3"
-        )
-
-
-_READERS: dict[tuple[str, ...], Callable[[str | os.PathLike[str]], Volume]] = {
+_READERS: dict[tuple[str, ...], Callable[[PathLike], Volume]] = {
     (".nii", ".nii.gz"): read_nifti,
     (".nrrd", ".nhdr"): read_nrrd,
     (".mha", ".mhd"): read_metaimage,
@@ -454,13 +452,13 @@ UNEVEN = 0.02
 """Largest departure of a distance between slices from their mean, by that mean."""
 
 
-def is_volume(path: str | os.PathLike[str]) -> bool:
+def is_volume(path: PathLike) -> bool:
     """Whether a path is one that `read_labels` takes: by its suffix, or a folder."""
     return has_suffix(path, LABEL_SUFFIXES) or Path(path).is_dir()
 
 
 def read_labels(
-    path: str | os.PathLike[str],
+    path: PathLike,
     *,
     labels: Labels | None = None,
     frame: str | None = None,
@@ -496,16 +494,16 @@ def read_labels(
         if volume.segments:
             volume = _merge_segments(volume, labels)
             labels = "all"
-    volume = _override_frame(volume, frame)
+    volume = override_frame(volume, frame)
     tract = tract_from_volume(volume, labels=labels)
-    stem = name_file(path).split(".")[0]
+    stem = Path(path).name.split(".")[0]
     if labels is None and not tract.label_names and find_organ([stem]) is not None:
         names = {tract.label_values[0]: stem}  # one label: the file is named after it
         return replace(tract, label_names=names, organ=find_organ([stem]))
     return tract
 
 
-def read_volume(path: str | os.PathLike[str]) -> Volume:
+def read_volume(path: PathLike) -> Volume:
     """Read a volume, labels or image, from a file or a folder with a DICOM series.
 
     Raises
@@ -525,20 +523,6 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
     raise FileFormatError(f"{path} is not named {', '.join(LABEL_SUFFIXES)}{hint}")
 
 
-def _override_frame(volume: Volume, frame: str | None) -> Volume:
-    if frame is None:
-        return volume
-    code = check_frame(frame)
-    found = [item for item in volume.findings if item.code != "frame-unknown"]
-    if volume.frame not in (None, code):
-        message = (
-            f"the file states the frame {volume.frame}, but {code} was given: taken as {code}, "
-            f"coordinates are not changed"
-        )
-        found.append(Finding("frame-overridden", "warning", message))
-    return replace(volume, frame=code, findings=tuple(found))
-
-
 def _list_masks(folder: Path) -> dict[str, Path]:
     """Return the volumes in a folder by their names without suffix."""
     found = {}
@@ -555,59 +539,58 @@ def _read_masks(folder: Path, masks: dict[str, Path], labels: Labels | None) -> 
     """Join the masks that are asked for into one volume, numbered in the order of their names."""
     names = list(masks)
     if labels is None and len(names) > 1:
-        organs = [name for name in names if is_digestive(name)]
-        shown = organs if organs else names
-        text = ", ".join(f"{name} ({_measure_mask(masks[name]):.3g} mL)" for name in shown[:12])
-        more = f" and {len(names) - len(shown[:12])} more" if len(names) > len(shown[:12]) else ""
+        shown = [name for name in names if is_digestive(name)] or names
+        listed = [f"{name} ({_measure_mask(masks[name])})" for name in shown[:LISTED]]
         raise InputError(
             f"{folder} has {len(names)} masks: choose those that are lumen by name (--labels), or "
-            f"all of them (--labels all): {text}{more}"
+            f"all of them (--labels all): {_list_some(listed, len(names))}"
         )
-    if labels is None or wants_all(labels):
-        wanted = names
-    else:
-        wanted = []
-        for label in [labels] if isinstance(labels, str) else labels:
-            same = [name for name in names if normalise(name) == normalise(str(label))]
-            if not same:
-                shown = sorted(names, key=lambda name: not is_digestive(name))[:12]
-                more = f" and {len(names) - len(shown)} more" if len(names) > len(shown) else ""
-                raise InputError(
-                    f"{folder} has no mask named '{label}': it has {', '.join(shown)}{more}"
-                )
-            wanted += same
-    joined: Volume | None = None
-    array: NDArray[Any] = np.zeros(0)
-    for name in dict.fromkeys(wanted):
-        volume = read_volume(masks[name])
-        if joined is None:
-            joined = volume
-            array = np.zeros(volume.array.shape[:3], dtype=np.uint16, order="F")
+    wanted = names if labels is None or wants_all(labels) else _find_masks(folder, names, labels)
+    volumes = (read_volume(masks[name]) for name in wanted)
+    joined = next(volumes, None)
+    if joined is None:
+        raise InputError("no labels were given: name at least one, or 'all'")
+    array = np.zeros(joined.array.shape[:3], dtype=np.uint16, order="F")
+    for name, volume in zip(wanted, (joined, *volumes), strict=True):
         _check_same_grid(joined, volume, folder)
         mask = volume.array.reshape(array.shape, order="F") != 0
         np.copyto(array, np.uint16(names.index(name) + 1), where=mask & (array == 0))
-    if joined is None:
-        raise InputError("no labels were given: name at least one, or 'all'")
     findings = joined.findings
-    if len(wanted) < len(names):
-        left = len(names) - len(set(wanted))
-        what = "mask of the folder is" if left == 1 else "masks of the folder are"
-        message = f"{left} other {what} not compared"
+    left = len(names) - len(wanted)
+    if left:
+        what = ("other mask of the folder is", "other masks of the folder are")
+        message = f"{count_noun(left, *what)} not compared"
         findings += (Finding("masks-left-out", "note", message),)
     return replace(
         joined,
         array=array,
         source=folder.name,
-        names={number + 1: name for number, name in enumerate(names) if name in wanted},
+        names={number: name for number, name in enumerate(names, start=1) if name in wanted},
         findings=findings,
     )
 
 
-def _measure_mask(path: Path) -> float:
-    """Return the volume of a mask [mL]."""
+def _find_masks(folder: Path, names: list[str], labels: Labels) -> list[str]:
+    wanted: list[str] = []
+    for label in [labels] if isinstance(labels, str) else labels:
+        same = [name for name in names if normalise(name) == normalise(str(label))]
+        if not same:
+            shown = sorted(names, key=lambda name: not is_digestive(name))[:LISTED]
+            raise InputError(
+                f"{folder} has no mask named '{label}': it has {_list_some(shown, len(names))}"
+            )
+        wanted += same
+    return list(dict.fromkeys(wanted))
+
+
+def _list_some(shown: list[str], number: int) -> str:
+    """Return items as text, and how many of `number` are not shown."""
+    return ", ".join(shown) + (f" and {number - len(shown)} more" if number > len(shown) else "")
+
+
+def _measure_mask(path: Path) -> str:
     volume = read_volume(path)
-    voxel = abs(float(np.linalg.det(volume.affine[:3, :3])))
-    return float(np.count_nonzero(volume.array)) * voxel / 1000.0
+    return show_volume(np.count_nonzero(volume.array) * measure_voxel(volume.affine))
 
 
 def _check_same_grid(one: Volume, other: Volume, folder: Path) -> None:
@@ -637,8 +620,7 @@ def _merge_segments(volume: Volume, labels: Labels | None) -> Volume:
         masks.append(volume.array[..., layer] == label)
     names = {number: name for number, (name, _, _) in enumerate(volume.segments, start=1)}
     sizes = np.array([0, *(int(np.count_nonzero(mask)) for mask in masks)], dtype=np.int64)
-    voxel = abs(float(np.linalg.det(volume.affine[:3, :3])))
-
+    voxel = measure_voxel(volume.affine)
     wanted = select_labels(sizes, labels, names, volume.source, voxel)
     array = np.zeros(volume.array.shape[:3], dtype=np.uint16, order="F")
     for number in wanted:
@@ -651,7 +633,7 @@ def _merge_segments(volume: Volume, labels: Labels | None) -> Volume:
             continue
         inside = overlap > 0.5 * sizes[number]
         message = (
-            f"segment {names[number]} is not selected and shares {overlap * voxel / 1000.0:.3g} mL "
+            f"segment {names[number]} is not selected and shares {show_volume(overlap * voxel)} "
             f"with the lumen: {'taken as wall' if inside else 'left in the lumen'}"
         )
         findings.append(Finding("segment-overlap", "warning" if inside else "note", message))
@@ -672,11 +654,10 @@ def _read_dicom(folder: Path) -> Volume:
         import SimpleITK
     except ImportError:
         raise MissingExtraError("SimpleITK", "ct") from None
-    itk: Any = SimpleITK
-    warnings = itk.ProcessObject.GetGlobalWarningDisplay()
-    itk.ProcessObject.SetGlobalWarningDisplay(False)
+    warnings = SimpleITK.ProcessObject.GetGlobalWarningDisplay()
+    SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     try:
-        reader = itk.ImageSeriesReader()
+        reader = SimpleITK.ImageSeriesReader()
         series = {
             key: list(reader.GetGDCMSeriesFileNames(os.fspath(folder), key))
             for key in reader.GetGDCMSeriesIDs(os.fspath(folder))
@@ -684,10 +665,10 @@ def _read_dicom(folder: Path) -> Volume:
         if not series:
             raise FileFormatError(f"{folder} holds neither masks nor a DICOM series")
         files = max(series.values(), key=len)
-        origins = np.array([_read_origin(itk, file) for file in files])
+        origins = np.array([_read_origin(file) for file in files])
         reader.SetFileNames(files)
         image = reader.Execute()
-        array = itk.GetArrayFromImage(image)
+        array = SimpleITK.GetArrayFromImage(image)
         direction = np.reshape(image.GetDirection(), (3, 3))
         spacing = np.array(image.GetSpacing())
         origin = np.array(image.GetOrigin())
@@ -696,7 +677,7 @@ def _read_dicom(folder: Path) -> Volume:
     except Exception as error:  # SimpleITK raises RuntimeError for whatever went wrong
         raise FileFormatError(f"{folder} cannot be read as DICOM: {explain(error)}") from None
     finally:
-        itk.ProcessObject.SetGlobalWarningDisplay(warnings)
+        SimpleITK.ProcessObject.SetGlobalWarningDisplay(warnings)
     if array.ndim != 3:
         raise FileFormatError(f"{folder} holds voxels of {array.ndim - 2} values: CT has one")
     affine = np.eye(4)
@@ -718,8 +699,10 @@ def _is_dicom(file: Path) -> bool:
         return handle.read(132)[128:] == b"DICM"
 
 
-def _read_origin(itk: Any, file: str) -> tuple[float, ...]:
-    reader = itk.ImageFileReader()
+def _read_origin(file: str) -> tuple[float, ...]:
+    import SimpleITK
+
+    reader = SimpleITK.ImageFileReader()
     reader.SetFileName(file)
     reader.ReadImageInformation()
     return tuple(reader.GetOrigin())

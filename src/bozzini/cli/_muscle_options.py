@@ -17,6 +17,7 @@ from ..muscle.design import Muscle
 from .common import QuantityType, check_target, emit, force_option, format_csv, json_option
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ..muscle.data import Measurements
@@ -102,7 +103,7 @@ class Answer:
         """Whether the file is a table."""
         return self.out is not None and self.out.suffix.lower() == ".csv"
 
-    def write(self, columns: Mapping[str, object], draw: Callable[[], Figure]) -> None:
+    def write(self, columns: Mapping[str, object], draw: Callable[[], Figure | Axes]) -> None:
         """Write the file that is asked for: a table of columns, or the picture `draw` makes."""
         if self.out is None:
             return

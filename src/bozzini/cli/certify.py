@@ -1,4 +1,4 @@
-"""``bozzini certify``: whether what a plan file claims is so."""
+"""``bozzini certify``: check what a plan file states, and prove its clearance again."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import EXIT_NEGATIVE, emit, json_option, progress_bar, quiet_option, run_exit
+from .common import EXIT_NEGATIVE, Answer, answer_options, run_exit
 
 if TYPE_CHECKING:
     from ..motion.verify import Verification
@@ -23,13 +23,12 @@ __all__ = ["command"]
     is_flag=True,
     help="Also measure exact distances to the wall, by a second checker.",
 )
-@json_option
-@quiet_option
-def command(plan: Path, source: Path | None, independent: bool, as_json: bool, quiet: bool) -> None:
+@answer_options()
+def command(plan: Path, source: Path | None, independent: bool, answer: Answer) -> None:
     """Check a saved PLAN, and prove its clearance anew in INPUT.
 
-    INPUT is the file that the plan was made from; it is read as the plan says that it was. Without
-    it the plan is checked against itself only, and nothing is said about the wall. Exit code 0:
+    INPUT is the file that the plan was made from; it is read as the plan states. Without it the
+    plan is checked against itself only, and the wall is not checked. Exit code 0:
     certified, or without INPUT consistent; 1: not certified, or a claim of the plan does not hold;
     2: bad file.
     """
@@ -39,7 +38,7 @@ def command(plan: Path, source: Path | None, independent: bool, as_json: bool, q
     from ..motion.verify import verify_file, verify_plan
 
     read = Plan.load(plan)
-    with progress_bar(quiet=quiet) as progress:
+    with answer.show_progress() as progress:
         if source is None:
             result = verify_plan(read)
         else:
@@ -51,7 +50,7 @@ def command(plan: Path, source: Path | None, independent: bool, as_json: bool, q
     }
     if source is not None:
         summary["certified"] = result.certified
-    emit(summary, as_json=as_json, text=_describe(result, source))
+    answer.give(summary, _describe(result, source))
     if not (result.consistent if source is None else result.certified):
         run_exit(EXIT_NEGATIVE)
 
@@ -62,8 +61,8 @@ def _describe(result: Verification, source: Path | None) -> str:
         f"{'ok' if item.ok else 'FAILED':<7}{item.name}: {item.message}" for item in result.checks
     ]
     plan, proof = result.plan, result.certificate
-    scope = plan.meta.get("scope") or {}
-    body = f"{scope.get('diameter_mm', 0.0):g} mm scope"
+    diameter = 0.0 if plan.scope is None else plan.scope.diameter
+    body = f"{diameter:g} mm scope"
     way = f"{plan.inserted:.1f} mm of a path of {plan.path_arc_length[-1]:.1f} mm ({plan.status})"
     failed = sum(not item.ok for item in result.checks)
     if proof is None and source is not None:
@@ -93,9 +92,7 @@ def _describe(result: Verification, source: Path | None) -> str:
 
 
 def _describe_wall(result: Verification) -> str:
-    meta = result.plan.meta
-    total = float((meta.get("field") or {}).get("inflation_mm") or 0.0)
-    used = float((meta.get("soft_wall") or {}).get("used_mm") or 0.0)
+    total, used = result.plan.inflation, result.plan.displaced
     wall = "wall" if result.certificate is None else f"wall ({result.certificate.wall})"
     if total > used:
         wall += f", inflated by {total - used:g} mm,"

@@ -1,22 +1,25 @@
-"""What every command shares: quantities as options, one JSON object, progress, exit codes."""
+"""What every command shares: options, one JSON object, tables, progress, exit codes."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
-import math
-import os
 import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
 
-from ..errors import BozziniError
+from ..checks import Quantity
+from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
+from ..results import Result, to_plain
+from ..units import INTERNAL_UNITS, parse_quantity, parse_vector
 
 # Tables and files of results: for people, as CSV, and whether a file may be written.
 
@@ -78,16 +81,14 @@ EXIT_DONE = 0
 EXIT_NEGATIVE = 1
 """An honest negative answer, for example: the scope does not fit."""
 EXIT_BAD_INPUT = 2
-"""The input or the usage is wrong; one line on stderr says what."""
+"""The input or the usage is wrong; one line on stderr names it."""
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 if TYPE_CHECKING:  # generic in newer versions of click only
-    _FloatType = click.ParamType[float]
-    _FloatsType = click.ParamType[tuple[float, ...]]
-    _LabelsType = click.ParamType[tuple[int | str, ...]]
+    _AnyType = click.ParamType[Any]
 else:
-    _FloatType = _FloatsType = _LabelsType = click.ParamType
+    _AnyType = click.ParamType
 
 
 def json_option(function: _Function) -> _Function:
@@ -107,8 +108,25 @@ def force_option(function: _Function) -> _Function:
     return click.option("--force", is_flag=True, help="Replace an output that exists.")(function)
 
 
-class QuantityType(_FloatType):
-    """A number with a unit, such as ``5mm`` or ``100psi``, given on as a float.
+class _Parsed(_AnyType):
+    """A value that a function reads from text; its `BozziniError` is an error of usage."""
+
+    def __init__(self, name: str, parse: Callable[[str], Any]) -> None:
+        self.name = name
+        self.parse = parse
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return what the text stands for; a default that is no text is returned as it is."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self.parse(value)
+        except BozziniError as error:
+            self.fail(str(error), param, ctx)
+
+
+class QuantityType(_Parsed):
+    """A number with a unit, such as ``5mm`` or ``100psi``, passed on in the internal unit.
 
     Parameters
     ----------
@@ -117,23 +135,11 @@ class QuantityType(_FloatType):
     """
 
     def __init__(self, kind: str) -> None:
-        self.kind = kind
-        self.name = kind
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Return `value` in the internal unit of its kind."""
-        from ..units import parse_quantity
-
-        try:
-            return parse_quantity(value, self.kind)
-        except BozziniError as error:
-            self.fail(str(error), param, ctx)
+        super().__init__(kind, lambda text: parse_quantity(text, kind))
 
 
-class VectorType(_FloatsType):
-    """Comma-separated quantities, such as ``12mm,-5mm,0``, given on as a tuple of floats.
+class VectorType(_Parsed):
+    """Comma-separated quantities, such as ``12mm,-5mm,0``, passed on as a tuple of floats.
 
     Parameters
     ----------
@@ -144,80 +150,225 @@ class VectorType(_FloatsType):
     """
 
     def __init__(self, kind: str, *, size: int = 3) -> None:
-        self.kind = kind
-        self.size = size
-        self.name = "x,y,z" if size == 3 else ",".join([kind] * size)
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Return the parts of `value` in the internal unit of their kind."""
-        from ..units import parse_vector
-
-        if not isinstance(value, str):
-            return tuple(value)
-        try:
-            return parse_vector(value, self.kind, size=self.size)
-        except BozziniError as error:
-            self.fail(str(error), param, ctx)
+        name = "x,y,z" if size == 3 else ",".join([kind] * size)
+        super().__init__(name, lambda text: parse_vector(text, kind, size=size))
 
 
-class LabelsType(_LabelsType):
-    """Comma-separated labels, numbers or names such as ``1,2`` or ``stomach,duodenum``, or ``all``.
+def _parse_labels(text: str) -> tuple[int | str, ...]:
+    """Return labels, numbers or names such as ``1,2`` or ``stomach,duodenum``, each once."""
+    parts = [part.strip() for part in text.split(",")]
+    labels = [int(part) if part.isascii() and part.isdigit() else part for part in parts]
+    for label in labels:
+        if not (1 <= label <= 65535 if isinstance(label, int) else re.search(r"[^\W\d_]", label)):
+            raise InputError(
+                f"'{text}' is not a list of labels: give names, or whole numbers in [1, 65535], "
+                "separated by commas, such as 1,2,3 (0 is the background), or all"
+            )
+    return tuple(dict.fromkeys(labels))
 
-    Given on as a tuple of ints and strings.
+
+def _parse_end(text: str) -> tuple[float, ...] | int | str:
+    """Return an end of the centreline: a point [mm], the number of a label, or a name."""
+    text = text.strip()
+    if text.isascii() and text.isdigit():
+        return int(text)
+    # A name has a letter first; what begins like a number is a point.
+    if text[:1].isalpha() and text.partition(",")[0].lower() not in ("nan", "inf"):
+        return text
+    try:
+        return parse_vector(text, "length")
+    except BozziniError as error:
+        raise InputError(f"{error} (or give the number or name of a label or place)") from None
+
+
+class LabelsType(_Parsed):
+    """Comma-separated labels, passed on as a tuple of ints and strings."""
+
+    def __init__(self) -> None:
+        super().__init__("labels", _parse_labels)
+
+
+class EndType(_Parsed):
+    """An end of the centreline: ``x,y,z`` with units, a label (number or name), or a place."""
+
+    def __init__(self) -> None:
+        super().__init__("x,y,z|label|name", _parse_end)
+
+
+# Options that arrive together, as one object: those of a dataclass, and where the answer goes.
+
+
+def gather(
+    argument: str, make: Callable[..., Any], *options: Callable[[Any], Any]
+) -> Callable[[_Function], _Function]:
+    """Return a decorator that adds options whose values arrive together, as one argument.
+
+    Parameters
+    ----------
+    argument : str
+        Name of the argument.
+    make : callable
+        Makes it from the values, which are keywords.
+    *options : callable
+        Decorators of click, in the order of the help text.
     """
 
-    name = "labels"
+    def decorate(function: Any) -> Any:
+        def probe() -> None: ...
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int | str, ...]:
-        """Return the labels in the order given, each once."""
-        if not isinstance(value, str):
-            return tuple(value)
-        parts = [part.strip() for part in value.split(",")]
-        numbers = [int(part) if part.isascii() and part.isdigit() else part for part in parts]
-        legal = (
-            1 <= part <= 65535 if isinstance(part, int) else re.search(r"[^\W\d_]", part)
-            for part in numbers
-        )
-        if not all(legal):
-            self.fail(
-                f"'{value}' is not a list of labels: give names, or whole numbers in [1, 65535], "
-                "separated by commas, such as 1,2,3 (0 is the background), or all",
-                param,
-                ctx,
+        for option in options:
+            option(probe)
+        names = [str(item.name) for item in probe.__click_params__]  # type: ignore[attr-defined]
+
+        @wraps(function)
+        def run(**values: Any) -> Any:
+            return function(
+                **{argument: make(**{name: values.pop(name) for name in names})}, **values
             )
-        return tuple(dict.fromkeys(numbers))
+
+        for option in reversed(options):
+            option(run)
+        return run
+
+    return decorate
+
+
+def options_of(
+    kind: type, argument: str, *, leave_out: Sequence[str] = ()
+) -> Callable[[_Function], _Function]:
+    """Return a decorator that adds an option for each field of a dataclass.
+
+    Type, unit, legal words, default and help of an option are those of the field: of the
+    `bozzini.checks.Quantity` in its metadata. Fields without one get no option. The values arrive
+    as one object of the dataclass.
+
+    Parameters
+    ----------
+    kind : type
+        The dataclass.
+    argument : str
+        Name of the argument.
+    leave_out : sequence of str
+        Fields that get no option, and keep their defaults.
+    """
+    fields = [item for item in dataclasses.fields(kind) if "quantity" in item.metadata]
+    options = [_make_option(item) for item in fields if item.name not in leave_out]
+    return gather(argument, kind, *options)
+
+
+def _make_option(item: dataclasses.Field[Any]) -> Callable[[Any], Any]:
+    """Return the option of a dataclass's field that carries a `Quantity`."""
+    known: Quantity = item.metadata["quantity"]
+    default = item.default
+    flag = f"--{(known.option or item.name).replace('_', '-')}"
+    given: dict[str, Any] = {"help": known.help}
+    if known.kind == "flag":
+        return click.option(flag, item.name, is_flag=True, **given)
+    if known.words:
+        given["type"] = click.Choice(known.words)
+    elif known.whole:
+        given["type"] = int
+    elif known.kind in INTERNAL_UNITS:
+        given["type"] = QuantityType(known.kind)
+        if default is not None:
+            default = f"{default:g}{known.unit}"
+    else:
+        given["type"] = _TYPES[known.kind]
+    if isinstance(default, tuple):
+        return click.option(flag, item.name, multiple=True, **given)
+    if default is not None:
+        given |= {"default": default, "show_default": True}
+    return click.option(flag, item.name, **given)
+
+
+_TYPES = {
+    "text": str,
+    "labels": LabelsType(),
+    "end": EndType(),
+    "file": click.Path(path_type=Path),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """Where the answer of a command goes: stdout as text or JSON, and perhaps to files."""
+
+    as_json: bool
+    quiet: bool = True
+    out: Path | None = None
+    force: bool = False
+
+    @property
+    def target(self) -> Path:
+        """The file or directory to write, which a command needs that has no other output."""
+        return self.out or Path()
+
+    def show_progress(self) -> AbstractContextManager[Progress]:
+        """Return a progress bar, or nothing to see if ``--quiet`` was given."""
+        return progress_bar(quiet=self.quiet)
+
+    def give(self, result: Mapping[str, Any] | Result, text: str) -> None:
+        """Write the answer on stdout."""
+        emit(result, as_json=self.as_json, text=text)
+
+    def draw(self, draw: Callable[[], Any]) -> None:
+        """Write a figure to ``--out``, if that was given."""
+        if self.out is not None:
+            from ..plot import write_figure
+
+            write_figure(draw(), self.out)
+
+
+def answer_options(
+    *suffixes: str, quiet: bool = True, name: str = "--out", **out: Any
+) -> Callable[[_Function], _Function]:
+    """Return a decorator that adds ``--json`` and the other options of an answer.
+
+    It arrives as the argument ``answer``.
+
+    Parameters
+    ----------
+    *suffixes : str
+        What the file of ``--out`` may end in: it is refused before any work if it could not be
+        written later. Without suffixes that is left to the command.
+    quiet : bool
+        Whether to add ``--quiet``.
+    name : str
+        Another name of the option ``--out``.
+    **out
+        Of the option ``--out``, for `click.option`; without any there is no ``--out``.
+    """
+
+    def make(**values: Any) -> Answer:
+        answer = Answer(**values)
+        if suffixes:
+            check_target(answer.out, suffixes, force=answer.force)
+        return answer
+
+    options: list[Any] = []
+    if out:
+        given = {"type": click.Path(path_type=Path), "metavar": "FILE", **out}
+        options += [click.option(name, "out", **given), force_option]
+    options += [json_option, quiet_option] if quiet else [json_option]
+    return gather("answer", make, *options)
 
 
 def clean_json(value: Any) -> Any:
     """Return `value` made of plain JSON types; a number that is not finite becomes None.
-
-    NumPy arrays and numbers become lists and numbers, paths become text.
 
     Raises
     ------
     TypeError
         If something inside `value` has no JSON form.
     """
-    if value is None or isinstance(value, (bool, int, str)):
-        return value
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): clean_json(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [clean_json(item) for item in value]
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if hasattr(value, "tolist"):  # NumPy arrays and scalars
-        return clean_json(value.tolist())
+    return to_plain(value, unknown=_refuse_json)
+
+
+def _refuse_json(value: Any) -> NoReturn:
     raise TypeError(f"a {type(value).__name__} has no JSON form")
 
 
-def write_json(result: Mapping[str, Any]) -> None:
+def write_json(result: Mapping[str, Any] | Result) -> None:
     """Write `result` on stdout as one JSON object.
 
     It is ASCII where stdout is not UTF-8, and where the name of a file is not: a byte of it is
@@ -232,12 +383,12 @@ def write_json(result: Mapping[str, Any]) -> None:
     click.echo(text)
 
 
-def emit(result: Mapping[str, Any], *, as_json: bool, text: str) -> None:
+def emit(result: Mapping[str, Any] | Result, *, as_json: bool, text: str) -> None:
     """Write a command's result on stdout: one JSON object, or text for people.
 
     Parameters
     ----------
-    result : mapping
+    result : mapping or Result
         The result; numbers that are not finite become ``null``.
     as_json : bool
         Whether ``--json`` was given.

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
 import click
 
-from .common import emit, force_option, json_option, progress_bar, quiet_option
+from .common import Answer, answer_options
 
 __all__ = ["command"]
 
@@ -18,8 +17,8 @@ def command() -> None:
 
 
 @command.command("list")
-@json_option
-def list_command(as_json: bool) -> None:
+@answer_options(quiet=False)
+def list_command(answer: Answer) -> None:
     """List the data sets that can be fetched."""
     from ..anatomy.fetch import CATALOGUE
 
@@ -27,33 +26,24 @@ def list_command(as_json: bool) -> None:
     for entry in CATALOGUE:
         size = f", {entry.size / 1e9:.1f} GB" if entry.size else ""
         lines.append(f"{entry.name}  ({entry.licence}{size})\n    {entry.what}")
-    emit(
-        {"data": [asdict(entry) for entry in CATALOGUE]},
-        as_json=as_json,
-        text="\n".join(lines),
-    )
+    answer.give({"data": [asdict(entry) for entry in CATALOGUE]}, "\n".join(lines))
 
 
 @command.command("fetch")
 @click.argument("name")
-@click.option(
-    "--to",
-    "directory",
+@answer_options(
+    name="--to",
     required=True,
-    type=click.Path(path_type=Path),
     metavar="DIR",
     help="Directory to put it in; made if it does not exist.",
 )
-@force_option
-@quiet_option
-@json_option
-def fetch_command(name: str, directory: Path, force: bool, quiet: bool, as_json: bool) -> None:
+def fetch_command(name: str, answer: Answer) -> None:
     """Fetch the data set NAME, with a file of its licence and citation beside it."""
     from ..anatomy.fetch import fetch_data, find_data
 
     entry = find_data(name)
-    with progress_bar(quiet=quiet) as progress:
-        done = fetch_data(entry, directory, force=force, progress=progress)
+    with answer.show_progress() as progress:
+        done = fetch_data(entry, answer.target, force=answer.force, progress=progress)
     result = {
         "name": entry.name,
         "file": str(done.path),
@@ -65,10 +55,9 @@ def fetch_command(name: str, directory: Path, force: bool, quiet: bool, as_json:
         "citation": entry.citation,
         "url": entry.url,
     }
-    said = "verified" if done.verified else "not verified: the catalogue has none to compare with"
-    emit(
+    proof = "verified" if done.verified else "not verified: the catalogue has none to compare with"
+    answer.give(
         result,
-        as_json=as_json,
-        text=f"{done.path}: {done.size} bytes, {entry.licence}\nSHA-256 {done.sha256} ({said})\n"
+        f"{done.path}: {done.size} bytes, {entry.licence}\nSHA-256 {done.sha256} ({proof})\n"
         f"Cite as: {entry.citation}",
     )

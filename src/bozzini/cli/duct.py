@@ -3,44 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ._tract_options import (
-    count_notes,
-    read_with_options,
-    sort_options,
-    tell_findings,
-    tract_options,
-)
+from ..study.options import FitOptions, PathOptions, ReadOptions
+from ._tract_options import list_given, read_with_options, report_study, tract_options
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
+    Answer,
     QuantityType,
-    check_target,
-    emit,
-    force_option,
-    json_option,
-    progress_bar,
-    quiet_option,
+    answer_options,
+    options_of,
     run_exit,
 )
 
 if TYPE_CHECKING:
-    from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-    from ..duct.base import Duct
     from ..study.shapes import FitStudy, SectionStudy
     from ..study.traverse import LimitsStudy
 
-# ``bozzini duct limits``: how long a link and how wide a body may be along a tract, and where.
+SUFFIXES = (".json", ".yaml", ".yml")
+"""Endings of a file of shapes."""
 
-_BY = {
+_LIMITED_BY = {
     "wall": "the wall at {place} limits them",
     "turn": "a tail would go backwards in the bend at {place}",
-    "length": "longer ones are longer than the way",
+    "length": "longer ones are longer than the centreline",
 }
 
 _CAVEATS = {
@@ -51,7 +41,15 @@ _CAVEATS = {
 }
 
 
-@click.command("limits")
+@click.group("duct")
+def command() -> None:
+    """Fit shapes to a tract, draw them, and find what limits links along it."""
+
+
+path_options = options_of(PathOptions, "options")
+
+
+@command.command("limits")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
 @click.option(
     "--diameter",
@@ -62,80 +60,65 @@ _CAVEATS = {
 )
 @click.option("--link", type=QuantityType("length"), help="Length of a rigid link, to judge.")
 @tract_options
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="A picture of the limits along the tract (.png, .svg, .pdf).",
-)
-@force_option
-@json_option
-@quiet_option
+@path_options
+@answer_options(*PICTURES, help="A picture of the limits along the tract (.png, .svg, .pdf).")
 def limits_command(
     source: Path,
     diameter: float,
     link: float | None,
-    out: Path | None,
-    force: bool,
-    as_json: bool,
-    quiet: bool,
-    **options: Any,
+    reading: ReadOptions,
+    options: PathOptions,
+    answer: Answer,
 ) -> None:
-    """Bound the longest link and the largest diameter along the lumen in INPUT, and say where.
+    """Bound the longest link and the largest diameter along the lumen in INPUT.
 
     INPUT is a label volume or a surface, as for bozzini plan, or fitted shapes (.json, .yaml). All
     bounds are proved; of shapes they are about the shapes, and where these were fitted to a tract,
     what does not pass them may pass the tract. Exit code 0: the link passes (without --link: short
     ones do); 1: it does not, or these bounds do not decide it; 2: bad input.
     """
-    check_target(out, PICTURES, force=force)
+    from ..plot.duct import draw_link_limits
     from ..study.traverse import run_limits
 
-    given, known, ways = _read(source, options, quiet=quiet)
-    with progress_bar(quiet=quiet) as progress:
-        study = run_limits(given, diameter=diameter, link=link, progress=progress, **ways)
-    tell_findings(study.findings[len(known) :])
-    count_notes(study.findings, "--json")
-    if out is not None:
-        from ..plot.duct import draw_link_limits
-        from ..plot.figures import write_figure
+    given: Any
+    fit = ""
+    if source.suffix.lower() in SUFFIXES:
+        from ..duct.shape_files import load_shapes_file
 
-        write_figure(draw_link_limits(study.links, link=link), out)
-    result = study.summarise() | {"input": source.name, "file": out}
-    emit(result, as_json=as_json, text=_describe(study))
-    if study.verdict != "passes":
+        _check_shape_options(source, reading)
+        file = load_shapes_file(source)
+        given, fit = file.shapes, file.fit
+    else:
+        given = read_with_options(source, reading, answer)
+    with answer.show_progress() as progress:
+        study = run_limits(given, options, diameter=diameter, link=link, fit=fit, progress=progress)
+    report_study(study.findings, getattr(given, "findings", ()), "--json")
+    answer.draw(lambda: draw_link_limits(study.links, link=link))
+    result = study.to_dict() | {"input": source.name, "file": answer.out}
+    answer.give(result, _describe_limits(study))
+    if not study.converged:
         run_exit(EXIT_NEGATIVE)
 
 
-def _read(
-    source: Path, options: dict[str, Any], *, quiet: bool
-) -> tuple[LabelTract | SurfaceTract | Duct, Sequence[Finding], dict[str, Any]]:
-    """Return a tract or shapes, what is known of it, and its options for the study."""
-    from ..duct.shape_files import SUFFIXES, load_shapes_file
+def _check_shape_options(source: Path, reading: ReadOptions) -> None:
+    """Refuse what a file of shapes is not read with."""
     from ..errors import InputError
 
-    if source.suffix.lower() not in SUFFIXES:
-        tract, ways = read_with_options(source, options, quiet=quiet)
-        return tract, tract.findings, ways
-    reading, organ, ways = sort_options(options)
-    if reading["labels"] is not None:
+    if reading.labels is not None:
         raise InputError(f"{source} holds shapes: it has no labels to select")
-    if reading["unit"] not in (None, "mm"):
-        raise InputError(f"unit is '{reading['unit']}': a file of shapes is in mm, leave it out")
-    others = reading | {"labels": None, "unit": None, "organ": organ}
-    given = [name for name, value in others.items() if value]
+    if reading.unit not in (None, "mm"):
+        raise InputError(f"unit is '{reading.unit}': a file of shapes is in mm, leave it out")
+    given = [name for name in list_given(reading) if name != "unit"]
     if given:
         raise InputError(f"--{given[0]} has no effect on a file of shapes: leave it out")
-    file = load_shapes_file(source)
-    return file.shapes, (), ways | {"fit": file.fit}
 
 
-def _describe(study: LimitsStudy) -> str:
+def _describe_limits(study: LimitsStudy) -> str:
     links, widths = study.links, study.diameters
     of = " of the shapes" if study.fit else ""
     lines = [f"A body of {links.diameter:g} mm along {study.line.length:.0f} mm{of}:"]
     if links.link_low > 0.0:
-        by = _BY[links.link_low_by].format(place=f"{links.link_low_at:.0f} mm")
+        by = _LIMITED_BY[links.link_low_by].format(place=f"{links.link_low_at:.0f} mm")
         lines.append(
             f"  links below {_floor(links.link_low)} mm pass with all joints on the centreline; "
             f"{by}"
@@ -179,108 +162,38 @@ def _floor(value: float) -> str:
     return f"{math.floor(10.0 * value) / 10.0:.1f}"
 
 
-def _round_up(value: float) -> str:
-    return f"{math.ceil(10.0 * value) / 10.0:.1f}"
-
-
-SHAPES = (".json", ".yaml", ".yml")
-KINDS = ("cones", "cylinders", "superellipsoids")
-
-
-@click.group("duct")
-def command() -> None:
-    """Fit shapes to a tract, draw them, and find what limits links along it."""
-
-
-command.add_command(limits_command)
+def _round_up(value: float, digits: int = 1) -> str:
+    """Write a bound rounded up, so that what is written is a bound too."""
+    return f"{math.ceil(10.0**digits * value - 1e-9) / 10.0**digits:.{digits}f}"
 
 
 @command.command("fit")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option(
-    "--as",
-    "kind",
-    type=click.Choice(KINDS),
-    default="cones",
-    show_default=True,
-    help="What shapes stand for the lumen.",
-)
-@click.option(
-    "--max-error",
-    type=QuantityType("length"),
-    default="1mm",
-    show_default=True,
-    help="How far outside the wall the shapes may reach.",
-)
-@click.option(
-    "--pieces",
-    type=int,
-    help="How many shapes at most (default: so many that no more clearance than --max-error is "
-    "lost).",
-)
-@click.option(
-    "--least-squares",
-    is_flag=True,
-    help="Fit the wall, through it too, and not only from inside: not for planning.",
-)
 @tract_options
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Where to write the shapes (.json, .yaml).",
-)
-@force_option
-@json_option
-@quiet_option
-def fit_command(
-    source: Path,
-    kind: str,
-    max_error: float,
-    pieces: int | None,
-    least_squares: bool,
-    out: Path | None,
-    force: bool,
-    as_json: bool,
-    quiet: bool,
-    **options: Any,
-) -> None:
-    """Fit shapes to the lumen in INPUT, and say what they keep of it.
+@options_of(FitOptions, "options")
+@answer_options(help="Where to write the shapes (.json, .yaml).")
+def fit_command(source: Path, reading: ReadOptions, options: FitOptions, answer: Answer) -> None:
+    """Fit shapes to the lumen in INPUT, and measure how much of it they keep.
 
     INPUT is a label volume or a surface, as for bozzini plan. Exit code 0: no point of the shapes
     is farther outside than --max-error, which is proved; 1: one is, or too much clearance is lost
     (the file is written, and the output names what); 2: bad input.
     """
-    from ..checks import check_integer, check_number
-    from ..duct.fitting.fit import PIECES_MAX
-    from ..duct.shape_files import check_shapes_target, save_shapes
+    from ..duct.shape_files import check_shapes_target
     from ..study.shapes import run_fit
 
-    if out is not None:
-        check_shapes_target(out, force=force)
-    check_number("--max-error", max_error, low=0.0, low_open=True, unit="mm")
-    if pieces is not None:
-        check_integer("--pieces", pieces, low=1, high=PIECES_MAX)
-    tract, ways = read_with_options(source, options, quiet=quiet)
-    with progress_bar(quiet=quiet) as progress:
-        study = run_fit(
-            tract,
-            kind,
-            max_error=max_error,
-            pieces=pieces,
-            inside=not least_squares,
-            progress=progress,
-            **ways,
-        )
-    tell_findings(study.findings[len(tract.findings) :])
-    count_notes(study.findings, "--json")
-    if out is not None:
-        note = f"{study.fitted.report.pieces} {kind} fitted to {source.name}"
-        fit = "least squares" if least_squares else "inscribed"
-        save_shapes(study.fitted.duct, out, fit=fit, note=note, force=force)
-    result = study.summarise() | {"input": source.name, "file": out}
-    emit(result, as_json=as_json, text=_describe_fit(study, out))
-    if not study.fitted.reached:
+    if answer.out is not None:
+        check_shapes_target(answer.out, force=answer.force)
+    tract = read_with_options(source, reading, answer)
+    with answer.show_progress() as progress:
+        study = run_fit(tract, options, progress=progress)
+    report_study(study.findings, tract.findings, "--json")
+    if answer.out is not None:
+        note = f"{study.fitted.report.pieces} {options.kind} fitted to {source.name}"
+        study.fitted.save(answer.out, note=note, force=answer.force)
+    result = study.to_dict() | {"input": source.name, "file": answer.out}
+    answer.give(result, _describe_fit(study, answer.out))
+    if not study.converged:
         run_exit(EXIT_NEGATIVE)
 
 
@@ -296,102 +209,68 @@ def fit_command(
     "--spacing", type=QuantityType("length"), help="Of a tract's sections (default: 2mm)."
 )
 @tract_options
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="A picture (.png, .svg, .pdf).",
-)
-@force_option
-@json_option
-@quiet_option
+@path_options
+@answer_options(*PICTURES, help="A picture (.png, .svg, .pdf).")
 def show_command(
     source: Path,
     over: Path | None,
     spacing: float | None,
-    out: Path | None,
-    force: bool,
-    as_json: bool,
-    quiet: bool,
-    **options: Any,
+    reading: ReadOptions,
+    options: PathOptions,
+    answer: Answer,
 ) -> None:
     """Show a file of shapes (.json, .yaml), or sections across the tract in INPUT.
 
     Of a tract: its inscribed circles, circles by least squares, and areas along the centreline.
     """
     from ..errors import InputError
+    from ..plot import duct as figures
 
-    check_target(out, PICTURES, force=force)
-    if source.suffix.lower() not in SHAPES:
+    if source.suffix.lower() not in SUFFIXES:
         if over is not None:
-            raise InputError(f"--over has no effect: {source} is no file of shapes ({SHAPES[0]})")
-        result, text = _show_tract(source, out, spacing, options, quiet=quiet)
-    else:
-        if spacing is not None:
-            raise InputError("--spacing has no effect on a file of shapes: leave it out")
-        given = [f"--{name}" for name, value in options.items() if value not in (None, False, ())]
-        if given and over is None:
-            raise InputError(f"{given[0]} has no effect on a file of shapes: give --over too")
-        result, text = _show_shapes(source, over, out, options, quiet=quiet)
-    emit(result, as_json=as_json, text=text)
+            raise InputError(f"--over has no effect: {source} is no file of shapes ({SUFFIXES[0]})")
+        study = _cut_sections(source, reading, options, answer, 2.0 if spacing is None else spacing)
+        parts = study.field, study.line, study.sections, study.circles
+        answer.draw(lambda: figures.draw_sections(*parts, title=source.name))
+        result = study.to_dict() | {"input": source.name, "file": answer.out}
+        answer.give(result, _describe_sections(study, answer.out))
+        return
+    if spacing is not None:
+        raise InputError("--spacing has no effect on a file of shapes: leave it out")
+    given = [*list_given(reading), *list_given(options)]
+    if given and over is None:
+        raise InputError(f"--{given[0]} has no effect on a file of shapes: give --over too")
+    from ..duct.shape_files import load_shapes_file, write_shapes
+
+    file = load_shapes_file(source)
+    data = write_shapes(file.shapes, fit=file.fit, note=file.note)
+    low, high = file.shapes.bounds
+    count = file.shapes.shape_count
+    size = " x ".join(f"{value:.0f}" for value in high - low)
+    content = f"{count} {data['kind']}"
+    text = f"{source}: {content} in {size} mm"
+    under: dict[str, Any] = {}
+    if over is not None:
+        study = _cut_sections(over, reading, options, answer, 10.0)
+        under = {"field": study.field, "line": study.line}
+    answer.draw(lambda: figures.draw_shapes(file.shapes, title=content, **under))
+    result = {"input": source.name, "pieces": count, "bounds_mm": [low, high], "file": answer.out}
+    answer.give(data | result, text if answer.out is None else f"{text}\n{answer.out}")
 
 
-def _show_tract(
-    source: Path, out: Path | None, spacing: float | None, options: dict[str, Any], *, quiet: bool
-) -> tuple[dict[str, Any], str]:
+def _cut_sections(
+    source: Path, reading: ReadOptions, options: PathOptions, answer: Answer, spacing: float
+) -> SectionStudy:
+    """Read a tract and cut sections across it."""
     from ..checks import check_number
     from ..study.shapes import SPACING_MIN, run_sections
 
-    if spacing is not None:
-        check_number("--spacing", spacing, low=SPACING_MIN, unit="mm")
-    tract, ways = read_with_options(source, options, quiet=quiet)
-    with progress_bar(quiet=quiet) as progress:
-        study = run_sections(
-            tract, spacing=2.0 if spacing is None else spacing, progress=progress, **ways
-        )
-    tell_findings(study.findings[len(tract.findings) :])
-    count_notes(study.findings, "--json")
-    if out is not None:
-        from ..plot.duct import draw_sections
-        from ..plot.figures import write_figure
-
-        circles = {"inscribed circle": study.inscribed, "least squares": study.fitted}
-        figure = draw_sections(study.field, study.line, study.sections, circles, title=source.name)
-        write_figure(figure, out)
-    return study.summarise() | {"input": source.name, "file": out}, _describe_sections(study, out)
-
-
-def _show_shapes(
-    source: Path, over: Path | None, out: Path | None, options: dict[str, Any], *, quiet: bool
-) -> tuple[dict[str, Any], str]:
-    from ..duct.shape_files import count_pieces, load_shapes_file, write_shapes
-
-    file = load_shapes_file(source)
-    shapes = file.shapes
-    data = write_shapes(shapes, fit=file.fit, note=file.note)
-    low, high = shapes.bounds
-    result = data | {"input": source.name, "pieces": count_pieces(shapes)}
-    result |= {"bounds_mm": [low, high], "file": out}
-    size = " x ".join(f"{value:.0f}" for value in high - low)
-    content = f"{count_pieces(shapes)} {data['kind']}"
-    text = f"{source}: {content} in {size} mm"
-    field = line = None
-    if over is not None:
-        from ..study.shapes import run_sections
-
-        tract, ways = read_with_options(over, options, quiet=quiet)
-        with progress_bar(quiet=quiet) as progress:
-            study = run_sections(tract, spacing=10.0, progress=progress, **ways)
-        tell_findings(study.findings[len(tract.findings) :])
-        count_notes(study.findings, "--json")
-        field, line = study.field, study.line
-    if out is not None:
-        from ..plot.duct import draw_shapes
-        from ..plot.figures import write_figure
-
-        write_figure(draw_shapes(shapes, field=field, line=line, title=content), out)
-        text += f"\n{out}"
-    return result, text
+    check_number("--spacing", spacing, low=SPACING_MIN, unit="mm")
+    tract = read_with_options(source, reading, answer)
+    with answer.show_progress() as progress:
+        study = run_sections(tract, options, spacing=spacing, progress=progress)
+    report_study(study.findings, tract.findings, "--json")
+    return study
 
 
 def _describe_fit(study: FitStudy, out: Path | None) -> str:
@@ -401,28 +280,20 @@ def _describe_fit(study: FitStudy, out: Path | None) -> str:
     share = 100.0 / report.volume_true
     gained = share * report.volume_gained
     lines = [
-        f"{report.pieces} {fitted.kind} keep {share * report.volume_kept:.1f} % of the volume "
-        f"({share * report.volume_lost:.1f} % lost, {gained:.2f} % gained, "
+        f"{report.pieces} {fitted.options.kind} keep {share * report.volume_kept:.1f} % of the "
+        f"volume ({share * report.volume_lost:.1f} % lost, {gained:.2f} % gained, "
         f"+-{share * report.volume_error:.2f} %)",
-        f"  no point is more than {_ceil(report.outside_bound)} mm outside the wall (proved); "
-        f"found {report.outside:.2f} mm",
+        f"  no point is more than {_round_up(report.outside_bound, 2)} mm outside the wall "
+        f"(proved); found {report.outside:.2f} mm",
         f"  clearance lost on the centreline: {report.room_loss[3]:.2f} mm in the middle, "
         f"{report.room_loss[-1]:.2f} mm at most, at {report.room_loss_place:.0f} mm; at least "
-        f"{floor_mm(_find_least_clearance(study))} mm is left",
+        f"{floor_mm(study.clearance_min)} mm is left",
     ]
-    if not fitted.reached:
+    if not fitted.converged:
         lines.append(f"Not reached: {fitted.reason}")
     if out is not None:
         lines.append(f"Shapes: {out}")
     return "\n".join(lines)
-
-
-def _find_least_clearance(study: FitStudy) -> float:
-    """Return the least clearance of the shapes on the centreline, off its ends [mm]."""
-    line = study.line
-    inner = (line.arc_length > line.radius[0]) & (line.arc_length < line.length - line.radius[-1])
-    points = line.points[inner] if inner.any() else line.points
-    return float(-study.fitted.duct.signed_distance(points).max())
 
 
 def _describe_sections(study: SectionStudy, out: Path | None) -> str:
@@ -440,10 +311,3 @@ def _describe_sections(study: SectionStudy, out: Path | None) -> str:
     if out is not None:
         lines.append(str(out))
     return "\n".join(lines)
-
-
-def _ceil(value: float) -> str:
-    """Write a bound rounded up, so that what is written is a bound too."""
-    import math
-
-    return f"{math.ceil(100.0 * value - 1e-9) / 100.0:.2f}"

@@ -29,9 +29,9 @@ from .common import EXIT_BAD_INPUT, EXIT_DONE, write_json
 __all__ = ["COMMANDS", "main", "root"]
 
 COMMANDS = {
-    "demo": "Run the whole way on a phantom tract: plan, report, 3-D scene.",
+    "demo": "Run the main job on a phantom tract: plan, report, 3-D scene.",
     "plan": "Plan a scope's motion through your own scan or surface.",
-    "certify": "Check a saved plan, and prove its clearance anew.",
+    "certify": "Check a saved plan, and prove its clearance again.",
     "phantom": "Write a phantom upper gastro-intestinal tract to a file.",
     "segment": "Find the gas-filled lumen in a CT without labels.",
     "data": "List and fetch public anatomy.",
@@ -112,14 +112,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_BROKEN_PIPE
     except _Terminated as stop:
         with suppress(OSError):  # after SIGHUP there may be no terminal to write on
-            run.tell_interrupted()
+            run.report_interruption()
         signal.signal(stop.signal, signal.SIG_DFL)
         os.kill(os.getpid(), stop.signal)
         return 128 + stop.signal
 
 
 class _Terminated(BaseException):
-    """The process was told to end; what is unfinished is removed on the way out."""
+    """The process received a signal to end; what is unfinished is removed first."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -180,7 +180,7 @@ def _allow_any_name() -> None:
 
 
 class _Run:
-    """One run of the command line: what was asked for, and how an error is told."""
+    """One run of the command line: its arguments, and how it reports an error."""
 
     def __init__(self, *, as_json: bool, debug: bool) -> None:
         self.as_json = as_json
@@ -196,24 +196,24 @@ class _Run:
             sys.stdout.flush()
             return int(stop.exit_code)
         except click.ClickException as error:
-            return self._tell_usage(error)
+            return self._report_usage(error)
         except BozziniError as error:
-            return self._tell(type(error).__name__, str(error), EXIT_BAD_INPUT)
+            return self._report(type(error).__name__, str(error), EXIT_BAD_INPUT)
         except (KeyboardInterrupt, Abort):
-            return self.tell_interrupted()
+            return self.report_interruption()
         except BrokenPipeError:
             raise
         except OSError as error:
             if error.errno not in _NO_PLACE:
-                return self._tell_internal(error)
+                return self._report_internal(error)
             _silence_stdout()
             where = f"cannot write {error.filename}" if error.filename else "cannot write"
-            return self._tell("OutputError", f"{where}: {error.strerror}", EXIT_BAD_INPUT)
+            return self._report("OutputError", f"{where}: {error.strerror}", EXIT_BAD_INPUT)
         except MemoryError:
             message = "not enough memory: ask for less (a larger --voxel or --cell)"
-            return self._tell("MemoryError", message, EXIT_BAD_INPUT)
+            return self._report("MemoryError", message, EXIT_BAD_INPUT)
         except Exception as error:
-            return self._tell_internal(error)
+            return self._report_internal(error)
         return result if isinstance(result, int) else EXIT_DONE
 
     def _call(self, arguments: list[str]) -> Any:
@@ -226,9 +226,9 @@ class _Run:
                 raise _lost.pop() from None
             raise
 
-    def tell_interrupted(self) -> int:
-        """Write that the run was interrupted, and return the exit code of that."""
-        return self._tell("Interrupted", "interrupted", EXIT_INTERRUPTED)
+    def report_interruption(self) -> int:
+        """Report that the run was interrupted, and return the exit code of that."""
+        return self._report("Interrupted", "interrupted", EXIT_INTERRUPTED)
 
     def _note_cache(self, arguments: list[str]) -> None:
         from ..io.files import find_provided_cache
@@ -242,7 +242,7 @@ class _Run:
                 err=True,
             )
 
-    def _tell_usage(self, error: click.ClickException) -> int:
+    def _report_usage(self, error: click.ClickException) -> int:
         context = error.ctx if isinstance(error, click.UsageError) else None
         if type(error).__name__ == "NoArgsIsHelpError" and context and not self.as_json:
             click.echo(context.get_help())
@@ -252,18 +252,18 @@ class _Run:
             message = "no command given"
         if context is not None:
             message += f" (try '{context.command_path} --help')"
-        return self._tell("UsageError", message, EXIT_BAD_INPUT)
+        return self._report("UsageError", message, EXIT_BAD_INPUT)
 
-    def _tell_internal(self, error: Exception) -> int:
+    def _report_internal(self, error: Exception) -> int:
         if isinstance(error, RuntimeError) and "cannot cache function" in str(error):
             message = "no directory for compiled code: set NUMBA_CACHE_DIR to one to write to"
-            return self._tell("OutputError", message, EXIT_BAD_INPUT)
+            return self._report("OutputError", message, EXIT_BAD_INPUT)
         message = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         if not self.debug:
             message += "; run with --debug for the traceback"
-        return self._tell("InternalError", message, EXIT_INTERNAL_ERROR)
+        return self._report("InternalError", message, EXIT_INTERNAL_ERROR)
 
-    def _tell(self, kind: str, message: str, code: int) -> int:
+    def _report(self, kind: str, message: str, code: int) -> int:
         """Write one line on stderr, and in JSON mode the one object on stdout."""
         if self.debug and sys.exc_info()[0] is not None:
             traceback.print_exc(file=sys.stderr)
@@ -277,7 +277,7 @@ class _Run:
 
 
 def _take_flag(flag: str, arguments: list[str]) -> tuple[bool, list[str]]:
-    """Say whether `flag` stands before any ``--``, and return the arguments without it."""
+    """Return whether `flag` stands before any ``--``, and return the arguments without it."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
     before = [item for item in arguments[:end] if item != flag]
     return len(before) < end, before + arguments[end:]

@@ -46,6 +46,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from ..muscle.model import MuscleModel
@@ -256,7 +257,7 @@ def _find_lowest(model: MuscleModel, pressure: float, load: float, direction: st
     return high
 
 
-def _draw_curve(model: MuscleModel, kind: str, pressure: float, **line: Any) -> Figure:
+def _draw_curve(model: MuscleModel, kind: str, pressure: float, **line: Any) -> Figure | Axes:
     from ..plot import muscle as figures
 
     if kind == "force":

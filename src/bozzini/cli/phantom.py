@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
-from .common import QuantityType, emit, force_option, json_option
+from .common import Answer, QuantityType, answer_options
 
 __all__ = ["command"]
 
 
 @click.command("phantom")
-@click.option(
-    "--out",
-    "target",
-    required=True,
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="File to write: .stl, .ply, .obj, .glb (the wall) or .nii, .nii.gz (labels).",
-)
 @click.option(
     "--seed",
     type=int,
@@ -34,20 +24,24 @@ __all__ = ["command"]
     show_default="1mm",
     help="Voxel of the labels, or of the grid that the surface is made on (0.5mm to 4mm).",
 )
-@force_option
-@json_option
-def command(target: Path, seed: int, voxel: float, force: bool, as_json: bool) -> None:
+@answer_options(
+    required=True,
+    help="File to write: .stl, .ply, .obj, .glb (the wall) or .nii, .nii.gz (labels).",
+    quiet=False,
+)
+def command(seed: int, voxel: float, answer: Answer) -> None:
     """Write a phantom upper gastro-intestinal tract as a surface or as labels.
 
     Oesophagus (label 1), J-shaped stomach (2) and C-shaped duodenum (3), made from published
     dimensions. Everything is in mm, GLB too; +x to the patient's right, +y to the front, +z to
     the head.
     """
+    from ..anatomy.files import check_target, write_tract
     from ..anatomy.phantom import REGIONS, make_phantom
-    from ..anatomy.write import check_target, write_tract
     from ..checks import check_number
 
     check_number("voxel", voxel, low=0.5, high=4.0, unit="mm")
+    target, force = answer.target, answer.force
     kind = check_target(target, force=force)
     phantom = make_phantom(seed=seed)
     tract = phantom.to_labels(voxel) if kind == "labels" else phantom.to_surface(voxel)
@@ -70,8 +64,7 @@ def command(target: Path, seed: int, voxel: float, force: bool, as_json: bool) -
         "dimensions_mm": dict(phantom.dimensions),
     }
     parts = ", ".join(f"{name} {length:.0f} mm" for name, length in lengths.items())
-    emit(
+    answer.give(
         result,
-        as_json=as_json,
-        text=f"{target}: {kind} of phantom {seed}, in mm; {parts}; {tract.volume / 1000:.0f} mL",
+        f"{target}: {kind} of phantom {seed}, in mm; {parts}; {tract.volume / 1000:.0f} mL",
     )

@@ -2,30 +2,53 @@
 
 from __future__ import annotations
 
-from .arc import ArcModel
+from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
 from .energy import EnergyModel
-from .inverse import InverseResult, solve_curve, solve_pose, solve_tip
+from .inverse import (
+    ContinuumInverse,
+    InverseOptions,
+    solve_curve,
+    solve_pose,
+    solve_section,
+    solve_tip,
+)
+from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
-from .models import MODELS
-from .robot import ContinuumRobot
+from .model import ContinuumModel
+from .models import CONTINUUM_MODELS
 from .rod import RodModel
-from .section import Section, Tendon
-from .section_inverse import solve_section
-from .shape import Shape, ShapeModel
-from .workspace import sample_workspace
+from .section import Helix, Section, Tendon
+from .shape import Shape
+from .workspace import (
+    ContinuumWorkspace,
+    manipulability,
+    measure_dexterity,
+    measure_workspace,
+    sample_workspace,
+)
 
 __all__ = [
-    "MODELS",
+    "CONTINUUM_MODELS",
     "ArcModel",
+    "ContinuumInverse",
+    "ContinuumModel",
     "ContinuumRobot",
+    "ContinuumWorkspace",
     "EnergyModel",
-    "InverseResult",
+    "Helix",
+    "InverseOptions",
     "LinkageModel",
     "RodModel",
     "Section",
     "Shape",
-    "ShapeModel",
     "Tendon",
+    "arc_frames",
+    "bend_vectors",
+    "displacements_for",
+    "jacobian",
+    "manipulability",
+    "measure_dexterity",
+    "measure_workspace",
     "sample_workspace",
     "solve_curve",
     "solve_pose",

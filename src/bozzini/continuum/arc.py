@@ -1,28 +1,28 @@
 """Constant curvature: every section an arc (Gravagne and Walker; Webster and Jones 2010).
 
-A section is told by ``(theta cos(phi), theta sin(phi))``, its bend and the plane of it, which is
-smooth where the section is straight.
+A section is described by ``(theta cos(phi), theta sin(phi))``, its bend and the plane of it, which
+is smooth where the section is straight.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from dataclasses import dataclass, field
+from functools import cached_property
 
-from ..checks import check_array
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..checks import check_array, check_integer
 from ..errors import InputError
-from ._batch import ParallelModel
-from .coupling import coupling_matrix
+from .checks import Floats
+from .coupling import ParallelModel, coupling_matrix
 from .kernels.arc import fill_arc_frames, fill_tip_jacobians
-from .robot import ContinuumRobot
+from .robot import RobotDesign
 from .section import GRAIN
 from .shape import Shape
 
-__all__ = ["ArcModel", "arc_frames", "bend_vectors", "displacements_for", "jacobian"]
 
-Floats = NDArray[np.float64]
-
-
+@dataclass(frozen=True)
 class ArcModel(ParallelModel):
     """Shape from displacements, each section an arc of constant curvature.
 
@@ -31,7 +31,7 @@ class ArcModel(ParallelModel):
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         A robot of parallel tendons.
     tolerance : float
         Displacement by which a command may miss being consistent [mm], in (0, 1].
@@ -46,45 +46,33 @@ class ArcModel(ParallelModel):
 
     name = "arc"
 
-    def __init__(self, robot: ContinuumRobot, *, tolerance: float = 1e-6, between: int = 1) -> None:
-        super().__init__(robot, tolerance=tolerance)
-        self.arc_length = robot.stations(between=between)
+    between: int = field(default=1, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_integer("between", self.between, low=0, high=1000)
+
+    @cached_property
+    def arc_length(self) -> Floats:
+        """Stations [mm], shape (k,)."""
+        return self.robot.stations(between=self.between)
 
     def shape(self, displacements: ArrayLike) -> Shape:
-        """Return the shapes under tendon displacements.
+        """Return the shapes under tendon displacements; see `ContinuumModel.shape`.
 
-        Parameters
-        ----------
-        displacements : array_like, shape (..., t)
-            How far each tendon is pulled [mm].
-
-        Returns
-        -------
-        Shape
-            Not converged, with a reason, where tendons would have to stretch or a limit is
-            passed.
-
-        Raises
-        ------
-        InputError
-            If there is not one finite displacement for each tendon.
+        They have not converged where tendons would have to stretch or a limit is passed.
         """
         found = self.solve(displacements)
-        return self._make_shape(
-            displacements,
-            found,
-            arc_length=self.arc_length,
-            disc_arc_length=self.robot.disc_arc_length,
-            frames=_frames(self.robot, found.bends, self.arc_length),
-        )
+        frames = _frames(self.robot, found.bends, self.arc_length)
+        return self.answer(displacements, found, arc_length=self.arc_length, frames=frames)
 
 
-def bend_vectors(robot: ContinuumRobot, displacements: ArrayLike) -> Floats:
+def bend_vectors(robot: RobotDesign, displacements: ArrayLike) -> Floats:
     """Return the bends of the sections under displacements.
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         A robot of parallel tendons.
     displacements : array_like, shape (..., t)
         How far each tendon is pulled [mm].
@@ -104,12 +92,12 @@ def bend_vectors(robot: ContinuumRobot, displacements: ArrayLike) -> Floats:
     return ArcModel(robot).shape(displacements).require().section_parameters
 
 
-def displacements_for(robot: ContinuumRobot, bends: ArrayLike) -> Floats:
+def displacements_for(robot: RobotDesign, bends: ArrayLike) -> Floats:
     """Return the tendon displacements that bend the sections so, in closed form.
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         A robot of parallel tendons.
     bends : array_like, shape (..., m, 2)
         ``(theta cos(phi), theta sin(phi))`` of each section [rad].
@@ -132,13 +120,13 @@ def displacements_for(robot: ContinuumRobot, bends: ArrayLike) -> Floats:
 
 
 def arc_frames(
-    robot: ContinuumRobot, bends: ArrayLike, *, arc_length: ArrayLike | None = None
+    robot: RobotDesign, bends: ArrayLike, *, arc_length: ArrayLike | None = None
 ) -> Floats:
     """Return frames along a robot of arcs.
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         The robot; its tendons do not matter.
     bends : array_like, shape (..., m, 2)
         ``(theta cos(phi), theta sin(phi))`` of each section [rad].
@@ -169,12 +157,12 @@ def arc_frames(
     return _frames(robot, checked, places)
 
 
-def jacobian(robot: ContinuumRobot, bends: ArrayLike) -> Floats:
+def jacobian(robot: RobotDesign, bends: ArrayLike) -> Floats:
     """Return how the tip moves and turns with the bends, the geometric Jacobian.
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         The robot; its tendons do not matter.
     bends : array_like, shape (..., m, 2)
         ``(theta cos(phi), theta sin(phi))`` of each section [rad].
@@ -200,7 +188,7 @@ def jacobian(robot: ContinuumRobot, bends: ArrayLike) -> Floats:
     return out.reshape(*checked.shape[:-2], *out.shape[1:])
 
 
-def _frames(robot: ContinuumRobot, bends: Floats, arc_length: Floats) -> Floats:
+def _frames(robot: RobotDesign, bends: Floats, arc_length: Floats) -> Floats:
     flat = np.ascontiguousarray(bends.reshape(-1, *bends.shape[-2:]))
     lengths = np.asarray([section.length for section in robot.sections], dtype=np.float64)
     owner = robot.section_at(arc_length)
@@ -210,7 +198,7 @@ def _frames(robot: ContinuumRobot, bends: Floats, arc_length: Floats) -> Floats:
     return frames.reshape(*bends.shape[:-2], *frames.shape[1:])
 
 
-def _check_bends(robot: ContinuumRobot, bends: ArrayLike) -> Floats:
+def _check_bends(robot: RobotDesign, bends: ArrayLike) -> Floats:
     sections = len(robot.sections)
     array = check_array("bends", bends)
     if array.shape[-2:] != (sections, 2):

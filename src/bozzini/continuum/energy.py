@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number
-from ..errors import GeometryError, InputError
-from ._batch import check_limits, check_numbers, explain_contrast
-from ._common import check_limit
+from ..checks import quantity
+from ..errors import GeometryError
+from .checks import Floats
 from .coupling import check_displacements
 from .kernels import energy as kernels
 from .kernels.energy import ARC, CHANNEL, CHORD, CONVERGED, FOLDED, measure_lengths, solve_commands
-from .robot import ContinuumRobot, check_robot
+from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
+from .robot import RobotDesign
 from .section import GRAIN
 from .shape import Shape
 
 # A robot cut into segments, as the energy model's kernels take it.
 
-SEGMENTS = {"chord": CHORD, "arc": ARC, "channel": CHANNEL}
+Segment = Literal["chord", "arc", "channel"]
+"""What a segment of the energy model is."""
+
+SEGMENTS: dict[str, int] = {"chord": CHORD, "arc": ARC, "channel": CHANNEL}
 
 
-def place_stations(robot: ContinuumRobot, between: int, *, corners: bool = False) -> Floats:
+def place_stations(robot: RobotDesign, between: int, *, corners: bool = False) -> Floats:
     """Return base, discs, points `between` and tendon ends [mm], and corners of routings."""
     places = robot.stations(between=between)
     others = list(robot.tendon_ends)
@@ -42,7 +45,7 @@ def place_stations(robot: ContinuumRobot, between: int, *, corners: bool = False
 class Grid:
     """Segments of a robot between stations, and how its tendons pass them."""
 
-    robot: ContinuumRobot
+    robot: RobotDesign
     segment: str
     between: int
 
@@ -52,8 +55,8 @@ class Grid:
         return place_stations(self.robot, self.between, corners=self.segment == "channel")
 
     @cached_property
-    def packed(self) -> tuple[Any, ...]:
-        """What the kernels take, see `_energy_kernels`."""
+    def packed(self) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.int64], int]:
+        """What the kernels take as ``grid``."""
         return (
             self.spans,
             self.stiffness,
@@ -222,8 +225,6 @@ def is_stable(
     return bool(np.linalg.eigvalsh(free @ hessian @ free.T).min(initial=1.0) > -1e-9)
 
 
-Floats = NDArray[np.float64]
-
 UNSTABLE = 4
 """Code, beside those of the kernels, of an equilibrium that is not a minimum."""
 
@@ -246,8 +247,30 @@ ROUND_OFF = 1e-6
 """Share of a limit that is an error of the solver."""
 
 
+class Answers(NamedTuple):
+    """What the kernel fills for b commands: as `solve_commands` has it."""
+
+    turns: Floats
+    tensions: Floats
+    lengths: Floats
+    codes: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    errors: Floats
+    shares: Floats
+    suspects: NDArray[np.int64]
+
+    @classmethod
+    def make(cls, count: int, segments: int, tendons: int) -> Answers:
+        """Return arrays for so many commands, segments and tendons."""
+        codes, steps, suspects = np.zeros((3, count), dtype=np.int64)
+        errors, shares = np.zeros((2, count))
+        tensions, lengths = np.zeros((2, count, tendons))
+        turns = np.zeros((count, segments, 3))
+        return cls(turns, tensions, lengths, codes, steps, errors, shares, suspects)
+
+
 @dataclass(frozen=True)
-class EnergyModel:
+class EnergyModel(ContinuumModel):
     """Discrete rod under tendon displacements, for any routing, without load or friction.
 
     One rotation vector ``w_j`` for each segment, of length ``h_j``::
@@ -284,7 +307,7 @@ class EnergyModel:
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         The robot; its sections' EI and GJ matter here.
     between : int
         Further cross-sections that guide the tendons, evenly between two discs.
@@ -304,22 +327,35 @@ class EnergyModel:
         If the robot has no tendons.
     """
 
-    robot: ContinuumRobot
-    between: int = field(default=0, kw_only=True)
-    segment: str = field(default="chord", kw_only=True)
-    tendon_stiffness: float = field(default=math.inf, kw_only=True)
-    tolerance: float = field(default=1e-6, kw_only=True)
+    between: int = quantity(
+        help="Further cross-sections between two discs.",
+        low=0,
+        high=1000,
+        whole=True,
+        default=0,
+        kw_only=True,
+    )
+    segment: Segment = quantity(
+        "text",
+        "Straight links, arcs, or arcs with tendons in smooth channels.",
+        words=get_args(Segment),
+        default="chord",
+        kw_only=True,
+        option="segment_kind",
+    )
+    tendon_stiffness: float = quantity(
+        "force",
+        "EA of every tendon (default: they do not stretch).",
+        low=0.0,
+        low_open=True,
+        default=math.inf,
+        kw_only=True,
+    )
 
     name = "energy"
 
     def __post_init__(self) -> None:
-        check_robot(self.robot)
-        check_integer("between", self.between, low=0, high=1000)
-        check_number("tolerance", self.tolerance, low=0.0, high=1.0, low_open=True, unit="mm")
-        if not isinstance(self.segment, str) or self.segment not in SEGMENTS:
-            raise InputError(f"segment is {self.segment!r}: choose one of {list(SEGMENTS)}")
-        stiffness = check_limit("tendon_stiffness", self.tendon_stiffness, unit="N")
-        object.__setattr__(self, "tendon_stiffness", stiffness)
+        super().__post_init__()
         if not self.robot.tendons:
             raise GeometryError(f"robot '{self.robot.name}' has no tendons: nothing can move it")
 
@@ -334,67 +370,43 @@ class EnergyModel:
         return np.asarray(np.sum(self._grid.straight, axis=1))
 
     def shape(self, displacements: ArrayLike) -> Shape:
-        """Return the shapes under tendon displacements.
+        """Return the shapes under tendon displacements; see `ContinuumModel.shape`.
 
-        Parameters
-        ----------
-        displacements : array_like, shape (..., t)
-            How much each tendon is pulled [mm], negative where it is let out.
-
-        Returns
-        -------
-        Shape
-            Where it has not converged, it is the shape as far as the command can be followed, and
-            the reason says how far that is and which tendon stops it.
-
-        Raises
-        ------
-        InputError
-            If the displacements are not finite numbers of that shape.
+        One that has not converged is the shape as far as the command can be followed, and the
+        reason says how far that is and which tendon stops it.
         """
         commands = check_displacements(self.robot, displacements)
-        batch = commands.shape[:-1]
         flat = np.ascontiguousarray(commands.reshape(-1, commands.shape[-1]))
-        answer = self._solve(flat)
-        turns, tensions, lengths, codes, steps, shares, suspects = answer
-        frames = self._grid.place_frames(turns)
-        followed = self.natural_lengths - shares[:, None] * flat
-        slack = ~self._pushes & (lengths < followed - self.tolerance)
-        converged = codes == CONVERGED
-        for index in np.flatnonzero(converged & (suspects > 0)):
-            if not is_stable(
-                self._grid, turns[index], tensions[index], ~slack[index], self._compliances
-            ):
-                codes[index] = UNSTABLE
-        converged = codes == CONVERGED
+        found = self._solve(flat)
+        frames = self._grid.place_frames(found.turns)
+        followed = self.natural_lengths - found.shares[:, None] * flat
+        slack = ~self._pushes & (found.lengths < followed - self.tolerance)
+        for index in np.flatnonzero((found.codes == CONVERGED) & (found.suspects > 0)):
+            turns, tensions = found.turns[index], found.tensions[index]
+            if not is_stable(self._grid, turns, tensions, ~slack[index], self._compliances):
+                found.codes[index] = UNSTABLE
+        converged = found.codes == CONVERGED
         words = np.full(len(flat), "", dtype=object)
-        missed = lengths - (self.natural_lengths - flat) - self._compliances * tensions
+        missed = found.lengths - (self.natural_lengths - flat) - self._compliances * found.tensions
         missed[slack] = 0.0
         for index in np.flatnonzero(~converged):
-            words[index] = self._explain(flat[index], int(codes[index]), float(shares[index]))
+            code, share = int(found.codes[index]), float(found.shares[index])
+            words[index] = self._explain(flat[index], code, share)
         residual = np.abs(missed).max(axis=1)
-        verdict = (converged, words.astype(np.str_))
-        verdict = check_numbers(self.robot, frames, residual, self.tolerance, verdict)
-        bends, curvatures = self._grid.measure_bends(turns)
-        sums = self._grid.sum_bends(turns)
-        converged, reason = check_limits(
-            self.robot, flat, bends, verdict, curvatures=curvatures, round_off=ROUND_OFF
-        )
-        return Shape(
-            robot=self.robot,
-            model=self.name,
+        verdict = check_numbers(self, frames, residual, (converged, words.astype(np.str_)))
+        bends, curvatures = self._grid.measure_bends(found.turns)
+        measure = BendMeasure(bends=bends, curvatures=curvatures, round_off=ROUND_OFF)
+        return self.make_shape(
+            commands,
             arc_length=self.arc_length,
-            frames=frames.reshape(*batch, *frames.shape[1:]),
-            displacements=commands.copy(),
-            tendon_lengths=lengths.reshape(commands.shape),
-            section_parameters=sums.reshape(*batch, *sums.shape[1:]),
-            tensions=tensions.reshape(commands.shape),
-            slack=slack.reshape(commands.shape),
-            residual=residual.reshape(batch),
-            iterations=steps.reshape(batch),
-            converged=converged.reshape(batch),
-            reason=reason.reshape(batch),
-            disc_arc_length=self.robot.disc_arc_length,
+            frames=frames,
+            tendon_lengths=found.lengths,
+            section_parameters=self._grid.sum_bends(found.turns),
+            tensions=found.tensions,
+            slack=slack,
+            residual=residual,
+            iterations=found.steps,
+            verdict=check_limits(self.robot, flat, measure, verdict),
         )
 
     @cached_property
@@ -409,35 +421,19 @@ class EnergyModel:
     def _pushes(self) -> NDArray[np.bool_]:
         return np.asarray([tendon.pushes for tendon in self.robot.tendons])
 
-    def _solve(
-        self, commands: Floats, *, compliances: Floats | None = None
-    ) -> tuple[NDArray[Any], ...]:
-        count, segments, tendons = len(commands), len(self._grid.spans), len(self._pushes)
-        turns = np.zeros((count, segments, 3))
-        tensions, lengths = np.zeros((count, tendons)), np.zeros((count, tendons))
-        codes, steps = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        errors, shares = np.zeros(count), np.zeros(count)
-        suspects = np.zeros(count, dtype=np.int64)
-        solve_commands(
+    def _solve(self, commands: Floats, *, compliances: Floats | None = None) -> Answers:
+        found = Answers.make(len(commands), len(self._grid.spans), len(self._pushes))
+        strongest = STRONGEST * self._grid.stiffness.max() / self._grid.reach.max(axis=1).min()
+        rod = (
             self._grid.packed,
-            self.natural_lengths,
-            commands,
-            self._first_parts(commands),
-            self.tolerance,
             self._compliances if compliances is None else compliances,
-            self._pushes,
-            STRONGEST * self._grid.stiffness.max() / self._grid.reach.max(axis=1).min(),
+            np.where(self._pushes, -strongest, 0.0),
+            np.full(len(self._pushes), strongest),
             MOST_STEPS,
-            turns,
-            tensions,
-            lengths,
-            codes,
-            steps,
-            errors,
-            shares,
-            suspects,
         )
-        return turns, tensions, lengths, codes, steps, shares, suspects
+        firsts = self._first_parts(commands)
+        solve_commands(rod, self.natural_lengths, commands, firsts, self.tolerance, tuple(found))
+        return found
 
     @cached_property
     def _convex(self) -> bool:
@@ -502,9 +498,9 @@ class EnergyModel:
         for part in (1.0, FEWER):
             compliances = np.maximum(self._compliances, part * STIFF * self._grid.give)
             answer = self._solve(command[None], compliances=compliances)
-            if answer[3][0] != CONVERGED:
+            if answer.codes[0] != CONVERGED:
                 return np.empty(0)
-            found.append(np.abs(compliances * answer[1][0]))
+            found.append(np.abs(compliances * answer.tensions[0]))
         first, second = (float(stretches.max()) for stretches in found)
         kept = second > 0.5 * first and second > self.tolerance
         return np.asarray(found[1]) if kept else np.empty(0)

@@ -14,20 +14,26 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number
+from ..checks import check_array, check_integer, check_number
 from ..errors import GeometryError, InputError
-from ._bend_limits import BendLimits, find_limits
-from ._common import check_directions, check_frame, check_places, check_values
-from .arc import arc_frames
+from ..io.records import Plain
+from ..numeric.roots import find_between
+from ..results import Result, to_plain
+from .arc import ArcModel, arc_frames
+from .checks import FARTHEST, Floats, check_directions, check_frame, check_places, check_values
+from .coupling import BendLimits, find_limits
 from .kernels.inverse import REACHED, SETTLED, improve, move_inside, rank_starts, search
-from .robot import ContinuumRobot
+from .robot import RobotDesign
 from .section import GRAIN
+from .shape import Shape, describe_bends
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Bends from which the inverse starts, in closed form or evenly spread.
 
@@ -43,7 +49,7 @@ def bend_towards(place: Floats) -> Floats:
     return np.asarray(2.0 * math.atan2(across, place[2]) * (place[:2] / across))
 
 
-def guess_bends(robot: ContinuumRobot, places: Floats, along: Floats) -> Floats:
+def guess_bends(robot: RobotDesign, places: Floats, along: Floats) -> Floats:
     """Return bends of arcs through the curve's points at the sections' ends, one after another."""
     order = np.argsort(along, kind="stable")
     arc = np.concatenate([[0.0], along[order]])
@@ -84,12 +90,40 @@ SMALL = (1e-3, 1e-5, 1e-7)
 Goal = tuple[Floats, NDArray[np.int64], Floats, Floats, Floats, Floats, float, float]
 
 
+class InverseOptions(TypedDict, total=False):
+    """How an inverse is searched; each may be left out.
+
+    Attributes
+    ----------
+    initial : array_like, shape (m, 2)
+        Bends to start from [rad]; they are moved inside the limits if they are not.
+    starts : int
+        Starts that may be tried, in [1, 256]: `initial`, then an arc through the target, then the
+        nearest of a fixed set of bends. By default 16 for a place of the tip, 32 for a pose, 4 for
+        a curve.
+    tolerance : float
+        Distance [mm] at which a point has arrived; 1e-6 by default.
+    angle_tolerance : float
+        Angle [rad] at which the tip looks as asked; 1e-6 by default.
+    smallest_bends : bool
+        Whether to use the freedom that is left for bends whose squares have a small sum.
+    """
+
+    initial: ArrayLike | None
+    starts: int
+    tolerance: float
+    angle_tolerance: float
+    smallest_bends: bool
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class InverseResult:
+class ContinuumInverse(Result):
     """What an inverse found; where it did not succeed, the nearest it found.
 
     Parameters
     ----------
+    robot : RobotDesign
+        The robot.
     bends : (m, 2) ndarray
         ``(theta cos(phi), theta sin(phi))`` of each section [rad], inside all limits.
     displacements : (t,) ndarray
@@ -114,6 +148,7 @@ class InverseResult:
         Why it did not succeed, and by how much; empty on success.
     """
 
+    robot: RobotDesign
     bends: Floats
     displacements: Floats
     tip_frame: Floats
@@ -131,7 +166,7 @@ class InverseResult:
         """Place of the tip [mm], shape (3,)."""
         return np.asarray(self.tip_frame[:3, 3])
 
-    def require(self) -> InverseResult:
+    def require(self) -> ContinuumInverse:
         """Return this result if it succeeded.
 
         Raises
@@ -142,6 +177,39 @@ class InverseResult:
         if not self.success:
             raise GeometryError(self.reason)
         return self
+
+    def to_dict(self) -> Plain:
+        """Return the result as plain values, units in the names."""
+        moved = zip(self.robot.tendon_names, self.displacements, strict=True)
+        plain = to_plain(
+            {
+                "success": self.success,
+                "converged": self.converged,
+                "reason": self.reason,
+                "tip_mm": self.tip,
+                "tip_direction": self.tip_frame[:3, 2],
+                "residual_mm": self.residual,
+                "angle_rad": self.angle,
+                "iterations": self.iterations,
+                "starts": self.starts,
+                "at_limits": self.at_limits,
+                "sections": describe_bends(self.robot, self.bends),
+                "displacements_mm": dict(moved),
+            }
+        )
+        return dict(plain)
+
+    def list_columns(self) -> Plain:
+        """Return the columns of `to_frame`: the displacement of each tendon."""
+        return {"tendon": self.robot.tendon_names, "displacement_mm": self.displacements}
+
+    def shape(self) -> Shape:
+        """Return the shape of arcs at these displacements."""
+        return ArcModel(self.robot, between=3).shape(self.displacements)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the shape that was found, seen from the side, and return the axes."""
+        return self.shape().plot(ax)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +222,7 @@ class Search:
     guess: Floats
 
     @classmethod
-    def of_tip(cls, robot: ContinuumRobot, place: Floats, axes: Floats) -> Search:
+    def of_tip(cls, robot: RobotDesign, place: Floats, axes: Floats) -> Search:
         """Return the search for a place of the tip and its axes, shape (0, 1 or 3, 3)."""
         limits = find_limits(robot)
         last = np.array([len(robot.sections) - 1])
@@ -167,9 +235,7 @@ class Search:
         )
 
     @classmethod
-    def of_curve(
-        cls, robot: ContinuumRobot, places: Floats, along: Floats, weights: Floats
-    ) -> Search:
+    def of_curve(cls, robot: RobotDesign, places: Floats, along: Floats, weights: Floats) -> Search:
         """Return the search for places (k, 3) at arc lengths (k,) with weights (k,)."""
         limits = find_limits(robot)
         along = np.clip(along, 0.0, robot.length)
@@ -180,51 +246,56 @@ class Search:
         goal = (limits.lengths, owner, share, places, weights, axes, 0.0, 0.0)
         return cls(limits, goal, along, guess_bends(robot, places, along))
 
-    def run(
-        self,
-        initial: ArrayLike | None,
-        starts: int,
-        tolerance: float,
-        angle_tolerance: float,
-        *,
-        smallest_bends: bool,
-    ) -> InverseResult:
-        """Search, and tell what was found."""
-        check_integer("starts", starts, low=1, high=CANDIDATES)
-        near = check_number("tolerance", tolerance, low=0.0, low_open=True, unit="mm")
-        aside = check_number("angle_tolerance", angle_tolerance, low=0.0, low_open=True, unit="rad")
+    def run(self, options: InverseOptions, *, starts: int) -> ContinuumInverse:
+        """Search, with `starts` starts unless the options have another number."""
+        count = check_integer("starts", options.get("starts", starts), low=1, high=CANDIDATES)
+        near, aside = (
+            check_number(name, options.get(name, 1e-6), low=0.0, low_open=True, unit=unit)  # type: ignore[arg-type]
+            for name, unit in (("tolerance", "mm"), ("angle_tolerance", "rad"))
+        )
         bounds = self.limits.kernel
         if not move_inside(bounds, np.zeros_like(self.guess)):
             raise self.limits.explain_empty()
         tolerances = FINE * np.array([near, aside])
         bends = np.zeros_like(self.guess)
-        code, steps, tried, _, far, off = search(
-            self.goal,
-            bounds,
-            self._make_starts(initial, starts),
-            tolerances,
-            PLANS,
-            bends,
-        )
+        tries = self._make_starts(options.get("initial"), count)
+        code, steps, tried, _, far, off = search(self.goal, bounds, tries, tolerances, PLANS, bends)
         met = far <= near and off <= aside
-        if smallest_bends and met:
-            bends, far, off, more = self._shrink(bends, tolerances, near, aside, far, off)
+        if options.get("smallest_bends", False) and met:
+            smaller, distance, angle, more = self._shrink(bends, tolerances)
             steps += more
-        return self._conclude(
-            bends,
-            success=bool(met),
-            converged=bool(met or code in (REACHED, SETTLED)),
-            steps=int(steps),
-            tried=int(tried),
-            far=float(far),
-            off=float(off),
+            if distance <= near and angle <= aside and np.sum(smaller**2) <= np.sum(bends**2):
+                bends, far, off = smaller, distance, angle
+        at_limits = self.limits.describe_limits(bends)
+        displacements = self.limits.coupling.matrix @ bends.ravel()
+        settled = bool(met or code in (REACHED, SETTLED))
+        if met:
+            reason = self._explain_hold(bends, displacements)
+        else:
+            reason = "; ".join([*self._explain(bends, far, off, tried), *at_limits])
+            if not settled:
+                reason += f"; the search had not settled after {steps} steps"
+        robot = self.limits.robot
+        return ContinuumInverse(
+            robot=robot,
+            bends=bends,
+            displacements=displacements,
+            tip_frame=arc_frames(robot, bends, arc_length=[robot.length])[0],
+            success=bool(met) and not reason,
+            converged=settled,
+            iterations=int(steps),
+            starts=int(tried),
+            residual=float(far),
+            angle=float(off),
+            at_limits=at_limits,
+            reason=reason,
         )
 
     def _make_starts(self, initial: ArrayLike | None, count: int) -> Floats:
         given = [] if initial is None else [check_values("initial", initial, self.guess.shape)]
         first = [*given, self.guess]
-        room = count - len(first)
-        if room <= 0:
+        left = count - len(first)
+        if left <= 0:
             return np.ascontiguousarray(first[:count])
         # Turned with the target, so that a turned target has turned bends.
         x, y = self.goal[3][-1, :2]
@@ -235,73 +306,30 @@ class Search:
         drawn = np.ascontiguousarray(drawn @ np.array([[cosine, sine], [-sine, cosine]]))
         costs = np.empty(len(drawn))
         rank_starts(self.goal, drawn, costs)
-        best = np.argsort(costs, kind="stable")[:room]
+        best = np.argsort(costs, kind="stable")[:left]
         return np.concatenate([first, drawn[best]])
 
-    def _shrink(
-        self,
-        bends: Floats,
-        tolerances: Floats,
-        near: float,
-        aside: float,
-        far: float,
-        off: float,
-    ) -> tuple[Floats, float, float, int]:
-        """Follow the goal with a falling weight on the bends; keep it if it is met and smaller."""
-        trial = bends.copy()
-        steps = 0
+    def _shrink(self, bends: Floats, tolerances: Floats) -> tuple[Floats, float, float, int]:
+        """Follow the goal with a falling weight on the bends."""
+        trial, steps = bends.copy(), 0
+        distance, angle = math.inf, math.inf
         for share in (*SMALL, 0.0):
             goal = (*self.goal[:-1], share * self.limits.robot.length**2)
             _, took, _, distance, angle = improve(
                 goal, self.limits.kernel, trial, tolerances, PLANS[1]
             )
             steps += took
-        if distance <= near and angle <= aside and np.sum(trial**2) <= np.sum(bends**2):
-            return trial, distance, angle, steps
-        return bends, far, off, steps
+        return trial, distance, angle, steps
 
-    def _conclude(
-        self,
-        bends: Floats,
-        *,
-        success: bool,
-        converged: bool,
-        steps: int,
-        tried: int,
-        far: float,
-        off: float,
-    ) -> InverseResult:
-        robot = self.limits.robot
-        at_limits = self.limits.describe_limits(bends)
-        displacements = self.limits.coupling.matrix @ bends.ravel()
-        reason = ""
-        if not success:
-            reason = self._explain(bends, at_limits, far, off, tried)
-            if not converged:
-                reason += f"; the search had not settled after {steps} steps"
-        else:
-            held = self.limits.coupling.solve(displacements)
-            if not held.converged or np.abs(held.bends - bends).max() > 1e-6:
-                success = False
-                loose = "the bends are met, but the tendons cannot hold them"
-                reason = f"{loose}: {held.reason}" if not held.converged else f"{loose} tight"
-        return InverseResult(
-            bends=bends,
-            displacements=displacements,
-            tip_frame=arc_frames(robot, bends, arc_length=[robot.length])[0],
-            success=success,
-            converged=converged,
-            iterations=steps,
-            starts=tried,
-            residual=far,
-            angle=off,
-            at_limits=at_limits,
-            reason=reason,
-        )
+    def _explain_hold(self, bends: Floats, displacements: Floats) -> str:
+        """Why the tendons cannot hold bends that are as asked; empty if they can."""
+        held = self.limits.coupling.solve(displacements)
+        loose = "the bends are met, but the tendons cannot hold them"
+        if not held.converged:
+            return f"{loose}: {held.reason}"
+        return f"{loose} tight" if np.abs(held.bends - bends).max() > 1e-6 else ""
 
-    def _explain(
-        self, bends: Floats, at_limits: tuple[str, ...], far: float, off: float, tried: int
-    ) -> str:
+    def _explain(self, bends: Floats, far: float, off: float, tried: int) -> list[str]:
         _, _, _, places, _, axes, _, _ = self.goal
         robot = self.limits.robot
         words = []
@@ -331,45 +359,28 @@ class Search:
                 words.append(f"{len(bends)} section(s) have {has} freedoms, the target {needs}")
         if len(self.limits.basis) < bends.size:
             words.extend(self.limits.coupling.open_directions())
-        return "; ".join([*words, *at_limits])
+        return words
 
 
 def solve_tip(
-    robot: ContinuumRobot,
+    robot: RobotDesign,
     target: ArrayLike,
     *,
     direction: ArrayLike | None = None,
-    initial: ArrayLike | None = None,
-    starts: int = 16,
-    tolerance: float = 1e-6,
-    angle_tolerance: float = 1e-6,
-    smallest_bends: bool = False,
-) -> InverseResult:
+    **options: Unpack[InverseOptions],
+) -> ContinuumInverse:
     """Bring the tip to a place, and if asked to look in a direction.
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         A robot of parallel tendons.
     target : array_like, shape (3,)
         Place in the base's frame [mm].
     direction : array_like, shape (3,), optional
         Where the tip's tangent shall point, of any length.
-    initial : array_like, shape (m, 2), optional
-        Bends to start from [rad]; they are moved inside the limits if they are not.
-    starts : int
-        Starts that may be tried, in [1, 256]: `initial`, then an arc through the target, then the
-        nearest of a fixed set of bends.
-    tolerance : float
-        Distance [mm] at which the tip has arrived.
-    angle_tolerance : float
-        Angle [rad] at which the tip looks there.
-    smallest_bends : bool
-        Whether to use the freedom that is left for bends whose squares have a small sum.
-
-    Returns
-    -------
-    InverseResult
+    **options
+        See `InverseOptions`.
 
     Raises
     ------
@@ -385,21 +396,12 @@ def solve_tip(
         if way.shape != (3,):
             raise InputError(f"direction has shape {way.shape}: it must be (3,)")
         axes = way[None]
-    return Search.of_tip(robot, place, axes).run(
-        initial, starts, tolerance, angle_tolerance, smallest_bends=smallest_bends
-    )
+    return Search.of_tip(robot, place, axes).run(options, starts=16)
 
 
 def solve_pose(
-    robot: ContinuumRobot,
-    target: ArrayLike,
-    *,
-    initial: ArrayLike | None = None,
-    starts: int = 32,
-    tolerance: float = 1e-6,
-    angle_tolerance: float = 1e-6,
-    smallest_bends: bool = False,
-) -> InverseResult:
+    robot: RobotDesign, target: ArrayLike, **options: Unpack[InverseOptions]
+) -> ContinuumInverse:
     """Bring the tip's frame to a pose.
 
     A pose has six freedoms and a section two: with fewer than three sections only special poses
@@ -408,16 +410,12 @@ def solve_pose(
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         A robot of parallel tendons.
     target : array_like, shape (4, 4)
         Frame in the base's frame [mm]: columns x, y, tangent, place.
-    initial, starts, tolerance, angle_tolerance, smallest_bends
-        As of `solve_tip`.
-
-    Returns
-    -------
-    InverseResult
+    **options
+        See `InverseOptions`.
 
     Raises
     ------
@@ -429,22 +427,17 @@ def solve_pose(
     frame = check_values("target", target, (4, 4))
     check_frame("target", frame)
     axes = np.ascontiguousarray(frame[:3, :3].T[[2, 0, 1]])
-    return Search.of_tip(robot, frame[:3, 3], axes).run(
-        initial, starts, tolerance, angle_tolerance, smallest_bends=smallest_bends
-    )
+    return Search.of_tip(robot, frame[:3, 3], axes).run(options, starts=32)
 
 
 def solve_curve(
-    robot: ContinuumRobot,
+    robot: RobotDesign,
     points: ArrayLike,
     *,
     arc_length: ArrayLike | None = None,
     weights: ArrayLike | None = None,
-    initial: ArrayLike | None = None,
-    starts: int = 4,
-    tolerance: float = 1e-6,
-    smallest_bends: bool = False,
-) -> InverseResult:
+    **options: Unpack[InverseOptions],
+) -> ContinuumInverse:
     """Lay the whole backbone along a curve, with the least sum of squared distances.
 
     A curve that is not made of arcs of the sections' lengths is not met exactly: give the
@@ -452,7 +445,7 @@ def solve_curve(
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         A robot of parallel tendons.
     points : array_like, shape (k, 3)
         Points in the base's frame [mm], from base to tip.
@@ -461,14 +454,8 @@ def solve_curve(
         line through the base and the points up to each.
     weights : array_like, shape (k,), optional
         Weight of each point's distance, 1 unless given.
-    initial, starts, smallest_bends
-        As of `solve_tip`.
-    tolerance : float
-        Distance [mm] within which every point must lie.
-
-    Returns
-    -------
-    InverseResult
+    **options
+        See `InverseOptions`; every point must lie within the tolerance.
 
     Raises
     ------
@@ -497,5 +484,181 @@ def solve_curve(
         if not (heavy.min() >= 0.0 and heavy.max() > 0.0):
             raise InputError(f"weights has {heavy.min():g}: none may be negative, nor all 0")
     return Search.of_curve(robot, places, along, heavy).run(
-        initial, starts, tolerance, 1.0, smallest_bends=smallest_bends
+        {**options, "angle_tolerance": 1.0}, starts=4
     )
+
+
+# Inverse of one section of fixed length and constant curvature.
+
+
+STEEPEST_BEND = 2.331122370414423
+"""Bend at which the tip is furthest aside [rad]: the root of ``tan(theta / 2) = theta``."""
+
+LARGEST_RATIO = (1.0 - math.cos(STEEPEST_BEND)) / STEEPEST_BEND
+"""Largest distance aside over length that an arc reaches, 0.7246."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SectionResult:
+    """What the inverse of one section of fixed length found.
+
+    Parameters
+    ----------
+    bend : (2,) ndarray
+        ``(theta cos(phi), theta sin(phi))`` [rad].
+    tip : (3,) ndarray
+        Where the tip is then [mm]: the target, or the nearest place on the reachable surface.
+    success : bool
+        Whether that is the target, within the tolerance.
+    residual : float
+        Its distance from the target [mm].
+    needed_length : float
+        Length of the arc through the target [mm]; infinite if there is none, or none shorter
+        than 1e9 mm, as straight behind the start.
+    reason : str
+        Why it did not succeed; empty on success.
+    """
+
+    bend: Floats
+    tip: Floats
+    success: bool
+    residual: float
+    needed_length: float
+    reason: str
+
+
+def bend_for_ratio(ratio: ArrayLike) -> Floats:
+    """Return the bend whose tip is aside by ``ratio`` times the section's length.
+
+    It solves ``(1 - cos(theta)) / theta = ratio`` on ``[0, 2.331]``, where the ratio grows up to
+    0.7246; beyond, more bend brings the tip back.
+
+    Parameters
+    ----------
+    ratio : array_like, shape (...)
+        Distance from the axis over the length of the section.
+
+    Returns
+    -------
+    (...) ndarray
+        Bend [rad].
+
+    Raises
+    ------
+    InputError
+        If a ratio is outside ``[0, 0.7246]``.
+    """
+    wanted = check_array("ratio", ratio)
+    if not np.all((wanted >= 0.0) & (wanted <= LARGEST_RATIO)):
+        bad = wanted[~((wanted >= 0.0) & (wanted <= LARGEST_RATIO))].flat[0]
+        raise InputError(
+            f"ratio of distance aside to length is {bad:g}: "
+            f"it must lie in [0, {LARGEST_RATIO:.6g}], which an arc can reach"
+        )
+    flat = wanted.ravel()
+
+    def excess(index: NDArray[np.intp], bend: Floats) -> Floats:
+        return np.asarray(np.sin(0.5 * bend) * np.sinc(0.5 * bend / math.pi) - flat[index])
+
+    found = find_between(excess, np.zeros_like(flat), np.full_like(flat, STEEPEST_BEND))
+    # Not found are the ends: ratios too small for a relative tolerance, and the largest one.
+    ends = np.where(flat < 0.5 * LARGEST_RATIO, 2.0 * flat, STEEPEST_BEND)
+    return np.where(np.isnan(found), ends, found).reshape(wanted.shape)
+
+
+def solve_section(
+    length: float, target: ArrayLike, *, max_bend: float = 2.0 * math.pi, tolerance: float = 1e-6
+) -> SectionResult:
+    """Bring the tip of one section of fixed length to a place, or as near as it goes.
+
+    The plane of the bend is that of the target; in it the tip moves on a curve. A target on that
+    curve has ``theta = 2 atan2(rho, z)`` in closed form; for another the nearest place of the
+    curve is found, over all bends.
+
+    Parameters
+    ----------
+    length : float
+        Length of the section [mm].
+    target : array_like, shape (3,)
+        Place in the frame of the section's start [mm].
+    max_bend : float
+        Largest bend [rad], in (0, 2 pi].
+    tolerance : float
+        Distance at which the tip has arrived [mm].
+
+    Returns
+    -------
+    SectionResult
+
+    Raises
+    ------
+    InputError
+        If a value has another shape or is outside its range.
+    """
+    check_number("length", length, low=0.0, high=FARTHEST, low_open=True, unit="mm")
+    check_number("max_bend", max_bend, low=0.0, high=2.0 * math.pi, low_open=True, unit="rad")
+    check_number("tolerance", tolerance, low=0.0, low_open=True, unit="mm")
+    x, y, z = (float(value) for value in check_values("target", target, (3,), unit="mm"))
+    across = math.hypot(x, y)
+    plane = np.array([x / across, y / across]) if across > 0.0 else np.array([1.0, 0.0])
+    closed = 2.0 * math.atan2(across, z)
+    needed = _needed_length(across, z)
+    angle = min(closed, max_bend)
+    if math.dist(_aside(length, angle), (across, z)) > tolerance:
+        angle = _nearest_bend(length, across, z, max_bend)
+    aside, along = _aside(length, angle)
+    tip = np.array([*(aside * plane), along])
+    miss = math.dist((aside, along), (across, z))
+    reason = ""
+    if miss > tolerance:
+        reason = f"the nearest tip of a section of {length:g} mm is {miss:.6g} mm from the target"
+        if math.isfinite(needed):
+            reason += (
+                f", which an arc of {needed:.6g} mm, bent {math.degrees(closed):.4g} deg, reaches"
+            )
+        if angle >= max_bend:
+            reason += f"; it is at its largest bend, {math.degrees(max_bend):.4g} deg"
+    return SectionResult(
+        bend=angle * plane,
+        tip=tip,
+        success=miss <= tolerance,
+        residual=miss,
+        needed_length=needed,
+        reason=reason,
+    )
+
+
+def _aside(length: float, angle: float) -> tuple[float, float]:
+    """Return where the tip of an arc is, aside and along."""
+    half = 0.5 * angle
+    chord = length * float(np.sinc(half / math.pi))
+    return chord * math.sin(half), chord * math.cos(half)
+
+
+def _needed_length(across: float, along: float) -> float:
+    """Return the length of the arc to a place in the plane; infinite beyond `FARTHEST`."""
+    away = math.hypot(across, along)
+    # The chord is the arc's length by sin(half) / half, and sin(half) is across / away.
+    half = math.atan2(across, along)
+    if half < 1e-8:  # straight to the last bit; a denormal ratio would have no digits
+        return away if away > 0.0 else math.inf
+    sine = across / away
+    length = away * half / sine if sine > 0.0 else math.inf
+    return length if length <= FARTHEST else math.inf
+
+
+def _nearest_bend(length: float, across: float, along: float, most: float) -> float:
+    """Return the bend in ``[0, most]`` of the tip that is nearest to a place in the plane."""
+    from scipy.optimize import minimize_scalar
+
+    def measure(angle: float) -> float:
+        aside, up = _aside(length, angle)
+        return (aside - across) ** 2 + (up - along) ** 2
+
+    grid = np.linspace(0.0, most, 257)
+    values = [measure(angle) for angle in grid]
+    best = int(np.argmin(values))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, 256)]
+    found = minimize_scalar(measure, bounds=(low, high), method="bounded", options={"xatol": 1e-12})
+    ends = min(low, high, key=measure)
+    return float(found.x if found.fun < measure(ends) else ends)

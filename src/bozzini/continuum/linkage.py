@@ -11,27 +11,25 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer
-from ..errors import GeometryError, InputError
-from ._batch import ParallelModel
-from .coupling import BendSolution, reason_array
-from .kernels.linkage import fill_linkage_frames, fill_linkage_points
-from .robot import ContinuumRobot
-from .shape import Shape
-
-__all__ = ["LinkageModel"]
-
-Floats = NDArray[np.float64]
+from ..checks import check_integer, quantity
+from ..errors import InputError
+from .checks import Floats
+from .coupling import BendSolution, ParallelModel
+from .kernels.arc import fill_linkage_frames, fill_linkage_points
+from .model import write_reasons
+from .robot import RobotDesign
+from .shape import Shape, require_all
 
 MOST_SEGMENTS = 1_000_000
 
 
+@dataclass(frozen=True)
 class LinkageModel(ParallelModel):
     """Shape from displacements, the robot a chain of rigid links between its discs.
 
@@ -43,7 +41,7 @@ class LinkageModel(ParallelModel):
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         A robot of parallel tendons.
     segments : int or sequence of int, optional
         Segments of equal length in each section; without it, a segment ends at each disc.
@@ -59,66 +57,70 @@ class LinkageModel(ParallelModel):
     """
 
     name = "linkage"
+    checked_by_class = ("segments",)
 
-    def __init__(
-        self,
-        robot: ContinuumRobot,
-        *,
-        segments: int | Sequence[int] | None = None,
-        tolerance: float = 1e-6,
-    ) -> None:
-        super().__init__(robot, tolerance=tolerance)
-        counts = _read_segments(robot, segments)
+    segments: int | Sequence[int] | None = quantity(
+        help="Segments in each section (default: one ends at each disc).",
+        low=1,
+        high=MOST_SEGMENTS,
+        whole=True,
+        default=None,
+        kw_only=True,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "segments", _check_segments(self.robot, self.segments))
+
+    @cached_property
+    def _ends(self) -> list[Floats]:
+        """Arc lengths where the segments of each section end [mm]."""
         ends = []
-        for index, section in enumerate(robot.sections):
+        for index, section in enumerate(self.robot.sections):
             places = section.disc_places
-            if counts:
-                places = section.length * np.arange(1, counts[index] + 1) / counts[index]
-            ends.append(robot.section_starts[index] + places)
-            ends[-1][-1] = robot.section_ends[index]
-        self.segments = tuple(len(places) for places in ends)
-        self.arc_length = np.concatenate([[0.0], *ends])
-        self._owner = np.repeat(np.arange(len(ends)), self.segments)
-        self._lengths = np.concatenate(
-            [
-                np.diff(places, prepend=start)
-                for places, start in zip(ends, robot.section_starts, strict=True)
-            ]
-        )
-        sizes = np.asarray([section.length for section in robot.sections])
-        self._shares = self._lengths / sizes[self._owner]
-        if counts:  # exactly equal, so that the kernel computes each section's turn once
-            self._shares = 1.0 / np.asarray(self.segments, dtype=np.float64)[self._owner]
+            if isinstance(self.segments, tuple):
+                count = self.segments[index]
+                places = section.length * np.arange(1, count + 1) / count
+            ends.append(self.robot.section_starts[index] + places)
+            ends[-1][-1] = self.robot.section_ends[index]
+        return ends
+
+    @cached_property
+    def arc_length(self) -> Floats:
+        """Stations: base and joints [mm], shape (k + 1,)."""
+        return np.concatenate([[0.0], *self._ends])
+
+    @cached_property
+    def counts(self) -> tuple[int, ...]:
+        """Segments of each section."""
+        return tuple(len(places) for places in self._ends)
+
+    @cached_property
+    def _chain(self) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Of each segment its section, its share of the section's length, and its length [mm]."""
+        owner = np.repeat(np.arange(len(self._ends)), self.counts)
+        lengths = np.diff(self.arc_length)
+        shares = lengths / np.asarray([section.length for section in self.robot.sections])[owner]
+        if self.segments is not None:  # exactly equal: the kernel computes each turn once
+            shares = 1.0 / np.asarray(self.counts, dtype=np.float64)[owner]
+        return owner, shares, lengths
 
     def shape(self, displacements: ArrayLike) -> Shape:
-        """Return the shapes under tendon displacements.
+        """Return the shapes under tendon displacements; see `ContinuumModel.shape`.
 
-        Parameters
-        ----------
-        displacements : array_like, shape (..., t)
-            How far each tendon is pulled [mm].
-
-        Returns
-        -------
-        Shape
-            Not converged, with a reason, where tendons would have to stretch, a limit is passed,
-            or linkages would need more segments to exist: the reason says how many.
-
-        Raises
-        ------
-        InputError
-            If there is not one finite displacement for each tendon.
+        They have not converged where tendons would have to stretch, a limit is passed, or
+        linkages would need more segments to exist: the reason says how many.
         """
-        found = self._check_segments(self.solve(displacements))
+        found = self._require_segments(self.solve(displacements))
         bends = self._flat_bends(found)
         frames = np.empty((len(bends), len(self.arc_length), 4, 4))
-        fill_linkage_frames(self._owner, self._shares, self._lengths, bends, frames)
-        return self._make_shape(
+        fill_linkage_frames(*self._chain, bends, frames)
+        return self.answer(
             displacements,
             found,
             arc_length=self.arc_length,
-            disc_arc_length=self.arc_length[1:],
-            frames=frames.reshape(*found.residual.shape, *frames.shape[1:]),
+            discs=self.arc_length[1:],
+            frames=frames,
         )
 
     def points(self, displacements: ArrayLike) -> Floats:
@@ -131,24 +133,22 @@ class LinkageModel(ParallelModel):
         InputError
             If there is not one finite displacement for each tendon.
         """
-        found = self._check_segments(self.solve(displacements))
-        if not found.converged.all():
-            place = np.unravel_index(int(np.argmin(found.converged)), found.converged.shape)
-            where = f" (displacements {[int(i) for i in place]})" if place else ""
-            raise GeometryError(f"{found.reason[place]}{where}")
+        found = self._require_segments(self.solve(displacements))
+        require_all(found.converged, found.reason)
         bends = self._flat_bends(found)
         points = np.empty((len(bends), len(self.arc_length), 3))
-        fill_linkage_points(self._owner, self._shares, self._lengths, bends, points)
+        fill_linkage_points(*self._chain, bends, points)
         return points.reshape(*found.residual.shape, *points.shape[1:])
 
     @cached_property
     def _largest(self) -> Floats:
         """Largest share of its section's bend that one segment takes, shape (m,)."""
-        largest = np.zeros(len(self.segments))
-        np.maximum.at(largest, self._owner, self._shares)
+        owner, shares, _ = self._chain
+        largest = np.zeros(len(self.counts))
+        np.maximum.at(largest, owner, shares)
         return largest
 
-    def _check_segments(self, found: BendSolution) -> BendSolution:
+    def _require_segments(self, found: BendSolution) -> BendSolution:
         """Mark bends for which linkages do not exist."""
         sizes = np.hypot(found.bends[..., 0], found.bends[..., 1])
         over = 0.5 * sizes * self._largest
@@ -160,14 +160,14 @@ class LinkageModel(ParallelModel):
         for index in np.argwhere(bad):
             place = tuple(int(i) for i in index)
             section = int(np.argmax(over[place]))
-            bend, count = float(sizes[place][section]), self.segments[section]
+            bend, count = float(sizes[place][section]), self.counts[section]
             even = self._largest[section] * count < 1.0 + 1e-9
             reasons[place] = (
                 f"{self.robot.section_label(section)} has {count} segments: these displacements "
                 f"need at least {math.ceil(0.5 * bend)}{'' if even else ', evenly spaced'}, half "
                 f"of its bend of {bend:.4g} rad, for the linkages to exist"
             )
-        reason = np.where(bad, reason_array(bad.shape, reasons), found.reason)
+        reason = np.where(bad, write_reasons(bad.shape, reasons), found.reason)
         return dataclasses.replace(found, converged=found.converged & ~bad, reason=reason)
 
     def _flat_bends(self, found: BendSolution) -> Floats:
@@ -181,13 +181,15 @@ class LinkageModel(ParallelModel):
         return np.ascontiguousarray(bends.reshape(-1, *bends.shape[-2:]))
 
 
-def _read_segments(robot: ContinuumRobot, segments: Any) -> tuple[int, ...]:
-    """Return segments for each section; empty for those between discs."""
-    if segments is None:
-        return ()
+def _check_segments(
+    robot: RobotDesign, segments: int | Sequence[int] | None
+) -> tuple[int, ...] | None:
+    """Return segments for each section; None for those between discs."""
     count = len(robot.sections)
+    if segments is None:
+        return None
     if not isinstance(segments, (tuple, list)):
-        return (check_integer("segments", segments, low=1, high=MOST_SEGMENTS),) * count
+        return (check_integer("segments", segments, low=1, high=MOST_SEGMENTS),) * count  # type: ignore[arg-type]
     if len(segments) != count:
         raise InputError(
             f"segments has {len(segments)} numbers: give one, or {count}, one a section"

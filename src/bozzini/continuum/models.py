@@ -1,18 +1,18 @@
-"""The models by name."""
+"""The models by name: this package's, and those that other packages add by entry points."""
 
 from __future__ import annotations
 
-from .arc import ArcModel
-from .energy import EnergyModel
-from .linkage import LinkageModel
-from .rod import RodModel
+from ..registry import Registry, collect_named
+from . import arc, energy, linkage, rod
+from .model import ContinuumModel
 
-__all__ = ["MODELS"]
+MODULES = (arc, linkage, energy, rod)
+"""Where the models of this package are; a new module is named here."""
 
-MODELS: dict[str, type[ArcModel | LinkageModel | EnergyModel | RodModel]] = {
-    "arc": ArcModel,
-    "linkage": LinkageModel,
-    "energy": EnergyModel,
-    "rod": RodModel,
-}
-"""Model classes by name; each is built from a `ContinuumRobot`, with options of its own."""
+CONTINUUM_MODELS: Registry[ContinuumModel] = Registry(
+    "bozzini.continuum",
+    ContinuumModel,  # type: ignore[type-abstract]
+    lambda: collect_named(MODULES, ContinuumModel),  # type: ignore[type-abstract]
+    noun="model",
+)
+"""Classes of models by name; each is built from a robot, with options of its own."""

@@ -10,21 +10,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points
+from ..checks import check_points, quantity
 from ..errors import InputError
-from ._batch import check_limits, check_numbers, explain_contrast
-from ._common import check_limit
+from ..numeric.kernels.linear_algebra import solve_bounded
+from ..numeric.kernels.rotations import find_turn, turn_quaternion
+from .checks import Floats
 from .coupling import check_displacements
 from .energy import place_stations
-from .kernels.energy import solve_bounded
-from .kernels.rod import (
-    differentiate_piece,
-    find_turn,
-    integrate_rod,
-    measure_unloaded,
-    turn_quaternion,
-)
-from .robot import ContinuumRobot, check_robot
+from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
+from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
+from .robot import RobotDesign
 from .section import GRAIN
 from .shape import Shape
 
@@ -38,7 +33,7 @@ NUDGE = 1e-9
 class RodGrid:
     """Steps of a robot, at least `steps` of them, and how its tendons pass them."""
 
-    robot: ContinuumRobot
+    robot: RobotDesign
     between: int
     steps: int
 
@@ -243,6 +238,35 @@ class Target:
         free = ~self.pushes & (tensions == 0.0)
         return np.asarray(np.where(free, np.maximum(gaps, 0.0), gaps))
 
+    def share(self, give: Floats, tensions: Floats, ridge: float) -> Floats:
+        """Return the least tensions that do the same, where redundant tendons leave them open.
+
+        `give` is how lengths give way to tension, `ridge` what is added to its diagonal, as a
+        share of the largest.
+        """
+        if not give.size or self.compliances.any():
+            return tensions
+        taut, shared = tensions != 0.0, tensions.copy()
+        high = float(np.abs(tensions).max(initial=0.0)) * taut
+        low = np.where(self.pushes, -high, 0.0)
+        added = ridge * float(np.abs(np.diag(give)).max(initial=0.0))
+        matrix, vector = give + added * np.eye(len(taut)), -give @ tensions
+        right = vector
+        for _ in range(3):
+            # Each pass takes out what the ridge did to the one before it.
+            if not solve_bounded(matrix, right, low, high, shared):
+                return tensions
+            right = vector - added * shared
+        return shared
+
+    def explain_held(self, held: NDArray[np.int64]) -> str:
+        """Return the reason why tendons that are as tight as can be stop the command."""
+        names = ", ".join(f"'{self.names[k]}'" for k in held)
+        return (
+            f"{names} would have to stretch beyond it; let out tendons on the other side, or "
+            "give a tendon_stiffness"
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
@@ -257,17 +281,6 @@ class Shot:
     share: float = 1.0
     iterations: int = 0
     reason: str = ""
-
-
-def rotate(quaternions: Floats) -> Floats:
-    """Return the rotation matrices (n, 3, 3) of unit quaternions (n, 4), scalar first."""
-    w, x, y, z = quaternions.T
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.asarray(rows), -1, 0)
 
 
 # Multiple shooting: moments, turns and tensions for which a rod and its tendons are as asked.
@@ -457,11 +470,7 @@ class Shooting:
             right = vector - RIDGE * largest * wanted
         held = np.flatnonzero(np.abs(wanted) >= strongest)
         if held.size:
-            names = ", ".join(f"'{target.names[k]}'" for k in held)
-            return tensions, (
-                f"{names} would have to stretch beyond it; let out tendons on the other side, or "
-                "give a tendon_stiffness"
-            )
+            return tensions, target.explain_held(held)
         free = (wanted > low) & (wanted < high)
         if np.abs(exact - give).max() > 1e-6 * largest and free.any():
             # A moment of fixed direction has no potential: the problem is not symmetric.
@@ -489,20 +498,7 @@ class Shooting:
         self, tensions: Floats, turns: Floats, moments: Floats, scale: float
     ) -> Floats:
         """Take the least tensions that do the same, where redundant ones differ."""
-        if not self.give.size or self.target.compliances.any():
-            return tensions
-        taut = tensions != 0.0
-        shared = tensions.copy()
-        size = float(np.abs(tensions).max())
-        ridge = SHARING * float(np.abs(np.diag(self.give)).max())
-        vector = -self.give @ tensions
-        right = vector
-        for _ in range(3):
-            low = np.where(self.target.pushes, -size, 0.0) * taut
-            matrix = self.give + ridge * np.eye(len(taut))
-            if not solve_bounded(matrix, right, low, size * taut, shared):
-                return tensions
-            right = vector - ridge * shared
+        shared = self.target.share(self.give, tensions, SHARING)
         # The same to first order only: it must hold of the lengths and joints themselves.
         shot = Shot(tensions=shared, turns=turns, moments=moments, share=self.share)
         states, jumps, good = self.rod.trace_jumps(shot)
@@ -543,7 +539,7 @@ def improve_unloaded(rod: Rod, target: Target, share: float, loose: float, start
     for count in range(MOST_STEPS_UNLOADED + 1):
         gaps = target.gaps(lengths, tensions, share, loose)
         if np.abs(gaps).max(initial=0.0) <= loose:
-            shared = _share(target, give, tensions)
+            shared = target.share(give, tensions, SHARING_UNLOADED)
             _, shorter, _ = _measure(rod, target, shared, limit)
             left = target.gaps(shorter, shared, share, loose)
             if np.abs(left).max(initial=0.0) <= loose:
@@ -561,11 +557,7 @@ def improve_unloaded(rod: Rod, target: Target, share: float, loose: float, start
             break
         held = np.flatnonzero(np.abs(wanted) >= rod.strongest)
         if held.size and count > 0:
-            names = ", ".join(f"'{target.names[k]}'" for k in held)
-            reason = (
-                f"{names} would have to stretch beyond it; let out tendons on the other side, or "
-                "give a tendon_stiffness"
-            )
+            reason = target.explain_held(held)
             break
         change, part = wanted - tensions, 1.0
         rise = float(slope @ change)
@@ -595,25 +587,6 @@ def _measure(
         return -math.inf, lengths, give
     value -= float(tensions @ (limit + 0.5 * target.compliances * tensions))
     return value, lengths, give
-
-
-def _share(target: Target, give: Floats, tensions: Floats) -> Floats:
-    """Return the least tensions that do the same, where redundant tendons leave them open."""
-    if target.compliances.any():
-        return tensions
-    taut = tensions != 0.0
-    shared = tensions.copy()
-    size = float(np.abs(tensions).max(initial=0.0))
-    ridge = SHARING_UNLOADED * float(np.diag(give).max(initial=0.0))
-    vector = -give @ tensions
-    right = vector
-    for _ in range(3):
-        # Each pass takes out what the ridge did to the one before it.
-        low = np.where(target.pushes, -size, 0.0) * taut
-        if not solve_bounded(give + ridge * np.eye(len(taut)), right, low, size * taut, shared):
-            return tensions
-        right = vector - ridge * shared
-    return shared
 
 
 # A rod brought to a command and its loads, at once or else in parts.
@@ -707,7 +680,6 @@ def find_play(rod: Rod, target: Target, loose: float, found: Shot) -> str:
     return f"{what} the tip is {play:.2g} mm elsewhere; give a tendon_stiffness"
 
 
-Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -726,7 +698,7 @@ ROUND_OFF = 1e-6
 
 
 @dataclass(frozen=True)
-class RodModel:
+class RodModel(ContinuumModel):
     """Kirchhoff rod with frictionless tendons in smooth channels, under loads.
 
     After Rucker and Webster (2011), for a rod that neither shears nor stretches and is straight at
@@ -750,7 +722,7 @@ class RodModel:
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         The robot; its sections' EI and GJ matter here. It may be without tendons.
     tip_force : (3,) array_like
         Force on the robot's end, in the base frame [N].
@@ -775,29 +747,56 @@ class RodModel:
         If an option is outside its legal range.
     """
 
-    robot: ContinuumRobot
-    tip_force: Vector = field(default=ZERO, kw_only=True)
+    tip_force: Vector = quantity(
+        "force",
+        "Force on the tip in the base's frame, such as 0,0,-0.1N; needs --tendon-stiffness.",
+        default=ZERO,
+        kw_only=True,
+    )
     tip_moment: Vector = field(default=ZERO, kw_only=True)
-    distributed_force: Vector = field(default=ZERO, kw_only=True)
-    tendon_stiffness: float = field(default=math.inf, kw_only=True)
-    between: int = field(default=0, kw_only=True)
-    steps: int = field(default=200, kw_only=True)
-    tolerance: float = field(default=1e-6, kw_only=True)
+    distributed_force: Vector = quantity(
+        "line force",
+        "Force per length in the base's frame, weight for example, such as 0,-0.001N/mm,0; "
+        "needs --tendon-stiffness.",
+        default=ZERO,
+        kw_only=True,
+        option="line_force",
+    )
+    tendon_stiffness: float = quantity(
+        "force",
+        "EA of every tendon (default: they do not stretch).",
+        low=0.0,
+        low_open=True,
+        default=math.inf,
+        kw_only=True,
+    )
+    between: int = quantity(
+        help="Further stations between two discs.",
+        low=0,
+        high=1000,
+        whole=True,
+        default=0,
+        kw_only=True,
+    )
+    steps: int = quantity(
+        help="Least number of steps along the robot.",
+        low=10,
+        high=100_000,
+        whole=True,
+        default=200,
+        kw_only=True,
+    )
 
     name = "rod"
+    checked_by_class = ("tip_force", "tip_moment", "distributed_force")
 
     def __post_init__(self) -> None:
-        check_robot(self.robot)
-        for name in ("tip_force", "tip_moment", "distributed_force"):
+        super().__post_init__()
+        for name in self.checked_by_class:
             vector = check_points(name, getattr(self, name))
             if vector.shape != (3,):
                 raise InputError(f"{name} has shape {vector.shape}: it must be (3,)")
             object.__setattr__(self, name, tuple(vector.tolist()))
-        stiffness = check_limit("tendon_stiffness", self.tendon_stiffness, unit="N")
-        object.__setattr__(self, "tendon_stiffness", stiffness)
-        check_integer("between", self.between, low=0, high=1000)
-        check_integer("steps", self.steps, low=10, high=100000)
-        check_number("tolerance", self.tolerance, low=0.0, high=1.0, low_open=True, unit="mm")
 
     @property
     def arc_length(self) -> Floats:
@@ -810,18 +809,7 @@ class RodModel:
         return self._grid.natural_lengths
 
     def shape(self, displacements: ArrayLike) -> Shape:
-        """Return the shapes under tendon displacements and the loads.
-
-        Parameters
-        ----------
-        displacements : array_like, shape (..., t)
-            How much each tendon is pulled [mm], negative where it is let out.
-
-        Raises
-        ------
-        InputError
-            If the displacements are not finite numbers of that shape.
-        """
+        """Return the shapes under displacements and the loads; see `ContinuumModel.shape`."""
         commands = check_displacements(self.robot, displacements)
         shots = [self._shoot(command=command) for command in _rows(commands)]
         return self._answer(commands, shots)
@@ -916,7 +904,10 @@ class RodModel:
         return follow(self._rod, target, convex=self._convex)
 
     def _answer(self, commands: Floats, shots: list[Shot], *, given: bool = False) -> Shape:
-        batch, tendons = commands.shape[:-1], len(self.robot.tendons)
+        """Shapes of shots; `commands` are displacements, or tensions if `given`."""
+        from scipy.spatial.transform import Rotation
+
+        tendons = len(self.robot.tendons)
         places, ends = self._grid.places, self.robot.section_ends
         index = np.searchsorted(places, self.arc_length - EDGE)
         frames = np.zeros((len(shots), len(index), 4, 4))
@@ -930,7 +921,8 @@ class RodModel:
             if not good:
                 shots[row] = shot = self._rod.rest(tendons, "no curvature was found")
                 states, turned, _ = self._rod.trace(shot)
-            frames[row, :, :3, :3] = rotate(states[index, 3:7])
+            turned_by = Rotation.from_quat(np.roll(states[index, 3:7], -1, axis=1))
+            frames[row, :, :3, :3] = turned_by.as_matrix()
             frames[row, :, :3, 3] = states[index, :3]
             lengths[row] = states[-1, 10:]
             parts = np.diff(turned[edges], axis=0)
@@ -938,47 +930,37 @@ class RodModel:
             turns = np.hypot(*np.diff(turned[:, :2], axis=0).T)
             bends[row] = np.add.reduceat(turns, edges[:-1])
             curvatures[row] = np.maximum.reduceat(turns / np.diff(places), edges[:-1])
-        if not self._bends_evenly:
-            sums = sums[:, :0]
-        displacements = self.natural_lengths - lengths
-        if not given:
-            displacements = _rows(commands)
-        shares = np.asarray([s.share for s in shots]).reshape(-1, 1)
-        followed = self.natural_lengths - shares * displacements
-        slack = ~self._pushes & (lengths < followed - self.tolerance)
-        if given:
-            slack = ~self._pushes & (_rows(commands) == 0.0)
         tensions = np.asarray([s.tensions for s in shots], dtype=np.float64)
         tensions = tensions.reshape(len(shots), tendons)
-        asked = self.natural_lengths - displacements
-        if not given:
-            asked = asked + self._compliances * tensions
-        missed = np.where(slack, 0.0, lengths - asked)
-        residual = np.abs(missed).max(axis=1, initial=0.0)
+        if given:
+            displacements = self.natural_lengths - lengths
+            slack = ~self._pushes & (_rows(commands) == 0.0)
+            asked = lengths
+        else:
+            displacements = _rows(commands)
+            shares = np.asarray([s.share for s in shots]).reshape(-1, 1)
+            followed = self.natural_lengths - shares * displacements
+            slack = ~self._pushes & (lengths < followed - self.tolerance)
+            asked = self.natural_lengths - displacements + self._compliances * tensions
+        residual = np.abs(np.where(slack, 0.0, lengths - asked)).max(axis=1, initial=0.0)
         words = [f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in shots]
         verdict = (
             np.asarray([not s.reason for s in shots], dtype=np.bool_),
             np.asarray(words, dtype=np.str_),
         )
-        verdict = check_numbers(self.robot, frames, residual, self.tolerance, verdict)
-        converged, reason = check_limits(
-            self.robot, displacements, bends, verdict, curvatures=curvatures, round_off=ROUND_OFF
-        )
-        return Shape(
-            robot=self.robot,
-            model=self.name,
+        verdict = check_numbers(self, frames, residual, verdict)
+        measure = BendMeasure(bends=bends, curvatures=curvatures, round_off=ROUND_OFF)
+        return self.make_shape(
+            displacements.reshape(commands.shape),
             arc_length=self.arc_length,
-            frames=frames.reshape(*batch, *frames.shape[1:]),
-            displacements=displacements.reshape(commands.shape).copy(),
-            tendon_lengths=lengths.reshape(commands.shape),
-            section_parameters=sums.reshape(*batch, *sums.shape[1:]),
-            tensions=tensions.reshape(commands.shape),
-            slack=slack.reshape(commands.shape),
-            residual=residual.reshape(batch),
-            iterations=np.asarray([s.iterations for s in shots], dtype=np.int64).reshape(batch),
-            converged=converged.reshape(batch),
-            reason=reason.reshape(batch),
-            disc_arc_length=self.robot.disc_arc_length,
+            frames=frames,
+            tendon_lengths=lengths,
+            section_parameters=sums if self._bends_evenly else sums[:, :0],
+            tensions=tensions,
+            slack=slack,
+            residual=residual,
+            iterations=np.asarray([s.iterations for s in shots], dtype=np.int64),
+            verdict=check_limits(self.robot, displacements, measure, verdict),
         )
 
     @cached_property

@@ -6,35 +6,67 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Literal, TypeGuard, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number
+from ..checks import Quantity, check_array, check_fields, list_quantities, quantity
 from ..errors import InputError
-from ._common import STIFFNESSES, TORSIONS, check_limit, check_name, check_travel, take_items
+from .checks import Floats, check_items, check_name, check_text, check_travel, take_items
 
 # A quantity along the robot: one number, or knots of arc length and value.
 
-Floats = NDArray[np.float64]
+ARC_LENGTH = Quantity(kind="length", help="Arc length from the base.", low=0.0)
 
-Knots = tuple[tuple[float, float], ...]
+ArcLength = Annotated[float, ARC_LENGTH]
+
+Knots = tuple[tuple[ArcLength, float], ...]
+
+INTERPOLATION = Literal["linear", "cubic"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Helix:
+    """A clocking angle that grows evenly from the robot's base to the tendon's end.
+
+    Parameters
+    ----------
+    start : float
+        Angle at the base [rad].
+    turns : float
+        Turns about +z from base to end; negative the other way round.
+
+    Raises
+    ------
+    InputError
+        If one is not a finite number.
+    """
+
+    start: float = quantity("angle", "Angle at the base.", default=0.0)
+    turns: float = quantity("angle in turns", "Turns from base to end.")
+
+    def __post_init__(self) -> None:
+        check_fields(self, "helix ")
+
+    def knots(self, end: float) -> Knots:
+        """Return the same as knots of arc length [mm] and angle [rad]."""
+        return ((0.0, self.start), (end, self.start + 2.0 * math.pi * self.turns))
+
+
 Profile = float | Knots
 
-INTERPOLATIONS = ("linear", "cubic")
 
-
-def read_profile(name: str, given: Any, *, low: float, low_open: bool, unit: str) -> Profile:
+def check_profile(name: str, given: object, known: Quantity) -> Profile:
     """Return `given` as a float or as checked knots, or raise `InputError`."""
     if not _is_row(given):
-        return check_number(name, given, low=low, low_open=low_open, unit=unit)
+        return known.check(name, given)
     knots: list[tuple[float, float]] = []
     for index, pair in enumerate(given):
         if not _is_row(pair) or len(pair) != 2:
             raise InputError(f"{name} knot {index} is {pair!r}: it must be (arc length, value)")
-        place = check_number(f"{name} knot {index} arc length", pair[0], low=0.0, unit="mm")
-        value = check_number(f"{name} knot {index}", pair[1], low=low, low_open=low_open, unit=unit)
+        place = ARC_LENGTH.check(f"{name} knot {index} arc length", pair[0])
+        value = known.check(f"{name} knot {index}", pair[1])
         if knots and place <= knots[-1][0]:
             raise InputError(
                 f"{name} knot {index} stands at {place:g} mm, not after the one before it "
@@ -46,7 +78,7 @@ def read_profile(name: str, given: Any, *, low: float, low_open: bool, unit: str
     return tuple(knots)
 
 
-def _is_row(given: Any) -> bool:
+def _is_row(given: object) -> TypeGuard[Sequence[object]]:
     if isinstance(given, np.ndarray):
         return given.ndim > 0
     return isinstance(given, Sequence) and not isinstance(given, str)
@@ -90,9 +122,9 @@ class Tendon:
         Name, one of a kind in the robot; without ``,`` and ``=``.
     offset : float or sequence of (arc length, offset)
         Distance from the backbone [mm], positive; one number, or knots.
-    angle : float or sequence of (arc length, angle)
-        Clocking angle from +x about +z of the cross-section [rad]; one number, or knots. Two
-        knots one full turn apart make a helix.
+    angle : float or sequence of (arc length, angle) or Helix
+        Clocking angle from +x about +z of the cross-section [rad]; one number, knots, or an angle
+        that grows evenly up to `end`.
     end : float, optional
         Arc length where it ends [mm]; without it, where its section ends.
     pushes : bool
@@ -110,66 +142,50 @@ class Tendon:
     """
 
     name: str
-    offset: Profile | Sequence[Sequence[float]]
-    angle: Profile | Sequence[Sequence[float]] = 0.0
-    end: float | None = None
+    offset: Profile | Sequence[Sequence[float]] = quantity(
+        "length", "Distance from the backbone.", low=0.0, low_open=True
+    )
+    angle: Profile | Helix | Sequence[Sequence[float]] = quantity(
+        "angle", "Clocking angle.", default=0.0
+    )
+    end: float | None = quantity(
+        "length", "Arc length of the end.", low=0.0, low_open=True, default=None
+    )
     pushes: bool = False
-    travel: tuple[float, float] = (-math.inf, math.inf)
-    interpolation: str = "linear"
+    travel: tuple[float | None, float | None] | None = quantity(
+        "length", "Smallest and largest displacement.", default=(-math.inf, math.inf)
+    )
+    interpolation: INTERPOLATION = "linear"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
-        label = f"tendon '{self.name}'"
-        if not isinstance(self.interpolation, str) or self.interpolation not in INTERPOLATIONS:
+        label, known = f"tendon '{self.name}'", list_quantities(Tendon)
+        legal = get_args(INTERPOLATION)
+        if not isinstance(self.interpolation, str) or self.interpolation not in legal:
             raise InputError(
-                f"{label} interpolation is {self.interpolation!r}: choose one of {INTERPOLATIONS}"
+                f"{label} interpolation is {self.interpolation!r}: choose one of {legal}"
             )
         if not isinstance(self.pushes, bool):
             raise InputError(f"{label} pushes is {self.pushes!r}: it must be true or false")
-        offset = read_profile(f"{label} offset", self.offset, low=0.0, low_open=True, unit="mm")
-        angle = read_profile(
-            f"{label} angle", self.angle, low=-math.inf, low_open=False, unit="rad"
-        )
-        object.__setattr__(self, "offset", offset)
-        object.__setattr__(self, "angle", angle)
         object.__setattr__(self, "travel", check_travel(label, self.travel))
         if self.end is not None:
-            end = check_number(f"{label} end", self.end, low=0.0, low_open=True, unit="mm")
+            end = known["end"].check(f"{label} end", self.end)
             object.__setattr__(self, "end", end)
-            for what, knots in self._knots():
-                _check_span(f"{label} {what}", knots, end)
-
-    @classmethod
-    def helix(
-        cls, name: str, offset: float, *, turns: float, end: float, angle: float = 0.0, **other: Any
-    ) -> Tendon:
-        """Return a tendon that turns evenly about the backbone, from the base to `end`.
-
-        Parameters
-        ----------
-        name, offset, angle, end
-            As of a `Tendon`; `angle` is that at the base.
-        turns : float
-            Turns about +z from base to end; negative the other way round.
-        **other
-            Further fields.
-
-        Raises
-        ------
-        InputError
-            As `Tendon` does.
-        """
-        check_number(f"tendon '{name}' turns", turns)
-        check_number(f"tendon '{name}' angle", angle, unit="rad")
-        last = angle + 2.0 * math.pi * turns
-        return cls(name=name, offset=offset, angle=((0.0, angle), (end, last)), end=end, **other)
+            if isinstance(self.angle, Helix):
+                object.__setattr__(self, "angle", self.angle.knots(end))
+        for name in ("offset", "angle"):
+            given = getattr(self, name)
+            if not isinstance(given, Helix):
+                given = check_profile(f"{label} {name}", given, known[name])
+                object.__setattr__(self, name, given)
+            if self.end is not None and not isinstance(given, float):
+                _check_span(f"{label} {name}", given, self.end)
 
     @property
     def is_parallel(self) -> bool:
         """Whether offset and angle are the same all along."""
-        return all(
-            isinstance(profile, float) or len({value for _, value in _as_knots(profile)}) == 1
-            for profile in (self.offset, self.angle)
+        return not isinstance(self.angle, Helix) and all(
+            len({value for _, value in knots}) == 1 for knots in self._list_knots()
         )
 
     def ending_at(self, end: float) -> Tendon:
@@ -190,7 +206,7 @@ class Tendon:
         InputError
             If an arc length is outside the tendon.
         """
-        return self._evaluate(self.offset, arc_length)[0]
+        return self._evaluate("offset", arc_length)[0]
 
     def angle_at(self, arc_length: ArrayLike) -> Floats:
         """Return the clocking angle [rad] at arc lengths [mm].
@@ -200,7 +216,7 @@ class Tendon:
         InputError
             If an arc length is outside the tendon.
         """
-        return self._evaluate(self.angle, arc_length)[0]
+        return self._evaluate("angle", arc_length)[0]
 
     def path(self, arc_length: ArrayLike) -> Floats:
         """Return where the tendon crosses the cross-sections, x and y.
@@ -233,8 +249,8 @@ class Tendon:
         InputError
             If an arc length is outside the tendon.
         """
-        offset, taper = self._evaluate(self.offset, arc_length)
-        angle, twist = self._evaluate(self.angle, arc_length)
+        offset, taper = self._evaluate("offset", arc_length)
+        angle, twist = self._evaluate("angle", arc_length)
         cosine, sine = np.cos(angle), np.sin(angle)
         return np.stack(
             [taper * cosine - offset * twist * sine, taper * sine + offset * twist * cosine],
@@ -243,17 +259,25 @@ class Tendon:
 
     def corners(self) -> Floats:
         """Return the arc lengths inside the tendon where its routing is not smooth [mm]."""
-        places = sorted({place for _, knots in self._knots() for place, _ in knots})
+        places = sorted({place for knots in self._list_knots() for place, _ in knots})
         last = math.inf if self.end is None else self.end - GRAIN
         return np.asarray([place for place in places if GRAIN < place < last])
 
-    def _knots(self) -> list[tuple[str, Knots]]:
-        pairs = (("offset", self.offset), ("angle", self.angle))
-        return [(what, _as_knots(given)) for what, given in pairs if not isinstance(given, float)]
+    def _list_knots(self) -> list[Knots]:
+        profiles: list[Profile] = [self._profile("offset"), self._profile("angle")]
+        return [profile for profile in profiles if not isinstance(profile, float)]
 
-    def _evaluate(self, profile: Any, arc_length: ArrayLike) -> tuple[Floats, Floats]:
+    def _profile(self, name: str) -> Profile:
+        """The offset or the angle; a helix needs its end."""
+        profile: Profile | Helix = getattr(self, name)
+        if isinstance(profile, Helix):
+            raise InputError(f"tendon '{self.name}' has no end: its helix needs one, or a robot's")
+        return profile
+
+    def _evaluate(self, name: str, arc_length: ArrayLike) -> tuple[Floats, Floats]:
         places = check_array("arc_length", arc_length)
         end = math.inf if self.end is None else self.end
+        profile = self._profile(name)
         if not isinstance(profile, float):
             end = min(end, profile[-1][0])
         inside = (places >= -GRAIN) & (places <= end + GRAIN)
@@ -263,11 +287,6 @@ class Tendon:
                 f"arc length on tendon '{self.name}' is {bad:g} mm: it must lie in [0, {end:g}] mm"
             )
         return evaluate_profile(profile, np.clip(places, 0.0, end), self.interpolation)
-
-
-def _as_knots(profile: Any) -> Knots:
-    # What __post_init__ put there.
-    return () if isinstance(profile, float) else tuple(profile)
 
 
 def _check_span(name: str, knots: Knots, end: float) -> None:
@@ -280,6 +299,7 @@ def _check_span(name: str, knots: Knots, end: float) -> None:
 
 
 DISCS = 10
+"""Discs of a section whose discs are not given."""
 
 POISSON_RATIO = 0.3
 """Of a backbone whose torsional stiffness is not given."""
@@ -302,10 +322,10 @@ class Section:
     disc_positions : sequence of float
         Their places from the section's start [mm], for uneven spacing; the last is `length`.
     bending_stiffness : float
-        EI of the backbone, in [1e-9, 1e15] [N mm^2]. It does not change what tendon displacements
+        EI of the backbone, from 1e-9 to 1e15 [N mm^2]. It does not change what tendon displacements
         do to one section of parallel tendons; sections share a bend by it.
     torsional_stiffness : float
-        GJ, in [1e-10, 1e15] [N mm^2]; 0 for that of a round rod with Poisson's ratio 0.3,
+        GJ, from 1e-10 to 1e15 [N mm^2]; 0 for that of a round rod with Poisson's ratio 0.3,
         ``EI / 1.3``.
     max_bend : float
         Largest bend angle [rad].
@@ -318,64 +338,44 @@ class Section:
         If a value is outside its legal range.
     """
 
-    length: float
-    radius: float
+    length: float = quantity("length", "Length.", low=0.0, high=1e5, low_open=True)
+    radius: float = quantity("length", "Radius with discs.", low=0.0, high=1e4, low_open=True)
     tendons: tuple[Tendon, ...] = ()
-    discs: int = 0
-    disc_positions: tuple[float, ...] = ()
-    bending_stiffness: float = 200.0
-    torsional_stiffness: float = 0.0
-    max_bend: float = math.inf
+    discs: int = quantity(
+        "dimensionless", "Number of guide discs.", low=1, high=10000, whole=True, default=0
+    )
+    disc_positions: tuple[float, ...] = quantity("length", "Places of the discs.", default=())
+    bending_stiffness: float = quantity(
+        "rigidity", "EI of the backbone.", low=1e-9, high=1e15, default=200.0
+    )
+    torsional_stiffness: float = quantity(
+        "rigidity", "GJ of the backbone.", low=1e-10, high=1e15, default=0.0
+    )
+    max_bend: float = quantity(
+        "angle", "Largest bend angle.", low=0.0, low_open=True, default=math.inf
+    )
     name: str = ""
 
     def __post_init__(self) -> None:
-        length = check_number(
-            "section length", self.length, low=0.0, high=1e5, low_open=True, unit="mm"
-        )
-        radius = check_number(
-            "section radius", self.radius, low=0.0, high=1e4, low_open=True, unit="mm"
-        )
-        low, high = STIFFNESSES
-        bending = check_number(
-            "section bending_stiffness", self.bending_stiffness, low=low, high=high, unit="N mm^2"
-        )
-        least, most = TORSIONS
-        torsion = check_number(
-            "section torsional_stiffness",
-            self.torsional_stiffness,
-            low=0.0,
-            high=most,
-            unit="N mm^2",
-        )
+        check_fields(self, "section ", skip=("disc_positions",))
         # A round rod of Poisson's ratio nu has GJ = EI / (1 + nu).
-        torsion = torsion or bending / (1.0 + POISSON_RATIO)
-        if torsion < least:
+        torsion = self.torsional_stiffness or self.bending_stiffness / (1.0 + POISSON_RATIO)
+        list_quantities(Section)["torsional_stiffness"].check(
+            "section torsional stiffness", torsion
+        )
+        places = _check_places(self.disc_positions, self.length)
+        if places and self.discs not in (0, len(places)):
             raise InputError(
-                f"section torsional_stiffness is {torsion:g} N mm^2: it must be 0, for that of a "
-                f"round rod, or lie in [{least:g}, {most:g}] N mm^2"
+                f"section discs is {self.discs} but disc_positions has {len(places)}: leave one out"
             )
-        largest = check_limit("section max_bend", self.max_bend, unit="rad")
-        if not isinstance(self.name, str):
-            raise InputError(f"section name is {self.name!r}: it must be a text")
-        places = _check_places(self.disc_positions, length)
-        discs = check_integer("section discs", self.discs, low=0, high=10000)
-        if places and discs not in (0, len(places)):
-            raise InputError(
-                f"section discs is {discs} but disc_positions has {len(places)}: leave one out"
-            )
-        tendons = take_items("section tendons", self.tendons, "a sequence of Tendon")
-        for tendon in tendons:
-            if not isinstance(tendon, Tendon):
-                raise InputError(f"section tendons holds {tendon!r}: each must be a Tendon")
-        object.__setattr__(self, "disc_positions", places)
-        object.__setattr__(self, "discs", discs or len(places) or DISCS)
-        object.__setattr__(self, "tendons", tendons)
-        object.__setattr__(self, "name", str(self.name))
-        object.__setattr__(self, "length", length)
-        object.__setattr__(self, "radius", radius)
-        object.__setattr__(self, "bending_stiffness", bending)
-        object.__setattr__(self, "torsional_stiffness", torsion)
-        object.__setattr__(self, "max_bend", largest)
+        for name, value in (
+            ("torsional_stiffness", torsion),
+            ("disc_positions", places),
+            ("discs", self.discs or len(places) or DISCS),
+            ("tendons", check_items("section tendons", self.tendons, Tendon)),
+            ("name", check_text("section name", self.name)),
+        ):
+            object.__setattr__(self, name, value)
 
     @property
     def disc_places(self) -> NDArray[np.float64]:
@@ -385,13 +385,13 @@ class Section:
         return self.length * np.arange(1, self.discs + 1) / self.discs
 
 
-def _check_places(given: Any, length: float) -> tuple[float, ...]:
+def _check_places(given: object, length: float) -> tuple[float, ...]:
     items = take_items("section disc_positions", given, "a sequence of arc lengths in mm")
     places: list[float] = []
     before = 0.0
     for index, item in enumerate(items):
-        place = check_number(
-            f"section disc_positions[{index}]", item, low=0.0, high=length, unit="mm"
+        place = Quantity(kind="length", low=0.0, high=length).check(
+            f"section disc_positions[{index}]", item
         )
         if place <= before + GRAIN:
             raise InputError(

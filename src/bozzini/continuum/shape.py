@@ -2,47 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
-from .robot import ContinuumRobot
+from ..io.records import Plain
+from ..results import Result, take_axes, to_plain
+from .checks import Floats
+from .robot import RobotDesign
 
-__all__ = ["Shape", "ShapeModel"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 
 MATCH = 1e-6
 """Distance at which a station counts as the place of a disc [mm]."""
 
 
-@runtime_checkable
-class ShapeModel(Protocol):
-    """Anything that turns tendon displacements into shapes.
-
-    Displacements are batch-wise, shape (..., t), positive where a tendon is pulled [mm].
-    """
-
-    @property
-    def robot(self) -> ContinuumRobot:
-        """The robot."""
-        ...
-
-    @property
-    def name(self) -> str:
-        """The model's name in `MODELS`."""
-        ...
-
-    def shape(self, displacements: ArrayLike) -> Shape:
-        """Return the shapes under `displacements`, shape (..., t) [mm]."""
-        ...
-
-
 @dataclass(frozen=True, kw_only=True)
-class Shape:
+class Shape(Result):
     """Shapes of a robot, one for each set of displacements. The base frame is the identity.
 
     ``...`` is the shape of the batch, empty for one set; ``k`` counts stations along the
@@ -50,7 +31,7 @@ class Shape:
 
     Parameters
     ----------
-    robot : ContinuumRobot
+    robot : RobotDesign
         The robot.
     model : str
         Name of the model.
@@ -78,8 +59,8 @@ class Shape:
         the model's nearest try and `reason` says what is wrong.
     reason : (...) ndarray of str
         Why not; empty where converged.
-    disc_arc_length : (d,) ndarray
-        Arc length of the discs [mm]; each is a station.
+    disc_arc_length : (d,) ndarray, optional
+        Arc length of the discs [mm], those of the robot unless given; each is a station.
 
     Raises
     ------
@@ -87,7 +68,7 @@ class Shape:
         If the arrays do not go together, or a disc is no station.
     """
 
-    robot: ContinuumRobot
+    robot: RobotDesign
     model: str
     arc_length: Floats
     frames: Floats
@@ -100,9 +81,11 @@ class Shape:
     iterations: NDArray[np.int64]
     converged: NDArray[np.bool_]
     reason: NDArray[np.str_]
-    disc_arc_length: Floats
+    disc_arc_length: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
+        if not self.disc_arc_length.size:
+            object.__setattr__(self, "disc_arc_length", self.robot.disc_arc_length)
         batch = self.displacements.shape[:-1]
         count = len(self.robot.tendons)
         stations = len(self.arc_length)
@@ -120,7 +103,7 @@ class Shape:
             "reason": (batch,),
         }
         for name, legal in wanted.items():
-            array: NDArray[Any] = getattr(self, name)
+            array: NDArray[np.generic] = getattr(self, name)
             if array.shape not in legal:
                 words = " or ".join(str(shape) for shape in legal)
                 raise InputError(f"shape's {name} has shape {array.shape}: it must be {words}")
@@ -170,13 +153,104 @@ class Shape:
         GeometryError
             With the first reason, and its place in the batch.
         """
-        if not self.converged.all():
-            index = int(np.argmin(self.converged))
-            place = np.unravel_index(index, self.converged.shape)
-            where = f" (displacements {[int(i) for i in place]})" if place else ""
-            raise GeometryError(f"{self.reason.flat[index]}{where}")
+        require_all(self.converged, self.reason)
         return self
+
+    def to_dict(self) -> Plain:
+        """Return the shapes as plain values, units in the names.
+
+        Unless all have converged there are no places, only reasons and displacements.
+        """
+        known = bool(np.all(self.converged))
+        tendons: dict[str, dict[str, object]] = {}
+        for k, name in enumerate(self.robot.tendon_names):
+            tendons[name] = {"displacement_mm": self.displacements[..., k]}
+            if known:
+                tendons[name] |= {
+                    "length_mm": self.tendon_lengths[..., k],
+                    "slack": self.slack[..., k],
+                    "tension_N": self.tensions[..., k] if self.tensions.size else None,
+                }
+        places = {
+            "tip_mm": self.tip,
+            "tip_direction": self.tip_frame[..., :3, 2],
+            "tip_frame": self.tip_frame,
+            "residual_mm": self.residual,
+            "iterations": self.iterations,
+            "sections": describe_bends(self.robot, self.section_parameters),
+            "arc_length_mm": self.arc_length,
+            "backbone_mm": self.points,
+        }
+        verdict = {"converged": self.converged, "reason": self.reason}
+        plain = to_plain(verdict | (places if known else {}) | {"tendons": tendons})
+        return dict(plain)
+
+    def list_columns(self) -> dict[str, NDArray[np.generic]]:
+        """Return the columns of `to_frame`: the backbone, station by station, shape by shape."""
+        batch = self.frames.shape[:-3]
+        columns: dict[str, NDArray[np.generic]] = {
+            "arc_length_mm": np.broadcast_to(self.arc_length, self.points.shape[:-1])
+        }
+        for kind, values in (("{}_mm", self.points), ("tangent_{}", self.frames[..., :3, 2])):
+            columns |= {kind.format(axis): values[..., k] for k, axis in enumerate("xyz")}
+        if batch:
+            index = np.arange(int(np.prod(batch))).reshape(*batch, 1)
+            columns = {"shape": np.broadcast_to(index, self.points.shape[:-1])} | columns
+        return {name: values.ravel() for name, values in columns.items()}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw backbone, discs and tendons of one shape from the side, and return the axes.
+
+        The plane of the picture holds the base's axis and the place furthest from it; slack
+        tendons are dotted.
+
+        Raises
+        ------
+        InputError
+            If this is a batch of shapes.
+        """
+        if self.frames.ndim != 3:
+            raise InputError(f"shape is a batch of {self.frames.shape[:-3]}: one shape is drawn")
+        far = self.points[int(np.argmax(np.hypot(self.points[:, 0], self.points[:, 1])))]
+        angle = float(np.arctan2(far[1], far[0]))
+        view = np.array([[np.cos(angle), np.sin(angle), 0.0], [0.0, 0.0, 1.0]])
+        axes = take_axes(ax, x=f"towards {np.degrees(angle):z.0f}° [mm]", y="z [mm]", equal=True)
+        robot = self.robot
+        owners = robot.section_at(self.disc_arc_length)
+        for frame, owner in zip(self.disc_frames, owners, strict=True):
+            across = view @ frame[:3, :2]
+            half = robot.sections[owner].radius * np.linalg.norm(across, axis=1)
+            ends = view @ frame[:3, 3] + np.outer((-1.0, 1.0), half * np.sign(across.sum(axis=1)))
+            axes.plot(*ends.T, color="0.7", linewidth=1.0)
+        for name, points, slack in zip(
+            robot.tendon_names, self.tendon_points, self.slack, strict=True
+        ):
+            style = ":" if slack else "-"
+            axes.plot(*(view @ points.T), style, linewidth=1.0, label=name)
+        axes.plot(*(view @ self.points.T), "k", linewidth=2.0, label="backbone")
+        return axes
 
     def _disc_index(self) -> NDArray[np.int64]:
         index = np.searchsorted(self.arc_length, self.disc_arc_length - MATCH)
         return np.minimum(index, len(self.arc_length) - 1).astype(np.int64)
+
+
+def require_all(converged: NDArray[np.bool_], reason: NDArray[np.str_]) -> None:
+    """Raise `GeometryError` with the first reason and its place, unless all have converged."""
+    if not converged.all():
+        index = int(np.argmin(converged))
+        place = np.unravel_index(index, converged.shape)
+        where = f" (displacements {[int(i) for i in place]})" if place else ""
+        raise GeometryError(f"{reason.flat[index]}{where}")
+
+
+def describe_bends(robot: RobotDesign, bends: Floats) -> list[dict[str, object]]:
+    """Return the bends of sections, shape (..., m, 2), as rows; none where m is 0."""
+    return [
+        {
+            "name": robot.sections[k].name,
+            "bend_rad": np.hypot(bends[..., k, 0], bends[..., k, 1]),
+            "direction_rad": np.arctan2(bends[..., k, 1], bends[..., k, 0]),
+        }
+        for k in range(bends.shape[-2])
+    ]

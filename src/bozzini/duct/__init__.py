@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from .base import Duct
-from .build import build_field, field_from_mask, field_from_mesh
+from .base import Duct, Eroded, PackedDuct, PlanarField, SampledField, Shape
 from .centreline import Centreline, find_centreline
-from .compose import Eroded, Moved, Union, Without, to_field, union, without
-from .field import PlanarField, SampledField
-from .refined import RefinedField, refine_field
-from .shapes.cones import RoundCones
+from .compose import Moved, Union, Without, union, without
+from .field import RefinedField, build_field, field_from_mask, field_from_mesh, refine_field
+from .fitting.fit import FittedDuct, ShapeFitOptions, fit
+from .shape_files import load_shapes as load
+from .shape_files import save_shapes as save
+from .shapes import SHAPES
+from .shapes.cones import Circles, RoundCones
 from .shapes.curves import BetweenCurves
 from .shapes.cylinders import ConnectedCylinders
 from .shapes.mesh import TriangleMesh
-from .shapes.obstacles import Circles
 from .shapes.points import PointCloud
 from .shapes.polyhedron import ConvexPolyhedra
 from .shapes.quads import Polygon, StitchedQuads
 from .shapes.super_ellipses import SuperEllipses, SuperEllipsoids
 
 __all__ = [
+    "SHAPES",
     "BetweenCurves",
     "Centreline",
     "Circles",
@@ -26,13 +28,17 @@ __all__ = [
     "ConvexPolyhedra",
     "Duct",
     "Eroded",
+    "ShapeFitOptions",
+    "FittedDuct",
     "Moved",
+    "PackedDuct",
     "PlanarField",
     "PointCloud",
     "Polygon",
     "RefinedField",
     "RoundCones",
     "SampledField",
+    "Shape",
     "StitchedQuads",
     "SuperEllipses",
     "SuperEllipsoids",
@@ -43,8 +49,10 @@ __all__ = [
     "field_from_mask",
     "field_from_mesh",
     "find_centreline",
+    "fit",
+    "load",
     "refine_field",
-    "to_field",
+    "save",
     "union",
     "without",
 ]

@@ -10,12 +10,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_number, check_points, check_range
 from ..errors import GeometryError, InputError
-from ..numeric.polylines import measure_arc_length, resample_polyline
+from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
-from .base import Duct, count_dimensions
-from .field import SampledField
+from .base import Duct, SampledField
+from .shapes.cones import RoundCones
+from .shapes.cylinders import ConnectedCylinders
 
 # The nodes of a lumen as a graph: ends located, ways found, tips measured.
 
@@ -73,17 +74,17 @@ class Search:
     costs: NDArray[np.float64]
     before: NDArray[np.int32]
 
-    def __getitem__(self, node: tuple[int, int, int]) -> float:
-        """Return the cost of the way to a node; infinite where there is none."""
-        number = int(self.graph.number[node])
+    def __getitem__(self, node: tuple[int, ...] | NDArray[np.int64]) -> float:
+        """Return the cost of the path to a node; infinite where there is none."""
+        number = int(self.graph.number[tuple(node)])
         return float(self.costs[number]) if number >= 0 else float("inf")
 
-    def traceback(self, node: tuple[int, ...] | NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the way (n, 3) to a node."""
-        way = [int(self.graph.number[tuple(node)])]
-        while self.before[way[-1]] >= 0:
-            way.append(int(self.before[way[-1]]))
-        return self.graph.places(np.array(way[::-1]))
+    def traceback(self, node: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the path (n, 3) to a node."""
+        path = [int(self.graph.number[tuple(node)])]
+        while self.before[path[-1]] >= 0:
+            path.append(int(self.before[path[-1]]))
+        return self.graph.places(np.array(path[::-1]))
 
 
 class LumenGraph:
@@ -172,8 +173,8 @@ class LumenGraph:
         gaps = np.linalg.norm((candidates - node) * self.field.spacing, axis=1)
         return np.asarray(candidates[int(np.argmin(gaps))])
 
-    def search(self, source: NDArray[np.int64]) -> tuple[Search, Search]:
-        """Minimum-cost paths from nodes (3,) or (k, 3) to all others: the search, and the costs.
+    def search(self, source: NDArray[np.int64]) -> Search:
+        """Minimum-cost paths from nodes (3,) or (k, 3) to all others.
 
         The last one is kept: settling the ends and the path itself often ask for the same.
         """
@@ -186,7 +187,7 @@ class LumenGraph:
             arguments = (self.number, self.nodes, self.weights, self.field.spacing)
             find_costs(*arguments, self._number(source), costs, before)
             self._last = (key, Search(graph=self, costs=costs, before=before))
-        return self._last[1], self._last[1]
+        return self._last[1]
 
     def measure_lengths(self, source: NDArray[np.int64]) -> NDArray[np.float64]:
         """Length (n,) of the shortest way from nodes (3,) or (k, 3) to all nodes [mm]."""
@@ -195,12 +196,6 @@ class LumenGraph:
         lengths = np.full(len(self.nodes), np.inf)
         find_lengths(self.number, self.nodes, self.field.spacing, self._number(source), lengths)
         return lengths
-
-    def measure_taut(self, source: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Length of the shortest way from nodes to every node of the grid [mm]; else infinite."""
-        dense = np.full(self.number.shape, np.inf, dtype=np.float32)
-        dense.reshape(-1)[self.nodes] = self.measure_lengths(source)
-        return dense
 
     def find_deepest(self) -> NDArray[np.int64]:
         """Return the node (3,) with the most room."""
@@ -237,7 +232,7 @@ class LumenGraph:
         with ThreadPoolExecutor(1) as pool:  # the two searches know nothing of each other
             searching = pool.submit(self.search, source)
             lengths = self.measure_lengths(source)
-            search, _ = searching.result()
+            search = searching.result()
         lengths[~np.isfinite(lengths)] = -1.0
         if among is not None:
             allowed = np.zeros(len(lengths), dtype=bool)
@@ -278,11 +273,10 @@ class LumenGraph:
         keys = make_key(start), make_key(goal)
         if self._last is not None and self._last[0] == keys[1] != keys[0]:
             return self.find_path(goal, start)[::-1]
-        search, costs = self.search(start)
-        target = tuple(int(v) for v in goal)
-        if not np.isfinite(costs[target]):  # type: ignore[index]
+        search = self.search(start)
+        if not np.isfinite(search[goal]):
             raise GeometryError(self._explain_apart(start, goal))
-        return search.traceback(target)
+        return search.traceback(goal)
 
     def _explain_apart(self, start: NDArray[np.int64], goal: NDArray[np.int64] | None) -> str:
         """Say where the lumen is closed between two nodes, or sets of them, that no way joins."""
@@ -416,7 +410,7 @@ class Centreline:
         GeometryError
             If the way leaves the duct, with the place.
         """
-        dim = count_dimensions(duct)
+        dim = duct.dim
         given = check_points("points", points, dim=dim)
         check_number("spacing", spacing, low=0.0, low_open=True, unit="mm")
         if given.ndim != 2 or len(given) < 2:
@@ -449,7 +443,7 @@ class Centreline:
         """Return the curve's first `length` mm."""
         inner = self.arc_length < length - 1e-9
         arc = np.append(self.arc_length[inner], min(length, self.length))
-        points = np.stack([np.interp(arc, self.arc_length, c) for c in self.points.T], axis=1)
+        points = interpolate_polyline(self.points, self.arc_length, arc)
         radius = np.interp(arc, self.arc_length, self.radius)
         return Centreline(points=points, arc_length=arc, radius=radius)
 
@@ -636,8 +630,8 @@ def find_roomy_path(
         if len(block) == 0:
             return None
         nodes.append(block[int(np.argmin(np.linalg.norm(block - near, axis=1)))])
-    search, costs = graph.search(nodes[0])
-    if not np.isfinite(costs[tuple(nodes[1])]):
+    search = graph.search(nodes[0])
+    if not np.isfinite(search[nodes[1]]):
         return None
     middle = field.to_world(search.traceback(nodes[1]) * field.spacing)
     return np.concatenate(
@@ -733,3 +727,179 @@ def _stay_inside(points: NDArray[np.float64], graph: LumenGraph) -> NDArray[np.f
         f"the centreline leaves the lumen near ({', '.join(f'{v:.1f}' for v in place)}) mm: "
         "the lumen is thinner than the grid there, use a smaller --voxel"
     )
+
+
+WINDOW_MM = 2.0
+"""The direction of a centreline is taken over this much on either side [mm]."""
+
+
+def find_tangents(centreline: Centreline, arc: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (n, 3) directions of a centreline at arc lengths (n,), over a short stretch."""
+    window = min(WINDOW_MM, 0.5 * centreline.length)
+    ahead, back = (
+        interpolate_polyline(
+            centreline.points,
+            centreline.arc_length,
+            np.clip(arc + step, 0.0, centreline.length),
+        )
+        for step in (window, -window)
+    )
+    sizes = np.linalg.norm(ahead - back, axis=1)
+    if sizes.min() <= 0.0:
+        index = int(np.argmin(sizes))
+        raise GeometryError(f"the centreline turns back on itself at {arc[index]:.1f} mm")
+    return np.asarray((ahead - back) / sizes[:, None])
+
+
+# A way moved to where a duct itself has more room, not only the grid that the way was found on.
+
+STEPS = (1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.12, 0.06)
+"""How far points are moved across the way, one after the other [mm]."""
+
+DIRECTIONS = 12
+
+SHARE = 1.25
+"""So many times the least room, or more, a point may have less of after smoothing."""
+
+
+def widen_line(line: Centreline, duct: Duct) -> Centreline:
+    """Return a way between the same ends with more room where it is tight, if there is one near.
+
+    Points move across the way to where the duct has more room, and are smoothed where that does
+    not make a tight place tighter.
+
+    Parameters
+    ----------
+    line : Centreline
+        In space, inside the duct or nearly so.
+    duct : Duct
+        Its room is the negative of its signed distance.
+
+    Raises
+    ------
+    GeometryError
+        If the way found leaves the duct, with the place.
+    """
+    points = line.points.copy()
+    turn = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    around = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    room = -duct.signed_distance(points)
+    for step in STEPS:
+        places = points[1:-1, None] + step * around @ _find_axes(points)[1:-1]
+        found = -duct.signed_distance(places)
+        best = found.argmax(axis=1)
+        better = np.take_along_axis(found, best[:, None], axis=1)[:, 0] > room[1:-1]
+        chosen = places[np.arange(len(places)), best]
+        points[1:-1] = np.where(better[:, None], chosen, points[1:-1])
+        room = -duct.signed_distance(points)
+        enough = SHARE * float(room.min())
+        for _ in range(3):
+            smooth = points.copy()
+            smooth[1:-1] = 0.5 * points[1:-1] + 0.25 * (points[:-2] + points[2:])
+            left = -duct.signed_distance(smooth)
+            keep = left >= np.minimum(room, enough)
+            points[keep], room[keep] = smooth[keep], left[keep]
+    wider = Centreline.from_points(resample_polyline(points, SPACING), duct)
+    if wider.radius.min() <= float(-duct.signed_distance(line.points).max()):
+        return Centreline.from_points(line.points, duct)
+    return wider
+
+
+def _find_axes(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return two axes (n, 2, 3) across a way at each of its points."""
+    along = np.gradient(points, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    helper = np.eye(3)[np.abs(along).argmin(axis=1)]
+    one = np.cross(along, helper)
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    return np.stack([one, np.cross(along, one)], axis=1)
+
+
+REACH = 1e6
+"""No coordinate of an end is beyond this [mm]."""
+
+POINTS_MAX = 10_000
+"""A very long way has about this many points."""
+
+INSET = 1e-3
+"""The way begins this far, as a share of its first step, from the middle of an end's wall."""
+
+
+def follow_chain(
+    chain: RoundCones | ConnectedCylinders,
+    ends: tuple[ArrayLike | None, ArrayLike | None] = (None, None),
+) -> Centreline:
+    """Return the way along the centres of a chain, from its first shape to its last.
+
+    Parameters
+    ----------
+    chain : RoundCones or ConnectedCylinders
+    ends : pair of (3,) float or None
+        Start and end inside it [mm]: the way goes between the places of it nearest to them. None:
+        the chain's own ends; of cylinders, whose ends are flat walls, so far from these that they
+        do not take the room away.
+
+    Raises
+    ------
+    InputError
+        If an end has not three coordinates.
+    GeometryError
+        If an end lies outside, or there is no way: a single ball, or both ends at one place.
+    """
+    centres = np.asarray(chain.centres, dtype=np.float64)
+    steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    centres = centres[np.concatenate([[True], steps > 0.0])]
+    if len(centres) < 2:
+        raise GeometryError("the chain is one ball: there is no way along it")
+    # In the middle of a flat end there is no room yet.
+    way = centres.copy()
+    way[0] += INSET * (centres[1] - centres[0])
+    way[-1] += INSET * (centres[-2] - centres[-1])
+    spacing = max(SPACING, float(steps.sum()) / POINTS_MAX)
+    line = Centreline.from_points(way, chain, spacing=spacing)
+    first, goal = (
+        _locate(chain, line, name, end) for name, end in zip(("start", "end"), ends, strict=True)
+    )
+    tips = _find_tips(chain, line)
+    if first is None:
+        first = tips[0] if goal is None else _go_far(line, goal, tips)
+    if goal is None:
+        goal = tips[1] if ends[0] is None else _go_far(line, first, tips)
+    if first == goal:
+        raise GeometryError("start and end are at the same place of the chain: no way between them")
+    kept = line.points[min(first, goal) : max(first, goal) + 1]
+    found = Centreline.from_points(kept, chain, spacing=spacing)
+    return found if first < goal else found.reverse()
+
+
+def _find_tips(chain: RoundCones | ConnectedCylinders, line: Centreline) -> tuple[int, int]:
+    last = len(line.points) - 1
+    if isinstance(chain, RoundCones):  # its ends are balls, which have their room in the middle
+        return 0, last
+    first = find_first_crest(line.points, line.radius)
+    other = last - find_first_crest(line.points[::-1], line.radius[::-1])
+    return (first, other) if first < other else (0, last)
+
+
+def _go_far(line: Centreline, place: int, tips: tuple[int, int]) -> int:
+    """Return the one of both tips that is farther along the line."""
+    return max(tips, key=lambda tip: abs(line.arc_length[tip] - line.arc_length[place]))
+
+
+def _locate(
+    chain: RoundCones | ConnectedCylinders, line: Centreline, name: str, end: ArrayLike | None
+) -> int | None:
+    """Return the point of the line nearest to an end that is given."""
+    if end is None:
+        return None
+    point: NDArray[np.float64] = check_points(name, end)
+    if point.shape != (3,):
+        raise InputError(f"{name} has shape {point.shape}: it must be (3,)")
+    check_range(name, point, -REACH, REACH, "mm")
+    distance = float(chain.signed_distance(point))
+    if distance >= 0.0:
+        raise GeometryError(
+            f"{name} ({', '.join(f'{v:g}' for v in point)}) mm lies outside the shapes by "
+            f"{distance:.1f} mm: give a point inside them, or leave it out"
+        )
+    return int(np.argmin(np.linalg.norm(line.points - point, axis=1)))

@@ -1,323 +1,28 @@
-"""Ducts made of ducts: unions, obstacles taken away, walls drawn in, frames changed, sampling.
+"""Ducts made of ducts: unions, obstacles taken away, frames changed.
 
-Each is a duct again. If all its parts are shapes of the analytic family, so is it, and kernels
-get it as such; if not, it answers points through its parts and kernels through a sampled field.
+Each is a duct again. If all its parts are shapes of this package's kernels, so is it; if not, it
+answers points through its parts and kernels through a sampled field.
 """
 
 from __future__ import annotations
 
-import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
-from ..errors import GeometryError, InputError
-from .base import Duct, check_duct, check_places, check_rotation, count_dimensions
-from .shapes.common import (
-    ROUNDING,
-    AnalyticDuct,
-    check_connected,
-    collect_shapes,
-    find_least,
-    join_shapes,
-    move_shapes,
-    shift_shapes,
-)
+from ..errors import InputError
+from ..numeric.vectors import nearest_rotation
+from .base import Duct, Kind, PackedDuct, SampledField, Wrapped, check_duct
+from .checks import check_places, check_rotation
+from .packed import ROUNDING, Packed, ShapesData, join_shapes
+from .search import check_connected, find_least
+from .shapes.base import move_shapes
 
-if TYPE_CHECKING:
-    from .field import PlanarField, SampledField
-    from .kernels.family import ShapesData
-
-# From any duct to a sampled field, with a rigorous error.
-
-NODES_MAX = 400_000_000
-"""A sampled grid may have this many nodes."""
-
-NODES_WANTED = 4_000_000
-"""And has about this many where nobody says how fine it should be."""
-
-MARGIN = 2.0
-"""How far the grid reaches beyond the duct [nodes]."""
-
-
-def to_field(duct: Duct, voxel: float) -> SampledField | PlanarField:
-    """Sample the signed distance of a duct on a grid with nodes `voxel` mm apart.
-
-    Parameters
-    ----------
-    duct : Duct
-        Planar or 3-D.
-    voxel : float
-        Distance between nodes [mm].
-
-    Returns
-    -------
-    SampledField or PlanarField
-        Its ``error`` bounds how far its answer is from the duct's value, itself made larger by
-        the duct's own ``error`` (for a sampled duct sqrt(3) times that does); its
-        ``clearance_bound`` is rigorous for the duct's wall.
-
-    Raises
-    ------
-    InputError
-        If `voxel` is not positive, or the grid would have more than 400 million nodes.
-
-    Notes
-    -----
-    The interpolant T of a 1-Lipschitz value s is within e of it, e^2 = sum h_k^2 f_k (1 - f_k) at
-    the fractions f_k of the cell (Jensen). The bound by squares holds too, though a node's value
-    may be a lower bound b of the distance d: T[b^2] - e^2 <= T[d^2] - e^2 <= d^2.
-    """
-    from .field import PlanarField, SampledField
-
-    check_duct("duct", duct)
-    check_number("voxel", voxel, low=0.0, low_open=True, unit="mm")
-    dim = count_dimensions(duct)
-    size = np.ptp(duct.bounds, axis=0)
-    least = (float(size.prod()) / NODES_MAX) ** (1.0 / dim)
-    if voxel < 1e-3 * least:  # the number of nodes might overflow
-        raise InputError(
-            f"voxel is {voxel:g} mm: the grid would have far too many nodes, it must be at least "
-            f"about {least:.2g} mm"
-        )
-    low, high = duct.bounds + MARGIN * voxel * np.array([[-1.0], [1.0]])
-    counts = np.ceil((high - low) / voxel) + 1.0
-    if counts.prod() > NODES_MAX:
-        least = voxel * (counts.prod() / NODES_MAX) ** (1.0 / dim)
-        raise InputError(
-            f"voxel is {voxel:g} mm: the grid would have {counts.prod():.3g} nodes, it must "
-            f"be at least about {least:.2g} mm"
-        )
-    axes = [low[k] + voxel * np.arange(int(counts[k])) for k in range(dim)]
-    # The field takes its inflation off again.
-    more = duct.error + duct.inflation
-    origin = np.zeros(3)
-    origin[:dim] = low
-    spacing = np.full(3, float(voxel))
-    if dim == 2:
-        sheet = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        layer = (duct.signed_distance(sheet) + more).astype(np.float32)
-        values = np.repeat(layer[..., None], 2, axis=-1)
-    else:
-        values = np.empty(tuple(len(axis) for axis in axes), dtype=np.float32)
-        sheet = np.stack(np.meshgrid(axes[1], axes[2], indexing="ij"), axis=-1)
-        for index, x in enumerate(axes[0]):
-            points = np.concatenate([np.full((*sheet.shape[:-1], 1), x), sheet], axis=-1)
-            values[index] = duct.signed_distance(points) + more
-    # An interpolant is not exact; at its nodes only it may be.
-    known_outside = duct.kind == "exact" or (
-        duct.kind != "sampled" and bool(getattr(duct, "exact_outside", False))
-    )
-    sampled = SampledField(
-        values=values,
-        spacing=spacing,
-        origin=origin,
-        rotation=np.eye(3),
-        inflation=duct.inflation,
-        wall=f"{duct.wall}, sampled every {voxel:g} mm",
-        wall_error=duct.wall_error,
-        reach=math.inf if known_outside else 0.0,
-        exact_outside=known_outside,
-    )
-    return PlanarField(sampled) if dim == 2 else sampled
-
-
-def choose_voxel(bounds: NDArray[np.float64], parts: tuple[Duct, ...]) -> float:
-    """Return the spacing of the finest sampled part, or one that makes about 4 million nodes [mm].
-
-    A part with a field of its own but finer than that limit allows is sampled more coarsely.
-    """
-    from .field import SampledField
-
-    size = bounds[1] - bounds[0]
-    least = float((size.prod() / (16.0 * NODES_WANTED)) ** (1.0 / len(size)))
-    own = [float(part.spacing.min()) for part in parts if isinstance(part, SampledField)]
-    if own:
-        return max(min(own), least)
-    return float((size.prod() / NODES_WANTED) ** (1.0 / len(size)))
-
-
-# A duct around one other: its wall drawn in, or its frame changed.
-
-EMPTY = 1e-4
-"""A place with more room than the clearance by this share of the duct's half width is found."""
-
-
-class Wrapped(ABC):
-    """A duct around one other, in the same kernels."""
-
-    duct: Duct
-
-    @property
-    def kind(self) -> str:
-        """The distance is a lower bound of the room, or sampled."""
-        return "sampled" if self.duct.kind == "sampled" else "bound"
-
-    @property
-    def error(self) -> float:
-        """By how much the distance may promise too much room [mm]."""
-        return self.duct.error
-
-    @property
-    def wall(self) -> str:
-        """What the wall is, in words."""
-        return self.duct.wall
-
-    @property
-    def wall_error(self) -> float | None:
-        """How far the true wall may be from the stated one [mm]; None where it is not known."""
-        return self.duct.wall_error
-
-    @property
-    def inflation(self) -> float:
-        """By how much the wall was moved outwards [mm]."""
-        return self.duct.inflation
-
-    @property
-    @abstractmethod
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, dim) corners of a box that holds the duct [mm]."""
-
-    @abstractmethod
-    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the (...) signed distance at points (..., dim) [mm], negative inside."""
-
-    @abstractmethod
-    def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the (..., dim) gradient of the signed distance."""
-
-    @abstractmethod
-    def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return (...) rigorous lower bounds of the distance to the wall [mm]."""
-
-    @abstractmethod
-    def pack(self) -> Any:
-        """Return the duct for compiled kernels."""
-
-    def to_grid(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Turn world points (..., dim) into the kernels' frame (..., 3)."""
-        return self.duct.to_grid(points)
-
-    def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Turn points (..., 3) of the kernels' frame into world points (..., dim)."""
-        return self.duct.to_world(points)
-
-    def erode(self, clearance: float) -> Eroded:
-        """Return the duct of all places with at least `clearance` mm to the wall."""
-        return Eroded(self, clearance)
-
-    def sample(self, voxel: float) -> SampledField | PlanarField:
-        """Sample the signed distance on a grid with nodes `voxel` mm apart."""
-        return to_field(self, voxel)
-
-
-@dataclass(frozen=True, eq=False)
-class Eroded(Wrapped):
-    """All places of a duct with at least some distance to its wall.
-
-    Parameters
-    ----------
-    duct : Duct
-        What is drawn in.
-    clearance : float
-        By how much [mm].
-
-    Raises
-    ------
-    InputError
-        If the clearance is negative or more than half the duct's box.
-    GeometryError
-        If no place is left, with the most room found.
-
-    Notes
-    -----
-    The value is that of the duct plus the clearance: where the duct's is a lower bound of the
-    room, the places are some of those with the clearance, never others.
-    """
-
-    duct: Duct
-    clearance: float
-
-    def __post_init__(self) -> None:
-        check_duct("duct", self.duct)
-        check_number("clearance", self.clearance, low=0.0, unit="mm")
-        size = float(np.ptp(self.duct.bounds, axis=0).min())
-        if 2.0 * self.clearance >= size:
-            raise InputError(
-                f"clearance is {self.clearance:g} mm: nothing is left of a duct whose box is "
-                f"{size:g} mm across, it must lie in [0, {0.5 * size:g}) mm"
-            )
-        if self.clearance > 0.0:
-            self._check_left(0.5 * size)
-
-    @property
-    def wall(self) -> str:
-        """What the wall is, in words."""
-        return f"{self.duct.wall}, {self.clearance:g} mm inside"
-
-    @property
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, dim) corners of a box that holds the duct [mm]."""
-        return np.asarray(self.duct.bounds + np.array([[self.clearance], [-self.clearance]]))
-
-    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the (...) signed distance at points (..., dim) [mm], negative inside."""
-        return self.duct.signed_distance(points) + self.clearance
-
-    def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the (..., dim) gradient of the signed distance."""
-        return self.duct.gradient(points)
-
-    def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return (...) rigorous lower bounds of the distance to the wall [mm]."""
-        return self.duct.clearance_bound(points) - self.clearance
-
-    def _check_left(self, half: float) -> None:
-        """Raise `GeometryError` if no place has the clearance."""
-        low, high = self.duct.bounds
-        least = find_least(
-            lambda points: self.duct.signed_distance(points) + self.clearance,
-            low,
-            high,
-            tolerance=EMPTY * half,
-            enough=0.0,
-            slope=3.0**0.5 if self.duct.kind == "sampled" else 1.0,
-        )
-        if least.value > 0.0:
-            most, place = self.clearance - least.value, ", ".join(f"{x:.4g}" for x in least.place)
-            raise GeometryError(
-                f"clearance is {self.clearance:g} mm: nothing is left, the most room found is "
-                f"{most:.4g} mm, at ({place}) mm"
-            )
-
-    def pack(self) -> Any:
-        """Return the duct for compiled kernels."""
-        return self._data
-
-    def inflate(self, distance: float) -> Eroded:
-        """Return the same with the wall of the duct moved outwards by `distance` mm more."""
-        return replace(self, duct=inflate_duct(self.duct, distance))
-
-    @property
-    def family_shapes(self) -> ShapesData | None:
-        """Its shapes, if it is made of shapes."""
-        shapes = collect_shapes(self.duct)
-        return None if shapes is None else shift_shapes(shapes, -self.clearance)
-
-    @cached_property
-    def _data(self) -> Any:
-        from .kernels.family import ShapesData
-
-        data: Any = self.duct.pack()
-        if isinstance(data, ShapesData):
-            return shift_shapes(data, -self.clearance)
-        # All others answer their inflation less the distance.
-        return data._replace(inflation=data.inflation - self.clearance)
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,18 +50,21 @@ class Moved(Wrapped):
 
     def __post_init__(self) -> None:
         check_duct("duct", self.duct)
-        dim = count_dimensions(self.duct)
+        dim = self.duct.dim
         turn = self.rotation
         rotation = np.eye(dim) if turn is None else check_array("rotation", turn)
         if rotation.shape != (dim, dim):
             raise InputError(f"rotation has shape {rotation.shape}: it must be ({dim}, {dim})")
         check_rotation("rotation", rotation)
-        left, _, right = np.linalg.svd(rotation)
         shift = np.zeros(dim) if self.shift is None else check_places("shift", self.shift, dim=dim)
         if shift.ndim != 1:
             raise InputError(f"shift has shape {shift.shape}: it must be ({dim},)")
-        object.__setattr__(self, "rotation", left @ right)
+        object.__setattr__(self, "rotation", nearest_rotation(rotation))
         object.__setattr__(self, "shift", np.array(shift))
+
+    @property
+    def _inner(self) -> Duct:
+        return self.duct
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -378,9 +86,9 @@ class Moved(Wrapped):
         """Return (...) rigorous lower bounds of the distance to the wall [mm]."""
         return self.duct.clearance_bound(self._back(points)) - self._slack
 
-    def pack(self) -> Any:
+    def pack(self) -> Packed:
         """Return the duct for compiled kernels, in its own frame."""
-        data: Any = self.duct.pack()
+        data = self.duct.pack()
         return data._replace(slack=data.slack + self._slack)
 
     def to_grid(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -394,12 +102,12 @@ class Moved(Wrapped):
 
     def inflate(self, distance: float) -> Moved:
         """Return the same with the wall of the duct moved outwards by `distance` mm more."""
-        return replace(self, duct=inflate_duct(self.duct, distance))
+        return replace(self, duct=self.duct.inflate(distance))
 
     @property
     def family_shapes(self) -> ShapesData | None:
-        """Its shapes, if it is made of shapes that can be moved."""
-        shapes = collect_shapes(self.duct)
+        """The shapes of this package's kernels that it is made of; None if they cannot be moved."""
+        shapes = self.duct.family_shapes
         if shapes is None:
             return None
         dim = len(self._turn)
@@ -424,40 +132,10 @@ class Moved(Wrapped):
         return np.asarray((array - self._offset) @ self._turn)
 
 
-def inflate_duct(duct: Duct, distance: float) -> Duct:
-    """Return a duct with its wall moved outwards by `distance` mm more, if it can be."""
-    inflate = getattr(duct, "inflate", None)
-    if inflate is None:
-        raise InputError(f"the wall of a {type(duct).__name__} cannot be moved outwards")
-    moved: Duct = inflate(distance)
-    return moved
+class Compound(Duct):
+    """A duct of several: through one set of shapes if it can be, else through its parts."""
 
-
-# What ducts of several parts share: the family's kernels if they can be had, else the parts.
-
-
-class Compound(ABC):
-    """A duct of several: through the family's kernels if it can be, else through its parts."""
-
-    @property
-    @abstractmethod
-    def family_shapes(self) -> ShapesData | None:
-        """Its shapes, if it is made of shapes."""
-
-    @property
-    @abstractmethod
-    def wall(self) -> str:
-        """What the wall is, in words."""
-
-    @property
-    @abstractmethod
-    def _voxel(self) -> float:
-        """Spacing of the nodes where it is sampled [mm]."""
-
-    @property
-    @abstractmethod
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, dim) corners of a box that holds the duct [mm]."""
+    voxel: float | None
 
     @property
     @abstractmethod
@@ -465,53 +143,72 @@ class Compound(ABC):
         """All parts."""
 
     @abstractmethod
-    def _decide(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _join(self, shapes: list[ShapesData]) -> ShapesData | None:
+        """Return the shapes of all parts as one set, if they can be."""
+
+    @abstractmethod
+    def _decide(self, points: Floats) -> tuple[NDArray[np.int64], Floats]:
         """Return the part that decides and the signed distance at points (n, dim)."""
 
     @abstractmethod
-    def _bound(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _bound(self, points: Floats) -> Floats:
         """Return the bound of the clearance at points (n, dim)."""
 
     @property
-    def kind(self) -> str:
-        """The distance is a lower bound of the room, or sampled."""
+    def kind(self) -> Kind:
+        """The distance is a lower bound of the clearance, or sampled."""
         return "sampled" if self.error > 0.0 else "bound"
 
     @property
     def error(self) -> float:
-        """By how much the distance may promise too much room [mm]."""
+        """By how much the distance may promise too much clearance [mm]."""
         return 0.0 if self.family_shapes is not None else max(p.error for p in self._all)
 
     @property
     def wall_error(self) -> float | None:
         """How far the true wall may be from the stated one [mm]; None where it is not known."""
-        errors = [part.wall_error for part in self._all]
-        known = [error for error in errors if error is not None]
-        return max(known) if len(known) == len(errors) else None
+        known = [part.wall_error for part in self._all if part.wall_error is not None]
+        return max(known) if len(known) == len(self._all) else None
 
     @property
     def inflation(self) -> float:
         """By how much the wall was moved outwards, at most [mm]."""
         return max(part.inflation for part in self._all)
 
-    def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the (...) signed distance at points (..., dim) [mm], negative inside.
+    @property
+    def inflation_max(self) -> float:
+        """How far the wall can be moved outwards, in all [mm]."""
+        return min(part.inflation_max for part in self._all)
 
-        Raises
-        ------
-        InputError
-            If the points are not finite or not (..., dim).
-        """
-        if self.family_shapes is not None:
+    @property
+    def family_shapes(self) -> ShapesData | None:
+        """The shapes of this package's kernels that it is made of; None if it is not."""
+        return self._shapes
+
+    @cached_property
+    def _shapes(self) -> ShapesData | None:
+        known = [data for data in (part.family_shapes for part in self._all) if data is not None]
+        return self._join(known) if len(known) == len(self._all) else None
+
+    @cached_property
+    def _core(self) -> Duct:
+        if self._shapes is not None:
+            return _Family(self._shapes, self.bounds)
+        return self.sample()
+
+    def signed_distance(self, points: ArrayLike, /) -> Floats:
+        """Return the (...) signed distance at points (..., dim) [mm], negative inside."""
+        if self._shapes is not None:
             return self._core.signed_distance(points)
-        array, flat = self._flatten(points)
-        return self._decide(flat)[1].reshape(array.shape[:-1])
+        array = check_places("points", points, dim=self.dim)
+        return self._decide(array.reshape(-1, self.dim))[1].reshape(array.shape[:-1])
 
-    def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
+    def gradient(self, points: ArrayLike, /) -> Floats:
         """Return the (..., dim) gradient of the signed distance."""
-        if self.family_shapes is not None:
+        if self._shapes is not None:
             return self._core.gradient(points)
-        array, flat = self._flatten(points)
+        array = check_places("points", points, dim=self.dim)
+        flat = array.reshape(-1, self.dim)
         index, _ = self._decide(flat)
         result = np.empty_like(flat)
         for k, part in enumerate(self._all):
@@ -520,73 +217,47 @@ class Compound(ABC):
                 result[mine] = self._sign(k) * part.gradient(flat[mine])
         return result.reshape(array.shape)
 
-    def clearance_bound(self, points: ArrayLike) -> NDArray[np.float64]:
+    def clearance_bound(self, points: ArrayLike, /) -> Floats:
         """Return (...) rigorous lower bounds of the distance to the wall [mm]."""
-        if self.family_shapes is not None:
+        if self._shapes is not None:
             return self._core.clearance_bound(points)
-        array, flat = self._flatten(points)
-        return self._bound(flat).reshape(array.shape[:-1])
+        array = check_places("points", points, dim=self.dim)
+        return self._bound(array.reshape(-1, self.dim)).reshape(array.shape[:-1])
 
-    def pack(self) -> Any:
-        """Return the duct for compiled kernels: shapes, or else a sampled field."""
-        return self._core.pack()
-
-    def to_grid(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Turn world points (..., dim) into the kernels' frame (..., 3)."""
-        return self._core.to_grid(points)
-
-    def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Turn points (..., 3) of the kernels' frame into world points (..., dim)."""
-        return self._core.to_world(points)
-
-    def erode(self, clearance: float) -> Eroded:
-        """Return the duct of all places with at least `clearance` mm to the wall."""
-        return Eroded(self, clearance)
-
-    def sample(self, voxel: float) -> SampledField | PlanarField:
-        """Sample the signed distance on a grid with nodes `voxel` mm apart."""
-        return to_field(self, voxel)
-
-    def _sign(self, _part: int) -> float:
+    def _sign(self, part: int) -> float:
         return 1.0
 
-    def _flatten(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        dim = self.bounds.shape[1]
-        array = check_places("points", points, dim=dim)
-        return array, array.reshape(-1, dim)
-
-    @cached_property
-    def _core(self) -> Duct:
-        """What kernels see."""
-        shapes = self.family_shapes
-        if shapes is not None:
-            return _Family(shapes, self.bounds)
-        return to_field(self, self._voxel)
-
-
-class _Family(AnalyticDuct):
-    """Shapes of the family as they are."""
-
-    kind = "bound"
-    inflation = 0.0
-    wall = "shapes"
-    wall_error = 0.0
-
-    def __init__(self, shapes: ShapesData, bounds: NDArray[np.float64]) -> None:
-        self._shapes = shapes
-        self._bounds = bounds
-        self.dim = bounds.shape[1]  # type: ignore[misc]
+    def _check_voxel(self) -> None:
+        if self.voxel is not None:
+            check_number("voxel", self.voxel, low=0.0, low_open=True, unit="mm")
 
     @property
-    def bounds(self) -> NDArray[np.float64]:
+    def _default_voxel(self) -> float:
+        """Spacing of the finest sampled part, if 16 times the usual nodes allow it [mm]."""
+        usual = super()._default_voxel
+        own = [float(p.spacing.min()) for p in self._all if isinstance(p, SampledField)]
+        if self.voxel is not None:
+            return self.voxel
+        return max(min(own), usual / 16.0 ** (1.0 / self.dim)) if own else usual
+
+
+class _Family(PackedDuct):
+    """Shapes of the family as they are."""
+
+    def __init__(self, shapes: ShapesData, bounds: Floats) -> None:
+        self._shapes = shapes
+        self._bounds = bounds
+
+    @property
+    def bounds(self) -> Floats:
         return self._bounds
 
     def pack(self) -> ShapesData:
         return self._shapes
 
 
-OVERLAP = 1e-3
-"""Parts of a union must overlap where the search can see it: about this deep [mm]."""
+OVERLAP_MM = 1e-3
+"""Parts of a union must overlap where the search can see it: about this deep."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -598,7 +269,7 @@ class Union(Compound):
     parts : tuple of Duct
         All planar or all 3-D.
     connected : bool
-        Whether parts that do not all hang together are refused.
+        Whether parts that are not all connected are refused.
     voxel : float, optional
         Spacing of the nodes where kernels need a sampled field [mm]. By default that of the
         finest sampled part, or about 4 million nodes.
@@ -608,7 +279,7 @@ class Union(Compound):
     InputError
         If there is no part, or planar and 3-D parts are mixed.
     GeometryError
-        If the union falls apart, with the parts between which it does.
+        If the union is not connected, with the parts between which it is interrupted.
 
     Notes
     -----
@@ -625,8 +296,7 @@ class Union(Compound):
         if not self.parts:
             raise InputError("a union has 0 parts: it must have at least 1")
         _check_dimensions("part", self.parts)
-        if self.voxel is not None:
-            check_number("voxel", self.voxel, low=0.0, low_open=True, unit="mm")
+        self._check_voxel()
         if self.connected and len(self.parts) > 1:
             _check_union(self.parts)
 
@@ -643,26 +313,14 @@ class Union(Compound):
 
     def inflate(self, distance: float) -> Union:
         """Return the same with the walls of all parts moved outwards by `distance` mm more."""
-        return replace(self, parts=tuple(inflate_duct(part, distance) for part in self.parts))
-
-    @property
-    def family_shapes(self) -> ShapesData | None:
-        """Its shapes, if it is made of shapes."""
-        return self._shapes
-
-    @cached_property
-    def _shapes(self) -> ShapesData | None:
-        shapes = [collect_shapes(part) for part in self.parts]
-        known = [data for data in shapes if data is not None]
-        return join_shapes(known, []) if len(known) == len(shapes) else None
+        return replace(self, parts=tuple(part.inflate(distance) for part in self.parts))
 
     @property
     def _all(self) -> tuple[Duct, ...]:
         return self.parts
 
-    @property
-    def _voxel(self) -> float:
-        return self.voxel if self.voxel is not None else choose_voxel(self.bounds, self.parts)
+    def _join(self, shapes: list[ShapesData]) -> ShapesData | None:
+        return join_shapes(shapes, [])
 
     def _decide(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         values = np.stack([part.signed_distance(points) for part in self.parts])
@@ -708,8 +366,7 @@ class Without(Compound):
         if not self.obstacles:
             raise InputError("a duct has 0 obstacles: it must have at least 1")
         _check_dimensions("duct and obstacle", (self.duct, *self.obstacles))
-        if self.voxel is not None:
-            check_number("voxel", self.voxel, low=0.0, low_open=True, unit="mm")
+        self._check_voxel()
         for k, obstacle in enumerate(self.obstacles):
             if obstacle.kind == "sampled":
                 raise InputError(
@@ -732,46 +389,35 @@ class Without(Compound):
         """(2, dim) corners of a box that holds the duct [mm]."""
         return self.duct.bounds
 
+    @property
+    def inflation_max(self) -> float:
+        """How far the wall of the duct can be moved outwards, in all [mm]."""
+        return self.duct.inflation_max
+
     def inflate(self, distance: float) -> Without:
         """Return the same with the wall of the duct moved outwards by `distance` mm more."""
-        return replace(self, duct=inflate_duct(self.duct, distance))
-
-    @property
-    def family_shapes(self) -> ShapesData | None:
-        """Its shapes, if it is made of shapes."""
-        return self._shapes
-
-    @cached_property
-    def _shapes(self) -> ShapesData | None:
-        lumen = collect_shapes(self.duct)
-        shapes = [collect_shapes(obstacle) for obstacle in self.obstacles]
-        known = [data for data in shapes if data is not None]
-        if lumen is None or len(known) < len(shapes):
-            return None
-        return join_shapes([lumen], known)
+        return replace(self, duct=self.duct.inflate(distance))
 
     @property
     def _all(self) -> tuple[Duct, ...]:
         return (self.duct, *self.obstacles)
 
-    @property
-    def _voxel(self) -> float:
-        return self.voxel if self.voxel is not None else choose_voxel(self.bounds, (self.duct,))
+    def _join(self, shapes: list[ShapesData]) -> ShapesData | None:
+        return join_shapes(shapes[:1], shapes[1:])
 
     def _sign(self, part: int) -> float:
         return 1.0 if part == 0 else -1.0
 
     def _decide(self, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        values = np.stack([self._sign(k) * p.signed_distance(points) for k, p in self._numbered()])
+        values = np.stack(
+            [self._sign(k) * part.signed_distance(points) for k, part in enumerate(self._all)]
+        )
         return values.argmax(axis=0), values.max(axis=0)
 
     def _bound(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         slack = ROUNDING * float(np.abs(self.bounds).max())
         bounds = [obstacle.signed_distance(points) - slack for obstacle in self.obstacles]
         return np.asarray(np.min([self.duct.clearance_bound(points), *bounds], axis=0))
-
-    def _numbered(self) -> list[tuple[int, Duct]]:
-        return list(enumerate(self._all))
 
 
 def union(*ducts: Duct, connected: bool = True, voxel: float | None = None) -> Union:
@@ -787,7 +433,7 @@ def without(duct: Duct, *obstacles: Duct, voxel: float | None = None) -> Without
 def _check_dimensions(name: str, ducts: tuple[Duct, ...]) -> None:
     for k, duct in enumerate(ducts):
         check_duct(f"{name} {k}", duct)
-    dims = [count_dimensions(duct) for duct in ducts]
+    dims = [duct.dim for duct in ducts]
     for k, dim in enumerate(dims):
         if dim != dims[0]:
             raise InputError(
@@ -796,7 +442,7 @@ def _check_dimensions(name: str, ducts: tuple[Duct, ...]) -> None:
 
 
 def _check_union(parts: tuple[Duct, ...]) -> None:
-    """Raise `GeometryError` if the parts do not hang together."""
+    """Raise `GeometryError` if the parts are not connected."""
     boxes = np.stack([part.bounds for part in parts])
     low, high = (
         np.maximum(boxes[:, None, 0], boxes[:, 0]),
@@ -814,13 +460,12 @@ def _check_union(parts: tuple[Duct, ...]) -> None:
 
 def _measure_gap(a: Duct, b: Duct, low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
     """Return the least of the larger of both values found in a box; at most 0 if they overlap."""
-    sampled = "sampled" in (a.kind, b.kind)
     least = find_least(
         lambda points: np.maximum(a.signed_distance(points), b.signed_distance(points)),
         low,
         high,
-        tolerance=OVERLAP,
+        tolerance=OVERLAP_MM,
         enough=0.0,
-        slope=3.0**0.5 if sampled else 1.0,
+        slope=max(a._lipschitz, b._lipschitz),
     )
     return least.value

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..checks import (
     check_fields,
     check_number,
-    check_quantity,
     describe_fields,
     list_quantities,
     quantity,
@@ -301,11 +300,8 @@ def rigidity_from_test(force: float, deflection: float, length: float) -> float:
     moved = check_number("deflection", deflection, low=0.0, high=1e4, low_open=True, unit="mm")
     arm = check_number("length", length, low=0.0, high=1e4, low_open=True, unit="mm")
     rigidity = load * arm * arm * arm / (3.0 * moved)
-    return check_quantity(
-        "flexural rigidity of the test",
-        rigidity,
-        list_quantities(EffectorDesign)["flexural_rigidity"],
-    )
+    known = list_quantities(EffectorDesign)["flexural_rigidity"]
+    return known.check("flexural rigidity of the test", rigidity)
 
 
 EFFECTOR_PRESETS: dict[str, EffectorDesign] = {

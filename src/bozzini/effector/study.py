@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, check_integer, check_number, check_quantity, list_quantities
+from ..checks import Quantity, check_integer, check_number, list_quantities
 from ..errors import BozziniError, InputError
 from ..muscle import Muscle
 from ..progress import Progress, no_progress
@@ -68,7 +68,7 @@ def check_value(design: EffectorDesign, name: str, value: Any) -> Any:
     known = find_quantity(name) or Quantity()
     if callable(known.low) or callable(known.high):  # it depends on fields that may vary too
         known = replace(known, low=0.0, high=1e6)
-    return check_quantity(name.replace("_", " "), value, known)
+    return known.check(name.replace("_", " "), value)
 
 
 def check_angles(design: EffectorDesign, value: object) -> tuple[float, ...]:

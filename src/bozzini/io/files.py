@@ -99,6 +99,15 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
     return write_atomically(path, lambda temporary: _put_text(temporary, text))
 
 
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:
+    """Write bytes atomically."""
+    return write_atomically(path, lambda temporary: _put_bytes(temporary, data))
+
+
+def _put_bytes(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
 def _put_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", errors="backslashreplace")
 

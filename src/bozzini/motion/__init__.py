@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
-from .certify import Certificate, certify_motion, certify_plan
-from .insertion import METHODS, plan_insertion
-from .introducer import Introducer
-from .largest import Largest, find_largest
-from .link import LinkPlacement, place_tail
-from .passage import Passage, find_passage
-from .plan import Plan
-from .refusal import REASON_CODES, Refusal
-from .replan import plan_with_soft_wall, replan
-from .scope import Scope
-from .tractrix import move_free_chain
-from .traverse import LinkLimits, find_diameter_limits, find_link_limits
-from .traverse_bend import Bend
-from .tube import TubeOptions
-from .verify import Verification, verify_file, verify_plan
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .certify import Certificate, certify_motion
+    from .largest import Largest, find_largest
+    from .link import LinkPlacement, move_free_chain, place_tail
+    from .moving import plan_with_soft_wall, replan
+    from .plan import Plan
+    from .planner import Motion, Planner, plan_insertion
+    from .planners import PLANNERS, PlannerOptions
+    from .refusal import REASON_CODES, Refusal
+    from .scope import Introducer, Scope
+    from .space import FreeSpace, Passage, find_passage
+    from .traverse import LinkLimits, find_diameter_limits, find_link_limits
+    from .verify import Verification, certify_plan, verify_file, verify_plan
 
 __all__ = [
-    "METHODS",
+    "PLANNERS",
     "REASON_CODES",
-    "Bend",
     "Certificate",
+    "FreeSpace",
     "Introducer",
     "Largest",
     "LinkLimits",
     "LinkPlacement",
+    "Motion",
     "Passage",
     "Plan",
+    "Planner",
+    "PlannerOptions",
     "Refusal",
     "Scope",
-    "TubeOptions",
     "Verification",
     "certify_motion",
     "certify_plan",
@@ -47,3 +50,33 @@ __all__ = [
     "verify_file",
     "verify_plan",
 ]
+
+_PLACES = {
+    "certify": ("Certificate", "certify_motion"),
+    "largest": ("Largest", "find_largest"),
+    "link": ("LinkPlacement", "move_free_chain", "place_tail"),
+    "plan": ("Plan",),
+    "planner": ("Motion", "Planner", "plan_insertion"),
+    "planners": ("PLANNERS", "PlannerOptions"),
+    "refusal": ("REASON_CODES", "Refusal"),
+    "moving": ("plan_with_soft_wall", "replan"),
+    "scope": ("Introducer", "Scope"),
+    "space": ("FreeSpace", "Passage", "find_passage"),
+    "traverse": ("LinkLimits", "find_diameter_limits", "find_link_limits"),
+    "verify": ("Verification", "certify_plan", "verify_file", "verify_plan"),
+}
+"""Modules and the public names in them: none is loaded before it is asked for."""
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name when it is first asked for (PEP 562)."""
+    for module, names in _PLACES.items():
+        if name in names:
+            value: object = getattr(import_module(f".{module}", __name__), name)
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

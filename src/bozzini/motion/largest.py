@@ -8,31 +8,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
+from ..checks import describe_fields, quantity
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..errors import BozziniError
 from ..progress import Progress, no_progress
+from .planner import check_size
+from .planners import PlannerOptions
 from .refusal import Refusal
-from .scope import SIZE_MIN, Scope
-from .shape import SHORTEST
-from .tube import MARGINS, Job, TubeOptions, Ways
+from .scope import SIZE_MIN_MM, Scope
+from .shape import SHORTEST_MM
+from .space import FreeSpace
+from .tube import MARGINS, Job, Style
 
-__all__ = ["Largest", "find_advice", "find_largest"]
+DIAMETER_STEP_MM, LINK_STEP_MM, INFLATION_STEP_MM = 0.05, 0.25, 0.1
+"""Values that are tried are multiples of these, so that they are printed as they are."""
 
-DIAMETER_STEP, LINK_STEP, INFLATION_STEP = 0.05, 0.25, 0.1
-"""Values that are tried are multiples of these, so that they are printed as they are [mm]."""
-
-INFLATION_SPARE = 0.2
-"""An inflation is named that is this much more than the least one found, and passes too [mm].
+INFLATION_SPARE_MM = 0.2
+"""An inflation is named that is this much more than the least one found, and passes too.
 
 A new run builds its field for the inflation given, with other nodes in a surface's field.
 """
 
-INFLATION_MORE = 6.0
-"""No inflation by more than this beyond the lumen's own is sought [mm]."""
+INFLATION_MORE_MM = 6.0
+"""No inflation by more than this beyond the lumen's own is sought."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,21 +56,15 @@ class Largest:
     Both are lower bounds: a larger one was not found, which is no proof that there is none.
     """
 
-    diameter: float
-    link: float
-    link_tested: float
-    diameter_tested: float
-    plans: int
+    diameter: float = quantity("length")
+    link: float = quantity("length")
+    link_tested: float = quantity("length")
+    diameter_tested: float = quantity("length")
+    plans: int = 0
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, float]:
         """Return JSON-able values."""
-        return {
-            "diameter_mm": self.diameter,
-            "link_mm": self.link,
-            "link_tested_mm": self.link_tested,
-            "diameter_tested_mm": self.diameter_tested,
-            "plans": self.plans,
-        }
+        return {**describe_fields(self), "plans": self.plans}
 
 
 def find_largest(
@@ -77,7 +72,8 @@ def find_largest(
     line: Centreline,
     *,
     scope: Scope,
-    options: TubeOptions | None = None,
+    options: PlannerOptions | None = None,
+    freedom: float = 1.0,
     progress: Progress = no_progress,
 ) -> Largest:
     """Find the largest diameter for the scope's link, and the longest link for its diameter.
@@ -86,29 +82,32 @@ def find_largest(
     ----------
     duct, line, scope
         As for `plan_insertion`.
-    options : TubeOptions, optional
-        Of the planner.
+    options : PlannerOptions, optional
+        As for `plan_insertion`.
+    freedom : float
+        1: joints stray as far as the free tube allows; 0: they follow the leader.
 
     Returns
     -------
     Largest
         Diameter to 0.05 mm, link to 0.25 mm.
     """
-    trials = _Trials(duct, line, options or TubeOptions(), thorough=True)
+    space = FreeSpace(duct, line)
+    trials = _Trials(space, options or PlannerOptions(), Style(freedom=freedom), thorough=True)
     trials.progress = lambda count: progress("largest", min(0.95, count / 24.0))
 
     def passes(diameter: float, link: float) -> bool:
-        if min(diameter, link) < SIZE_MIN:
+        if min(diameter, link) < SIZE_MIN_MM:
             return False
         return trials.pass_with(Scope(diameter=diameter, link_length=link, length=scope.length))
 
     widest = 2.0 * float(min(line.radius[0], line.radius[-1]))
     longest = min(line.length, scope.length or line.length)
     diameter = _find_last(
-        lambda d: passes(d, scope.link_length), scope.diameter, widest, DIAMETER_STEP
+        lambda d: passes(d, scope.link_length), scope.diameter, widest, DIAMETER_STEP_MM
     )
     link = _find_last(
-        lambda length: passes(scope.diameter, length), scope.link_length, longest, LINK_STEP
+        lambda length: passes(scope.diameter, length), scope.link_length, longest, LINK_STEP_MM
     )
     progress("largest", 1.0)
     return Largest(
@@ -126,8 +125,8 @@ def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
     A smaller diameter, shorter links, or a lumen inflated by more, each with all else as it was.
     Without any the refusal gets the diameter above which it is proved that nothing passes.
     """
-    scope, options, line = job.scope, job.options, job.line
-    trials = _Trials(job.duct, line, options, ways=job.ways)
+    scope = job.scope
+    trials = _Trials(job.space, job.options, job.style)
     trials.progress = lambda count: progress("advice", min(0.95, count / 40.0))
     passage = job.ways.passage if min(job.bound[0], job.bound[-1]) > 0.0 else None
     level = float(job.bound.min())
@@ -136,92 +135,75 @@ def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
     fits = max(level - MARGINS[-1], 0.0)
 
     def pass_diameter(value: float) -> bool:
-        return trials.pass_with(
-            Scope(diameter=value, link_length=scope.link_length, length=scope.length)
-        )
+        return trials.pass_with(replace(scope, diameter=value))
 
     def pass_link(value: float) -> bool:
-        return trials.pass_with(
-            Scope(diameter=scope.diameter, link_length=value, length=scope.length)
-        )
+        return trials.pass_with(replace(scope, link_length=value))
 
     diameter = _find_near(
-        pass_diameter, 2.0 * fits, refused=scope.diameter, last=SIZE_MIN, step=DIAMETER_STEP
+        pass_diameter, 2.0 * fits, refused=scope.diameter, last=SIZE_MIN_MM, step=DIAMETER_STEP_MM
     )
     link = None
     if refusal.code in ("LINK_TOO_LONG", "FOLD", "CERTIFICATE_UNRESOLVED", "ANGLE"):
         guess = job.largest_link or 0.5 * scope.link_length
         link = _find_near(
-            pass_link, guess, refused=scope.link_length, last=SHORTEST, step=LINK_STEP
+            pass_link, guess, refused=scope.link_length, last=SHORTEST_MM, step=LINK_STEP_MM
         )
     inflation = _find_inflation(job, scope.radius - fits, trials)
     progress("advice", 1.0)
     bound = None if passage is None or not math.isfinite(passage.bound) else 2.0 * passage.bound
-    return refusal.advise(
-        diameter_max=diameter, link_max=link, inflate=inflation, diameter_bound=bound
+    return replace(
+        refusal, diameter_max=diameter, link_max=link, inflate=inflation, diameter_bound=bound
     )
 
 
 def _find_inflation(job: Job, lack: float, trials: _Trials) -> float | None:
     """Return a small inflation, all of it, for which the whole way is planned [mm]."""
     duct = job.duct
-    inflate = getattr(duct, "inflate", None)
-    if inflate is None or not getattr(duct, "exact_outside", True):
-        return None
     # Beyond its reach a field does not know how far the wall is outside the lumen.
-    last = min(float(getattr(duct, "inflation_max", math.inf)), duct.inflation + INFLATION_MORE)
-
-    refused = duct.inflation + INFLATION_SPARE
+    last = min(duct.inflation_max, duct.inflation + INFLATION_MORE_MM)
+    refused = duct.inflation + INFLATION_SPARE_MM
     if last <= refused:
         return None
 
     def pass_once(value: float) -> bool:
-        wider = inflate(value - duct.inflation)
-        ways = Ways(wider, job.line, before=job.ways)
-        other = _Trials(wider, job.line, job.options, ways=ways)
+        wider = job.space.moved_to(duct.inflate(value - duct.inflation))
+        other = _Trials(wider, job.options, job.style)
         other.count, other.progress = trials.count, trials.progress
         done = other.pass_with(job.scope)
         trials.count = other.count
         return done
 
     def passes(value: float) -> bool:
-        return pass_once(value) and pass_once(round(value - INFLATION_SPARE, 6))
+        return pass_once(value) and pass_once(round(value - INFLATION_SPARE_MM, 6))
 
-    guess = duct.inflation + max(lack, 0.0) + INFLATION_SPARE
-    return _find_near(passes, guess, refused=refused, last=last, step=INFLATION_STEP)
+    guess = duct.inflation + max(lack, 0.0) + INFLATION_SPARE_MM
+    return _find_near(passes, guess, refused=refused, last=last, step=INFLATION_STEP_MM)
 
 
 class _Trials:
-    """Scopes tried in one duct along one line, each as `plan_insertion` would plan it."""
+    """Scopes tried in one space, each as `plan_insertion` would plan it."""
 
     def __init__(
-        self,
-        duct: Duct,
-        line: Centreline,
-        options: TubeOptions,
-        *,
-        ways: Ways | None = None,
-        thorough: bool = False,
+        self, space: FreeSpace, options: PlannerOptions, style: Style, *, thorough: bool = False
     ) -> None:
-        self.duct, self.line, self.options, self.thorough = duct, line, options, thorough
-        self.ways = ways or Ways(duct, line)
+        self.space, self.options, self.style, self.thorough = space, options, style, thorough
         self.count = 0
         self.progress: Callable[[int], None] = lambda count: None
 
     def pass_with(self, scope: Scope) -> bool:
         """Whether a certified plan of the whole way is found for a scope."""
-        from .insertion import check_size
-
         self.count += 1
         self.progress(self.count)
-        if self.ways.bound[0] < scope.radius or scope.link_length > self.line.length:
+        line = self.space.way
+        if self.space.ways.bound[0] < scope.radius or scope.link_length > line.length:
             return False
         try:
-            check_size(scope, self.line, head_step=self.options.head_step, route=self.options.route)
+            check_size(scope, line, self.options)
         except BozziniError:
             return False
-        job = Job(self.duct, self.line, scope, self.options, ways=self.ways)
-        motion = job.try_whole_way(thorough=self.thorough)
+        space = self.space.for_link(scope.link_length)
+        motion = Job(space, scope, self.options, self.style).try_whole_way(thorough=self.thorough)
         return motion is not None and motion.refusal is None
 
 

@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..duct.centreline import Centreline
-
-if TYPE_CHECKING:
-    from ..duct.field import SampledField
-    from .introducer import Introducer
-    from .plan import Plan
-
-__all__ = [
-    "Crossing",
-    "find_crossing",
-    "measure_angles",
-    "measure_displacement",
-    "measure_plan",
-    "measure_step_ratio",
-]
-
+from .plan import Measures, Plan
+from .scope import Scope
+from .space import FreeSpace, grid_of
 
 CROSSING_SPAN = 1.75
 """A link that spans more of the centreline than so many times its length may cut a fold short."""
@@ -49,13 +35,7 @@ class Crossing:
     point: tuple[float, float, float]
 
 
-def find_crossing(
-    joints: NDArray[np.float64],
-    field: SampledField,
-    *,
-    line: Centreline,
-    introducer: Introducer,
-) -> Crossing | None:
+def find_crossing(joints: NDArray[np.float64], space: FreeSpace) -> Crossing | None:
     """Find a link that passes between two limbs which only the inflation has joined.
 
     A wall moved outwards by c opens what is thinner than 2 c between two limbs of a tract, and the
@@ -67,21 +47,19 @@ def find_crossing(
     ----------
     joints : (steps, joints, 3) float
         World frame [mm].
-    field : SampledField
-        The inflated lumen.
-    line : Centreline
-    introducer : Introducer
-        What stands in it is not looked at.
+    space : FreeSpace
+        With the inflated lumen. What stands in the introducer is not looked at.
 
     Returns
     -------
     Crossing or None
-        None where no link does, as always without inflation.
+        None where no link does, as always without inflation or a grid.
     """
     from scipy import ndimage
     from scipy.spatial import cKDTree
 
-    if field.inflation <= 0.0:
+    field, line, introducer = grid_of(space.duct), space.way, space.tube
+    if field is None or field.inflation <= 0.0:
         return None
     rest = field.inflate(-field.inflation)
     length = float(np.linalg.norm(joints[0, 1] - joints[0, 0]))
@@ -144,37 +122,57 @@ def measure_step_ratio(joints: NDArray[np.float64], head_arc_length: NDArray[np.
     return float((moves[moving] / heads[moving]).max())
 
 
-def measure_plan(
-    joints: NDArray[np.float64],
-    head_arc_length: NDArray[np.float64],
-    clearance: NDArray[np.float64],
-    *,
-    line: Centreline,
-    worst: NDArray[np.float64],
-) -> dict[str, float]:
-    """Measure a motion.
+def measure_body(
+    space: FreeSpace, joints: NDArray[np.float64], scope: Scope
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Estimate the clearance of the whole body at every step, by samples along the links.
+
+    Parameters
+    ----------
+    joints : (steps, joints, dim) float
+        World frame [mm].
 
     Returns
     -------
-    dict
-        ``joint_step_max_mm``, ``joint_step_ratio_max`` (joint move over head move),
-        ``joint_angle_max_rad``, ``joint_travel_mm`` (sum over joints and steps),
-        ``clearance_min_mm``, ``clearance_where_mm`` (arc length along the path of the place of
-        the smallest clearance) and ``clearance_insertion_mm`` (the head's arc length then).
+    clearance : (steps, joints - 1) float
+        Scope surface to wall, the least over samples of each link [mm]; infinite for links wholly
+        in the introducer, which is taken as wide as the scope where it is narrower.
+    worst : (dim + 1,) float
+        The place of the smallest clearance in the world frame, and its value [mm].
     """
+    from .kernels.chain import measure_body as measure
+
+    chains = np.ascontiguousarray(space.duct.to_grid(joints))
+    clearance = np.empty((joints.shape[0], joints.shape[1] - 1))
+    worst = np.zeros(4)
+    intro = replace(space.tube, bore=max(space.tube.bore, scope.radius)).pack(space.duct)
+    measure(space.data, intro, chains, scope.radius, space.pitch, clearance, worst)
+    return clearance, np.append(space.duct.to_world(worst[:3]), worst[3])
+
+
+def measure_motion(
+    space: FreeSpace,
+    joints: NDArray[np.float64],
+    head_arc_length: NDArray[np.float64],
+    scope: Scope,
+) -> tuple[NDArray[np.float64], Measures]:
+    """Return the clearances (steps, joints - 1) of a motion as `measure_body`, and its measures."""
+    clearance, worst = measure_body(space, joints, scope)
     moves = np.linalg.norm(np.diff(joints, axis=0), axis=2)
-    near = int(np.argmin(np.linalg.norm(line.points - worst[:3], axis=1)))
+    # Planar motions are measured in the kernels' frame too, which is 3-D and isometric.
+    points, place = space.duct.to_grid(space.way.points), space.duct.to_grid(worst[:-1])
+    near = int(np.argmin(np.linalg.norm(points - place, axis=1)))
     step = int(np.unravel_index(int(np.argmin(clearance)), clearance.shape)[0])
     angles = measure_angles(joints) if joints.shape[1] > 2 else np.zeros(1)
-    return {
-        "joint_step_max_mm": float(moves.max()) if len(moves) else 0.0,
-        "joint_step_ratio_max": measure_step_ratio(joints, head_arc_length),
-        "joint_angle_max_rad": float(angles.max()),
-        "joint_travel_mm": float(moves.sum()),
-        "clearance_min_mm": float(worst[3]),
-        "clearance_where_mm": float(line.arc_length[near]),
-        "clearance_insertion_mm": float(head_arc_length[step]),
-    }
+    return clearance, Measures(
+        joint_step_max=float(moves.max(initial=0.0)),
+        joint_step_ratio_max=measure_step_ratio(joints, head_arc_length),
+        joint_angle_max=float(angles.max()),
+        joint_travel=float(moves.sum()),
+        clearance_min=float(worst[-1]),
+        clearance_where=float(space.way.arc_length[near]),
+        clearance_insertion=float(head_arc_length[step]),
+    )
 
 
 def measure_displacement(plan: Plan) -> dict[str, float]:
@@ -190,14 +188,12 @@ def measure_displacement(plan: Plan) -> dict[str, float]:
     Raises
     ------
     InputError
-        If the plan's `meta` lacks the introducer or the scope.
+        If the plan lacks the introducer or the scope.
     """
-    from .introducer import Introducer
     from .kernels.measures import total_travel, tractrix_travel
     from .kernels.tube import move_in_tube
 
-    introducer = Introducer.from_description(plan.meta["introducer"])
-    length = float(plan.meta["scope"]["link_length_mm"])
+    introducer, length = plan.get_introducer(), plan.get_scope().link_length
     heads = plan.head_arc_length
     own = float(total_travel(np.ascontiguousarray(plan.joints)))
     if own == 0.0:

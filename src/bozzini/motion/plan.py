@@ -1,47 +1,339 @@
 """The plan: what a motion planner returns, what a file holds, and what others can re-check.
 
 A plan file is a NumPy ``.npz``: plain arrays, and one JSON text ``meta`` with every input and
-version, so that the clearance can be recomputed by anybody without this package.
+version, so that the clearance can be recomputed by anybody without this package. In memory all of
+that is typed; the JSON exists where a plan is saved or read.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import math
 import os
 import zipfile
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number, check_points, name_at
+from ..checks import Quantity, check_number, check_points, name_at, quantity
+from ..duct.centreline import Centreline
 from ..errors import FileFormatError, InputError
 from ..io.files import write_atomically
+from ..results import Result, take_axes, to_plain
+from ..units import add_unit
+from .certify import Certificate
+from .planners import PlannerOptions
+from .refusal import Refusal
+from .scope import Introducer, Scope
 
-__all__ = ["PLAN_FORMAT", "Plan", "read_route"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 PLAN_FORMAT = "bozzini-plan-1"
 
-LARGEST = 2**31
+FILE_SIZE_MAX = 2**31
 """Bytes that a plan file unpacks to, at most."""
 
-FARTHEST = 1e6
-"""Largest length or coordinate in a plan file [mm]."""
+COORDINATE_MAX_MM = 1e6
+"""Largest length or coordinate in a plan file."""
 
-SLACK = 1e-3
-"""How far a file may be off what it claims, by rounding [mm]."""
+ROUND_OFF_MM = 1e-3
+"""How far a file may be off what it claims, by rounding."""
 
 _ARRAYS = ("joints", "head_arc_length", "clearance", "path", "path_arc_length", "path_radius")
+_TEXTS = ("method", "status", "reason_code", "reason")
+
+Floats = NDArray[np.float64]
+Status = Literal["complete", "stopped"]
+
+
+class _Read(NamedTuple):
+    """How a field that is no number is read from JSON: its type in words, and a check of it."""
+
+    words: str
+    kinds: tuple[type, ...]
+    items: tuple[type, ...] = ()
+    """What the items of a list must be."""
+
+
+_TEXT = {"read": _Read("text", (str,))}
+_NAMES = {"read": _Read("a list of numbers and names", (list,), (int, str))}
+_PART = {"read": _Read("a name, a number or a list of them", (int, str, list), (int, str))}
+_TRUTH = {"read": _Read("true or false", (bool,))}
+_NUMBERS = {"read": _Read("a list of numbers", (list,), (int, float)), "omitted": True}
+
+
+def _length(
+    help: str, *, low: float = 0.0, default: float | None = None, omitted: bool = False
+) -> Any:  # as `dataclasses.field`
+    """Return the field of a length that may be lacking, from 0 mm up; `omitted` if it lacks."""
+    known = Quantity(kind="length", help=help, low=low, high=COORDINATE_MAX_MM)
+    return field(default=default, metadata={"quantity": known, "omitted": omitted})
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class FieldSummary:
+    """What is known of the distance field that a plan was made in; see `bozzini.duct.Duct`.
+
+    Parameters
+    ----------
+    kind : str
+        ``"exact"``, ``"bound"`` or ``"sampled"``.
+    spacing, nodes : tuple, optional
+        Of the grid, per axis [mm]; None without a grid.
+    inflation : float
+        How far the wall was moved outwards [mm].
+    interpolation_error, wall_error, sampling_error, clearance_error : float or None
+        By how much a distance, the wall, a sampled link and an estimated clearance may be wrong
+        [mm]; None where that is not known.
+    fine_spacing, fine_distance : float, optional
+        Of the finer grid, and how far from the centreline it reaches [mm].
+    """
+
+    kind: str = field(default="", metadata=_TEXT)
+    spacing: tuple[float, ...] | None = field(
+        default=None, metadata={**_NUMBERS, "key": "spacing_mm"}
+    )
+    nodes: tuple[int, ...] | None = field(default=None, metadata=_NUMBERS)
+    inflation: float = _length("Inflation.", default=0.0)
+    interpolation_error: float | None = _length("Error of a distance.")
+    wall_error: float | None = _length("Error of the wall.")
+    sampling_error: float | None = _length("Error of a sampled link.")
+    clearance_error: float | None = _length("Error of an estimated clearance.")
+    fine_spacing: float | None = _length("Spacing of the finer grid.", omitted=True)
+    fine_distance: float | None = _length("Reach of the finer grid.", omitted=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measures:
+    """Measures of a motion.
+
+    Parameters
+    ----------
+    joint_step_max, joint_step_ratio_max : float
+        Largest move of a joint in a step [mm], and over the head's.
+    joint_angle_max : float
+        Largest angle between neighbouring links [rad].
+    joint_travel : float
+        Sum of all moves of all joints [mm].
+    clearance_min, clearance_where, clearance_insertion : float or None
+        Smallest estimated clearance, where that is along the centreline, and the head's arc length
+        then [mm]; infinite (None in a file) where the scope never leaves the introducer.
+    """
+
+    joint_step_max: float | None = _length("Largest move of a joint in a step.")
+    joint_step_ratio_max: float | None = quantity(default=None)
+    joint_angle_max: float | None = quantity("angle", default=None)
+    joint_travel: float | None = _length("Sum of all moves.")
+    clearance_min: float | None = _length("Smallest clearance.", low=-math.inf)
+    clearance_where: float | None = _length("Where that is.", low=-math.inf)
+    clearance_insertion: float | None = _length("The head then.", low=-math.inf)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A motion that was compared for a plan, as `bozzini.motion.plan_insertion` does it.
+
+    Parameters
+    ----------
+    freedom : float
+        Share of the free tube that joints may use: 0 follows the leader.
+    margin : float
+        Clearance beyond the radius that its path was shaped for [mm].
+    clearance : float
+        Certified [mm].
+    joint_step_ratio : float
+        Largest step of a joint over the head's.
+    """
+
+    freedom: float = quantity(low=0.0, high=1.0)
+    margin: float = quantity("length")
+    clearance: float = quantity("length", default=math.inf)
+    joint_step_ratio: float = quantity(low=0.0, default=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoftWall:
+    """What a wall that gives way was displaced by; see `bozzini.motion.plan_with_soft_wall`.
+
+    Parameters
+    ----------
+    allowed, used : float
+        Displacement allowed and used [mm].
+    contact_max, contact_where : float, optional
+        Deepest contact, and where along the centreline [mm].
+    contact_step_share : float
+        Share of the steps with contact.
+    """
+
+    allowed: float = _length("Displacement allowed.", default=0.0)
+    used: float = _length("Displacement used.", default=0.0)
+    contact_max: float | None = _length("Deepest contact.")
+    contact_where: float | None = _length("Where that is.", low=-math.inf)
+    contact_step_share: float = quantity(default=0.0, low=0.0, high=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replanned:
+    """How a plan was made from the one before; see `bozzini.motion.replan`.
+
+    Parameters
+    ----------
+    warm : bool
+        Whether the path that moved with the tissue served.
+    margin : float, optional
+        Clearance over the scope's radius that it was shaped for [mm].
+    sweeps : int
+        After how many sweeps of the band; 0: as it was.
+    tissue_move : float
+        How far the path's points were moved with the tissue, at most [mm].
+    reason : str
+        Why it did not serve.
+    """
+
+    warm: bool = field(metadata=_TRUTH)
+    margin: float | None = _length("Margin.")
+    sweeps: int = quantity(whole=True, low=0, high=10**9, default=0)
+    tissue_move: float = _length("Move of the tissue.", default=0.0)
+    reason: str = field(default="", metadata=_TEXT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TractInput:
+    """From which file a plan was made, and how that was read: enough to read it again.
+
+    Parameters
+    ----------
+    source, file, sha256 : str, optional
+        What was read, the name of the file and its hash.
+    labels, part, unit, frame, repair
+        As for `bozzini.anatomy.read_tract`.
+    organ : str, optional
+    voxel, inflate : float, optional
+        As for `bozzini.duct.build_field` [mm].
+    more : mapping
+        Anything else that JSON takes: how start and end were given, for example.
+    """
+
+    source: str | None = field(default=None, metadata={**_TEXT, "omitted": True})
+    file: str | None = field(default=None, metadata={**_TEXT, "omitted": True})
+    sha256: str | None = field(default=None, metadata={**_TEXT, "omitted": True})
+    labels: tuple[int | str, ...] | None = field(default=None, metadata=_NAMES)
+    part: int | str | tuple[int | str, ...] | None = field(default=None, metadata=_PART)
+    unit: str | None = field(default=None, metadata=_TEXT)
+    frame: str | None = field(default=None, metadata=_TEXT)
+    repair: bool | None = field(default=None, metadata=_TRUTH)
+    organ: str | None = field(default=None, metadata=_TEXT)
+    voxel: float | None = _length("Voxel of the field.")
+    inflate: float | None = _length("Inflation.")
+    more: Mapping[str, object] = field(default_factory=dict, metadata={"recorded": False})
+
+    @classmethod
+    def read(cls, given: Mapping[str, object]) -> TractInput:
+        """Read JSON-able values, lengths with their unit in the name: ``voxel_mm``.
+
+        Raises
+        ------
+        InputError
+            If a value has the wrong type or range.
+        """
+        return read_record(cls, dict(given), "input")
+
+    def describe(self) -> dict[str, object]:
+        """Return the JSON-able values that `read` takes."""
+        record = write_record(self)
+        if self.sha256 is None:  # only the commands state all of a file
+            record = {key: value for key, value in record.items() if value is not None}
+        return {**record, **self.more}
+
+
+Kind = TypeVar("Kind")
+
+
+def _name_key(item: dataclasses.Field[object]) -> str:
+    known = item.metadata.get("quantity")
+    name = item.name if known is None else add_unit(item.name, known.unit)
+    return str(item.metadata.get("key", name))
+
+
+def write_record(item: object) -> dict[str, object]:
+    """Return the fields of a dataclass as JSON takes them, their units in the keys."""
+    record = {}
+    for each in dataclasses.fields(item):  # type: ignore[arg-type]
+        value = getattr(item, each.name)
+        if each.metadata.get("recorded", True):
+            if value is not None or not each.metadata.get("omitted", False):
+                record[_name_key(each)] = to_plain(value)
+    return record
+
+
+def read_record(kind: type[Kind], given: object, place: str) -> Kind:
+    """Read a dataclass from what `write_record` gives; what is null or lacks takes its default."""
+    if not isinstance(given, dict):
+        raise InputError(f"{place} is {_show(given)}: it must be an object")
+    values: dict[str, object] = {}
+    keys = set()
+    for item in dataclasses.fields(kind):  # type: ignore[arg-type]
+        key = _name_key(item)
+        keys.add(key)
+        value, where = given.get(key), f"{place}.{key}"
+        if value is None or not item.metadata.get("recorded", True):
+            if item.default is MISSING and item.default_factory is MISSING:
+                raise InputError(f"{where} is missing")
+            continue
+        values[item.name] = _read_value(item, value, where)
+    if issubclass(kind, TractInput):
+        values["more"] = {key: value for key, value in given.items() if key not in keys}
+    return kind(**values)
+
+
+def _read_value(item: dataclasses.Field[object], value: object, where: str) -> object:
+    known, read = item.metadata.get("quantity"), item.metadata.get("read")
+    if known is not None:
+        low, high = (0.0 if callable(end) else end for end in (known.low, known.high))
+        given: Any = value
+        number = check_number(
+            where, given, low=low, high=high, low_open=known.low_open, unit=known.unit
+        )
+        return int(number) if known.whole else number
+    if read is None:  # of a certificate: numbers, truth, text and a place
+        plain = (bool, int, float, str)
+        if isinstance(value, list):
+            return check_points(where, value, dim=len(value))
+        if isinstance(item.default, plain) and not isinstance(value, type(item.default)):
+            if not (isinstance(item.default, float) and type(value) is int):
+                raise InputError(f"{where} is {_show(value)}: it must be like {item.default!r}")
+        return value
+    items = value if isinstance(value, list) else []
+    if type(value) not in read.kinds or not all(type(each) in read.items for each in items):
+        raise InputError(f"{where} is {_show(value)}: it must be {read.words}")
+    if isinstance(value, list) and not value:
+        raise InputError(f"{where} is empty: it must be {read.words}")
+    return tuple(value) if isinstance(value, list) else value
+
+
+_PARTS: Mapping[str, type] = {
+    "scope": Scope,
+    "introducer": Introducer,
+    "certificate": Certificate,
+    "field": FieldSummary,
+    "measures": Measures,
+    "refusal": Refusal,
+    "soft_wall": SoftWall,
+    "replan": Replanned,
+}
+"""Parts of ``meta`` that are read and written field by field."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan(Result):
     """A motion of a scope, step by step, and what is known about it.
 
     Parameters
@@ -59,58 +351,100 @@ class Plan:
     path_arc_length, path_radius : (m,) float
         Arc length [mm] and inscribed radius of the lumen [mm] along the path.
     method : str
-        The planner.
+        The planner that made it.
     status : {"complete", "stopped"}
         Whether the head came to the end of the path.
     reason_code, reason : str
         Why the motion stopped, as a code and as one sentence; "" if it is complete.
-    meta : dict
-        JSON-able: scope, introducer, wall, field errors, inputs, versions, measures.
+    scope : Scope, optional
+        This and what follows is None, or empty, where a plan does not state it.
+    introducer : Introducer, optional
+    options : PlannerOptions, optional
+    asked : str
+        The planner that was asked for: "best" compares several.
+    freedom : float, optional
+        Share of the free tube that the best motion uses.
+    candidates : tuple of Candidate, optional
+        The motions that were compared for it.
+    wall : str
+        What the wall is.
+    certificate : Certificate, optional
+        What is proved. A plan that is read from a file claims this: see `verify_plan`.
+    field : FieldSummary, optional
+    measures : Measures, optional
+    refusal : Refusal, optional
+        Why the goal is not reached, in numbers.
+    soft_wall : SoftWall, optional
+    replan : Replanned, optional
+    input : TractInput, optional
+    centreline : Centreline, optional
+        The whole way to the goal.
+    findings : tuple of str
+        What the checks of the tract found.
+    versions : mapping
+        Of the software, by name.
+    more : mapping
+        What else the file holds; JSON-able.
+
+    Raises
+    ------
+    InputError
+        If arrays do not have these shapes, or the status is another word.
     """
 
-    joints: NDArray[np.float64]
-    head_arc_length: NDArray[np.float64]
-    clearance: NDArray[np.float64]
-    path: NDArray[np.float64]
-    path_arc_length: NDArray[np.float64]
-    path_radius: NDArray[np.float64]
+    joints: Floats
+    head_arc_length: Floats
+    clearance: Floats
+    path: Floats
+    path_arc_length: Floats
+    path_radius: Floats
     method: str
-    status: str
+    status: Status
     reason_code: str = ""
     reason: str = ""
-    meta: dict[str, Any] = field(default_factory=dict)
+    scope: Scope | None = None
+    introducer: Introducer | None = None
+    options: PlannerOptions | None = None
+    asked: str = ""
+    freedom: float | None = None
+    candidates: tuple[Candidate, ...] | None = None
+    wall: str = ""
+    certificate: Certificate | None = None
+    field: FieldSummary | None = None
+    measures: Measures | None = None
+    refusal: Refusal | None = None
+    soft_wall: SoftWall | None = None
+    replan: Replanned | None = None
+    input: TractInput | None = None
+    centreline: Centreline | None = None
+    findings: tuple[str, ...] = ()
+    versions: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    more: Mapping[str, object] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        joints = self.joints
-        if (
-            joints.ndim != 3
-            or joints.shape[0] < 1
-            or joints.shape[1] < 2
-            or joints.shape[2] not in (2, 3)
-        ):
+        shape = self.joints.shape
+        if len(shape) != 3 or shape[0] < 1 or shape[1] < 2 or shape[2] not in (2, 3):
             raise InputError(
-                f"joints has shape {joints.shape}: it must be (steps, joints, dim) with at least "
+                f"joints has shape {shape}: it must be (steps, joints, dim) with at least "
                 "1 step, 2 joints and 2 or 3 dimensions"
             )
-        steps, count, dim = joints.shape
+        steps, count, dim = shape
         if self.path.ndim != 2 or self.path.shape[0] < 2 or self.path.shape[1] != dim:
             raise InputError(
                 f"path has shape {self.path.shape}: it must be (m, {dim}) with m at least 2"
             )
-        for name in ("path_arc_length", "path_radius"):
-            if getattr(self, name).shape != (len(self.path),):
+        wanted = {
+            "path_arc_length": (len(self.path),),
+            "path_radius": (len(self.path),),
+            "clearance": (steps, count - 1),
+            "head_arc_length": (steps,),
+        }
+        for name, right in wanted.items():
+            if getattr(self, name).shape != right:
                 raise InputError(
-                    f"{name} has shape {getattr(self, name).shape}: it must be ({len(self.path)},)"
+                    f"{name} has shape {getattr(self, name).shape}: it must be {right}"
                 )
-        if self.clearance.shape != (steps, count - 1):
-            raise InputError(
-                f"clearance has shape {self.clearance.shape}: it must be ({steps}, {count - 1})"
-            )
-        if self.head_arc_length.shape != (steps,):
-            raise InputError(
-                f"head_arc_length has shape {self.head_arc_length.shape}: it must be ({steps},)"
-            )
-        if self.status not in ("complete", "stopped"):
+        if self.status not in get_args(Status):
             raise InputError(f"status is {self.status!r}: it must be 'complete' or 'stopped'")
 
     @property
@@ -133,6 +467,145 @@ class Plan:
         """How far the head got along the path at most [mm]."""
         return float(self.head_arc_length.max())
 
+    @property
+    def certified(self) -> bool:
+        """Whether the certificate claims a clearance of 0 mm or more."""
+        return self.certificate is not None and self.certificate.certified
+
+    @property
+    def proved(self) -> float | None:
+        """The clearance that is certified [mm]; None if none is."""
+        proof = self.certificate
+        return proof.clearance if proof is not None and proof.certified else None
+
+    @property
+    def inflation(self) -> float:
+        """How far the wall was moved outwards, a soft wall's displacement included [mm]."""
+        return 0.0 if self.field is None else self.field.inflation
+
+    @property
+    def displaced(self) -> float:
+        """How much of that is the displacement of a soft wall [mm]."""
+        return 0.0 if self.soft_wall is None else self.soft_wall.used
+
+    @property
+    def route(self) -> tuple[float, ...]:
+        """Fractions of the path that the head was to go to in turn."""
+        return PlannerOptions.route if self.options is None else self.options.route
+
+    @property
+    def converged(self) -> bool:
+        """Whether the head came to the goal."""
+        return self.status == "complete"
+
+    @property
+    def residual(self) -> float:
+        """How near the head came to the goal [mm]; NaN where a stopped plan does not state it."""
+        if self.centreline is None:
+            return 0.0 if self.converged else math.nan
+        gaps = np.linalg.norm(self.joints[:, 0] - self.centreline.points[-1], axis=1)
+        return float(gaps.min())
+
+    def get_scope(self) -> Scope:
+        """Return the scope; without one `InputError` is raised."""
+        if self.scope is None:
+            raise InputError("the plan has no scope: scope diameter and link length are not stated")
+        return self.scope
+
+    def get_introducer(self) -> Introducer:
+        """Return the introducer; without one `InputError` is raised."""
+        if self.introducer is None:
+            raise InputError("the plan has no introducer")
+        return self.introducer
+
+    @property
+    def meta(self) -> dict[str, Any]:
+        """What the file states beside the arrays, as JSON takes it."""
+        record: dict[str, Any] = {**self.more}
+        for name, value in (("wall", self.wall), ("findings", list(self.findings))):
+            if value:
+                record[name] = value
+        for name in _PARTS:
+            part = getattr(self, name)
+            if part is not None:
+                record[name] = write_record(part)
+        if self.scope is not None:
+            record["scope"] = {
+                "diameter_mm": self.scope.diameter,
+                "link_length_mm": self.scope.link_length,
+            }
+        if self.certificate is not None:
+            record["certified"] = self.certified
+        if self.options is not None:
+            record["head_step_mm"] = self.options.head_step
+            record["options"] = {
+                "slip": self.options.slip,
+                "angle_limit_rad": self.options.angle_limit,
+                "route": list(self.options.route),
+                "asked": self.asked,
+                **({} if self.freedom is None else {"freedom": self.freedom}),
+            }
+        if self.candidates is not None:
+            record["candidates"] = [write_record(each) for each in self.candidates]
+        if self.input is not None:
+            record["input"] = self.input.describe()
+        if self.centreline is not None:
+            record["centreline"] = {
+                "points_mm": self.centreline.points.tolist(),
+                "arc_length_mm": self.centreline.arc_length.tolist(),
+                "radius_mm": self.centreline.radius.tolist(),
+            }
+        if self.versions:
+            record["versions"] = dict(self.versions)
+        return record
+
+    @classmethod
+    def from_meta(cls, meta: Mapping[str, object], **known: object) -> Plan:
+        """Return a plan of what a file states beside the arrays.
+
+        Parameters
+        ----------
+        meta : mapping
+            As `meta` gives it.
+        **known
+            Arrays and texts of the plan, and whatever is not in `meta`.
+
+        Raises
+        ------
+        InputError
+            If a value in `meta` has the wrong type or is out of range.
+        """
+        return cls(**{**_read_meta(meta), **known})  # type: ignore[arg-type]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the plan without its arrays as plain values, which JSON takes."""
+        texts = {name: getattr(self, name) for name in _TEXTS}
+        counts = {"steps": self.steps, "links": self.links, "inserted_mm": self.inserted}
+        result = {"converged": self.converged, "residual": self.residual}
+        values: dict[str, object] = to_plain({**texts, **result, **counts, **self.meta})
+        return values
+
+    def list_columns(self) -> Mapping[str, Floats]:
+        """Return the columns of `to_frame`: a row per step."""
+        return {
+            "step": np.arange(self.steps),
+            "head_arc_length_mm": self.head_arc_length,
+            "clearance_mm": self.clearance.min(axis=1),
+            "closest_link": np.argmin(self.clearance, axis=1) + 1,
+        }
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the smallest clearance over the head's way, and return the axes."""
+        axes = take_axes(ax, x="head along its path [mm]", y="clearance [mm]")
+        least = self.clearance.min(axis=1)
+        shown = np.where(np.isfinite(least), least, np.nan)
+        axes.plot(self.head_arc_length, shown, label=f"estimated, {self.method}")
+        if self.proved is not None:
+            axes.axhline(self.proved, color="0.4", linestyle="--", label="certified")
+        axes.axhline(0.0, color="0.0", linewidth=0.8)
+        axes.legend()
+        return axes
+
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the plan as a compressed ``.npz`` and return its path.
 
@@ -141,14 +614,8 @@ class Plan:
         OutputError
             If the file cannot be written.
         """
-        meta = {
-            **self.meta,
-            "format": PLAN_FORMAT,
-            "method": self.method,
-            "status": self.status,
-            "reason_code": self.reason_code,
-            "reason": self.reason,
-        }
+        texts = {name: getattr(self, name) for name in _TEXTS}
+        meta = {**self.meta, "format": PLAN_FORMAT, **texts}
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         text = np.array(json.dumps(meta, allow_nan=False))
 
@@ -173,36 +640,117 @@ class Plan:
         """
         source = Path(path)
         meta, arrays = _read_archive(source)
-        texts = {}
-        for key in ("method", "status", "reason_code", "reason"):
-            if not isinstance(meta.get(key), str):
-                raise FileFormatError(f"{source}: {key} is {_show(meta.get(key))}: it must be text")
-            texts[key] = meta[key]
-        if not texts["method"].strip():
-            raise FileFormatError(f"{source}: method is empty: it must name the planner")
         try:
-            plan = cls(**arrays, **texts, meta=meta)  # type: ignore[arg-type]
+            texts = {name: meta.pop(name, None) for name in _TEXTS}
+            for key, text in texts.items():
+                if not isinstance(text, str):
+                    raise InputError(f"{key} is {_show(text)}: it must be text")
+            if not str(texts["method"]).strip():
+                raise InputError("method is empty: it must name the planner")
+            certified = meta.pop("certified", None)
+            plan = cls.from_meta(meta, **arrays, **texts)
             _check_numbers(plan)
-            _check_meta(plan)
+            _check_parts(plan)
             _check_status(plan)
-            _check_claim(plan)
-        except FileFormatError:
-            raise
+            _check_claim(plan, certified)
         except InputError as error:
             raise FileFormatError(f"{source}: {error}") from None
         return plan
 
 
-def _read_archive(source: Path) -> tuple[dict[str, Any], dict[str, NDArray[np.float64]]]:
+def _read_meta(meta: Mapping[str, object]) -> dict[str, object]:
+    """Return the fields of a plan that are in the meta of a file."""
+    rest = {name: value for name, value in meta.items() if value is not None}
+    rest.pop("certified", None)
+    values: dict[str, object] = {}
+    for name, kind in _PARTS.items():
+        if name in rest:
+            values[name] = read_record(kind, rest.pop(name), f"meta.{name}")
+    if "input" in rest:
+        values["input"] = read_record(TractInput, rest.pop("input"), "meta.input")
+    if "candidates" in rest:
+        values["candidates"] = tuple(
+            read_record(Candidate, each, "meta.candidates")
+            for each in _pop_list(rest, "candidates")
+        )
+    if "findings" in rest:
+        values["findings"] = tuple(map(str, _pop_list(rest, "findings")))
+    if "wall" in rest:
+        values["wall"] = str(rest.pop("wall"))
+    if isinstance(rest.get("versions"), dict):
+        values["versions"] = rest.pop("versions")
+    if "centreline" in rest:
+        values["centreline"] = _read_line(rest.pop("centreline"))
+    options = rest.pop("options", {})
+    if not isinstance(options, dict):
+        raise InputError(f"meta.options is {_show(options)}: it must be an object")
+    step = rest.pop("head_step_mm", None)
+    if options or step is not None:
+        values["options"] = _read_options(options, step)
+        values["asked"] = str(options.get("asked", ""))
+        freedom = options.get("freedom")
+        if freedom is not None:
+            values["freedom"] = check_number("meta.options.freedom", freedom, low=0.0, high=1.0)
+    values["more"] = {name: value for name, value in rest.items() if name != "format"}
+    return values
+
+
+def _pop_list(rest: dict[str, object], name: str) -> Iterable[object]:
+    given = rest.pop(name)
+    if not isinstance(given, list):
+        raise InputError(f"meta.{name} is {_show(given)}: it must be a list")
+    return given
+
+
+def _read_options(given: Mapping[str, object], step: object) -> PlannerOptions:
+    route = given.get("route", [1.0])
+    if not isinstance(route, list) or not route:
+        raise InputError(f"meta.options.route is {_show(route)}: it must be a list of fractions")
+    known = {"slip": given.get("slip"), "angle_limit": given.get("angle_limit_rad")}
+    stated = {name: value for name, value in known.items() if value is not None}
+    if step is not None:
+        stated["head_step"] = step
+    try:
+        return PlannerOptions(route=tuple(route), **stated)  # type: ignore[arg-type]
+    except InputError as error:
+        raise InputError(f"meta.options: {error}") from None
+
+
+def _read_line(given: object) -> Centreline:
+    """Read a centreline that a file states, all in mm."""
+    if not isinstance(given, dict):
+        raise InputError(f"meta.centreline is {_show(given)}: it must be an object")
+    named = (("points", 2), ("arc_length", 1), ("radius", 1))
+    arrays = {}
+    for name, dim in named:
+        where = f"meta.centreline.{name}_mm"
+        try:
+            array = np.asarray(given.get(f"{name}_mm"), dtype=np.float64)
+        except (TypeError, ValueError):
+            array = np.empty(0)
+        if array.ndim != dim or len(array) < 2 or not np.isfinite(array).all():
+            raise InputError(
+                f"{where} must be an array of at least 2 finite rows, as for points_mm"
+            )
+        arrays[name] = array
+    count = len(arrays["points"])
+    if not len(arrays["arc_length"]) == len(arrays["radius"]) == count:
+        raise InputError(
+            f"meta.centreline.points_mm has {count} rows: the others must have as many"
+        )
+    return Centreline(**arrays)  # type: ignore[arg-type]
+
+
+def _read_archive(source: Path) -> tuple[dict[str, object], dict[str, Floats]]:
     """Read the arrays and the meta of an archive, without trusting any size that it states."""
     try:
         with zipfile.ZipFile(source) as archive:
             members = archive.infolist()
             size = sum(item.file_size for item in members)
-            if len(members) > 100 or size > LARGEST:
+            if len(members) > 100 or size > FILE_SIZE_MAX:
                 raise ValueError(
                     f"{len(members)} arrays of {size / 2**20:,.0f} MiB unpacked: a plan has at "
-                    f"most 100 of {LARGEST / 2**20:,.0f} MiB"
+                    f"most 100 of {FILE_SIZE_MAX / 2**20:,.0f} MiB"
                 )
             names = [item.filename for item in members]
             if len(set(names)) != len(names):
@@ -242,7 +790,7 @@ def _read_archive(source: Path) -> tuple[dict[str, Any], dict[str, NDArray[np.fl
     return meta, {name: array.astype(np.float64) for name, array in arrays.items()}
 
 
-def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[np.generic]:
     """Read one array whose header states exactly as much as there is; never a pickle."""
     with archive.open(f"{name}.npy") as stream:
         content = stream.read()
@@ -257,24 +805,21 @@ def _read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     if dtype.hasobject or min(shape, default=0) < 0 or stated != len(content) - buffer.tell():
         raise ValueError(f"{name} is not {dtype} of shape {shape}")
     buffer.seek(0)
-    array: NDArray[Any] = np.lib.format.read_array(buffer, allow_pickle=False)
+    array: NDArray[np.generic] = np.lib.format.read_array(buffer, allow_pickle=False)
     return array
 
 
-def _find_infinite(value: Any, place: str = "") -> str | None:
+def _find_infinite(value: object, place: str = "") -> str | None:
     """Return where in a JSON value a number is not finite, or None."""
     if isinstance(value, float):
         return None if math.isfinite(value) else place
-    items: Any = ()
+    items: Iterable[tuple[str, object]] = ()
     if isinstance(value, dict):
         items = ((f".{key}", item) for key, item in value.items())
     elif isinstance(value, list):
         items = ((f"[{k}]", item) for k, item in enumerate(value))
-    for name, item in items:
-        found = _find_infinite(item, place + name)
-        if found is not None:
-            return found
-    return None
+    found = (_find_infinite(item, place + name) for name, item in items)
+    return next((each for each in found if each is not None), None)
 
 
 def _check_numbers(plan: Plan) -> None:
@@ -289,95 +834,34 @@ def _check_numbers(plan: Plan) -> None:
                 f"{name_at(name, array, index)} is {array.flat[index]:g}: it must be finite"
             )
         top = np.abs(array[np.isfinite(array)]).max(initial=0.0)
-        if top > FARTHEST:
-            raise InputError(f"{name} reaches {top:g} mm: it must lie within {FARTHEST:g} mm")
+        if top > COORDINATE_MAX_MM:
+            raise InputError(
+                f"{name} reaches {top:g} mm: it must lie within {COORDINATE_MAX_MM:g} mm"
+            )
     if (np.diff(plan.path_arc_length) < 0.0).any() or plan.path_arc_length[0] != 0.0:
         raise InputError("path_arc_length must begin at 0 and never fall")
 
 
-def _read_part(meta: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Return an object of the meta, empty where it is not there."""
-    part = meta.get(key)
-    if part is None:
-        return {}
-    if not isinstance(part, dict):
-        raise InputError(f"meta.{key} is {_show(part)}: it must be an object")
-    return part
-
-
-def _check_part(
-    meta: Mapping[str, Any], key: str, name: str, *, low: float, low_open: bool = False
-) -> float | None:
-    """Return a number of the meta inside its range; None where it is not there or null."""
-    value = _read_part(meta, key).get(name)
-    if value is None:
-        return None
-    return check_number(
-        f"meta.{key}.{name}", value, low=low, high=FARTHEST, low_open=low_open, unit="mm"
-    )
-
-
-def _check_meta(plan: Plan) -> None:
-    """Raise `InputError` for a description that no scope, introducer or wall can have."""
-    meta = plan.meta
-    _check_part(meta, "scope", "diameter_mm", low=0.0, low_open=True)
-    _check_part(meta, "scope", "link_length_mm", low=0.0, low_open=True)
-    inflation = _check_part(meta, "field", "inflation_mm", low=0.0)
-    _check_part(meta, "field", "clearance_error_mm", low=0.0)
-    _check_part(meta, "measures", "joint_step_max_mm", low=0.0)
-    if meta.get("head_step_mm") is not None:
-        check_number("meta.head_step_mm", meta["head_step_mm"], low=0.0, low_open=True, unit="mm")
-    used = _check_part(meta, "soft_wall", "used_mm", low=0.0)
-    allowed = _check_part(meta, "soft_wall", "allowed_mm", low=0.0)
-    if used is not None and (
-        allowed is None or used > allowed + 1e-9 or used > (inflation or 0.0) + 1e-9
-    ):
+def _check_parts(plan: Plan) -> None:
+    """Raise `InputError` for parts of a description that do not agree."""
+    soft, tube, dim = plan.soft_wall, plan.introducer, plan.joints.shape[2]
+    if soft is not None and soft.used > min(soft.allowed, plan.inflation) + 1e-9:
         raise InputError(
-            f"meta.soft_wall.used_mm is {used:g} mm: it must be at most what is allowed and part "
-            "of meta.field.inflation_mm"
+            f"meta.soft_wall.used_mm is {soft.used:g} mm: it must be at most what is allowed and "
+            "part of meta.field.inflation_mm"
         )
-    for key in ("options", "input", "certificate"):
-        _read_part(meta, key)
-    if meta.get("introducer") is None:
+    if tube is None:
         return
-    tube = _read_part(meta, "introducer")
-    check_number(
-        "meta.introducer.bore_mm",
-        tube.get("bore_mm"),  # type: ignore[arg-type]
-        low=0.0,
-        high=FARTHEST,
-        low_open=True,
-        unit="mm",
-    )
-    dim = plan.joints.shape[2]
-    for name in ("entry_mm", "outward"):
-        point = check_points(f"meta.introducer.{name}", tube.get(name), dim=dim)  # type: ignore[arg-type]
+    for name, point in (("entry_mm", tube.entry), ("outward", tube.outward)):
         if point.shape != (dim,):
             raise InputError(f"meta.introducer.{name} has shape {point.shape}: it must be ({dim},)")
-        size = float(np.linalg.norm(point))
-        if name == "outward" and abs(size - 1.0) > 1e-6:
-            raise InputError(f"meta.introducer.outward has length {size:g}: it must be 1")
-
-
-def read_route(plan: Plan) -> tuple[float, ...]:
-    """Return the fractions of the path that the head was to go to in turn.
-
-    Raises
-    ------
-    InputError
-        If the plan's `meta` states anything else.
-    """
-    route = _read_part(plan.meta, "options").get("route")
-    if route is None:
-        return (1.0,)
-    if not isinstance(route, list) or not route:
-        raise InputError(f"meta.options.route is {_show(route)}: it must be a list of fractions")
-    return tuple(check_number("meta.options.route", v, low=0.0, high=1.0) for v in route)
+    size = float(np.linalg.norm(tube.outward))
+    if abs(size - 1.0) > 1e-6:
+        raise InputError(f"meta.introducer.outward has length {size:g}: it must be 1")
 
 
 def _check_status(plan: Plan) -> None:
-    """Raise `InputError` if a plan calls itself complete whose head never got to the end."""
-    share = max(read_route(plan))
+    """Raise `InputError` if a plan is called complete whose head never got to the end."""
     if plan.status != "complete":
         return
     if plan.reason_code or plan.reason:
@@ -385,8 +869,8 @@ def _check_status(plan: Plan) -> None:
             f"status is 'complete', but a reason to stop is given ({_show(plan.reason_code)}): "
             "one of them is wrong"
         )
-    goal = share * float(plan.path_arc_length[-1])
-    if plan.inserted < goal - SLACK:
+    goal = max(plan.route) * float(plan.path_arc_length[-1])
+    if plan.inserted < goal - ROUND_OFF_MM:
         raise InputError(
             f"status is 'complete', but the head gets to {plan.inserted:g} mm of its path: it must "
             f"get to {goal:g} mm"
@@ -394,34 +878,33 @@ def _check_status(plan: Plan) -> None:
     step = int(np.argmax(plan.head_arc_length))
     end = np.array([np.interp(goal, plan.path_arc_length, column) for column in plan.path.T])
     miss = float(np.linalg.norm(plan.joints[step, 0] - end))
-    if miss > SLACK:
+    if miss > ROUND_OFF_MM:
         raise InputError(
             f"status is 'complete', but the head's joint stays {miss:g} mm from the end of its "
-            f"path: it must be within {SLACK:g} mm"
+            f"path: it must be within {ROUND_OFF_MM:g} mm"
         )
 
 
-def _check_claim(plan: Plan) -> None:
+def _check_claim(plan: Plan, certified: object) -> None:
     """Raise `InputError` if a plan claims more of its clearance than its own numbers allow."""
-    certified = plan.meta.get("certified")
     if certified is not None and not isinstance(certified, bool):
         raise InputError(f"meta.certified is {_show(certified)}: it must be true or false")
-    claimed = _check_part(plan.meta, "certificate", "clearance_mm", low=-FARTHEST)
-    if certified and (claimed is None or claimed < 0.0):
-        told = "no clearance" if claimed is None else f"a clearance of {claimed:g} mm"
+    proof = plan.certificate
+    if certified and not plan.certified:
+        bound = math.inf if proof is None else proof.clearance
+        what = f"a clearance of {bound:g} mm" if math.isfinite(bound) else "no clearance"
         raise InputError(
-            f"meta.certified is true, but the certificate has {told}: it must be at least 0 mm"
+            f"meta.certified is true, but the certificate has {what}: it must be at least 0 mm"
         )
-    if claimed is None or claimed < 0.0:
+    if proof is None or not proof.certified:
         return
     # The certificate is a lower bound, so no estimate may lie below it by more than its error.
-    error = _check_part(plan.meta, "field", "clearance_error_mm", low=0.0)
-    used = _check_part(plan.meta, "soft_wall", "used_mm", low=0.0) or 0.0
-    highest = plan.clearance_min + used + (0.0 if error is None else error)
-    if claimed > highest + SLACK:
+    error = plan.field.clearance_error if plan.field is not None else None
+    highest = plan.clearance_min + plan.displaced + (error or 0.0)
+    if proof.clearance > highest + ROUND_OFF_MM:
         raise InputError(
-            f"the certificate's clearance is {claimed:g} mm: the clearances at the steps allow at "
-            f"most {highest:g} mm"
+            f"the certificate's clearance is {proof.clearance:g} mm: the clearances at the steps "
+            f"allow at most {highest:g} mm"
         )
 
 

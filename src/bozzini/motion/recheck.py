@@ -21,13 +21,19 @@ __all__ = ["Recheck", "Tube", "Wall", "recheck_motion", "surface_wall", "voxel_w
 Floats = NDArray[np.float64]
 
 BATCH = 1 << 16
+"""Cells measured at a time."""
+
+SAMPLES_MAX = 50_000_000
+"""Exact distances measured at most."""
+
 BLOCK = 16
 """Steps in a cell to begin with."""
 
-ROUNDING = 1e-9
+ROUND_OFF_MM = 1e-9
+"""Length that is round-off."""
 
-BORE_SLACK = 1e-3
-"""How far a stated bore may lie above the clearance at the entry [mm]."""
+BORE_ROUND_OFF_MM = 1e-3
+"""How far a stated bore may lie above the clearance at the entry."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,7 +157,7 @@ class Tube:
     def holds(self, points: Floats, radius: float) -> NDArray[np.bool_]:
         """Return whether a ball of `radius` around points (..., 3) is in the bore."""
         along, off = self.split(points)
-        return np.asarray((along >= -ROUNDING) & (off <= self.bore - radius + ROUNDING))
+        return np.asarray((along >= -ROUND_OFF_MM) & (off <= self.bore - radius + ROUND_OFF_MM))
 
     def leaves_at_end(self, inner: Floats, outer: Floats, radius: float) -> bool:
         """Return whether the way from a point in the bore to another leaves it at its end.
@@ -223,7 +229,6 @@ def recheck_motion(
     tube: Tube | None = None,
     inflation: float = 0.0,
     tolerance: float = 0.05,
-    budget: int = 50_000_000,
 ) -> Recheck:
     """Bound the clearance of a moving chain by exact distances to the wall.
 
@@ -243,8 +248,6 @@ def recheck_motion(
         distance to the wall inside, and this minus it outside.
     tolerance : float
         How far `lower` may stay below `found` [mm].
-    budget : int
-        Samples at most.
 
     Raises
     ------
@@ -267,9 +270,9 @@ def recheck_motion(
         offered = float(wall.measure_clearance(tube.entry[None])[0]) + inflation
         tube = Tube(entry=tube.entry, outward=tube.outward, bore=min(bore, max(offered, 0.0)))
     search = _Search(chains, wall, radius, tube, inflation)
-    lower = search.run(tolerance, budget)
+    lower = search.run(tolerance)
     found, place, at = search.found, search.place, search.at
-    if tube is not None and bore > offered + BORE_SLACK and offered - bore < lower:
+    if tube is not None and bore > offered + BORE_ROUND_OFF_MM and offered - bore < lower:
         lower = min(lower, offered - bore)
         if lower < found:
             found, place, at = offered - bore, tube.entry, (0.0, 1)
@@ -303,7 +306,7 @@ class _Cells:
     def __len__(self) -> int:
         return len(self.link)
 
-    def take(self, chosen: Any) -> _Cells:
+    def take(self, chosen: slice | NDArray[np.bool_]) -> _Cells:
         return _Cells(*(getattr(self, name)[chosen] for name in _COLUMNS))
 
 
@@ -356,7 +359,7 @@ class _Search:
             )
             self.waiting[t] = count if self.sideways[t] else first
 
-    def run(self, tolerance: float, budget: int) -> float:
+    def run(self, tolerance: float) -> float:
         """Return a lower bound of the clearance, `tolerance` or less below the smallest found."""
         self._look_first()
         stack = [self._cover()]
@@ -372,7 +375,7 @@ class _Search:
             clearance, reach, drift, along, centre = self._measure(cells)
             bound = clearance + self.inflation - self.radius - reach
             settled = (bound >= self.found - tolerance) | (reach <= 0.25 * tolerance)
-            if self.samples >= budget:
+            if self.samples >= SAMPLES_MAX:
                 self.resolved = self.resolved and bool(settled.all())
                 settled[:] = True
             if settled.any():

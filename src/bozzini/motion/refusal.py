@@ -1,15 +1,13 @@
-"""Why a scope does not get to its goal: a code, a place, and what would make it fit."""
+"""Why a scope does not reach its goal: a code, a place, and what would make it fit."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from decimal import ROUND_FLOOR, Decimal
-from typing import Any
 
+from ..checks import quantity
 from .scope import Scope
-
-__all__ = ["REASON_CODES", "Refusal", "floor_mm"]
 
 REASON_CODES = {
     "ENTRY_CLEARANCE": "the lumen at the entry is narrower than the scope",
@@ -27,8 +25,8 @@ REASON_CODES = {
 }
 """Every reason code and what it means."""
 
-NEAR = 10.0
-"""A motion that ends farther than this from the place that stops it names its end [mm]."""
+NEAR_MM = 10.0
+"""A motion that ends farther than this from the place that stops it names its end."""
 
 
 def floor_mm(value: float) -> str:
@@ -49,7 +47,8 @@ class Refusal:
     needs, offers : float
         Clearance needed and clearance there, from the scope's axis to the wall [mm].
     what : str
-        The statement, one sentence without its full stop.
+        The statement, one sentence without its full stop; empty in a plan read from a file, whose
+        `reason` has it.
     diameter_max, link_max, inflate : float or None
         What a certified plan of the whole way was found for, each alone: a diameter, a link
         length, an inflation (all of it, with what the lumen was inflated by already) [mm]. None
@@ -61,21 +60,21 @@ class Refusal:
     """
 
     code: str
-    at: float
-    needs: float
-    offers: float
-    what: str
-    diameter_max: float | None = None
-    link_max: float | None = None
-    inflate: float | None = None
-    diameter_bound: float | None = None
-    ends_at: float | None = None
+    at: float = quantity("length")
+    needs: float = quantity("length")
+    offers: float = quantity("length", default=-math.inf)
+    what: str = field(default="", metadata={"recorded": False})
+    diameter_max: float | None = quantity("length", default=None)
+    link_max: float | None = quantity("length", default=None)
+    inflate: float | None = quantity("length", default=None)
+    diameter_bound: float | None = quantity("length", default=None)
+    ends_at: float | None = quantity("length", default=None)
 
     @property
     def reason(self) -> str:
         """The statement and the advice, at most two sentences; the last without its full stop."""
         statement = self.what
-        if self.ends_at is not None and abs(self.ends_at - self.at) > NEAR:
+        if self.ends_at is not None and abs(self.ends_at - self.at) > NEAR_MM:
             statement += f"; the motion ends at {self.ends_at:.1f} mm of the centreline"
         advice = []
         if self.diameter_max is not None:
@@ -97,24 +96,6 @@ class Refusal:
     def stop_at(self, arc: float) -> Refusal:
         """Return the refusal with where on the centreline the motion itself ends."""
         return replace(self, ends_at=arc)
-
-    def advise(self, **changes: float | None) -> Refusal:
-        """Return the refusal with advice filled in."""
-        return replace(self, **changes)  # type: ignore[arg-type]
-
-    def describe(self) -> dict[str, Any]:
-        """Return the refusal as JSON-able values."""
-        return {
-            "code": self.code,
-            "at_mm": self.at,
-            "needs_mm": self.needs,
-            "offers_mm": self.offers,
-            "diameter_max_mm": self.diameter_max,
-            "link_max_mm": self.link_max,
-            "inflate_mm": self.inflate,
-            "diameter_bound_mm": self.diameter_bound,
-            "ends_at_mm": self.ends_at,
-        }
 
     @classmethod
     def at_entry(cls, scope: Scope, clearance: float, *, slack: float = 0.0) -> Refusal:

@@ -7,19 +7,19 @@ one parameter. Its clearance decides for all times, all joints, advancing or ret
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..numeric.polylines import measure_arc_length, resample_polyline
+from .space import FreeSpace
 
-__all__ = ["ShapedPath", "continue_length", "cut_path", "measure_folds", "shape_path"]
+Floats = NDArray[np.float64]
 
-TARGET = 0.15
-"""How much more room than needed the band aims at [mm]."""
+TARGET_MM = 0.15
+"""How much more clearance than needed the band aims at."""
 
-SPACING = 1.0
+SPACING_MM = 1.0
 """Distance between the band's points [mm]."""
 
 REACH = 3
@@ -31,20 +31,20 @@ SCHEDULES = (
 )
 """Rounds of (sweeps, tension); the second is tried where the first almost succeeds."""
 
-HOPELESS = 1.5
+HOPELESS_MM = 1.5
 """A shape that lacks more than this after the first schedule is given up [mm]."""
 
 POLISHES = (((150, 0.0),), ((60, 0.2), (60, 0.1), (150, 0.0)))
-"""Rounds for a shape that lacks little: between walls that leave no `TARGET`, aiming at it makes
+"""Rounds for a shape that lacks little: between walls that leave no `TARGET_MM`, aiming at it makes
 the band swing from one to the other."""
 
-POLISH_TARGET = 0.03
-"""How much more room than needed these aim at [mm]."""
+POLISH_TARGET_MM = 0.03
+"""How much more clearance than needed these aim at."""
 
-POLISH_LACK = 0.3
+POLISH_LACK_MM = 0.3
 """They are for a shape that lacks at most this much [mm]."""
 
-SHORTEST = 2.0
+SHORTEST_MM = 2.0
 """Links shorter than this are not tried [mm]."""
 
 
@@ -60,7 +60,7 @@ class ShapedPath:
         0 at the entry, negative in the introducer [mm].
     first : int
         Index of the entry.
-    room : float
+    clearance : float
         Smallest rigorous clearance bound along any chord of the path [mm].
     tightest : float
         Arc length of the head where that is [mm].
@@ -73,7 +73,7 @@ class ShapedPath:
     points: NDArray[np.float64]
     arc_length: NDArray[np.float64]
     first: int
-    room: float
+    clearance: float
     tightest: float
     clear: bool
     clear_until: float
@@ -84,163 +84,115 @@ class ShapedPath:
         return float(self.arc_length[-1])
 
 
-def shape_path(
-    data: Any,
-    intro: NDArray[np.float64],
-    path: NDArray[np.float64],
-    *,
-    length: float,
-    room: float,
-    lead: float,
-    thorough: bool = True,
-) -> ShapedPath:
-    """Shape a path from the entry to the goal for a link length.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Band:
+    """An elastic band that bends a path from the entry to the goal for one link length.
 
     Parameters
     ----------
-    data : named tuple
-        The packed duct.
-    intro : (7,) float
-        The packed introducer.
-    path : (m, 3) float
-        First guess, in the duct's own frame; its ends stay.
+    space : FreeSpace
     length : float
         Of a link [mm].
-    room : float
-        Clearance that every chord must have [mm].
+    clearance : float
+        What every chord must have [mm].
     lead : float
         How far the introducer's straight line is continued outwards [mm].
-    thorough : bool
-        Whether to try more than the first schedule.
-
-    Returns
-    -------
-    ShapedPath
-        The best found; `clear` says whether it will do.
     """
-    best = _run(data, intro, path, SCHEDULES[0], length, room, lead)
-    if best.clear or best.room < room - HOPELESS or not thorough:
+
+    space: FreeSpace
+    length: float
+    clearance: float
+    lead: float
+
+    def shape(self, path: Floats, *, thorough: bool = True) -> ShapedPath:
+        """Shape a path (m, 3) in the duct's own frame, whose ends stay; return the best found.
+
+        Its `clear` states whether it will do. If not `thorough`, one schedule is tried.
+        """
+        best = self.run(path, SCHEDULES[0])
+        if best.clear or best.clearance < self.clearance - HOPELESS_MM or not thorough:
+            return best
+        best = self._polish(best)
+        if best.clear:
+            return best
+        second = self._polish(self.run(path, SCHEDULES[1]))
+        return second if second.clearance > best.clearance else best
+
+    def _polish(self, best: ShapedPath) -> ShapedPath:
+        for schedule in POLISHES:
+            if best.clear or best.clearance < self.clearance - POLISH_LACK_MM:
+                break
+            again = self.run(best.points[best.first :], schedule, target=POLISH_TARGET_MM)
+            best = again if again.clearance > best.clearance else best
         return best
-    best = _polish(data, intro, best, length, room, lead)
-    if best.clear:
-        return best
-    second = _run(data, intro, path, SCHEDULES[1], length, room, lead)
-    second = _polish(data, intro, second, length, room, lead)
-    return second if second.room > best.room else best
 
+    def grow_link(self, path: Floats) -> tuple[ShapedPath | None, float]:
+        """Grow the link from `SHORTEST_MM`, shaping from the last success each time.
 
-def _polish(
-    data: Any,
-    intro: NDArray[np.float64],
-    shaped: ShapedPath,
-    length: float,
-    room: float,
-    lead: float,
-) -> ShapedPath:
-    best = shaped
-    for schedule in POLISHES:
-        if best.clear or best.room < room - POLISH_LACK:
-            break
-        points = best.points[best.first :]
-        again = _run(data, intro, points, schedule, length, room, lead, target=POLISH_TARGET)
-        best = again if again.room > best.room else best
-    return best
+        Returns
+        -------
+        path : ShapedPath or None
+            The path for the band's own length, or None.
+        largest : float
+            The largest link length that was shaped [mm]; 0 if none.
+        """
+        largest, current = 0.0, path
+        trial, increment = min(SHORTEST_MM, self.length), 4.0
+        while increment >= 0.5:
+            last = trial >= self.length
+            shaped = replace(self, length=trial).shape(current, thorough=last)
+            if shaped.clear:
+                largest, current = trial, shaped.points[shaped.first :]
+                if last:
+                    return shaped, largest
+            elif largest == 0.0:
+                break
+            else:
+                increment *= 0.5
+            trial = min(largest + increment, self.length)
+        return None, largest
 
+    def run(
+        self,
+        path: Floats,
+        schedule: tuple[tuple[int, float], ...],
+        *,
+        target: float = TARGET_MM,
+    ) -> ShapedPath:
+        """Run rounds of (sweeps, tension), aiming at `target` more than needed [mm]."""
+        from .kernels.path import check_chords, relax_path
 
-def continue_length(
-    data: Any,
-    intro: NDArray[np.float64],
-    path: NDArray[np.float64],
-    *,
-    length: float,
-    room: float,
-    lead: float,
-) -> tuple[ShapedPath | None, float]:
-    """Grow the link from `SHORTEST` to `length`, shaping from the last success each time.
-
-    Returns
-    -------
-    path : ShapedPath or None
-        The path for `length`, or None.
-    largest : float
-        The largest link length that was shaped [mm]; 0 if none.
-    """
-    largest, current = 0.0, path
-    trial, increment = min(SHORTEST, length), 4.0
-    while increment >= 0.5:
-        shaped = shape_path(
-            data, intro, current, length=trial, room=room, lead=lead, thorough=trial >= length
-        )
-        if shaped.clear:
-            largest, current = trial, shaped.points[shaped.first :]
-            if trial >= length:
-                return shaped, largest
-        elif largest == 0.0:
-            break
-        else:
-            increment *= 0.5
-        trial = min(largest + increment, length)
-    return None, largest
-
-
-def _run(
-    data: Any,
-    intro: NDArray[np.float64],
-    path: NDArray[np.float64],
-    schedule: tuple[tuple[int, float], ...],
-    length: float,
-    room: float,
-    lead: float,
-    *,
-    target: float = TARGET,
-) -> ShapedPath:
-    from .kernels.path import relax_path
-
-    inner = resample_polyline(path, SPACING)
-    outer = _lead_in(intro, inner[0], lead)
-    first = len(outer)
-    for sweeps, tension in schedule:
+        data, intro, aim = self.space.data, self.space.intro, self.clearance + target
+        inner = resample_polyline(path, SPACING_MM)
+        outer = _lead_in(intro, inner[0], self.lead)
+        first = len(outer)
+        for sweeps, tension in schedule:
+            points = np.concatenate([outer, inner])
+            relax_path(data, intro, points, first, self.length, aim, sweeps, tension, REACH)
+            inner = resample_polyline(points[first:], SPACING_MM)
+        inner = resample_polyline(inner, 0.5 * SPACING_MM)
         points = np.concatenate([outer, inner])
-        relax_path(data, intro, points, first, length, room + target, sweeps, tension, REACH)
-        inner = resample_polyline(points[first:], SPACING)
-    return _finish(data, intro, outer, inner, length, room)
+        found = np.empty(len(points))
+        aim = self.clearance + TARGET_MM
+        worst = float(check_chords(data, intro, points, first, self.length, aim, found))
+        arc = measure_arc_length(points)
+        arc -= arc[first]
+        short = np.flatnonzero(found < self.clearance)
+        return ShapedPath(
+            points=points,
+            arc_length=arc,
+            first=first,
+            clearance=worst,
+            tightest=float(arc[int(np.argmin(found))]),
+            clear=worst >= self.clearance,
+            clear_until=max(0.0, float(arc[short[0] - 1] if len(short) else arc[-1])),
+        )
 
 
-def _finish(
-    data: Any,
-    intro: NDArray[np.float64],
-    outer: NDArray[np.float64],
-    inner: NDArray[np.float64],
-    length: float,
-    room: float,
-) -> ShapedPath:
-    from .kernels.path import check_chords
-
-    inner = resample_polyline(inner, 0.5 * SPACING)
-    points = np.concatenate([outer, inner])
-    first = len(outer)
-    clearance = np.empty(len(points))
-    worst = float(check_chords(data, intro, points, first, length, room + TARGET, clearance))
-    arc = measure_arc_length(points)
-    arc -= arc[first]
-    short = np.flatnonzero(clearance < room)
-    return ShapedPath(
-        points=points,
-        arc_length=arc,
-        first=first,
-        room=worst,
-        tightest=float(arc[int(np.argmin(clearance))]),
-        clear=worst >= room,
-        clear_until=max(0.0, float(arc[short[0] - 1] if len(short) else arc[-1])),
-    )
-
-
-def _lead_in(
-    intro: NDArray[np.float64], entry: NDArray[np.float64], lead: float
-) -> NDArray[np.float64]:
-    """Points on the introducer's line, from the outside up to just before the entry."""
-    count = max(1, int(np.ceil(lead / SPACING)))
-    way = np.arange(count, 0, -1)[:, None] * SPACING
+def _lead_in(intro: Floats, entry: Floats, lead: float) -> Floats:
+    """Return points on the introducer's line, from the outside up to just before the entry."""
+    count = max(1, int(np.ceil(lead / SPACING_MM)))
+    way = np.arange(count, 0, -1)[:, None] * SPACING_MM
     return np.asarray(entry + way * intro[3:6])
 
 

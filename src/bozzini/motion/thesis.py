@@ -2,80 +2,80 @@
 
 Eq. (5.15): minimise ``|x_t - X_t|`` subject to ``|x_h - x_t| = L`` and the joint inside the duct,
 link after link from the head. The scheme is greedy and looks at joints only. What the thesis
-leaves open is settled so: a joint keeps one scope radius of room; the tail moves to the nearest
-feasible **direction** (the same minimiser, because all candidates lie on a sphere); a joint that
-would jump by more than `JUMP_STEPS` head steps has its head step halved down to 1/64, and if the
-jump remains the motion stops there and says so, instead of jumping (the lock of Fig. 5.30).
+leaves open is settled so: a joint keeps one scope radius of clearance; the tail moves to the
+nearest feasible **direction** (the same minimiser, because all candidates lie on a sphere); a joint
+that would jump by more than `JUMP_STEPS` head steps has its head step halved down to 1/64, and if
+the jump remains the motion stops there with that reason (the lock of Fig. 5.30).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..duct.base import Duct, count_dimensions
+from ..duct.base import count_dimensions
 from ..duct.centreline import Centreline
 from ..progress import Progress, no_progress
-from .introducer import Introducer
 from .link import bound_slope
+from .planner import Motion, Planner
+from .planners import PlannerOptions
 from .refusal import floor_mm
 from .scope import Scope
-
-__all__ = ["Motion", "move_by_thesis"]
+from .space import FreeSpace
 
 JUMP_STEPS = 4.0
 """A joint may move by this many head steps at most."""
 
 ROWS = 256
+"""Steps that a kernel makes at a time."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """What a method gives: the steps, and why they ended.
+class ThesisPlanner(Planner):
+    """The thesis's scheme, in any duct, in 2-D or 3-D.
 
-    Parameters
-    ----------
-    joints : (steps, joints, dim) float
-        World frame [mm].
-    head_arc_length : (steps,) float
-        [mm].
-    status, reason_code, reason : str
-        As in `Plan`.
+    A motion that ends before the goal has the code ``ENTRY_CLEARANCE`` or ``HEAD_CLEARANCE`` (the
+    path itself lacks clearance), ``LINK_INFEASIBLE`` (no direction of a link keeps its tail
+    inside) or ``LINK_LOCKED`` (the nearest feasible tail is a jump away).
     """
 
-    joints: NDArray[np.float64]
-    head_arc_length: NDArray[np.float64]
-    status: str
-    reason_code: str = ""
-    reason: str = ""
+    name: ClassVar[str] = "thesis"
+    help: ClassVar[str] = "joints only"
+    ignored: ClassVar[tuple[str, ...]] = ("slip", "angle_limit", "route")
+
+    def move(
+        self,
+        space: FreeSpace,
+        scope: Scope,
+        options: PlannerOptions,
+        *,
+        progress: Progress = no_progress,
+    ) -> Motion:
+        """Move each joint least, link after link from the head."""
+        return move_by_thesis(
+            space,
+            scope,
+            links=scope.count_links(space.way.length),
+            head_step=options.head_step,
+            progress=progress,
+        )
 
 
 def move_by_thesis(
-    duct: Duct,
-    line: Centreline,
-    *,
+    space: FreeSpace,
     scope: Scope,
-    introducer: Introducer,
+    *,
     links: int,
     head_step: float,
     progress: Progress = no_progress,
 ) -> Motion:
-    """Move a chain along a centreline by the thesis's scheme, in any duct, in 2-D or 3-D.
-
-    Returns
-    -------
-    Motion
-        ``reason_code`` is ``HEAD_CLEARANCE`` (the path itself has not the room),
-        ``LINK_INFEASIBLE`` (no direction of a link keeps its tail inside) or ``LINK_LOCKED``
-        (the nearest feasible tail is a jump away).
-    """
+    """Move a chain of some links along the space's line by the thesis's scheme."""
     from .kernels import chain as kernels
 
-    data, tube = duct.pack(), introducer.pack(duct)
+    duct, line, length = space.duct, space.way, float(scope.link_length)
     path = np.ascontiguousarray(duct.to_grid(line.points))
-    chain = np.ascontiguousarray(duct.to_grid(introducer.place_chain(links + 1, scope.link_length)))
+    chain = np.ascontiguousarray(duct.to_grid(space.tube.place_chain(links + 1, length)))
     state = np.zeros(4)
     parts = [chain[None].copy()]
     trails = [np.zeros(1)]
@@ -84,21 +84,10 @@ def move_by_thesis(
     code = kernels.BUFFER_FULL
     while code == kernels.BUFFER_FULL:
         code, rows = kernels.advance_chain(
-            data,
-            tube,
-            path,
-            line.arc_length,
-            float(scope.link_length),
-            float(scope.radius),
-            bound_slope(duct),
-            count_dimensions(duct) == 2,
-            float(head_step),
-            JUMP_STEPS * head_step,
-            chain,
-            state,
-            out,
-            trail,
-        )
+            space.data, space.intro, path, line.arc_length, length, float(scope.radius),
+            bound_slope(duct), count_dimensions(duct) == 2, float(head_step),
+            JUMP_STEPS * head_step, chain, state, out, trail,
+        )  # fmt: skip
         parts.append(out[:rows].copy())
         trails.append(trail[:rows].copy())
         progress("plan", float(state[0]) / line.length)
@@ -107,7 +96,7 @@ def move_by_thesis(
     return Motion(
         joints=duct.to_world(np.concatenate(parts)),
         head_arc_length=made,
-        status="complete" if code == kernels.DONE else "stopped",
+        path=line.points,
         reason_code=reason_code,
         reason=reason,
     )

@@ -14,20 +14,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_integer, check_number
+from ..checks import check_integer, check_number, describe_fields, quantity
 from ..duct.base import Duct, count_dimensions
 from ..duct.centreline import Centreline
 from ..duct.field import SampledField
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
-from .passage import find_passage
+from .space import find_passage
+
+Reals = NDArray[np.floating[Any]]
 
 # Upper bounds of a duct's clearance, on a grid.
 #
@@ -51,7 +53,7 @@ class Ceiling:
         Node (0, 0, 0) in the world frame, whose axes the grid has; not used for a sampled field,
         which keeps its own grid [mm].
     floor : float
-        Bounds below this only say that the clearance is below it [mm].
+        Bounds below this only mean that the clearance is below it [mm].
     duct : Duct
     """
 
@@ -120,7 +122,7 @@ def make_ceiling(duct: Duct) -> Ceiling:
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     origin = np.zeros(3)
     origin[:dim] = nodes.reshape(-1, dim)[0]
-    distance: NDArray[np.floating[Any]] = duct.signed_distance(nodes) - duct.error
+    distance: Reals = duct.signed_distance(nodes) - duct.error
     if duct.kind != "exact" or duct.inflation > 0.0:
         points = nodes.reshape(-1, dim)
         distance = _measure_outside(duct, points.__getitem__, distance, np.full(dim, pitch))
@@ -138,11 +140,11 @@ def make_ceiling(duct: Duct) -> Ceiling:
 def _measure_outside(
     duct: Duct,
     find_nodes: Callable[[NDArray[np.int64]], NDArray[np.float64]],
-    distance: NDArray[np.floating[Any]],
+    distance: Reals,
     step: NDArray[np.float64],
     inflation: float = 0.0,
     known: NDArray[np.bool_] | bool = True,
-) -> NDArray[np.floating[Any]]:
+) -> Reals:
     """Return the distance where it is positive; elsewhere minus that to a point known outside.
 
     The array has the type of `distance`, from which the inflation is taken; nodes are asked for by
@@ -174,17 +176,17 @@ def _measure_outside(
     return result
 
 
-def _round_down(values: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+def _round_down(values: Reals) -> NDArray[np.float32]:
     return np.nextafter(values.astype(np.float32, copy=False), np.float32(-np.inf))
 
 
-# Which chords of a line have the room for a body: the bound of its links from below.
+# Which chords of a line a body fits to: the bound of its links from below.
 
 CHORDS_MAX = 1000
 """The line is divided into about this many segments at most for its chords."""
 
 FINE = 0.25
-"""Nor are they shorter than this [mm], or this fraction of the room to spare if that is less."""
+"""Nor are they shorter than this [mm], or this fraction of the spare clearance if that is less."""
 
 SHARE = 0.02
 
@@ -228,7 +230,7 @@ def scan_line(
     duct: Duct,
     points: NDArray[np.float64],
     radius: float,
-    room: float,
+    width: float,
     longest: float = math.inf,
 ) -> ChordScan:
     """Find the shortest chord of a line (n, dim) to which a body of some radius does not fit.
@@ -240,15 +242,15 @@ def scan_line(
         World frame [mm].
     radius : float
         Of the body [mm].
-    room : float
+    width : float
         Usual distance of the line from the wall [mm], to choose how finely to look.
     longest : float
-        Longer chords are not looked at [mm]: a larger value only says that shorter ones fit.
+        Longer chords are not looked at [mm]: a larger value only means that shorter ones fit.
     """
     from .kernels.traverse import TURN, scan_chords
 
     length = float(measure_arc_length(points)[-1])
-    spare = max(room - radius, 0.1 * room)
+    spare = max(width - radius, 0.1 * width)
     fine = max(min(FINE, SHARE * spare), length / CHORDS_MAX)
     dense = _divide(points, fine)
     count = len(dense) - 1
@@ -272,7 +274,7 @@ def scan_line(
         return low
     worst = int(np.argmin(low.length))
     place = 0.5 * float(low.first[worst] + low.last[worst])
-    if low.length[worst] == 0.0:  # no room even for one joint
+    if low.length[worst] == 0.0:  # not even one joint fits
         place = float(arc[int(np.argmax(duct.signed_distance(dense)))])
     return ChordScan(
         start=low.start,
@@ -309,10 +311,13 @@ SQUARES = 12
 WINDOWS = 5
 """How often the window is doubled until it holds the section."""
 
+TOLERANCE = 0.01
+"""How far the upper bounds may be above a segment that was found, as a fraction."""
+
 CELLS_MAX = 20_000
 """Branch and bound keeps this many cells open, and 100 per square, at most."""
 
-GRAIN = 0.2
+RAY_STEP = 0.2
 """Smallest step along a ray, in distances between nodes."""
 
 
@@ -323,7 +328,7 @@ class Segment:
     Parameters
     ----------
     bound : float
-        No link is longer [mm]; infinite where the section says nothing.
+        No link is longer [mm]; infinite where the section gives no bound.
     valid_to : float
         The argument holds for links up to this length [mm]; longer ones would reach out of the
         duct's end there.
@@ -336,128 +341,81 @@ class Segment:
     ends: NDArray[np.float64]
 
 
-def bound_through(
-    ceiling: Ceiling,
-    line: NDArray[np.float64],
-    index: int,
-    *,
-    radius: float,
-    width: float,
-    limit: float,
-    tolerance: float,
-) -> Segment:
-    """Bound the links of a body `radius` that come through the section at a point of a line.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SegmentSearch:
+    """The search for the longest segments of a body along a line.
 
     Parameters
     ----------
     ceiling : Ceiling
     line : (n, 3) float
         From the duct's start to its end, local frame [mm].
-    index : int
-        Of the point of the line.
     radius : float
         Of the body [mm].
-    width : float
-        Room at the point [mm], to begin with.
     limit : float
         Longer segments are not looked for [mm].
     tolerance : float
-        How far, as a factor, the bound may be above a segment that was found.
+        How far, as a factor, a bound may be above a segment that was found.
     """
-    axes = _find_axes(line, index, width, planar=ceiling.planar)
-    centre = line[index]
-    nothing = Segment(
-        bound=math.inf, valid_to=0.0, ends=ceiling.to_world(np.stack([centre, centre]))
-    )
-    section = _cover_section(ceiling, line, centre, axes, width)
-    if section is None:
-        return nothing
-    squares, half = section
-    corner = half if ceiling.planar else half * math.sqrt(2.0)
-    gaps = [float(np.linalg.norm(squares - end, axis=1).min()) - corner for end in line[[0, -1]]]
-    fits = ceiling.measure(squares) + corner >= radius
-    valid_to = 2.0 * max(min(gaps), 0.0)
-    if not fits.any():
-        return Segment(bound=0.0, valid_to=valid_to, ends=nothing.ends)
-    return _search(
-        ceiling,
-        np.ascontiguousarray(squares[fits]),
-        half,
-        axes,
-        back=False,
-        radius=radius,
-        limit=limit,
-        tolerance=tolerance,
-        valid_to=valid_to,
-    )
 
+    ceiling: Ceiling
+    line: NDArray[np.float64]
+    radius: float
+    limit: float
+    tolerance: float = TOLERANCE
 
-def bound_behind(
-    ceiling: Ceiling,
-    line: NDArray[np.float64],
-    index: int,
-    *,
-    radius: float,
-    width: float,
-    limit: float,
-    tolerance: float,
-) -> Segment:
-    """Bound the links whose head is at a point of a line, and whose tail is behind it.
+    def bound_through(self, index: int, width: float) -> Segment:
+        """Bound the links that come through the section at a point of the line.
 
-    The parameters are those of `bound_through`.
-    """
-    axes = _find_axes(line, index, width, planar=ceiling.planar)
-    return _search(
-        ceiling,
-        line[index : index + 1].copy(),
-        0.0,
-        axes,
-        back=True,
-        radius=radius,
-        limit=limit,
-        tolerance=tolerance,
-        valid_to=float(np.linalg.norm(line[index] - line[0])),
-    )
+        `width` is the clearance at the point, to begin with [mm].
+        """
+        ceiling, line = self.ceiling, self.line
+        axes = _find_axes(line, index, width, planar=ceiling.planar)
+        centre = line[index]
+        nowhere = ceiling.to_world(np.stack([centre, centre]))
+        section = _cover_section(ceiling, line, centre, axes, width)
+        if section is None:
+            return Segment(bound=math.inf, valid_to=0.0, ends=nowhere)
+        squares, half = section
+        corner = half if ceiling.planar else half * math.sqrt(2.0)
+        ends = line[[0, -1]]
+        gaps = [float(np.linalg.norm(squares - end, axis=1).min()) - corner for end in ends]
+        fits = ceiling.measure(squares) + corner >= self.radius
+        valid_to = 2.0 * max(min(gaps), 0.0)
+        if not fits.any():
+            return Segment(bound=0.0, valid_to=valid_to, ends=nowhere)
+        starts = np.ascontiguousarray(squares[fits])
+        return replace(self._find(starts, half, axes, back=False), valid_to=valid_to)
 
+    def bound_behind(self, index: int, width: float) -> Segment:
+        """Bound the links whose head is at a point of the line, and whose tail is behind it."""
+        line = self.line
+        axes = _find_axes(line, index, width, planar=self.ceiling.planar)
+        found = self._find(line[index : index + 1].copy(), 0.0, axes, back=True)
+        return replace(found, valid_to=float(np.linalg.norm(line[index] - line[0])))
 
-def _search(
-    ceiling: Ceiling,
-    starts: NDArray[np.float64],
-    half: float,
-    axes: NDArray[np.float64],
-    *,
-    back: bool,
-    radius: float,
-    limit: float,
-    tolerance: float,
-    valid_to: float,
-) -> Segment:
-    from .kernels.traverse import CELL, find_longest
+    def _find(
+        self, starts: NDArray[np.float64], half: float, axes: NDArray[np.float64], *, back: bool
+    ) -> Segment:
+        """Return the longest segment with its middle in squares, or backwards from points."""
+        from .kernels.traverse import CELL, find_longest
 
-    bound, found = find_longest(
-        ceiling.values,
-        ceiling.step,
-        ceiling.floor,
-        starts,
-        half,
-        axes,
-        ceiling.planar,
-        back,
-        radius,
-        limit,
-        GRAIN * float(ceiling.step.min()),
-        1.0 + tolerance,
-        np.empty((CELLS_MAX + 100 * len(starts), CELL)),
-    )
-    bound = math.inf if bound >= limit else float(bound)
-    start, along = found[1:4], found[4:7] * found[0]
-    ends = (start, start + along) if back else (start - 0.5 * along, start + 0.5 * along)
-    return Segment(bound=bound, valid_to=valid_to, ends=ceiling.to_world(np.stack(ends)))
+        ceiling = self.ceiling
+        cells = np.empty((CELLS_MAX + 100 * len(starts), CELL))
+        bound, found = find_longest(
+            ceiling.values, ceiling.step, ceiling.floor, starts, half, axes, ceiling.planar, back,
+            self.radius, self.limit, RAY_STEP * float(ceiling.step.min()), 1.0 + self.tolerance,
+            cells,
+        )  # fmt: skip
+        bound = math.inf if bound >= self.limit else float(bound)
+        start, along = found[1:4], found[4:7] * found[0]
+        ends = (start, start + along) if back else (start - 0.5 * along, start + 0.5 * along)
+        return Segment(bound=bound, valid_to=0.0, ends=ceiling.to_world(np.stack(ends)))
 
 
 def _find_axes(
     line: NDArray[np.float64], index: int, width: float, *, planar: bool
-) -> NDArray[Any]:
+) -> NDArray[np.float64]:
     """Return two axes of the section and its normal, as rows; see `find_longest` if planar."""
     gaps = np.linalg.norm(line - line[index], axis=1) <= max(0.5 * width, 1e-9)
     first, last = index, index
@@ -499,8 +457,8 @@ def _cover_section(
             np.meshgrid(ticks, np.zeros(1) if ceiling.planar else ticks, indexing="ij"), axis=-1
         )
         places = centre + side * (grid[..., :1] * axes[0] + grid[..., 1:] * axes[1])
-        room = ceiling.measure(places.reshape(-1, 3)).reshape(places.shape[:2])
-        marks, _ = ndimage.label(room + reach >= 0.0, structure=np.ones((3, 3)))
+        free = ceiling.measure(places.reshape(-1, 3)).reshape(places.shape[:2])
+        marks, _ = ndimage.label(free + reach >= 0.0, structure=np.ones((3, 3)))
         mark = marks[count, 0 if ceiling.planar else count]
         if mark == 0:
             return None
@@ -525,10 +483,6 @@ def _cover_section(
     return (places[inside], half) if times % 2 == 1 else None
 
 
-TOLERANCE = 0.01
-"""How far the upper bounds may be above a segment that was found, as a fraction."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinkLimits:
     """What bounds the length of a link of one diameter along a duct.
@@ -540,7 +494,7 @@ class LinkLimits:
     arc_length : (n,) float
         Places along the centreline [mm].
     radius : (n,) float
-        Room on the centreline there [mm].
+        Clearance of the centreline there [mm].
     on_line : (n,) float
         Shorter links pass there with both joints on the centreline [mm]; infinite where nothing
         on the way limits them.
@@ -567,20 +521,20 @@ class LinkLimits:
         A segment that comes near `link_high` there, world frame [mm].
     """
 
-    diameter: float
-    arc_length: NDArray[np.float64]
-    radius: NDArray[np.float64]
-    on_line: NDArray[np.float64]
-    head_on_line: NDArray[np.float64]
-    rigid: NDArray[np.float64]
-    link_low: float
+    diameter: float = quantity("length")
+    link_low: float = quantity("length")
     link_low_by: str
-    link_low_at: float
-    link_head: float
-    link_head_at: float
-    link_high: float
-    link_high_at: float
-    pose: NDArray[np.float64]
+    link_low_at: float = quantity("length")
+    link_head: float = quantity("length")
+    link_head_at: float = quantity("length")
+    link_high: float = quantity("length")
+    link_high_at: float = quantity("length")
+    pose: NDArray[np.float64] = quantity("length")
+    arc_length: NDArray[np.float64] = quantity("length")
+    radius: NDArray[np.float64] = quantity("length")
+    on_line: NDArray[np.float64] = quantity("length")
+    head_on_line: NDArray[np.float64] = quantity("length")
+    rigid: NDArray[np.float64] = quantity("length")
 
     def judge(self, link: float) -> str:
         """Return ``"passes"``, ``"too long"`` or ``"undecided"`` for a link of some length [mm].
@@ -593,23 +547,12 @@ class LinkLimits:
             return "passes"
         return "too long" if link > self.link_high else "undecided"
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return JSON-able values; infinite numbers stay infinite."""
+        known: dict[str, Any] = {**describe_fields(self), "link_low_by": self.link_low_by}
         return {
-            "diameter_mm": self.diameter,
-            "link_low_mm": self.link_low,
-            "link_low_by": self.link_low_by,
-            "link_low_at_mm": self.link_low_at,
-            "link_head_mm": self.link_head,
-            "link_head_at_mm": self.link_head_at,
-            "link_high_mm": self.link_high,
-            "link_high_at_mm": self.link_high_at,
-            "pose_mm": self.pose.tolist(),
-            "arc_length_mm": self.arc_length.tolist(),
-            "radius_mm": self.radius.tolist(),
-            "on_line_mm": self.on_line.tolist(),
-            "head_on_line_mm": self.head_on_line.tolist(),
-            "rigid_mm": self.rigid.tolist(),
+            name: value.tolist() if isinstance(value, np.ndarray) else value
+            for name, value in known.items()
         }
 
 
@@ -652,9 +595,9 @@ def find_link_limits(
     A link is a capsule: a segment between its joints, and everything within half the diameter. It
     enters at the line's start, and its head goes to the line's end.
 
-    *From below.* The chords of the line are scanned outwards from every place, until one has not
-    the room or is at 90 degrees to the line. All chords of the shortest such length or less are
-    free, and they grow with either end, so a link moves along steadily, and so does a chain.
+    *From below.* The chords of the line are scanned outwards from every place, until one lacks
+    the clearance or is at 90 degrees to the line. All chords of the shortest such length or less
+    are free, and they grow with either end, so a link moves along steadily, and so does a chain.
 
     *From above.* A link that comes through has its middle in every section that parts the duct's
     ends. The longest segment with its middle in a section is found by branch and bound on upper
@@ -683,20 +626,13 @@ def find_link_limits(
     through: dict[int, Segment] = {}
     behind: dict[int, Segment] = {}
 
+    search = SegmentSearch(ceiling=ceiling, line=local, radius=radius, limit=size)
+
     def visit(index: int) -> None:
-        if index in through:
-            return
-        room = max(float(line.radius[index]), float(ceiling.step.max()))
-        for bound, found in ((bound_through, through), (bound_behind, behind)):
-            found[index] = bound(
-                ceiling,
-                local,
-                index,
-                radius=radius,
-                width=room,
-                limit=size,
-                tolerance=TOLERANCE,
-            )
+        if index not in through:
+            width = max(float(line.radius[index]), float(ceiling.step.max()))
+            through[index] = search.bound_through(index, width)
+            behind[index] = search.bound_behind(index, width)
 
     for count, index in enumerate(chosen):
         visit(int(index))
@@ -739,7 +675,7 @@ def _valid_bound(segment: Segment) -> float:
     return segment.bound if segment.bound < segment.valid_to else math.inf
 
 
-def _refine(found: dict[int, Segment], visit: Any) -> None:
+def _refine(found: dict[int, Segment], visit: Callable[[int], None]) -> None:
     """Visit places between the best one and its neighbours, while there are any (at most 8)."""
     for _ in range(4):
         places = sorted(found)
@@ -786,14 +722,10 @@ class DiameterLimits:
     high: float
     high_at: float
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return JSON-able values; infinite numbers stay infinite."""
-        return {
-            "diameter_low_mm": self.low,
-            "diameter_low_at_mm": self.low_at,
-            "diameter_high_mm": self.high,
-            "diameter_high_at_mm": self.high_at,
-        }
+        ends = {"low": self.low, "low_at": self.low_at, "high": self.high, "high_at": self.high_at}
+        return {f"diameter_{name}_mm": value for name, value in ends.items()}
 
 
 def find_diameter_limits(
@@ -822,21 +754,22 @@ def find_diameter_limits(
 
     Notes
     -----
-    From below by the chords of the line (`find_link_limits`), to 1 % of the room. From above by
-    the passage (`find_passage`), and by sections: for links of a length those that limit such links
-    most, and the thinnest body whose links are proved not to come through; for links of any length
-    the tightest, and the thinnest body for whose middle they have no place. On a grid both ends
-    know the wall to about its spacing, so that the bounds of a narrow duct lie apart by twice that.
+    From below by the chords of the line (`find_link_limits`), to 1 % of the clearance. From above
+    by the passage (`find_passage`), and by sections: for links of a length those that limit such
+    links most, and the thinnest body whose links are proved not to come through; for links of any
+    length the tightest, and the thinnest body for whose middle they have no place. On a grid both
+    ends know the wall to about its spacing, so that the bounds of a narrow duct lie apart by twice
+    that.
     """
     check_number("link", link, low=0.0, unit="mm")
     points = np.asarray(line.points, dtype=np.float64)
-    room = float(np.median(line.radius))
+    width = float(np.median(line.radius))
     tight = int(np.argmin(line.radius))
-    low, top = 0.0, float(line.radius[tight]) + 0.1 * room
+    low, top = 0.0, float(line.radius[tight]) + 0.1 * width
     low_at = float(line.arc_length[tight])
     while top - low > RESOLUTION * max(top, 1e-9):
         middle = 0.5 * (low + top)
-        scan = scan_line(duct, points, middle, room, longest=link)
+        scan = scan_line(duct, points, middle, width, longest=link)
         if scan.value > link:
             low = middle
         else:
@@ -856,20 +789,20 @@ def find_diameter_limits(
             places = limits.arc_length[np.argsort(limits.rigid, kind="stable")[:SECTIONS]]
         else:
             places = line.arc_length[_find_tightest(line)]
+        search = SegmentSearch(
+            ceiling=ceiling,
+            line=local,
+            radius=0.0,
+            limit=4.0 * link if link > 0.0 else float(ceiling.step.min()),
+            tolerance=0.005,
+        )
         for place in places:
             index = min(int(np.searchsorted(line.arc_length, place)), len(points) - 1)
+            width = max(float(line.radius[index]), float(ceiling.step.max()))
             least, most = low, high
             while most - least > RESOLUTION * max(most, 1e-9):
                 middle = 0.5 * (least + most)
-                found = bound_through(
-                    ceiling,
-                    local,
-                    index,
-                    radius=middle,
-                    width=max(float(line.radius[index]), float(ceiling.step.max())),
-                    limit=4.0 * link if link > 0.0 else float(ceiling.step.min()),
-                    tolerance=0.005,
-                )
+                found = replace(search, radius=middle).bound_through(index, width)
                 # The head of any link, however long, goes through the section.
                 if found.bound == 0.0 or found.bound < min(link, found.valid_to):
                     most = middle
@@ -884,7 +817,7 @@ def find_diameter_limits(
 
 
 def _find_tightest(line: Centreline) -> NDArray[np.int64]:
-    """Return places (k,) with the least room, at least as far apart as there is room."""
+    """Return places (k,) with the least clearance, at least as far apart as that."""
     found: list[int] = []
     for index in np.argsort(line.radius, kind="stable"):
         gaps = [abs(line.arc_length[index] - line.arc_length[other]) for other in found]

@@ -10,32 +10,30 @@ certificate is made afterwards, on the motion itself, and decides.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..duct.base import Duct
-from ..duct.centreline import Centreline, find_roomy_path
-from ..duct.field import SampledField
+from ..duct.centreline import find_roomy_path
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
-from .introducer import Introducer
 from .measures import Crossing, find_crossing, measure_angles, measure_step_ratio
-from .passage import Passage, find_passage
+from .plan import Candidate
+from .planner import Motion
+from .planners import PlannerOptions
 from .refusal import Refusal, floor_mm
 from .scope import Scope
-from .shape import ShapedPath, continue_length, cut_path, measure_folds, shape_path
+from .shape import Band, ShapedPath, cut_path, measure_folds
+from .space import FreeSpace
 
 MARGINS = (0.25, 0.12, 0.05)
 """Clearance beyond the radius that the path is shaped for, tried in turn [mm]."""
 
-MARGIN_HOPE = 0.1
-"""A margin is skipped if the last shape lacks more than this even for it [mm]."""
+MARGIN_HOPE_MM = 0.1
+"""A margin is skipped if the last shape lacks more than this even for it."""
 
 FOLD_COSINE = 0.25
 """Below this the chain would amplify the head's motion more than fourfold: a fold."""
@@ -56,9 +54,6 @@ WIDER = (0.8, 0.4)
 DEVIATION_CAP = 0.3
 """Joints stray from the path by at most this fraction of a link."""
 
-ROOMY_STEP = 0.5
-"""Ways along nodes are found for clearances that are multiples of this [mm]."""
-
 CUTS = 8
 """How often a path is cut at most where what moves along it could not be certified."""
 
@@ -67,86 +62,55 @@ TUBE_SLOPE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class TubeOptions:
-    """Options of the planner.
+class Style:
+    """How joints move in the tube.
 
     Parameters
     ----------
-    head_step : float
-        How far the head moves per step [mm].
     freedom : float
         1: joints stray as far as the tube allows; 0: they follow the leader.
-    slip : float
-        Share of the head's move that a tail makes before it is pulled, 0 to 1 (Appendix C).
-    angle_limit : float, optional
-        Largest angle between neighbouring links [rad].
-    route : sequence of float
-        Fractions of the way that the head goes to in turn; (1,) is in, (1, 0, 1) in, out, in.
     compare : bool
         Whether wider paths and other freedoms are tried too, and the best certified motion kept.
     """
 
-    head_step: float = 0.25
     freedom: float = 1.0
-    slip: float = 0.0
-    angle_limit: float | None = None
-    route: Sequence[float] = (1.0,)
     compare: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TubeMotion:
-    """A planned motion, and what is proved about it.
+class TubeMotion(Motion):
+    """A motion in a tube, and what it was made from.
 
     Parameters
     ----------
-    joints : (steps, joints, dim) float
-        World frame [mm].
-    head_arc_length : (steps,) float
-        Along `path` [mm].
-    path : (n, dim) float
-        The shaped head path from the entry to where it ends, world frame [mm].
     certificate : Certificate
-    refusal : Refusal or None
-        Why it does not reach the goal.
     shaped : ShapedPath or None
         The path in the duct's own frame, to plan again from.
-    freedom, margin : float
-        Share of the tube that the joints used, and the clearance beyond the radius that the path
-        was shaped for [mm].
-    candidates : tuple of dict
-        The motions that were compared for it: freedom, margin, certified clearance, step ratio.
+    margin : float
+        Clearance beyond the radius that the path was shaped for [mm].
     """
 
-    joints: NDArray[np.float64]
-    head_arc_length: NDArray[np.float64]
-    path: NDArray[np.float64]
     certificate: Certificate
-    refusal: Refusal | None = None
     shaped: ShapedPath | None = field(default=None, repr=False)
-    freedom: float = 1.0
     margin: float = 0.0
-    candidates: tuple[dict[str, float], ...] = ()
 
     @cached_property
     def step_ratio(self) -> float:
         """Largest step of a joint over the head's."""
         return measure_step_ratio(self.joints, self.head_arc_length)
 
-    def describe(self) -> dict[str, float]:
-        """Return what it is compared by, as JSON-able values."""
-        return {
-            "freedom": self.freedom,
-            "margin_mm": self.margin,
-            "clearance_mm": float(self.certificate.clearance),
-            "joint_step_ratio": self.step_ratio,
-        }
+    def summarise(self) -> Candidate:
+        """Return what it is compared by."""
+        return Candidate(
+            freedom=1.0 if self.freedom is None else self.freedom,
+            margin=self.margin,
+            clearance=float(self.certificate.clearance),
+            joint_step_ratio=self.step_ratio,
+        )
 
 
 def plan_in_tube(job: Job, *, progress: Progress = no_progress) -> TubeMotion:
-    """Plan a certified motion as far as it goes, and say why it ends where it does."""
-    pass
-
+    """Plan a certified motion as far as it goes, and state why it ends there."""
     progress("plan", 0.0)
     if float(job.bound[0]) < job.scope.radius:
         return job.stand_still(explain_stop(job))
@@ -158,98 +122,36 @@ def plan_in_tube(job: Job, *, progress: Progress = no_progress) -> TubeMotion:
         motion = find_prefix(
             job, refusal, progress=lambda _, share: progress("plan", 0.5 + 0.4 * share)
         )
-    elif job.options.compare:
+    elif job.style.compare:
         motion = job.improve(motion)
     progress("plan", 1.0)
     return motion
 
 
-def grid_of(duct: Duct) -> SampledField | None:
-    """Return the grid that a duct can be searched on: itself, its coarse part, or none."""
-    if isinstance(duct, SampledField):
-        return duct
-    coarse = getattr(duct, "coarse", None)
-    return coarse if isinstance(coarse, SampledField) else None
-
-
-class Ways:
-    """The ways through one duct between two ends: what any scope's plan there can share.
-
-    Parameters
-    ----------
-    duct, line
-        As for `plan_insertion`.
-    before : Ways, optional
-        Of the same duct, inflated by less: its widest way is this one's, and so are its ways
-        along nodes. How wide any way can be at most is then not bounded.
-    """
-
-    def __init__(self, duct: Duct, line: Centreline, *, before: Ways | None = None) -> None:
-        self.grid = grid_of(duct)
-        self.duct: Duct = duct if self.grid is None else self.grid
-        self.ends = line.points[0], line.points[-1]
-        self.bound = np.asarray(duct.clearance_bound(line.points))
-        self._passage: Passage | None = None
-        self._roomy: dict[float, NDArray[np.float64] | None] = {}
-        if before is not None and before.passage.level > 0.0:
-            self._roomy = before._roomy
-            more = self.duct.inflation - before.duct.inflation
-            self._passage = replace(before.passage, level=before.passage.level + more, bound=np.inf)
-
-    @property
-    def passage(self) -> Passage:
-        """The widest way between the ends."""
-        if self._passage is None:
-            self._passage = find_passage(self.duct, *self.ends)
-        return self._passage
-
-    def find_roomy(self, clearance: float) -> NDArray[np.float64] | None:
-        """Return a way along nodes that all have this clearance, or a little more [mm]."""
-        grid = self.grid
-        if grid is None:
-            return None
-        # Few different ways serve all scopes and inflations.
-        level = np.ceil((clearance - grid.inflation) / ROOMY_STEP - 1e-6) * ROOMY_STEP
-        level = min(level, self.passage.level - grid.inflation - 1e-6)
-        level = round(float(max(level, clearance - grid.inflation)), 6)
-        if level not in self._roomy:
-            self._roomy[level] = find_roomy_path(grid, *self.ends, room=level + grid.inflation)
-        return self._roomy[level]
-
-
 class Job:
-    """One planning job: the packed inputs, and the steps that every attempt shares.
+    """One planning job: its inputs, and the steps that every attempt shares.
 
     Parameters
     ----------
-    duct, line, scope, options
-        As for `plan_insertion`.
-    introducer : Introducer, optional
-        By default in line with the beginning of `line`, as wide as the lumen at its end.
+    space : FreeSpace
+        With line and introducer.
+    scope, options, style
     links : int, optional
         By default what the scope's length, or the line's, takes.
-    ways : Ways, optional
-        Of the same duct and line, where another job has found them already.
     """
 
     def __init__(
         self,
-        duct: Duct,
-        line: Centreline,
+        space: FreeSpace,
         scope: Scope,
-        options: TubeOptions,
+        options: PlannerOptions,
+        style: Style,
         *,
-        introducer: Introducer | None = None,
         links: int | None = None,
-        ways: Ways | None = None,
     ) -> None:
-        self.duct, self.line, self.scope, self.options = duct, line, scope, options
-        self.introducer = introducer or Introducer.at_entry(duct, line, along=scope.link_length)
-        self.links = links or scope.count_links(line.length)
-        self.data: Any = duct.pack()
-        self.intro = self.introducer.pack(duct)
-        self.lead = (self.links + 2) * scope.link_length
-        self.ways = ways or Ways(duct, line)
+        self.space, self.scope, self.options, self.style = space, scope, options, style
+        self.duct, self.line, self.ways = space.duct, space.way, space.ways
+        self.links = links or scope.count_links(self.line.length)
         self.bound = self.ways.bound
         self.failed: ShapedPath | None = None
         self.fold: ShapedPath | None = None
@@ -258,6 +160,15 @@ class Job:
         self.crossing: Crossing | None = None
         self.widest: NDArray[np.float64] | None = None
         self.bases: list[tuple[float, NDArray[np.float64]]] = []
+
+    def band(self, margin: float) -> Band:
+        """Return the band for the scope's radius and a margin beyond it."""
+        return Band(
+            space=self.space,
+            length=self.scope.link_length,
+            clearance=self.scope.radius + margin,
+            lead=(self.links + 2) * self.scope.link_length,
+        )
 
     def try_whole_way(self, *, thorough: bool = True) -> TubeMotion | None:
         """Plan to the goal with the largest margin that works, or return None.
@@ -268,7 +179,7 @@ class Job:
             base = self.find_base(self.scope.radius + margin)
             last = margin == MARGINS[-1]
             if not last and self.failed is not None:
-                if self.failed.room < self.scope.radius + margin - MARGIN_HOPE:
+                if self.failed.clearance < self.scope.radius + margin - MARGIN_HOPE_MM:
                     continue
             motion = None
             if base is not None:
@@ -278,35 +189,29 @@ class Job:
         base = self.find_base(self.scope.radius + MARGINS[-1])
         if base is None or not thorough:
             return None
-        shaped, self.largest_link = continue_length(
-            self.data,
-            self.intro,
-            np.ascontiguousarray(self.duct.to_grid(base)),
-            length=self.scope.link_length,
-            room=self.scope.radius + MARGINS[-1],
-            lead=self.lead,
-        )
+        points = np.ascontiguousarray(self.duct.to_grid(base))
+        shaped, self.largest_link = self.band(MARGINS[-1]).grow_link(points)
         return None if shaped is None else self.follow(shaped, MARGINS[-1])
 
-    def find_base(self, room: float) -> NDArray[np.float64] | None:
-        """Return a way to the goal whose points have `room`: the centreline, or another."""
-        if self.bound[0] < room or self.bound[-1] < room:
+    def find_base(self, clearance: float) -> NDArray[np.float64] | None:
+        """Return a way to the goal whose points have this clearance: the centreline, or another."""
+        if self.bound[0] < clearance or self.bound[-1] < clearance:
             return None
-        if self.bound.min() >= room or self.ways.grid is None:
+        if self.bound.min() >= clearance or self.ways.grid is None:
             return self.line.points
         for level, known in self.bases:
-            if level >= room:
+            if level >= clearance:
                 return known
         passage = self.ways.passage
-        if passage.level >= room:
-            base = self.ways.find_roomy(room)
+        if passage.level >= clearance:
+            base = self.ways.find_roomy(clearance)
             if base is not None:
-                self.bases.append((room, base))
+                self.bases.append((clearance, base))
                 return base
-        # The widest way along nodes: there may be room between them.
-        if self.widest is None and passage.level > 0.0 and passage.bound >= room:
+        # The widest way along nodes: between them there may be a wider one.
+        if self.widest is None and passage.level > 0.0 and passage.bound >= clearance:
             self.widest = self.ways.find_roomy(passage.level - 1e-6)
-        return self.widest if passage.bound >= room else None
+        return self.widest if passage.bound >= clearance else None
 
     def improve(self, motion: TubeMotion) -> TubeMotion:
         """Return the motion with the most certified clearance of a few as far as this one.
@@ -333,28 +238,21 @@ class Job:
                 continue
             other = self.move(shaped, margin, freedom=freedom)
             if other.certificate.certified and other.refusal is None:
-                if self.find_crossing(other.joints) is None:
+                if find_crossing(other.joints, self.space) is None:
                     tried.append(other)
         calm = [one for one in tried if one.step_ratio <= STEP_RATIO_MAX]
         if calm:
             best = max(calm, key=lambda one: one.certificate.clearance)
         else:
             best = min(tried, key=lambda one: one.step_ratio)
-        return replace(best, candidates=tuple(one.describe() for one in tried))
+        return replace(best, candidates=tuple(one.summarise() for one in tried))
 
     def shape(
         self, base: NDArray[np.float64], margin: float, *, thorough: bool = False
     ) -> ShapedPath:
         """Shape a way in the world frame for the scope's radius and a margin beyond it."""
-        return shape_path(
-            self.data,
-            self.intro,
-            np.ascontiguousarray(self.duct.to_grid(base)),
-            length=self.scope.link_length,
-            room=self.scope.radius + margin,
-            lead=self.lead,
-            thorough=thorough,
-        )
+        points = np.ascontiguousarray(self.duct.to_grid(base))
+        return self.band(margin).shape(points, thorough=thorough)
 
     def try_path(
         self, base: NDArray[np.float64], margin: float, *, thorough: bool = True
@@ -382,22 +280,15 @@ class Job:
             ):
                 motion = other
         if not motion.certificate.certified:
-            motion = replace(motion, certificate=self.certify(motion.joints, settle=True))
+            motion = self.prove(motion)
         if not motion.certificate.certified:
             self.unresolved = motion.certificate
             return None
-        crossing = self.find_crossing(motion.joints)
+        crossing = find_crossing(motion.joints, self.space)
         if crossing is not None:
             self.crossing = crossing
             return None
         return motion
-
-    def find_crossing(self, joints: NDArray[np.float64]) -> Crossing | None:
-        """Find where a motion passes between limbs that only the inflation has joined."""
-        grid = self.ways.grid
-        if grid is None:
-            return None
-        return find_crossing(joints, grid, line=self.line, introducer=self.introducer)
 
     def follow_until(self, shaped: ShapedPath, margin: float) -> TubeMotion | None:
         """Move along a shaped path as far as it is clear, unfolded and certified."""
@@ -418,32 +309,20 @@ class Job:
             shaped = cut_path(shaped, min(reached, shaped.length) - 1.0)
         return None
 
-    def certify(self, joints: NDArray[np.float64], *, settle: bool) -> Certificate:
-        """Certify a motion of this scope."""
-        return certify_motion(
-            joints,
-            self.duct,
-            radius=self.scope.radius,
-            introducer=self.introducer,
-            settle=settle,
-        )
+    def prove(self, motion: TubeMotion) -> TubeMotion:
+        """Return a motion with its certificate settled as far as that can be."""
+        proof = certify_motion(motion.joints, self.space, radius=self.scope.radius)
+        return replace(motion, certificate=proof)
 
     def move(
         self, shaped: ShapedPath, margin: float, *, freedom: float | None = None
     ) -> TubeMotion:
         """Move the chain along a shaped path, and certify what comes out."""
-        freedom = self.options.freedom if freedom is None else freedom
+        freedom = self.style.freedom if freedom is None else freedom
         heads = spread_heads(shaped.length, self.options)
-        joints = move_in_tube(
-            self.data,
-            self.intro,
-            shaped,
-            heads,
-            length=self.scope.link_length,
-            links=self.links,
-            room=self.scope.radius + margin,
-            freedom=freedom,
-            slip=self.options.slip,
+        joints = np.empty((len(heads), self.links + 1, 3))
+        move_in_tube(
+            self.band(margin), shaped, heads, joints, freedom=freedom, slip=self.options.slip
         )
         world = self.duct.to_world(joints)
         refusal = None
@@ -458,32 +337,23 @@ class Job:
                 )
                 keep = max(1, int(over[0]))
                 world, heads = world[:keep], heads[:keep]
-        certificate = self.certify(world, settle=False)
-        return TubeMotion(
-            joints=world,
-            head_arc_length=heads,
-            path=self.duct.to_world(shaped.points[shaped.first :]),
-            certificate=certificate,
-            refusal=refusal,
-            shaped=shaped,
-            freedom=freedom,
-            margin=margin,
-        )
+        motion = self._make(world, heads, self.duct.to_world(shaped.points[shaped.first :]))
+        return replace(motion, refusal=refusal, shaped=shaped, freedom=freedom, margin=margin)
 
     def stand_still(self, refusal: Refusal) -> TubeMotion:
         """Return the motion that does not begin."""
-        joints = self.introducer.place_chain(self.links + 1, self.scope.link_length)[None]
-        certificate = self.certify(joints, settle=False)
-        return TubeMotion(
-            joints=joints,
-            head_arc_length=np.zeros(1),
-            path=self.line.points[:2],
-            certificate=certificate,
-            refusal=refusal,
-        )
+        joints = self.space.tube.place_chain(self.links + 1, self.scope.link_length)[None]
+        motion = self._make(joints, np.zeros(1), self.line.points[:2])
+        return replace(motion, refusal=refusal, freedom=1.0)
+
+    def _make(
+        self, joints: NDArray[np.float64], heads: NDArray[np.float64], path: NDArray[np.float64]
+    ) -> TubeMotion:
+        proof = certify_motion(joints, self.space, radius=self.scope.radius, settle=False)
+        return TubeMotion(joints=joints, head_arc_length=heads, path=path, certificate=proof)
 
 
-def spread_heads(length: float, options: TubeOptions) -> NDArray[np.float64]:
+def spread_heads(length: float, options: PlannerOptions) -> NDArray[np.float64]:
     """Return the head's arc length at each step of the route."""
     parts = [np.zeros(1)]
     for share in options.route:
@@ -494,57 +364,36 @@ def spread_heads(length: float, options: TubeOptions) -> NDArray[np.float64]:
 
 
 def move_in_tube(
-    data: Any,
-    intro: NDArray[np.float64],
+    band: Band,
     shaped: ShapedPath,
     heads: NDArray[np.float64],
+    joints: NDArray[np.float64],
     *,
-    length: float,
-    links: int,
-    room: float,
     freedom: float = 1.0,
     slip: float = 0.0,
-) -> NDArray[np.float64]:
-    """Move a chain with its head at `heads` along a shaped path; (steps, links + 1, 3).
+) -> None:
+    """Fill `joints` (steps, joints, 3) with a chain whose head is at `heads` on a shaped path.
 
     All in the duct's own frame. The chain starts straight in the introducer.
     """
     from .kernels.path import tabulate_tube
     from .kernels.tube import move_in_tube as move
 
-    tube = np.zeros(len(shaped.points))
+    data, intro, length = band.space.data, band.space.intro, float(band.length)
+    points, first, cap = shaped.points, shaped.first, DEVIATION_CAP * length
+    tube = np.zeros(len(points))
     if freedom > 0.0:
-        tabulate_tube(
-            data,
-            intro,
-            shaped.points,
-            shaped.first,
-            length,
-            room,
-            DEVIATION_CAP * length,
-            TUBE_SLOPE,
-            tube,
-        )
-    back = np.arange(links + 1) * length
-    chain = shaped.points[shaped.first] + back[:, None] * intro[3:6]
-    joints = np.empty((len(heads), links + 1, 3))
+        tabulate_tube(data, intro, points, first, length, band.clearance, cap, TUBE_SLOPE, tube)
+    back = np.arange(joints.shape[1]) * length
+    chain = points[first] + back[:, None] * intro[3:6]
+    arc, places = shaped.arc_length, -back.astype(np.float64)
     move(
-        shaped.points,
-        shaped.arc_length,
-        tube,
-        heads,
-        float(length),
-        DEVIATION_CAP,
-        float(slip),
-        float(freedom),
-        chain,
-        -back.astype(np.float64),
-        joints,
-    )
-    return joints
+        points, arc, tube, heads, length, DEVIATION_CAP, float(slip), float(freedom), chain,
+        places, joints,
+    )  # fmt: skip
 
 
-# When the goal is out of reach: say why, and go as far as it goes.
+# When the goal is out of reach: why, and how far a motion goes.
 
 PREFIX_TRIES = 16
 """How many ways to go further are tried."""
@@ -552,12 +401,12 @@ PREFIX_TRIES = 16
 GUIDE_TRIES = 3
 """How many ends of a way beside the centreline are tried."""
 
-PREFIX_GAP = 1.0
-"""The search for a way to go further ends when it could gain less than this [mm]."""
+PREFIX_GAP_MM = 1.0
+"""The search for a way to go further ends when it could gain less than this."""
 
 
 def explain_stop(job: Job) -> Refusal:
-    """Say why the goal was not reached, after every attempt at the whole way has failed."""
+    """State why the goal was not reached, after every attempt at the whole way has failed."""
     radius, duct, line = job.scope.radius, job.duct, job.line
     goal = float(job.bound[-1])
     entry, slack = float(job.bound[0]), MARGINS[-1]
@@ -615,7 +464,7 @@ def explain_stop(job: Job) -> Refusal:
             code="FOLD",
             at=at,
             needs=radius,
-            offers=job.fold.room,
+            offers=job.fold.clearance,
             what=f"links of {job.scope.link_length:g} mm would fold back in the bend at "
             f"{at:.1f} mm of the centreline",
         )
@@ -625,16 +474,16 @@ def explain_stop(job: Job) -> Refusal:
             code="LINK_TOO_LONG",
             at=at,
             needs=radius + slack,
-            offers=job.failed.room,
+            offers=job.failed.clearance,
             what=f"links of {job.scope.link_length:g} mm do not fit at {at:.1f} mm of the "
             f"centreline: they need {radius + slack:.2f} mm from their axis to the wall, the best "
-            f"path found has {floor_mm(job.failed.room)} mm{_mention_grid(job)}",
+            f"path found has {floor_mm(job.failed.clearance)} mm{_mention_grid(job)}",
         )
     return _unresolved(job)
 
 
 def _mention_grid(job: Job) -> str:
-    """Say so where the grid, not the lumen, may be what is too narrow."""
+    """Return a remark where the grid, not the lumen, may be what is too narrow."""
     if job.ways.grid is None or job.duct.error < 0.25 * job.scope.radius:
         return ""
     return f" (not proved: the grid may hide up to {job.duct.error:.2f} mm, try a smaller --voxel)"
@@ -648,8 +497,7 @@ def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
     is found by bisection. The path's end is free: it is cut, and its last links move back with it.
     """
     margin = MARGINS[-1]
-    room = job.scope.radius + margin
-    guide = _find_guide(job, room)
+    guide = _find_guide(job, job.scope.radius + margin)
     if guide is None:
         return job.stand_still(refusal.stop_at(0.0))
     arcs = measure_arc_length(guide)
@@ -670,33 +518,33 @@ def find_prefix(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
                 best, reached = motion, end
             if motion.refusal is not None:
                 break
-        if end < arc - PREFIX_GAP:
+        if end < arc - PREFIX_GAP_MM:
             high, low = arc, max(low, reached)
         else:
             low = arc
-        if high - low < PREFIX_GAP:
+        if high - low < PREFIX_GAP_MM:
             break
         arc = 0.5 * (low + high)
     if best is None:
         return job.stand_still(refusal.stop_at(0.0))
     if best.refusal is not None:
         return best
-    if job.options.compare:
+    if job.style.compare:
         best = job.improve(best)
     return replace(best, refusal=refusal.stop_at(_locate(job, best.path[-1])))
 
 
-def _find_guide(job: Job, room: float) -> NDArray[np.float64] | None:
-    """Return a way (n, dim) from the entry with `room`, as far along the centreline as any goes."""
+def _find_guide(job: Job, clearance: float) -> NDArray[np.float64] | None:
+    """Return the way (n, dim) with a clearance that goes farthest along the centreline."""
     points = job.line.points
-    fits = job.bound >= room
-    grid = grid_of(job.duct)
+    fits = job.bound >= clearance
+    grid = job.ways.grid
     if grid is None:
         reached = np.flatnonzero(fits)
         return points[: reached[-1] + 1] if len(reached) and reached[-1] > 1 else None
     from scipy import ndimage
 
-    free = (grid.inflation - grid.values >= room) & (grid.values < 0.0)
+    free = (grid.inflation - grid.values >= clearance) & (grid.values < 0.0)
     blocks, _ = ndimage.label(free, structure=np.ones((3, 3, 3)))
     nodes = np.rint(grid.to_grid(points) / grid.spacing).astype(int)
     nodes = np.clip(nodes, 0, np.array(grid.values.shape) - 1)
@@ -705,7 +553,7 @@ def _find_guide(job: Job, room: float) -> NDArray[np.float64] | None:
     if marks[0] != 0:
         beyond = np.flatnonzero((marks == marks[0]) & fits)[::-1]
         for last in beyond[beyond >= straight][: 3 * GUIDE_TRIES : 3]:
-            base = find_roomy_path(grid, points[0], points[last], room=room)
+            base = find_roomy_path(grid, points[0], points[last], room=clearance)
             if base is not None:
                 return base
     return points[:straight] if straight > 2 else None

@@ -2,58 +2,43 @@
 
 from __future__ import annotations
 
-import inspect
 import os
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import LabelTract, SurfaceTract
-from ..checks import check_number, check_points
+from ..checks import check_number
 from ..duct.base import Duct, count_dimensions
-from ..duct.build import build_field
-from ..duct.field import SampledField
-from ..duct.refined import RefinedField, refine_field
-from ..errors import FileFormatError, InputError
+from ..duct.field import RefinedField, SampledField, build_field, refine_field
+from ..errors import InputError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
-from .certify import TOLERANCE, Certificate, certify_plan
-from .insertion import METHODS, measure_body
-from .introducer import Introducer
-from .measures import measure_angles
-from .plan import SLACK, Plan, read_route
+from ..results import to_plain
+from .certify import BUDGET, TOLERANCE_MM, Certificate, certify_motion
+from .measures import measure_angles, measure_body
+from .plan import ROUND_OFF_MM, Plan, TractInput
+from .planners import PLANNERS
 from .recheck import Recheck, Tube, Wall, recheck_motion, surface_wall, voxel_wall
-from .scope import Scope
-from .tube import grid_of
+from .space import FreeSpace, grid_of
 
-__all__ = [
-    "Check",
-    "Verification",
-    "build_wall",
-    "check_consistency",
-    "read_input",
-    "rebuild_field",
-    "verify_file",
-    "verify_plan",
-]
+LENGTH_ROUND_OFF_MM = 1e-4
+"""How far a link may be off its length."""
 
-LENGTH_SLACK = 1e-4
-"""How far a link may be off its length [mm]."""
+CLAIM_ROUND_OFF_MM = 1e-6
+"""How far a claimed clearance may lie above the one proved anew."""
 
-CLAIM_SLACK = 1e-6
-"""How far a claimed clearance may lie above the one proved anew, by rounding [mm]."""
+STATED_ROUND_OFF_MM = 0.01
+"""How far the ends of a path may be off those of its centreline, which is stated rounded."""
 
-ROUNDED = 0.01
-"""How far the ends of a path may be off those of its centreline, which is stated rounded [mm]."""
+FINE_SPACING_MIN_MM, FINE_DISTANCE_MAX_MM = 0.25, 20.0
+"""Least spacing of a plan's finer grid, and how far from the centreline it may reach."""
 
-FINE_MIN, DISTANCE_MAX = 0.25, 20.0
-"""Least spacing of a plan's finer grid, and how far from the centreline it may reach [mm]."""
-
-FINEST = 0.005
-"""Tolerance of the certificate to which a claim is followed [mm]."""
+FINEST_TOLERANCE_MM = 0.005
+"""Tolerance of the certificate to which a claim is followed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,44 +90,79 @@ class Verification:
         proved = self.certificate is not None and self.certificate.certified
         return proved and self.consistent
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the result as JSON-able values; ``certified`` is None without the wall."""
-        meta, proof, second = self.plan.meta, self.certificate, self.recheck
-        return {
-            "consistent": self.consistent,
-            "certified": None if proof is None else self.certified,
-            "claimed": bool(meta.get("certified", False)),
-            "clearance_claimed_mm": _read_claim(self.plan),
-            "clearance_certified_mm": (
-                proof.clearance if proof is not None and proof.certified else None
-            ),
-            "status": self.plan.status,
-            "reason_code": self.plan.reason_code,
-            "method": self.plan.method,
-            "inserted_mm": self.plan.inserted,
-            "path_length_mm": float(self.plan.path_arc_length[-1]),
-            "steps": self.plan.steps,
-            "links": self.plan.links,
-            "scope": meta.get("scope"),
-            "inflation_mm": _read_number(meta, "field", "inflation_mm"),
-            "soft_wall_mm": _read_number(meta, "soft_wall", "used_mm"),
-            "wall": None if proof is None else proof.wall,
-            "checks": [
-                {"name": item.name, "ok": item.ok, "message": item.message} for item in self.checks
-            ],
-            "second_check": None
-            if second is None
-            else {
-                "clear": second.clear,
-                "clearance_mm": second.lower if np.isfinite(second.lower) else None,
-                "found_mm": second.found if np.isfinite(second.found) else None,
-                "step": second.step,
-                "link": second.link,
-                "place_mm": [float(v) for v in second.place],
-                "samples": second.samples,
-                "resolved": second.resolved,
-            },
-        }
+        plan, proof, second = self.plan, self.certificate, self.recheck
+        values: dict[str, object] = to_plain(
+            {
+                "consistent": self.consistent,
+                "certified": None if proof is None else self.certified,
+                "claimed": plan.certified,
+                "clearance_claimed_mm": plan.proved,
+                "clearance_certified_mm": (
+                    proof.clearance if proof is not None and proof.certified else None
+                ),
+                "status": plan.status,
+                "reason_code": plan.reason_code,
+                "method": plan.method,
+                "inserted_mm": plan.inserted,
+                "path_length_mm": float(plan.path_arc_length[-1]),
+                "steps": plan.steps,
+                "links": plan.links,
+                "scope": plan.meta.get("scope"),
+                "inflation_mm": None if plan.field is None else plan.inflation,
+                "soft_wall_mm": None if plan.soft_wall is None else plan.displaced,
+                "wall": None if proof is None else proof.wall,
+                "checks": self.checks,
+                "second_check": None
+                if second is None
+                else {
+                    "clear": second.clear,
+                    "clearance_mm": second.lower,
+                    "found_mm": second.found,
+                    "step": second.step,
+                    "link": second.link,
+                    "place_mm": second.place,
+                    "samples": second.samples,
+                    "resolved": second.resolved,
+                },
+            }
+        )
+        return values
+
+
+def certify_plan(
+    plan: Plan,
+    duct: Duct,
+    *,
+    tolerance: float = TOLERANCE_MM,
+    budget: int = BUDGET,
+    settle: bool = True,
+) -> Certificate:
+    """Prove a lower bound on the clearance of any saved plan.
+
+    Parameters
+    ----------
+    plan : Plan
+        Only its joints, the scope's diameter and the introducer are used.
+    duct : Duct
+        The free space to compare it with.
+    tolerance, budget, settle
+        As for `certify_motion`.
+
+    Raises
+    ------
+    InputError
+        If the plan has no scope.
+    """
+    return certify_motion(
+        plan.joints,
+        FreeSpace(duct, introducer=plan.introducer),
+        radius=plan.get_scope().radius,
+        tolerance=tolerance,
+        budget=budget,
+        settle=settle,
+    )
 
 
 def verify_file(
@@ -152,7 +172,7 @@ def verify_file(
     independent: bool = False,
     progress: Progress = no_progress,
 ) -> Verification:
-    """Check a plan against the file that it was made from, read as the plan says it was.
+    """Check a plan against the file that it was made from, read as the plan states.
 
     Parameters
     ----------
@@ -166,21 +186,22 @@ def verify_file(
     Raises
     ------
     BozziniError
-        If the file cannot be read as the plan says.
+        If the file cannot be read as the plan states.
     """
     if plan.joints.shape[2] != 3:
         raise InputError("the plan has 2 dimensions: a file holds a tract in 3")
     progress("read", 0.0)
-    source = _check_source(plan, path)
-    if not source.ok:  # what another file offers says nothing about this plan
-        return Verification(plan=plan, checks=(source,))
+    source = _run("input", _check_source, plan, path)
+    if not source[0].ok:  # another file has no bearing on this plan
+        return Verification(plan=plan, checks=source)
     tract = read_input(plan, path)
     field = rebuild_field(plan, tract, progress=progress)
     wall = build_wall(tract) if independent else None
     result = verify_plan(plan, field, wall=wall, progress=progress)
+    own = (*source, *_run("grid", _check_grid, plan, field))
     return Verification(
         plan=plan,
-        checks=(*result.checks[:1], source, _check_grid(plan, field), *result.checks[1:]),
+        checks=(*result.checks[:1], *own, *result.checks[1:]),
         certificate=result.certificate,
         recheck=result.recheck,
     )
@@ -198,9 +219,9 @@ def verify_plan(
     Parameters
     ----------
     plan : Plan
-        Nothing in it is trusted: what it says of its clearance is compared with what is found.
+        Nothing in it is trusted: its stated clearances are compared with what is found.
     duct : Duct, optional
-        The lumen, inflated as the plan says. Without it nothing is said about the wall.
+        The lumen, inflated as the plan states. Without it the wall is not checked.
     wall : Wall, optional
         The wall before inflation, for the second check; see `build_wall`.
     progress : Progress
@@ -219,118 +240,106 @@ def verify_plan(
             f"{count_dimensions(duct)}: they must agree"
         )
     progress("certify", 0.0)
-    certificate = certify_plan(plan, duct)
-    claimed = _read_claim(plan)
-    tolerance = TOLERANCE
+    certificate, claimed, tolerance = certify_plan(plan, duct), plan.proved, TOLERANCE_MM
     while (
         claimed is not None
         and certificate.resolved
-        and certificate.clearance + CLAIM_SLACK < claimed <= certificate.found
-        and tolerance > FINEST
+        and certificate.clearance + CLAIM_ROUND_OFF_MM < claimed <= certificate.found
+        and tolerance > FINEST_TOLERANCE_MM
     ):
         tolerance *= 0.5
         finer = certify_plan(plan, duct, tolerance=tolerance)
         certificate = finer if finer.clearance > certificate.clearance else certificate
     progress("certify", 1.0)
-    checks = (*checks, *_check_wall(plan, duct), _check_claim(plan, duct, certificate, claimed))
+    checks = (*checks, *_list_wall_checks(plan, duct))
+    checks = (*checks, *_run("certificate", _check_claim, plan, duct, certificate))
     second = None
     if wall is not None:
         progress("second check", 0.0)
         second = _run_recheck(plan, wall)
         progress("second check", 1.0)
-        checks = (*checks, _compare(certificate, second))
+        checks = (*checks, *_run("second check", _compare, certificate, second))
     return Verification(plan=plan, checks=checks, certificate=certificate, recheck=second)
 
 
 def check_consistency(plan: Plan) -> tuple[Check, ...]:
     """Check a plan against itself: links, head, steps, ends, inflation, introducer, measures."""
-    return (
-        _check_links(plan),
-        _check_head(plan),
-        _check_order(plan),
-        _check_moves(plan),
-        *_check_method(plan),
-        *_check_ends(plan),
-        *_check_introducer(plan),
-        *_check_inflation(plan),
-        *_check_measures(plan),
-    )
+    checks = {
+        "links": _check_links,
+        "head": _check_head,
+        "steps": _check_order,
+        "moves": _check_moves,
+        "method": _check_method,
+        "ends": _check_ends,
+        "introducer": _check_introducer,
+        "inflation": _check_inflation,
+        "measures": _check_measures,
+    }
+    return tuple(item for name, check in checks.items() for item in _run(name, check, plan))
 
 
 def read_input(plan: Plan, path: str | os.PathLike[str]) -> LabelTract | SurfaceTract:
-    """Read a tract as the plan says that its own was read: labels, unit and what else it names.
+    """Read a tract as the plan states that its own was read: labels, unit and the like.
 
     Raises
     ------
     BozziniError
         If the file cannot be read so.
     """
-    stated = plan.meta.get("input") or {}
-    options: dict[str, Any] = {}
-    for key, kinds in _READ_OPTIONS.items():
-        value = stated.get(key)
-        if value is None or value is False:
-            continue
-        items = value if key == "labels" or (key == "part" and type(value) is list) else [value]
-        if not isinstance(items, list) or not items or not all(type(v) in kinds for v in items):
-            raise FileFormatError(
-                f"the plan's meta.input.{key} is {value!r}: it is nothing to read a tract with"
-            )
-        options[key] = value
-    known = inspect.signature(read_tract).parameters
-    for key in options:
-        if key not in known:
-            raise InputError(f"the plan's input was read with {key}: this version cannot do that")
+    stated = plan.input or TractInput()
+    unit = stated.unit
+    labels = None if stated.labels is None else list(stated.labels)
+
+    def read(unit: str | None) -> LabelTract | SurfaceTract:
+        return read_tract(
+            path,
+            labels=labels,
+            part=stated.part,
+            unit=unit,
+            frame=stated.frame,
+            repair=bool(stated.repair),
+        )
+
     try:
-        return read_tract(path, **options)
+        return read(unit)
     except InputError:
-        # A volume states its own unit; plans say mm of it all the same.
-        if options.pop("unit", None) != "mm":
+        # A volume states its own unit; plans state mm of it all the same.
+        if unit != "mm":
             raise
-        return read_tract(path, **options)
-
-
-_READ_OPTIONS: dict[str, tuple[type, ...]] = {
-    "labels": (int, str),
-    "part": (int, str),
-    "unit": (str,),
-    "frame": (str,),
-    "repair": (bool,),
-}
-"""What of ``meta.input`` is given on to `read_tract`, and of what type it is."""
+        return read(None)
 
 
 def rebuild_field(
     plan: Plan, tract: LabelTract | SurfaceTract, *, progress: Progress = no_progress
 ) -> SampledField | RefinedField:
-    """Sample a tract as the plan says: its voxel, inflation and finer nodes, its wall displaced.
+    """Sample a tract as the plan states: voxel, inflation, finer nodes, its wall displaced.
 
     Raises
     ------
     InputError
         If the plan's voxel, inflation or finer grid is not legal for the tract.
     """
-    voxel = (plan.meta.get("input") or {}).get("voxel_mm")
-    total = _read_number(plan.meta, "field", "inflation_mm") or 0.0
-    used = _read_number(plan.meta, "soft_wall", "used_mm") or 0.0
-    allowed = _read_number(plan.meta, "soft_wall", "allowed_mm") or 0.0
-    rest = max(total - used, 0.0)
+    used, soft, stated = plan.displaced, plan.soft_wall, plan.field
+    allowed = 0.0 if soft is None else soft.allowed
+    rest = max(plan.inflation - used, 0.0)
+    voxel = None if plan.input is None else plan.input.voxel
     reach = rest + max(allowed, used)
     field = build_field(tract, voxel=voxel, inflate=rest, reach=reach, progress=progress)
-    fine = (plan.meta.get("field") or {}).get("fine_spacing_mm")
-    if fine is None:
+    if stated is None or stated.fine_spacing is None:
         return field.inflate(used)
-    spacing = check_number("meta.field.fine_spacing_mm", fine, low=FINE_MIN, unit="mm")
+    spacing = check_number(
+        "meta.field.fine_spacing_mm", stated.fine_spacing, low=FINE_SPACING_MIN_MM, unit="mm"
+    )
     distance = check_number(
         "meta.field.fine_distance_mm",
-        plan.meta["field"].get("fine_distance_mm"),
+        stated.fine_distance or 0.0,
         low=0.0,
-        high=DISTANCE_MAX,
+        high=FINE_DISTANCE_MAX_MM,
         unit="mm",
     )
-    line = plan.meta.get("centreline")
-    stated: Any = line.get("points_mm") if isinstance(line, dict) else None
-    points = check_points("meta.centreline.points_mm", stated)
+    if plan.centreline is None:
+        raise InputError("the plan has a finer grid about its centreline, but no centreline")
+    points = plan.centreline.points
     finer = refine_field(field, tract, points, voxel=spacing, distance=distance, progress=progress)
     return finer.inflate(used)
 
@@ -343,376 +352,296 @@ def build_wall(tract: LabelTract | SurfaceTract) -> Wall:
 
 
 def _run_recheck(plan: Plan, wall: Wall) -> Recheck:
-    introducer, tube = _read_introducer(plan), None
+    introducer, tube = plan.introducer, None
     if introducer is not None:
         tube = Tube(entry=introducer.entry, outward=introducer.outward, bore=introducer.bore)
-    return recheck_motion(
-        plan.joints,
-        wall,
-        radius=0.5 * float(plan.meta["scope"]["diameter_mm"]),
-        tube=tube,
-        inflation=_read_number(plan.meta, "field", "inflation_mm") or 0.0,
-    )
+    radius = plan.get_scope().radius
+    return recheck_motion(plan.joints, wall, radius=radius, tube=tube, inflation=plan.inflation)
 
 
-def _read_number(meta: dict[str, Any], key: str, name: str) -> float | None:
-    value = (meta.get(key) or {}).get(name)
-    return None if value is None else float(value)
+class FaultError(Exception):
+    """What a check found wrong, one sentence."""
 
 
-def _read_claim(plan: Plan) -> float | None:
-    """Return the clearance that the plan says is certified [mm], or None."""
-    if not plan.meta.get("certified"):
-        return None
-    return _read_number(plan.meta, "certificate", "clearance_mm")
+def _run(name: str, check: Callable[..., str | None], *given: object) -> tuple[Check, ...]:
+    """Return the outcome of a check, which returns what it found or raises `FaultError`."""
+    try:
+        message = check(*given)
+    except FaultError as fault:
+        return (Check(name=name, ok=False, message=str(fault)),)
+    return () if message is None else (Check(name=name, ok=True, message=message),)
 
 
-def _read_introducer(plan: Plan) -> Introducer | None:
-    given = plan.meta.get("introducer")
-    return None if given is None else Introducer.from_description(given)
-
-
-def _check_source(plan: Plan, path: str | os.PathLike[str]) -> Check:
-    given = plan.meta.get("input") or {}
-    stated = given.get("sha256")
-    digest = hash_input(path)
-    if stated is None:
+def _check_source(plan: Plan, path: str | os.PathLike[str]) -> str:
+    given, digest = plan.input or TractInput(), hash_input(path)
+    if given.sha256 is None:
         # The command line always states both; only a plan made in Python states neither.
-        message = "the plan does not state from which file it was made"
-        if "sha256" in given or "file" in given:
-            message = f"the plan does not state the sha256 of its file; this one's is {digest}"
-            return Check(name="input", ok=False, message=message)
-        return Check(name="input", ok=True, message=f"{message}: what follows is for this one")
-    if digest == stated:
-        return Check(name="input", ok=True, message=f"the plan was made from this file ({digest})")
-    return Check(
-        name="input",
-        ok=False,
-        message=f"the plan was made from another file: its sha256 is {stated}, this one's {digest}",
-    )
+        if given.file is not None:
+            raise FaultError(
+                f"the plan does not state the sha256 of its file; this one's is {digest}"
+            )
+        return "the plan does not state from which file it was made: what follows is for this one"
+    if digest != given.sha256:
+        raise FaultError(
+            f"the plan was made from another file: its sha256 is {given.sha256}, this one's "
+            f"{digest}"
+        )
+    return f"the plan was made from this file ({digest})"
 
 
-def _check_links(plan: Plan) -> Check:
-    length = _read_number(plan.meta, "scope", "link_length_mm")
+def _check_links(plan: Plan) -> str:
+    if plan.scope is None:
+        raise FaultError("the plan does not state its link length")
+    length = plan.scope.link_length
     sizes = np.linalg.norm(np.diff(plan.joints, axis=1), axis=2)
-    if length is None:
-        return Check(name="links", ok=False, message="the plan does not state its link length")
     off = np.abs(sizes - length)
     step, link = np.unravel_index(int(np.argmax(off)), off.shape)
-    if off.max() > LENGTH_SLACK:
-        return Check(
-            name="links",
-            ok=False,
-            message=f"link {link + 1} is {sizes[step, link]:.4f} mm long at step {step}: it must "
-            f"be {length:g} mm",
+    if off.max() > LENGTH_ROUND_OFF_MM:
+        raise FaultError(
+            f"link {link + 1} is {sizes[step, link]:.4f} mm long at step {step}: it must be "
+            f"{length:g} mm"
         )
-    return Check(
-        name="links",
-        ok=True,
-        message=f"{plan.links} of {length:g} mm at all {plan.steps} steps, to within "
-        f"{off.max():.1g} mm",
-    )
+    return f"{plan.links} of {length:g} mm at all {plan.steps} steps, to within {off.max():.1g} mm"
 
 
-def _check_head(plan: Plan) -> Check:
+def _check_head(plan: Plan) -> str:
     arc = measure_arc_length(plan.path)
     off = float(np.abs(arc - plan.path_arc_length).max())
-    if off > SLACK:
-        return Check(
-            name="head",
-            ok=False,
-            message=f"path_arc_length is {off:.3g} mm off the length of the path's points",
-        )
+    if off > ROUND_OFF_MM:
+        raise FaultError(f"path_arc_length is {off:.3g} mm off the length of the path's points")
     low, high = float(plan.head_arc_length.min()), float(plan.head_arc_length.max())
-    if low < -SLACK or high > arc[-1] + SLACK:
-        return Check(
-            name="head",
-            ok=False,
-            message=f"it goes from {low:g} to {high:g} mm: its path ends at {arc[-1]:g} mm",
-        )
+    if low < -ROUND_OFF_MM or high > arc[-1] + ROUND_OFF_MM:
+        raise FaultError(f"it goes from {low:g} to {high:g} mm: its path ends at {arc[-1]:g} mm")
     place = np.stack([np.interp(plan.head_arc_length, arc, column) for column in plan.path.T], 1)
     miss = np.linalg.norm(plan.joints[:, 0] - place, axis=1)
     step = int(np.argmax(miss))
-    if miss[step] > SLACK:
-        return Check(
-            name="head",
-            ok=False,
-            message=f"at step {step} the head is {miss[step]:.3g} mm off its path",
-        )
-    return Check(
-        name="head",
-        ok=True,
-        message=f"on its path at all steps; {plan.inserted:.1f} mm of {arc[-1]:.1f} mm of it",
-    )
+    if miss[step] > ROUND_OFF_MM:
+        raise FaultError(f"at step {step} the head is {miss[step]:.3g} mm off its path")
+    return f"on its path at all steps; {plan.inserted:.1f} mm of {arc[-1]:.1f} mm of it"
 
 
-def _check_order(plan: Plan) -> Check:
-    """Check that the head goes from target to target of its route, in steps as stated."""
-    heads, end = plan.head_arc_length, float(plan.path_arc_length[-1])
-    targets = [share * end for share in read_route(plan)]
-    moves = np.diff(heads)
-    stated = plan.meta.get("head_step_mm")
-    largest = float(np.abs(moves).max(initial=0.0))
-
-    def fail(message: str) -> Check:
-        return Check(name="steps", ok=False, message=message)
-
-    if abs(heads[0]) > SLACK:
-        return fail(f"the motion begins with the head at {heads[0]:g} mm: it must begin at 0 mm")
-    if stated is not None and largest > float(stated) + 1e-6:
-        return fail(f"the head moves {largest:.4g} mm in a step: the plan states {stated:g} mm")
-    at, goal = 0, 0
-    while goal < len(targets):
-        # From here on all steps go towards this target, until one stands there.
-        rest = np.abs(heads[at:] - targets[goal])
-        there = np.flatnonzero(rest <= SLACK)
-        stop = at + int(there[0]) if len(there) else len(heads) - 1
-        if (np.diff(np.abs(heads[at : stop + 1] - targets[goal])) > SLACK).any():
-            step = at + int(np.argmax(np.diff(rest[: stop - at + 1]))) + 1
-            return fail(
-                f"at step {step} the head moves away from {targets[goal]:.1f} mm, where its route "
-                "leads"
-            )
+def _follow_route(plan: Plan) -> Iterator[tuple[float, int, int, bool]]:
+    """Give of each target of the route where it is, from and to which step, and if it is met."""
+    at = 0
+    for share in plan.route:
+        target = share * float(plan.path_arc_length[-1])
+        there = np.flatnonzero(np.abs(plan.head_arc_length[at:] - target) <= ROUND_OFF_MM)
+        stop = at + int(there[0]) if len(there) else plan.steps - 1
+        yield target, at, stop, len(there) > 0
         at = stop
         if not len(there):
-            break
-        goal += 1
-    if goal == len(targets) and np.abs(heads[at:] - heads[at]).max() > SLACK:
-        return fail(f"the head moves on after step {at}, where its route has ended")
-    if goal < len(targets) and plan.status == "complete":
-        return fail(
-            f"the plan is called complete, but its route ends at {targets[-1]:.1f} mm and the "
-            f"head at {heads[-1]:.1f} mm"
+            return
+
+
+def _check_order(plan: Plan) -> str:
+    """Check that the head goes from target to target of its route, in steps as stated."""
+    heads, stated = plan.head_arc_length, plan.options
+    largest = float(np.abs(np.diff(heads)).max(initial=0.0))
+    if abs(heads[0]) > ROUND_OFF_MM:
+        raise FaultError(
+            f"the motion begins with the head at {heads[0]:g} mm: it must begin at 0 mm"
         )
-    return Check(
-        name="steps",
-        ok=True,
-        message=f"{plan.steps} along the route, the head up to {largest:.3g} mm each",
-    )
+    if stated is not None and largest > stated.head_step + 1e-6:
+        raise FaultError(
+            f"the head moves {largest:.4g} mm in a step: the plan states {stated.head_step:g} mm"
+        )
+    at, met = 0, True
+    for target, begin, at, met in _follow_route(plan):  # noqa: B007
+        # All steps go towards this target, until one stands there.
+        away = np.diff(np.abs(heads[begin : at + 1] - target))
+        if (away > ROUND_OFF_MM).any():
+            step = begin + int(np.argmax(away)) + 1
+            raise FaultError(
+                f"at step {step} the head moves away from {target:.1f} mm, where its route leads"
+            )
+    if met and np.abs(heads[at:] - heads[at]).max() > ROUND_OFF_MM:
+        raise FaultError(f"the head moves on after step {at}, where its route has ended")
+    if not met and plan.status == "complete":
+        end = plan.route[-1] * float(plan.path_arc_length[-1])
+        raise FaultError(
+            f"the plan is called complete, but its route ends at {end:.1f} mm and the head at "
+            f"{heads[-1]:.1f} mm"
+        )
+    return f"{plan.steps} along the route, the head up to {largest:.3g} mm each"
 
 
-def _has_ended(plan: Plan) -> bool:
-    """Whether the head comes to all targets of its route, in their order."""
-    at = 0
-    for share in read_route(plan):
-        rest = np.abs(plan.head_arc_length[at:] - share * plan.path_arc_length[-1])
-        there = np.flatnonzero(rest <= SLACK)
-        if not len(there):
-            return False
-        at += int(there[0])
-    return True
+def _check_method(plan: Plan) -> str | None:
+    if plan.method in PLANNERS:
+        return None
+    return f"{plan.method!r} is none of this package's planners: only its motion is judged"
 
 
-def _check_method(plan: Plan) -> tuple[Check, ...]:
-    if plan.method in METHODS:
-        return ()
-    message = f"{plan.method!r} is none of this package's planners: only its motion is judged"
-    return (Check(name="method", ok=True, message=message),)
-
-
-def _check_ends(plan: Plan) -> tuple[Check, ...]:
+def _check_ends(plan: Plan) -> str | None:
     """Check that the path leads from the entry of the stated centreline to its goal."""
-    line = plan.meta.get("centreline")
-    if line is None:
-        return ()
-
-    def fail(message: str) -> tuple[Check, ...]:
-        return (Check(name="ends", ok=False, message=message),)
-
-    stated: Any = line.get("points_mm") if isinstance(line, dict) else None
-    points = check_points("meta.centreline.points_mm", stated, dim=plan.path.shape[1])
-    if points.ndim != 2 or len(points) < 2:
-        return fail(f"the centreline has shape {points.shape}: it must have at least 2 points")
+    if plan.centreline is None:
+        return None
+    points = plan.centreline.points
+    if points.shape[1] != plan.path.shape[1]:
+        raise FaultError(f"the centreline has shape {points.shape}: it must be as the path")
     first, last = (float(np.linalg.norm(plan.path[at] - points[at])) for at in (0, -1))
-    if first > ROUNDED:
-        return fail(f"the path begins {first:.3g} mm from where the centreline begins")
-    if plan.status == "complete" and last > ROUNDED:
-        return fail(
+    if first > STATED_ROUND_OFF_MM:
+        raise FaultError(f"the path begins {first:.3g} mm from where the centreline begins")
+    reached = last <= STATED_ROUND_OFF_MM
+    if plan.status == "complete" and not reached:
+        raise FaultError(
             f"the plan is called complete, but its path ends {last:.3g} mm from the end of the "
             "centreline"
         )
-    if plan.status == "stopped" and last <= ROUNDED and _has_ended(plan):
-        return fail("the plan is called stopped, but its head goes the whole way to the goal")
-    return (
-        Check(
-            name="ends",
-            ok=True,
-            message="the path begins where the centreline begins"
-            + (" and ends where it ends" if last <= ROUNDED else f", and ends {last:.1f} mm short"),
-        ),
-    )
+    if plan.status == "stopped" and reached and all(met for *_, met in _follow_route(plan)):
+        raise FaultError("the plan is called stopped, but its head goes the whole way to the goal")
+    rest = " and ends where it ends" if reached else f", and ends {last:.1f} mm short"
+    return f"the path begins where the centreline begins{rest}"
 
 
-def _check_inflation(plan: Plan) -> tuple[Check, ...]:
+def _check_inflation(plan: Plan) -> str | None:
     """Check the wall's inflation against what was asked for and what the soft wall used."""
-    asked = _read_number(plan.meta, "input", "inflate_mm")
+    asked = None if plan.input is None else plan.input.inflate
     if asked is None:
-        return ()
-    total = _read_number(plan.meta, "field", "inflation_mm") or 0.0
-    used = _read_number(plan.meta, "soft_wall", "used_mm") or 0.0
-    ok = abs(total - asked - used) <= SLACK
-    message = (
-        f"the wall is inflated by {total:g} mm, as stated"
-        if ok
-        else f"the wall is inflated by {total:g} mm, but {asked:g} mm were asked for and the soft "
-        f"wall used {used:g} mm"
-    )
-    return (Check(name="inflation", ok=ok, message=message),)
+        return None
+    total, used = plan.inflation, plan.displaced
+    if not abs(total - asked - used) <= ROUND_OFF_MM:
+        raise FaultError(
+            f"the wall is inflated by {total:g} mm, but {asked:g} mm were asked for and the soft "
+            f"wall used {used:g} mm"
+        )
+    return f"the wall is inflated by {total:g} mm, as stated"
 
 
-def _check_moves(plan: Plan) -> Check:
+def _check_moves(plan: Plan) -> str:
     moves = np.linalg.norm(np.diff(plan.joints, axis=0), axis=2)
     largest = float(moves.max(initial=0.0))
-    stated = _read_number(plan.meta, "measures", "joint_step_max_mm")
+    stated = None if plan.measures is None else plan.measures.joint_step_max
     if stated is not None and largest > stated + 1e-6:
         step, joint = np.unravel_index(int(np.argmax(moves)), moves.shape)
-        return Check(
-            name="moves",
-            ok=False,
-            message=f"joint {joint} moves {largest:.4g} mm between steps {step} and {step + 1}: "
-            f"the plan states at most {stated:.4g} mm",
+        raise FaultError(
+            f"joint {joint} moves {largest:.4g} mm between steps {step} and {step + 1}: the plan "
+            f"states at most {stated:.4g} mm"
         )
-    limit = (plan.meta.get("options") or {}).get("angle_limit_rad")
+    limit = None if plan.options is None else plan.options.angle_limit
     if limit is not None and plan.links > 1:
         angle = float(measure_angles(plan.joints).max())
-        if not isinstance(limit, (int, float)) or angle > limit + 1e-6:
-            return Check(
-                name="moves",
-                ok=False,
-                message=f"neighbouring links turn by {np.degrees(angle):.2f} deg: the plan states "
-                f"at most {limit!r} rad",
+        if angle > limit + 1e-6:
+            raise FaultError(
+                f"neighbouring links turn by {np.degrees(angle):.2f} deg: the plan states at most "
+                f"{limit!r} rad"
             )
-    return Check(
-        name="moves", ok=True, message=f"joints move up to {largest:.3g} mm between two steps"
-    )
+    return f"joints move up to {largest:.3g} mm between two steps"
 
 
-def _check_introducer(plan: Plan) -> tuple[Check, ...]:
-    introducer = _read_introducer(plan)
+def _check_introducer(plan: Plan) -> str | None:
+    introducer = plan.introducer
     if introducer is None:
-        return ()
-
-    def fail(message: str) -> tuple[Check, ...]:
-        return (Check(name="introducer", ok=False, message=message),)
-
+        return None
     off = float(np.linalg.norm(introducer.entry - plan.path[0]))
-    if off > SLACK:
-        return fail(f"it ends {off:.3g} mm from where the path begins")
-    length = _read_number(plan.meta, "scope", "link_length_mm") or 0.0
+    if off > ROUND_OFF_MM:
+        raise FaultError(f"it ends {off:.3g} mm from where the path begins")
+    length = 0.0 if plan.scope is None else plan.scope.link_length
     first = plan.path[plan.path_arc_length <= max(length, float(plan.path_arc_length[1]))]
     inward = first.mean(axis=0) - plan.path[0]
     if float(inward @ introducer.outward) >= 0.0:
-        return fail("it does not lead out of the tract: the path begins along it")
+        raise FaultError("it does not lead out of the tract: the path begins along it")
     depth = float(((plan.joints[:, -1] - introducer.entry) @ -introducer.outward).max())
-    if depth > length + SLACK:
-        return fail(
+    if depth > length + ROUND_OFF_MM:
+        raise FaultError(
             f"the last joint gets {depth:.1f} mm past the entry: the scope is too short for that"
         )
-    return (
-        Check(
-            name="introducer",
-            ok=True,
-            message=f"a straight tube of {introducer.bore:.2f} mm radius that ends where the path "
-            "begins",
-        ),
-    )
+    return f"a straight tube of {introducer.bore:.2f} mm radius that ends where the path begins"
 
 
-def _check_measures(plan: Plan) -> tuple[Check, ...]:
-    stated = _read_number(plan.meta, "measures", "clearance_min_mm")
+def _check_measures(plan: Plan) -> str | None:
+    stated = None if plan.measures is None else plan.measures.clearance_min
     least = plan.clearance_min
     if stated is None or not np.isfinite(least):
-        return ()
-    ok = abs(stated - least) <= 1e-6
-    message = (
-        f"the smallest estimated clearance is {least:.3f} mm, as stated"
-        if ok
-        else f"the plan states {stated:.3f} mm as its smallest clearance, its steps have "
-        f"{least:.3f} mm"
-    )
-    return (Check(name="measures", ok=ok, message=message),)
+        return None
+    if abs(stated - least) > 1e-6:
+        raise FaultError(
+            f"the plan states {stated:.3f} mm as its smallest clearance, its steps have "
+            f"{least:.3f} mm"
+        )
+    return f"the smallest estimated clearance is {least:.3f} mm, as stated"
 
 
 def _is_same_grid(plan: Plan, duct: Duct) -> bool | None:
     """Whether a duct is sampled as the plan states; None where it states no grid."""
-    stated = plan.meta.get("field") or {}
-    grid = grid_of(duct)
-    if grid is None or "spacing_mm" not in stated:
+    stated, grid = plan.field, grid_of(duct)
+    if grid is None or stated is None or stated.spacing is None:
         return None
-    spacing = [float(value) for value in grid.spacing]
-    try:
-        same = bool(np.allclose(np.array(stated["spacing_mm"], float), spacing, rtol=1e-6))
-    except (TypeError, ValueError):
-        return False
+    same = len(stated.spacing) == 3 and np.allclose(stated.spacing, grid.spacing, rtol=1e-6)
     fine = isinstance(duct, RefinedField)
-    return (
+    return bool(
         same
-        and stated.get("nodes") == list(grid.values.shape)
-        and (stated.get("fine_spacing_mm") is not None) == fine
+        and stated.nodes == tuple(grid.values.shape)
+        and (stated.fine_spacing is not None) == fine
     )
 
 
-def _check_grid(plan: Plan, field: SampledField | RefinedField) -> Check:
+def _check_grid(plan: Plan, field: SampledField | RefinedField) -> str:
     grid = field.coarse if isinstance(field, RefinedField) else field
     same = _is_same_grid(plan, field)
     size = " x ".join(str(count) for count in grid.values.shape)
     message = f"{size} nodes, {float(grid.spacing.max()):.4g} mm apart"
     if same is None:
-        return Check(name="grid", ok=True, message=f"{message}; the plan states none")
-    if same:
-        return Check(name="grid", ok=True, message=f"{message}, as stated")
-    message += "; the plan states another grid, so it was not made from this input so read"
-    return Check(name="grid", ok=False, message=message)
+        return f"{message}; the plan states none"
+    if not same:
+        raise FaultError(
+            f"{message}; the plan states another grid, so it was not made from this input so read"
+        )
+    return f"{message}, as stated"
 
 
-def _check_wall(plan: Plan, duct: Duct) -> tuple[Check, ...]:
-    """Check what the plan says of the wall: inflation, bore, and clearances at the steps."""
-    checks = []
-    stated = _read_number(plan.meta, "field", "inflation_mm") or 0.0
-    if abs(stated - duct.inflation) > SLACK:
-        message = f"the plan inflates the wall by {stated:g} mm, this one by {duct.inflation:g} mm"
-        checks.append(Check(name="wall", ok=False, message=message))
-    introducer = _read_introducer(plan)
-    if introducer is None:
-        return tuple(checks)
+def _list_wall_checks(plan: Plan, duct: Duct) -> tuple[Check, ...]:
+    """Check what the plan states of the wall: inflation, bore, and clearances at the steps."""
+    checks = [*_run("wall", _check_wall, plan, duct)]
+    if plan.introducer is not None and plan.scope is not None:
+        checks += _run("bore", _check_bore, plan, duct)
+        checks += _run("clearances", _check_clearances, plan, duct)
+    return tuple(checks)
+
+
+def _check_wall(plan: Plan, duct: Duct) -> None:
+    stated = plan.inflation
+    if abs(stated - duct.inflation) > ROUND_OFF_MM:
+        raise FaultError(
+            f"the plan inflates the wall by {stated:g} mm, this one by {duct.inflation:g} mm"
+        )
+
+
+def _check_bore(plan: Plan, duct: Duct) -> None:
+    introducer, radius = plan.get_introducer(), plan.get_scope().radius
     offered = float(duct.clearance_bound(introducer.entry))
-    radius = 0.5 * float(plan.meta["scope"]["diameter_mm"])
     # A scope that is too thick for the entry stands before it, in a tube of its own radius.
-    if introducer.bore > max(offered, radius if plan.inserted <= SLACK else 0.0) + SLACK:
-        message = (
+    least = radius if plan.inserted <= ROUND_OFF_MM else 0.0
+    if introducer.bore > max(offered, least) + ROUND_OFF_MM:
+        raise FaultError(
             f"the introducer's bore is {introducer.bore:.3f} mm: the lumen at the entry offers "
             f"{offered:.3f} mm"
         )
-        checks.append(Check(name="bore", ok=False, message=message))
+
+
+def _check_clearances(plan: Plan, duct: Duct) -> str | None:
     rest = duct
-    used = _read_number(plan.meta, "soft_wall", "used_mm") or 0.0
-    if used > 0.0:
+    if plan.displaced > 0.0:
         if not isinstance(duct, (SampledField, RefinedField)):
-            return tuple(checks)
-        rest = duct.inflate(-used)
-    length = _read_number(plan.meta, "scope", "link_length_mm")
-    if length is None:
-        return tuple(checks)
-    scope = Scope(diameter=2.0 * radius, link_length=length)
-    anew, _ = measure_body(rest, plan.joints, scope=scope, introducer=introducer)
-    error = _read_number(plan.meta, "field", "clearance_error_mm") or 0.0
+            return None
+        rest = duct.inflate(-plan.displaced)
+    space = FreeSpace(rest, introducer=plan.introducer)
+    anew, _ = measure_body(space, plan.joints, plan.get_scope())
+    error = 0.0 if plan.field is None else plan.field.clearance_error or 0.0
     over = _subtract(plan.clearance, anew)
     step, link = np.unravel_index(int(np.argmax(over)), over.shape)
     most = float(over[step, link])
     same = _is_same_grid(plan, duct)
-    if most <= SLACK and same:
+    if most <= ROUND_OFF_MM and same:
         # The same samples of the same field: they must agree.
         under = _subtract(np.where(np.isinf(anew), -np.inf, anew), plan.clearance)
         step, link = np.unravel_index(int(np.argmax(under)), under.shape)
         most, error = float(under[step, link]), 0.0
-    ok = most <= min(error, duct.error) + SLACK
-    message = (
-        f"none is stated {'otherwise' if same else 'larger'} than it is found anew"
-        if ok
-        else f"link {link + 1} at step {step} is stated to have {plan.clearance[step, link]:.3f} "
-        f"mm, but has {anew[step, link]:.3f} mm"
-    )
-    return (*checks, Check(name="clearances", ok=ok, message=message))
+    if not most <= min(error, duct.error) + ROUND_OFF_MM:
+        raise FaultError(
+            f"link {link + 1} at step {step} is stated to have {plan.clearance[step, link]:.3f} "
+            f"mm, but has {anew[step, link]:.3f} mm"
+        )
+    return f"none is stated {'otherwise' if same else 'larger'} than it is found anew"
 
 
 def _subtract(stated: NDArray[np.float64], anew: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -722,51 +651,43 @@ def _subtract(stated: NDArray[np.float64], anew: NDArray[np.float64]) -> NDArray
     return over
 
 
-def _check_claim(plan: Plan, duct: Duct, certificate: Certificate, claimed: float | None) -> Check:
-    def make(ok: bool, message: str) -> Check:
-        return Check(name="certificate", ok=ok, message=message)
-
-    proof = certificate.clearance
+def _check_claim(plan: Plan, duct: Duct, certificate: Certificate) -> str:
+    proof, claimed = certificate.clearance, plan.proved
     if proof == np.inf:
-        return make(claimed is None, "the scope never leaves the introducer: there is no proof")
+        message = "the scope never leaves the introducer: there is no proof"
+        if claimed is not None:
+            raise FaultError(message)
+        return message
     if claimed is None:
-        said = "the plan claims no proof"
         if not certificate.certified:
-            return make(True, f"{said}, and none is found")
-        return make(True, f"{said}, but {proof:.3f} mm are proved")
-    if claimed > proof + CLAIM_SLACK:
+            return "the plan claims no proof, and none is found"
+        return f"the plan claims no proof, but {proof:.3f} mm are proved"
+    if claimed > proof + CLAIM_ROUND_OFF_MM:
         anew = f"{proof:.3f} mm are proved" if certificate.certified else "nothing is proved"
-        return make(False, f"the plan claims {claimed:.3f} mm: anew {anew}")
-    found = _read_number(plan.meta, "certificate", "found_mm")
-    if found is not None and proof > found + SLACK and _is_same_grid(plan, duct):
-        return make(
-            False,
+        raise FaultError(f"the plan claims {claimed:.3f} mm: anew {anew}")
+    found = np.inf if plan.certificate is None else plan.certificate.found
+    if proof > found + ROUND_OFF_MM and _is_same_grid(plan, duct):
+        raise FaultError(
             f"the plan states a place of the body with {found:.3f} mm: anew {proof:.3f} mm are "
-            "proved everywhere, so this is another scope, wall or motion",
+            "proved everywhere, so this is another scope, wall or motion"
         )
-    return make(True, f"the plan claims {claimed:.3f} mm: anew {proof:.3f} mm are proved")
+    return f"the plan claims {claimed:.3f} mm: anew {proof:.3f} mm are proved"
 
 
-def _compare(certificate: Certificate, second: Recheck) -> Check:
-    def make(ok: bool, message: str) -> Check:
-        return Check(name="second check", ok=ok, message=message)
-
+def _compare(certificate: Certificate, second: Recheck) -> str:
     counted = f"{second.samples:,} exact distances"
+    place = f"(step {second.step:g}, link {second.link})"
     if not second.resolved:
-        return make(False, f"not settled by {counted}")
-    if certificate.certified and certificate.clearance > second.found + CLAIM_SLACK:
-        return make(
-            False,
-            f"a point of the body has {second.found:.3f} mm, less than the certificate says "
-            f"(step {second.step:g}, link {second.link})",
+        raise FaultError(f"not settled by {counted}")
+    if certificate.certified and certificate.clearance > second.found + CLAIM_ROUND_OFF_MM:
+        raise FaultError(
+            f"a point of the body has {second.found:.3f} mm, less than the certificate {place}"
         )
     if not second.clear:
-        return make(
-            not certificate.certified,
-            f"by {counted} the body comes to {second.found:.3f} mm "
-            f"(step {second.step:g}, link {second.link}): not shown to be clear",
+        message = (
+            f"by {counted} the body comes to {second.found:.3f} mm {place}: not shown to be clear"
         )
-    return make(
-        True,
-        f"by {counted} the clearance lies between {second.lower:.3f} and {second.found:.3f} mm",
-    )
+        if certificate.certified:
+            raise FaultError(message)
+        return message
+    return f"by {counted} the clearance lies between {second.lower:.3f} and {second.found:.3f} mm"

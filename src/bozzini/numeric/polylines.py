@@ -1,4 +1,4 @@
-"""Polylines: arc length, and points at equal distances."""
+"""Polylines: arc length, points at given distances, frames that turn no more than they do."""
 
 from __future__ import annotations
 
@@ -17,4 +17,28 @@ def resample_polyline(points: NDArray[np.float64], spacing: float) -> NDArray[np
     arc = measure_arc_length(points)
     count = max(2, round(float(arc[-1]) / spacing) + 1)
     wanted = np.linspace(0.0, arc[-1], count)
-    return np.stack([np.interp(wanted, arc, column) for column in points.T], axis=1)
+    return interpolate_polyline(points, arc, wanted)
+
+
+def interpolate_polyline(
+    points: NDArray[np.float64], arc_length: NDArray[np.float64], wanted: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return points (k, dim) of a polyline (n, dim) at the arc lengths `wanted` (k,)."""
+    return np.stack([np.interp(wanted, arc_length, column) for column in points.T], axis=1)
+
+
+def carry_frames(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (n, 3, 3) frames with the tangents as third column, turned no more than they do."""
+    frames = np.empty((len(tangents), 3, 3))
+    axis = np.eye(3)[int(np.argmin(np.abs(tangents[0])))]
+    for index, tangent in enumerate(tangents):
+        if index > 0:
+            # The smallest rotation from one tangent to the next.
+            before = tangents[index - 1]
+            turn = 1.0 + float(before @ tangent)
+            if turn > 1e-9:
+                axis = axis - (axis @ tangent) / turn * (before + tangent)
+        axis = axis - (axis @ tangent) * tangent
+        axis = axis / np.linalg.norm(axis)
+        frames[index] = np.stack([axis, np.cross(tangent, axis), tangent], axis=1)
+    return frames

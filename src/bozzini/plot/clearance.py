@@ -2,73 +2,82 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..motion.plan import Plan
-from .palette import AMBER, INK, RED, ClearanceScale, choose_clearance_scale
 from .plan_data import (
     MotionSample,
+    PlanCentreline,
+    Record,
     RefusalMark,
-    Way,
     ceil_mm,
     find_radius,
     find_refusal,
-    find_way,
-    read_claim,
+    read_centreline,
+    read_clearance,
     read_number,
     sample_motion,
 )
 from .scope import draw_color_bar
+from .style import (
+    AMBER,
+    BLUE,
+    INK,
+    LUMEN,
+    RED,
+    ClearanceScale,
+    choose_clearance_scale,
+    draw_marker,
+    style_axes,
+    take_panel,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # The lumen's inscribed radius along the tract, beside the scope's own.
-
-_BLUE = "#1f5fa8"
 
 
 def draw_radius(
     axes: Axes,
     plan: Plan,
-    way: Way,
+    line: PlanCentreline,
     *,
     mark: RefusalMark | None,
-    summary: Mapping[str, Any],
+    summary: Record,
     legend: Axes,
 ) -> None:
-    """Draw radius across, place along the tract upwards; what stands in the way is marked.
+    """Draw radius across, place along the tract upwards, and mark what limits the scope.
 
     Parameters
     ----------
     axes : Axes
         The panel; its vertical axis is the place along the tract [mm].
     plan : Plan
-    way : Way
-        The whole way; its radius is drawn to the goal, also where the plan ends before.
+    line : PlanCentreline
+        Its radius is drawn to the goal, also where the plan ends before.
     mark : RefusalMark or None
     summary : mapping
         `passage_mm` is drawn if it is there.
     legend : Axes
         Empty axes to write the legend into.
     """
-    axes.fill_betweenx(way.arc_length, 0.0, way.radius, color="#d7e3ee", lw=0)
-    name = "lumen on the centreline" if way.is_centreline else "lumen on the head's path"
-    handles = axes.plot(way.radius, way.arc_length, color=_BLUE, linewidth=1.4, label=name)
-    largest = float(way.radius.max())
-    if way.is_centreline:
-        soft = read_claim(plan, summary).soft
-        room = plan.path_radius - (0.0 if soft is None else soft.used)  # to the wall at rest
+    axes.fill_betweenx(line.arc_length, 0.0, line.radius, color=LUMEN, lw=0)
+    name = "lumen on the centreline" if line.is_centreline else "lumen on the head's path"
+    handles = axes.plot(line.radius, line.arc_length, color=BLUE, linewidth=1.4, label=name)
+    largest = float(line.radius.max())
+    if line.is_centreline:
+        soft = read_clearance(plan, summary).soft
+        clearance = plan.path_radius - (0.0 if soft is None else soft.used)  # to the wall at rest
         handles += axes.plot(
-            room, way.place(plan.path_arc_length), color="#6f7d8a", linewidth=1.1,
+            clearance, line.to_centreline(plan.path_arc_length), color="#6f7d8a", linewidth=1.1,
             linestyle=(0, (3, 1.2)), label="… on the head's path",
         )  # fmt: skip
-        largest = max(largest, float(room.max()))
+        largest = max(largest, float(clearance.max()))
     scope = find_radius(plan)
     if scope > 0.0:
         handles.append(
@@ -78,7 +87,13 @@ def draw_radius(
             )
         )  # fmt: skip
         axes.fill_betweenx(
-            way.arc_length, 0.0, scope, where=way.radius < scope, color=RED, alpha=0.4, lw=0
+            line.arc_length,
+            0.0,
+            scope,
+            where=line.radius < scope,
+            color=RED,
+            alpha=0.4,
+            lw=0,
         )
     passage = read_number(summary, "passage_mm")
     if passage is not None and passage > 0.0:
@@ -108,17 +123,16 @@ def draw_radius(
 
 
 _ROWS = 320
-_GRID = "#e3e8ed"
 _GOAL = "#4b5a68"
 _PAPER = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 2.5}
 
 
-def draw_clearance(plan: Plan, *, summary: Mapping[str, Any] | None = None) -> Figure:
+def draw_clearance(plan: Plan, *, summary: Record | None = None) -> Figure:
     """Return a figure of clearance over insertion and along the tract, with the lumen's radius.
 
     Top: smallest clearance of the whole body over insertion. Middle: clearance of the part of
     the scope that stands at each place of the tract. Right: inscribed radius of the lumen there
-    and the scope's radius, to the goal if the plan holds the centreline. The tightest moment is
+    and the scope's radius, to the goal if the plan holds the line. The tightest moment is
     marked, and the place where the planner refused to go on.
 
     Parameters
@@ -133,8 +147,10 @@ def draw_clearance(plan: Plan, *, summary: Mapping[str, Any] | None = None) -> F
         If the plan's arrays do not fit each other.
     """
     sample = sample_motion(plan, count=600, worst_between=True)
-    way, mark = find_way(plan), find_refusal(plan, summary)
+    line, mark = read_centreline(plan), find_refusal(plan, summary)
     scale = choose_clearance_scale(sample.visible)
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(11.6, 7.4), facecolor="white")
     grid = figure.add_gridspec(
         2, 3, width_ratios=(1.0, 0.28, 0.022), height_ratios=(0.32, 1.0), wspace=0.07, hspace=0.06
@@ -148,21 +164,44 @@ def draw_clearance(plan: Plan, *, summary: Mapping[str, Any] | None = None) -> F
     fill_clearance(top, sample, scale=scale, ink=INK)
     top.set_ylabel("smallest\nclearance [mm]")
     top.tick_params(labelbottom=False)
-    _draw_map(middle, sample, scale=scale, over=over, length=way.length)
+    _draw_map(middle, sample, scale=scale, over=over, length=line.length)
     middle.set_xlabel(label)
-    _mark_tightest(middle, sample, over=over, length=way.length)
-    _mark_ends(middle, way, mark, over=over, tightest=sample.find_tightest(), sample=sample)
+    _mark_tightest(middle, sample, over=over, length=line.length)
+    _mark_ends(middle, line, mark, over=over, tightest=sample.find_tightest(), sample=sample)
     draw_radius(
-        right, plan, way, mark=mark, summary=summary or {}, legend=figure.add_subplot(grid[0, 1:])
+        right,
+        plan,
+        line,
+        mark=mark,
+        summary=summary or {},
+        legend=figure.add_subplot(grid[0, 1:]),
     )
-    right.axhline(way.length, color=_GOAL, linewidth=1.2)
+    right.axhline(line.length, color=_GOAL, linewidth=1.2)
     draw_color_bar(figure, figure.add_subplot(grid[1, 2]), scale, color=INK, vertical=True)
-    for axes in (top, right):
-        axes.grid(color=_GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
     for axes in (top, middle, right):
-        axes.spines[["top", "right"]].set_visible(False)
+        style_axes(axes, grid=axes is not middle)
     return figure
+
+
+def draw_smallest_clearance(plan: Plan, *, ax: Axes | None = None) -> Axes:
+    """Draw the smallest clearance of the whole body over the insertion.
+
+    Parameters
+    ----------
+    plan : Plan
+    ax : Axes, optional
+        Axes to draw into.
+
+    Raises
+    ------
+    InputError
+        If the plan's arrays do not fit each other.
+    """
+    axes = take_panel(ax)
+    sample = sample_motion(plan, count=600, worst_between=True)
+    fill_clearance(axes, sample, scale=choose_clearance_scale(sample.visible), ink=INK)
+    axes.set(xlabel=choose_abscissa(sample)[1], ylabel="smallest clearance [mm]")
+    return axes
 
 
 def _draw_map(
@@ -200,10 +239,7 @@ def _mark_tightest(
         return
     spot = (over[row], 0.5 * (sample.places[row, link] + sample.places[row, link + 1]))
     for edge, wide in (("white", 4.0), (INK, 1.8)):
-        axes.plot(
-            *spot, "o", markersize=15, markerfacecolor="none", markeredgecolor=edge, mew=wide,
-            clip_on=False,
-        )  # fmt: skip
+        draw_marker(axes, spot, "o", size=15, color=edge, width=wide, clip_on=False)
     side = -1 if over[row] > 0.5 * (over[0] + over[-1]) else 1
     axes.annotate(
         f"tightest: {_show(sample.visible[row, link])} mm",
@@ -219,7 +255,7 @@ def _mark_tightest(
 
 def _mark_ends(
     axes: Axes,
-    way: Way,
+    line: PlanCentreline,
     mark: RefusalMark | None,
     *,
     over: NDArray[np.float64],
@@ -228,9 +264,9 @@ def _mark_ends(
 ) -> None:
     """Draw the goal, how far the head got, and the place that was refused."""
     left, right = _widen(over)
-    axes.axhline(way.length, color=_GOAL, linewidth=1.2)
+    axes.axhline(line.length, color=_GOAL, linewidth=1.2)
     axes.text(
-        0.008, way.length, f"goal, {way.length:.0f} mm", color=_GOAL, fontsize=9, va="bottom",
+        0.008, line.length, f"goal, {line.length:.0f} mm", color=_GOAL, fontsize=9, va="bottom",
         transform=axes.get_yaxis_transform(),
     )  # fmt: skip
     if mark is None:
@@ -238,9 +274,9 @@ def _mark_ends(
     axes.axhline(mark.at, color=AMBER, linewidth=1.6, linestyle=(0, (6, 2)))
     # Below the line, unless the tightest moment is written there; on the side away from it.
     row, link = tightest
-    near = abs(float(sample.places[row, link]) - mark.at) < 0.15 * way.length
+    near = abs(float(sample.places[row, link]) - mark.at) < 0.15 * line.length
     leftwards = near and over[row] > 0.5 * (left + right)
-    below = mark.at > 0.12 * way.length
+    below = mark.at > 0.12 * line.length
     axes.annotate(
         f"✕ {mark.text}",
         (0.01 if leftwards else 0.99, mark.at),
@@ -281,10 +317,7 @@ def fill_clearance(axes: Axes, sample: MotionSample, *, scale: ClearanceScale, i
     )
     axes.axhline(0.0, color=ink, linewidth=1.0)
     low = int(np.argmin(height))
-    axes.plot(
-        over[low], height[low], "o", markersize=10, markerfacecolor="none", markeredgecolor=ink,
-        markeredgewidth=1.6, clip_on=False,
-    )  # fmt: skip
+    draw_marker(axes, (over[low], height[low]), "o", size=10, color=ink, width=1.6, clip_on=False)
     left_half = over[low] < 0.5 * (over[0] + over[-1])
     axes.annotate(
         f"{_show(height[low])} mm",

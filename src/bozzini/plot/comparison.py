@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,29 +11,34 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..motion.plan import Plan
-from .palette import INK, RED
 from .plan_data import (
     METHOD_NAMES,
-    find_way,
+    Record,
     list_methods,
+    read_centreline,
     read_movement,
     sample_motion,
     share_centreline,
 )
+from .style import INK, RED, Dash, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_STYLES = {
+_STYLES: dict[str, tuple[str, str | Dash]] = {
     "tube": ("#0072b2", "-"),
     "follow": ("#d55e00", (0, (6, 1.6))),
     "thesis": ("#6a3d9a", (0, (1.6, 1.2))),
 }
 # Okabe and Ito's colours, for methods that have none yet.
-_SPARE = (("#009e73", "-"), ("#a06c00", (0, (4, 1, 1, 1))), ("#56707f", (0, (3, 3))))
+_SPARE: tuple[tuple[str, str | Dash], ...] = (
+    ("#009e73", "-"),
+    ("#a06c00", (0, (4, 1, 1, 1))),
+    ("#56707f", (0, (3, 3))),
+)
 
 
-def draw_comparison(plans: Sequence[Plan], *, records: Sequence[Mapping[str, Any]] = ()) -> Figure:
+def draw_comparison(plans: Sequence[Plan], *, records: Sequence[Record] = ()) -> Figure:
     """Return a figure of several plans for the same tract and scope.
 
     Left: smallest clearance of the whole body over the insertion. Right: largest joint step per
@@ -74,21 +79,21 @@ def draw_comparison(plans: Sequence[Plan], *, records: Sequence[Mapping[str, Any
     return figure
 
 
-def _name_plans(plans: Sequence[Plan]) -> tuple[list[str], list[tuple[str, Any]]]:
+def _name_plans(plans: Sequence[Plan]) -> tuple[list[str], list[tuple[str, str | Dash]]]:
     spare = iter(_SPARE * len(plans))
     names = [METHOD_NAMES.get(plan.method, plan.method) for plan in plans]
     return names, [_STYLES.get(plan.method) or next(spare) for plan in plans]
 
 
 def _draw_clearances(
-    axes: Axes, plans: Sequence[Plan], names: list[str], styles: list[tuple[str, Any]]
+    axes: Axes, plans: Sequence[Plan], names: list[str], styles: list[tuple[str, str | Dash]]
 ) -> None:
     samples = [sample_motion(plan, count=500, worst_between=True) for plan in plans]
     forward = all(np.all(np.diff(sample.insertion) >= 0.0) for sample in samples)
     ends, low, high = [], 0.0, 0.5
     for plan, sample, name, (color, dash) in zip(plans, samples, names, styles, strict=True):
         if forward:
-            over = np.maximum(find_way(plan).place(sample.insertion), 0.0)
+            over = np.maximum(read_centreline(plan).to_centreline(sample.insertion), 0.0)
         else:
             over = 100.0 * sample.steps / max(plan.steps - 1, 1)
         height = sample.smallest
@@ -106,8 +111,8 @@ def _draw_clearances(
         # The first millimetres near the entry do not dictate the scale.
         top = 1.5 * float(np.percentile(height, 90)) + 0.3
         high = max(high, min(float(height.max()), top))
-    room = 0.08 * (high - low)
-    axes.set_ylim(low - room if low < 0.0 else -room, high + room)
+    margin = 0.08 * (high - low)
+    axes.set_ylim(low - margin if low < 0.0 else -margin, high + margin)
     axes.axhspan(axes.get_ylim()[0], 0.0, color=RED, alpha=0.08, lw=0)
     axes.axhline(0.0, color=INK, linewidth=1.0)
     if low < 0.0:
@@ -119,9 +124,7 @@ def _draw_clearances(
     axes.set_xlim(0.0, max(right, 1.0))
     axes.set_xlabel("head's place along the tract [mm]" if forward else "share of the motion [%]")
     axes.set_ylabel("smallest clearance of the whole body [mm]")
-    axes.grid(color="#e3e8ed", linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    style_axes(axes)
     _label_ends(axes, ends)
 
 

@@ -11,8 +11,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from .clearance import choose_abscissa
-from .palette import AMBER, INK
-from .plan_data import find_radius, find_way, sample_motion
+from .plan_data import (
+    find_radius,
+    read_centreline,
+    sample_motion,
+)
+from .style import AMBER, INK
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +73,7 @@ def measure_contact(plan: Plan, field: SampledField, *, count: int = 300) -> Con
     ----------
     plan : Plan
         Its clearances are those to the wall at rest: links below 0 are looked at closely, and
-        the deepest on each is what they say.
+        the deepest point of each has the clearance of the plan.
     field : SampledField
         The lumen at rest.
     count : int
@@ -81,7 +85,7 @@ def measure_contact(plan: Plan, field: SampledField, *, count: int = 300) -> Con
         If the plan's arrays do not fit each other.
     """
     sample = sample_motion(plan, count=count)
-    length = find_way(plan).length
+    length = read_centreline(plan).length
     depth = np.zeros((_ROWS, len(sample.steps)))
     row, link = np.nonzero(sample.visible < 0.0)
     if len(row):

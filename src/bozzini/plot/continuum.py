@@ -1,34 +1,43 @@
 """Figures of continuum robots: a shape with its discs and tendons, models over each other.
 
-Drawn with matplotlib's objects only (no pyplot). Every function returns a `Figure`, which
-`bozzini.plot.write_figure` writes. Lengths are in mm, one mm the same in all directions.
+Lengths are in mm, one mm the same in all directions.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number, check_points
 from ..errors import InputError
-from .palette import AMBER, GREEN, INK, RED
+from .style import (
+    AMBER,
+    BLUE,
+    GREEN,
+    INK,
+    LUMEN,
+    RED,
+    Dash,
+    fit_space,
+    make_figure,
+    make_panels,
+    style_axes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 
     from ..continuum import Shape
-    from ..continuum.dexterity import DexterityMap
+    from ..continuum.workspace import DexterityMap
     from ..motion.actuate.actuation import Actuation
-
-# Maps of a continuum robot's workspace: in how many directions, and how well, its tip moves.
-#
-# Drawn with matplotlib's objects only (no pyplot); `bozzini.view.write_figure` writes the figure.
 
 
 def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figure:
@@ -50,7 +59,7 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
     """
     if length is not None:
         check_number("length", length, low=0.0, low_open=True, unit="mm")
-    figure = Figure(figsize=(10.4, 5.2), facecolor="white", layout="constrained")
+    figure = make_figure((10.4, 5.2))
     unit = {1: "mm/rad", 2: "mm²/rad²", 3: "mm³/rad³"}[found.rank]
     panels = (
         (found.direction_share, "share of directions", "viridis", 0.0),
@@ -58,7 +67,7 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
     )
     for place, (values, name, colors, low) in enumerate(panels, start=1):
         if found.half_plane:
-            axes: Any = figure.add_subplot(1, 2, place)
+            axes = figure.add_subplot(1, 2, place)
             drawn = _fill_cells(axes, found, values, colors, low)
             if length is not None:
                 axes.plot([0.0, 0.0], [0.0, length], color=INK, linewidth=2.0, label="at rest")
@@ -76,8 +85,8 @@ def draw_workspace(found: DexterityMap, *, length: float | None = None) -> Figur
 
 
 def _fill_cells(
-    axes: Any, found: DexterityMap, values: NDArray[np.float64], colors: str, low: float | None
-) -> Any:
+    axes: Axes, found: DexterityMap, values: NDArray[np.float64], colors: str, low: float | None
+) -> QuadMesh:
     """Draw the cells of a half-plane as squares, those without a tip left white."""
     index = np.rint(found.centres[:, (0, 2)] / found.cell - 0.5).astype(np.int64)
     first, last = index.min(axis=0), index.max(axis=0)
@@ -85,20 +94,12 @@ def _fill_cells(
     grid[tuple((index - first).T)] = values
     edges = [found.cell * np.arange(first[k], last[k] + 2) for k in range(2)]
     drawn = axes.pcolormesh(*edges, np.ma.masked_invalid(grid.T), cmap=colors, vmin=low)
-    axes.grid(color=_GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    style_axes(axes)
     return drawn
 
 
-# The motion of a tendon robot along a plan: bends, fit, clearance and tendons, step by step.
-#
-# Drawn with matplotlib's objects only (no pyplot); `bozzini.view.write_figure` writes the figure.
-
-_BLUE = "#1f5fa8"
 NEAR = 1.5
-"""Ratio to the largest bend from which the place where discs meet is not shown."""
-"""Sections or tendons that are told apart in a legend at most."""
+"""Ratio to the largest bend from which the bend at which discs meet is not shown."""
 
 
 def draw_robot_motion(actuation: Actuation) -> Figure:
@@ -112,25 +113,20 @@ def draw_robot_motion(actuation: Actuation) -> Figure:
     ----------
     actuation : Actuation
     """
-    figure = Figure(figsize=(11.0, 8.0), layout="constrained", facecolor="white")
     heads = actuation.head_arc_length
     onwards = bool(np.all(np.diff(heads) >= -1e-9))
     across = heads if onwards else np.arange(actuation.steps, dtype=np.float64)
     label = "tip along the path [mm]" if onwards else "step"
-    panels = figure.subplots(2, 2, sharex=True)
-    _draw_bends(panels[0, 0], actuation, across)
-    _draw_fit(panels[0, 1], actuation, across)
-    _draw_clearance(panels[1, 0], actuation, across)
-    _draw_tendons(panels[1, 1], actuation, across)
-    for axes in panels.flat:
-        axes.grid(color=_GRID, linewidth=0.8)
-        axes.spines[["top", "right"]].set_visible(False)
-    for axes in panels[1]:
+    figure, panels = make_panels(2, 2, size=(11.0, 8.0), sharex=True)
+    draws = (_draw_bends, _draw_fit, _draw_clearance, _draw_tendons)
+    for draw, axes in zip(draws, panels, strict=True):
+        draw(axes, actuation, across)
+    for axes in panels[2:]:
         axes.set_xlabel(label)
     robot = actuation.robot
-    told = f"{robot.name}: {len(robot.sections)} sections, {robot.length:g} mm long, "
-    told += f"{2.0 * robot.radius:g} mm thick"
-    figure.suptitle(told, color=INK, fontsize=13, x=0.01, ha="left")
+    title = f"{robot.name}: {len(robot.sections)} sections, {robot.length:g} mm long, "
+    title += f"{2.0 * robot.radius:g} mm thick"
+    figure.suptitle(title, color=INK, fontsize=13, x=0.01, ha="left")
     if actuation.status == "stopped":
         _mark_end(panels, across, actuation)
     return figure
@@ -166,8 +162,8 @@ def _draw_bends(axes: Axes, actuation: Actuation, across: NDArray[np.float64]) -
 
 
 def _draw_fit(axes: Axes, actuation: Actuation, across: NDArray[np.float64]) -> None:
-    axes.fill_between(across, 0.0, actuation.fit_max, color="#d7e3ee", lw=0, label="largest")
-    axes.plot(across, actuation.fit_rms, color=_BLUE, linewidth=1.4, label="rms")
+    axes.fill_between(across, 0.0, actuation.fit_max, color=LUMEN, lw=0, label="largest")
+    axes.plot(across, actuation.fit_rms, color=BLUE, linewidth=1.4, label="rms")
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("backbone off the path [mm]")
     axes.legend(frameon=False, fontsize=8.5, loc="upper left")
@@ -208,16 +204,16 @@ def _draw_tendons(axes: Axes, actuation: Actuation, across: NDArray[np.float64])
         axes.legend(frameon=False, fontsize=8.5, loc="upper left", ncols=2)
     else:
         axes.text(
-            0.02, 0.97, "colour: section where a tendon ends", transform=axes.transAxes,
+            0.02, 0.97, "colour: section at the end of a tendon", transform=axes.transAxes,
             fontsize=8.5, va="top", color=INK,
         )  # fmt: skip
 
 
-def _mark_end(panels: Any, across: NDArray[np.float64], told: Actuation) -> None:
-    for axes in panels.flat:
+def _mark_end(panels: list[Axes], across: Floats, actuation: Actuation) -> None:
+    for axes in panels:
         axes.axvline(across[-1], color=AMBER, linewidth=2.0)
-    panels[0, 0].set_title(
-        f"ends here: {told.reason_code.replace('_', ' ').lower()}",
+    panels[0].set_title(
+        f"ends here: {actuation.reason_code.replace('_', ' ').lower()}",
         color=AMBER,
         fontsize=10,
         loc="right",
@@ -233,17 +229,16 @@ def _spread_colors(count: int) -> list[tuple[float, float, float, float]]:
 
 Floats = NDArray[np.float64]
 
-_COLORS = ("#1f5fa8", AMBER, GREEN, RED, "#6f4fa8", "#2a94b8", "#7a6a58", "#c0508f")
-_STYLES = {
-    "arc": ("#1f5fa8", (0, (6, 2))),
+_COLORS = (BLUE, AMBER, GREEN, RED, "#6f4fa8", "#2a94b8", "#7a6a58", "#c0508f")
+_STYLES: dict[str, tuple[str, Dash]] = {
+    "arc": (BLUE, (0, (6, 2))),
     "linkage": (AMBER, (0, (2, 1.5))),
     "energy": (GREEN, (0, (6, 2, 1.5, 2))),
     "rod": (INK, (0, ())),
 }
 _DISC = "#8fa3b8"
-_GRID = "#e3e8ed"
 _NAMED = 8
-"""Tendons that are told apart in a legend at most."""
+"""Tendons that a legend lists at most."""
 _MATCH = 1e-6
 _AZIMUTHS = (-60.0, 30.0, 120.0, -150.0)
 """From where the robot may be seen [deg]: never along an axis."""
@@ -271,22 +266,22 @@ def draw_shape(
         If `shape` is a batch or no shape at all, or a vector has another shape or is zero.
     """
     _check_single("shape", shape)
-    figure = Figure(figsize=(11.4, 5.4), facecolor="white", layout="constrained")
+    figure = make_figure((11.4, 5.4))
     turn, words = _side_view(shape)
     rims = _rings(shape).reshape(-1, 3)
     wide, deep = _span(rims @ turn[0], rims[:, 2])
     grid = figure.add_gridspec(1, 3, width_ratios=(1.1, min(max(wide / deep, 0.5), 1.1), 0.8))
-    space: Any = figure.add_subplot(grid[0], projection="3d")
+    space = figure.add_subplot(grid[0], projection="3d")
     side, top = figure.add_subplot(grid[1]), figure.add_subplot(grid[2])
     marks = [] if target is None else [_check_vector("target", target)]
     arrow = None
     if direction is not None:
-        way = _check_vector("direction", direction)
-        if not np.any(way):
+        aim = _check_vector("direction", direction)
+        if not np.any(aim):
             raise InputError("direction is (0, 0, 0): it must not be zero")
-        way = way / np.abs(way).max()  # its square might be out of a float's range
+        aim = aim / np.abs(aim).max()  # its square might be out of a float's range
         begin = marks[0] if marks else shape.tip
-        arrow = np.stack([begin, begin + 0.15 * shape.robot.length * way / np.linalg.norm(way)])
+        arrow = np.stack([begin, begin + 0.15 * shape.robot.length * aim / np.linalg.norm(aim)])
     for axes, views in (
         (space, np.eye(3)),
         (side, np.stack([turn[0], (0.0, 0.0, 1.0)])),
@@ -298,7 +293,8 @@ def draw_shape(
                       markeredgewidth=2.4, zorder=9, label="target")  # fmt: skip
         if arrow is not None:
             axes.plot(*(views @ arrow.T), color=AMBER, linewidth=1.8, zorder=9)
-    _fit_box(space, np.concatenate([rims, *(mark[None] for mark in marks)]))
+    every = np.concatenate([rims, *(mark[None] for mark in marks)])
+    fit_space(space, every, least=0.364 * float(np.ptp(every, axis=0).max()), zoom=0.95)
     towards = math.degrees(math.atan2(turn[0][1], turn[0][0]))
     azimuth = max(_AZIMUTHS, key=lambda angle: abs(math.sin(math.radians(angle - towards))))
     space.view_init(elev=18.0, azim=azimuth)
@@ -308,17 +304,17 @@ def draw_shape(
             handles, labels, loc="outside lower center", ncols=10, frameon=False, fontsize=8.5
         )
     for axes, across, along in ((side, words, "z"), (top, "x", "y")):
-        _style(axes)
+        style_axes(axes)
         axes.set(xlabel=f"{across} [mm]", ylabel=f"{along} [mm]", aspect="equal")
         axes.margins(0.06)
     place = ", ".join(f"{value:z.2f}" for value in shape.tip)
-    told = f"{shape.robot.name}, {shape.model}: tip at {place} mm"
+    title = f"{shape.robot.name}, {shape.model}: tip at {place} mm"
     loose = [
         name for name, slack in zip(shape.robot.tendon_names, shape.slack, strict=True) if slack
     ]
     if loose:
-        told += f"; slack (dotted): {', '.join(loose[:6])}{' …' if len(loose) > 6 else ''}"
-    figure.suptitle(told, fontsize=10.5, color=INK, x=0.01, ha="left")
+        title += f"; slack (dotted): {', '.join(loose[:6])}{' …' if len(loose) > 6 else ''}"
+    figure.suptitle(title, fontsize=10.5, color=INK, x=0.01, ha="left")
     return figure
 
 
@@ -351,13 +347,9 @@ def draw_comparison(shapes: Mapping[str, Shape], *, reference: str | None = "rod
     points = np.concatenate([_rings(base).reshape(-1, 3), *(s.points for s in shapes.values())])
     sizes = np.array([_span(points @ turn[0], points @ turn[1], points[:, 2])]).ravel()
     ratios = np.clip(sizes[:2] / sizes[2], 0.45, 1.3)
-    figure = Figure(
-        figsize=(1.2 + 4.2 * float(ratios.sum()) + 4.4 * (count - 2), 5.0),
-        facecolor="white",
-        layout="constrained",
-    )
+    size = (1.2 + 4.2 * float(ratios.sum()) + 4.4 * (count - 2), 5.0)
     widths = (*(4.2 * ratios), 4.4)[:count]
-    panels = list(figure.subplots(1, count, squeeze=False, width_ratios=widths)[0])
+    figure, panels = make_panels(1, count, size=size, width_ratios=widths)
     other = "y [mm]" if words == "x" else "across that plane [mm]"
     for axes, row, label in ((panels[0], turn[0], f"{words} [mm]"), (panels[1], turn[1], other)):
         views = np.stack([row, (0.0, 0.0, 1.0)])
@@ -373,13 +365,11 @@ def draw_comparison(shapes: Mapping[str, Shape], *, reference: str | None = "rod
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=9)
     if count == 3 and reference is not None:
         _draw_distances(panels[2], shapes, reference)
-    for axes in panels:
-        _style(axes)
     panels[0].set_title(base.robot.name, fontsize=10, loc="left")
     return figure
 
 
-def _draw_distances(axes: Any, shapes: Mapping[str, Shape], reference: str) -> None:
+def _draw_distances(axes: Axes, shapes: Mapping[str, Shape], reference: str) -> None:
     """Draw distances at the arc lengths that a shape shares with the reference."""
     theirs = shapes[reference]
     drawn = False
@@ -399,7 +389,7 @@ def _draw_distances(axes: Any, shapes: Mapping[str, Shape], reference: str) -> N
     axes.set(xlabel="arc length [mm]", ylabel=f"distance from the {reference} [mm]")
 
 
-def _draw_body(axes: Any, shape: Shape, views: Floats, *, named: bool) -> None:
+def _draw_body(axes: Axes | Axes3D, shape: Shape, views: Floats, *, named: bool) -> None:
     """Draw discs, tendons and backbone in the plane or space that `views` leads to."""
     if len(views) == 2:
         _fill_discs(axes, shape, views)
@@ -418,7 +408,7 @@ def _draw_body(axes: Any, shape: Shape, views: Floats, *, named: bool) -> None:
               label="backbone" if named and few else None)  # fmt: skip
 
 
-def _fill_discs(axes: Any, shape: Shape, views: Floats) -> None:
+def _fill_discs(axes: Axes, shape: Shape, views: Floats) -> None:
     for ring in _rings(shape):
         axes.fill(*(views @ ring.T), facecolor="#dfe8f1", edgecolor=_DISC, linewidth=0.8,
                   alpha=0.55, zorder=1)  # fmt: skip
@@ -455,7 +445,7 @@ def _span(*values: Floats) -> tuple[float, ...]:
     return tuple(float(np.ptp(row)) for row in values)
 
 
-def _pick_styles(names: Any) -> dict[str, tuple[str, Any]]:
+def _pick_styles(names: Iterable[str]) -> dict[str, tuple[str, Dash]]:
     return {
         name: _STYLES.get(name, (_COLORS[k % len(_COLORS)], (0, ())))
         for k, name in enumerate(names)
@@ -476,24 +466,3 @@ def _check_single(name: str, shape: Shape) -> None:
         )
     if not bool(shape.converged):
         raise InputError(f"{name} is no shape to draw: {shape.reason}")
-
-
-def _fit_box(space: Any, points: Floats) -> None:
-    """Give a 3-D panel equal scales around points."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    least = 0.35 * float((high - low).max())
-    middle, half = 0.5 * (low + high), 0.52 * np.maximum(high - low, least)
-    for k, name in enumerate("xyz"):
-        getattr(space, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
-        axis = getattr(space, f"{name}axis")
-        axis.get_major_locator().set_params(nbins=5)
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-    space.set_box_aspect(2.0 * half, zoom=0.95)
-    space.tick_params(labelsize=8.5)
-    space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-
-
-def _style(axes: Any) -> None:
-    axes.grid(color=_GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)

@@ -1,7 +1,6 @@
 """Figures of ducts made of shapes: each shape's outline from two sides, and how wide they are.
 
-Drawn with matplotlib's objects only (no pyplot). Every function returns a `Figure`, which
-`bozzini.plot.write_figure` writes. One mm is the same in all directions of a view. The world frame
+One mm is the same in all directions of a view. The world frame
 is read as RAS+, as in `bozzini.plot.fluoroscopy`.
 """
 
@@ -13,27 +12,35 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..checks import check_number
 from ..errors import InputError
 from .fluoroscopy import VIEWS, Projection, render_fluoroscopy
-from .palette import AMBER, GREEN, INK, RED, color_lumen
+from .style import (
+    AMBER,
+    BLUE,
+    GREEN,
+    INK,
+    LUMEN,
+    RED,
+    color_lumen,
+    make_figure,
+    make_panels,
+    style_axes,
+    take_panel,
+)
 
 if TYPE_CHECKING:
-    from ..duct import Centreline, RoundCones, SampledField
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ..duct import Centreline, Duct, SampledField
     from ..duct.fitting.measure import SectionCircles, Sections
-    from ..duct.shapes.cylinders import ConnectedCylinders
     from ..duct.shapes.super_ellipses import SuperEllipsoids
     from ..motion.traverse import LinkLimits
 
-    Shapes = RoundCones | ConnectedCylinders | SuperEllipsoids
-    from matplotlib.axes import Axes
-
-# The figure of how long a link may be along a duct.
-#
-# Drawn with matplotlib's objects only (no pyplot); `bozzini.view.write_figure` writes the figure.
+    Shapes = Duct
 
 
 def draw_link_limits(limits: LinkLimits, *, link: float | None = None) -> Figure:
@@ -45,10 +52,33 @@ def draw_link_limits(limits: LinkLimits, *, link: float | None = None) -> Figure
     link : float, optional
         A length to mark [mm].
     """
+    size, ratios = (9.6, 6.0), (2.2, 1.0)
+    figure, (upper, lower) = make_panels(2, 1, size=size, sharex=True, height_ratios=ratios)
+    draw_link_bounds(limits, link=link, ax=upper)
+    lower.fill_between(limits.arc_length, 0.0, limits.radius, color=LUMEN, lw=0)
+    lower.axhline(0.5 * limits.diameter, color=RED, linewidth=1.3, linestyle=(0, (5, 2)))
+    upper.set_xlabel("")
+    lower.set(xlabel="place along the centreline [mm]", ylabel="clearance there [mm]")
+    lower.set_ylim(bottom=0.0)
+    return figure
+
+
+def draw_link_bounds(
+    limits: LinkLimits, *, link: float | None = None, ax: Axes | None = None
+) -> Axes:
+    """Draw the bounds of the link over the place.
+
+    Parameters
+    ----------
+    limits : LinkLimits
+    link : float, optional
+        A length to mark [mm].
+    ax : Axes, optional
+        Axes to draw into.
+    """
     if link is not None:
         check_number("link", link, low=0.0, low_open=True, unit="mm")
-    figure = Figure(figsize=(9.6, 6.0), facecolor="white", layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
+    upper = take_panel(ax)
     where, named = limits.arc_length, []
     lines = (
         (limits.rigid, RED, "no longer link passes", limits.link_high, limits.link_high_at),
@@ -78,7 +108,7 @@ def draw_link_limits(limits: LinkLimits, *, link: float | None = None) -> Figure
         named.append(link)
     top = 3.0 * max(named) if named and max(named) > 0.0 else None
     upper.set_ylim(0.0, top)
-    upper.set_ylabel("length of a link [mm]")
+    upper.set(xlabel="place along the centreline [mm]", ylabel="length of a link [mm]")
     upper.set_title(f"body of {limits.diameter:g} mm", fontsize=10, loc="left")
     # Above the axes: the curves fill them.
     upper.legend(
@@ -89,23 +119,13 @@ def draw_link_limits(limits: LinkLimits, *, link: float | None = None) -> Figure
         bbox_to_anchor=(1.0, 1.0),
         borderpad=0.0,
     )
-    lower.fill_between(where, 0.0, limits.radius, color="#d7e3ee", lw=0)
-    lower.axhline(0.5 * limits.diameter, color=RED, linewidth=1.3, linestyle=(0, (5, 2)))
-    lower.set(xlabel="place along the centreline [mm]", ylabel="room there [mm]")
-    lower.set_ylim(bottom=0.0)
-    for axes in (upper, lower):
-        axes.grid(color=_GRID, linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure
+    return upper
 
 
 SIDES = ("coronal", "sagittal")
 POINTS = 32
 BALL = 400
 
-_GRID = "#e3e8ed"
-_BLUE = "#1f5fa8"
 _MARGIN = 6.0
 
 
@@ -124,7 +144,7 @@ def draw_shapes(
     field : SampledField, optional
         The lumen that they stand for.
     line : Centreline, optional
-        Then a third panel shows the room on it, true and as the shapes have it.
+        Then a third panel shows the clearance on it, true and as the shapes have it.
     title : str
 
     Raises
@@ -142,14 +162,7 @@ def draw_shapes(
         if line is not None:
             axes.plot(*(line.points @ _flatten(side, picture).T).T, color=AMBER, linewidth=1.2)
     if line is not None and field is not None:
-        axes = panels[2]
-        room = -field.signed_distance(line.points)
-        axes.plot(line.arc_length, room, color=INK, linewidth=1.4, label="true")
-        axes.plot(
-            line.arc_length, -shapes.signed_distance(line.points), color=_BLUE, linewidth=1.4,
-            label="of the shapes",
-        )  # fmt: skip
-        _style_curves(axes, "room on the centreline [mm]")
+        draw_line_clearance(field, line, shapes, ax=panels[2])
     if title:
         figure.suptitle(title, fontsize=10.5, color=INK, x=0.01, ha="left")
     return figure
@@ -163,7 +176,7 @@ def draw_sections(
     *,
     title: str = "",
 ) -> Figure:
-    """Return a figure of sections: their walls from two sides, radii of circles along the way.
+    """Return a figure of sections: their walls from two sides, radii of circles along it.
 
     Parameters
     ----------
@@ -179,26 +192,71 @@ def draw_sections(
     InputError
         If there are no circles.
     """
-    if not circles:
-        raise InputError("there are 0 kinds of circles to draw: give 1 or more")
     wall = sections.wall
     figure, panels = _make_views(wall, extra=True)
     for axes, side in zip(panels, SIDES, strict=False):
         picture = render_fluoroscopy(field, axis=side)
         _draw_view(axes, side, wall[:: max(1, len(wall) // 60)], picture)
         axes.plot(*(line.points @ picture.matrix.T).T, color=AMBER, linewidth=1.2)
-    axes = panels[2]
-    axes.plot(
-        line.arc_length, -field.signed_distance(line.points), color=INK, linewidth=1.4,
-        label="room on the centreline",
-    )  # fmt: skip
-    colors = (_BLUE, RED, GREEN, AMBER)
-    for color, (name, group) in zip(colors, circles.items(), strict=False):
-        axes.plot(sections.arc_length, group.radii, color=color, linewidth=1.2, label=name)
-    _style_curves(axes, "radius [mm]")
+    draw_radii(field, line, sections, circles, ax=panels[2])
     if title:
         figure.suptitle(title, fontsize=10.5, color=INK, x=0.01, ha="left")
     return figure
+
+
+def draw_line_clearance(
+    field: SampledField, line: Centreline, shapes: Duct, *, ax: Axes | None = None
+) -> Axes:
+    """Draw the clearance on a centreline, of the lumen and of shapes that stand for it.
+
+    Parameters
+    ----------
+    field : SampledField
+    line : Centreline
+    shapes : RoundCones, ConnectedCylinders or SuperEllipsoids
+    ax : Axes, optional
+        Axes to draw into.
+    """
+    axes = take_panel(ax)
+    for duct, color, label in ((field, INK, "true"), (shapes, BLUE, "of the shapes")):
+        clearance = -duct.signed_distance(line.points)
+        axes.plot(line.arc_length, clearance, color=color, linewidth=1.4, label=label)
+    return _name_curves(axes, "clearance on the centreline [mm]")
+
+
+def draw_radii(
+    field: SampledField,
+    line: Centreline,
+    sections: Sections,
+    circles: Mapping[str, SectionCircles],
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw radii of circles along a centreline, and the clearance on it.
+
+    Parameters
+    ----------
+    field, line, sections, circles
+        As for `draw_sections`.
+    ax : Axes, optional
+        Axes to draw into.
+
+    Raises
+    ------
+    InputError
+        If there are no circles.
+    """
+    if not circles:
+        raise InputError("there are 0 kinds of circles to draw: give 1 or more")
+    axes = take_panel(ax)
+    axes.plot(
+        line.arc_length, -field.signed_distance(line.points), color=INK, linewidth=1.4,
+        label="clearance on the centreline",
+    )  # fmt: skip
+    colors = (BLUE, RED, GREEN, AMBER)
+    for color, (name, group) in zip(colors, circles.items(), strict=False):
+        axes.plot(sections.arc_length, group.radii, color=color, linewidth=1.2, label=name)
+    return _name_curves(axes, "radius [mm]")
 
 
 def outline_shapes(shapes: Shapes) -> NDArray[np.float64]:
@@ -276,11 +334,7 @@ def _make_views(points: NDArray[np.float64], *, extra: bool) -> tuple[Figure, li
     tall = max(float(size[1]) for size in sizes) + 4.0 * _MARGIN
     ratios = [float(np.clip((size[0] + 4.0 * _MARGIN) / tall, 0.3, 2.5)) for size in sizes]
     ratios += [0.9] if extra else []
-    figure = Figure(
-        figsize=(0.9 * len(ratios) + 4.6 * sum(ratios), 5.4),
-        facecolor="white",
-        layout="constrained",
-    )
+    figure = make_figure((0.9 * len(ratios) + 4.6 * sum(ratios), 5.4))
     panels = figure.subplots(1, len(ratios), squeeze=False, width_ratios=ratios)[0]
     return figure, list(panels)
 
@@ -296,7 +350,7 @@ def _draw_view(
     rings = [points[ConvexHull(points, qhull_options="QJ").vertices] for points in flat]
     axes.add_collection(
         PolyCollection(
-            rings, facecolors=(0.12, 0.37, 0.66, 0.06), edgecolors=_BLUE, linewidths=0.7, zorder=3
+            rings, facecolors=(0.12, 0.37, 0.66, 0.06), edgecolors=BLUE, linewidths=0.7, zorder=3
         )
     )
     low, high = flat.reshape(-1, 2).min(axis=0), flat.reshape(-1, 2).max(axis=0)
@@ -311,10 +365,9 @@ def _draw_view(
     axes.set_xlabel("[mm]", fontsize=9)
 
 
-def _style_curves(axes: Axes, label: str) -> None:
-    axes.grid(color=_GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+def _name_curves(axes: Axes, label: str) -> Axes:
+    style_axes(axes)
     axes.set(xlabel="along the centreline [mm]", ylabel=label)
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     axes.legend(frameon=False, fontsize=9)
+    return axes

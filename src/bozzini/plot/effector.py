@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_points
 from ..errors import InputError
-from .palette import AMBER, BLUE, COLORS, DASHES, GREEN, GRID, INK, RED, make_panels, style_axes
+from .style import AMBER, BLUE, COLORS, DASHES, GREEN, GRID, INK, RED, make_panels, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,7 +78,7 @@ def draw_deflection(
 
     points = check_integer("points", points, low=2, high=1_000_000)
     fits = dict(cubics or {})
-    figure, panels = make_panels(2 if fits else 1)
+    figure, panels = make_panels(1, 2 if fits else 1)
     axes, limit = panels[0], effector.design.pressure_limit
     over = np.linspace(0.0, limit, points)
     colors = pick_colors(effector.design.names)
@@ -142,7 +142,7 @@ def draw_iteration(balances: Mapping[str, Balance]) -> Figure:
     """
     if not balances:
         raise InputError("there are 0 iterations to draw: give 1 or more")
-    figure, (left, right) = make_panels(2)
+    figure, (left, right) = make_panels(1, 2)
     for k, (name, found) in enumerate(balances.items()):
         table = np.asarray(found.table, dtype=np.float64)
         if table.ndim != 2 or not len(table):
@@ -199,7 +199,7 @@ def draw_trace(trace: Trace, names: Sequence[str], *, outline: ArrayLike | None 
     pressures = np.asarray(trace.pressures)
     if len(names) != pressures.shape[1]:
         raise InputError(f"there are {len(names)} names: give {pressures.shape[1]}, one a muscle")
-    figure, (plane, axes) = make_panels(2, ratios=(1.0, 1.25))
+    figure, (plane, axes) = make_panels(1, 2, width_ratios=(1.0, 1.25))
     if outline is not None:
         edge = check_points("outline", outline, dim=2)
         plane.fill(*edge.T, facecolor="#eef2f6", edgecolor="#a9b4bf", linewidth=1.0)
@@ -376,7 +376,7 @@ def draw_sweep(sweep: Sweep) -> Figure:
         frame["place"] = [labels.index(word) for word in words]
     keys = [name_column(name) for name in others]
     groups = frame.groupby(keys, sort=False) if keys else [((), frame)]
-    figure, (left, right) = make_panels(2)
+    figure, (left, right) = make_panels(1, 2)
     wanted = sweep.deflection > 0.0
     failed = frame["place"][~frame["feasible"]].to_numpy()
     for k, (values, rows) in enumerate(groups):

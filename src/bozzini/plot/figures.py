@@ -9,27 +9,28 @@ from __future__ import annotations
 import os
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..checks import check_integer
+from ..errors import InputError
 from ..io.files import write_atomically
 from .clearance import choose_abscissa, fill_clearance
-from .fluoroscopy import render_fluoroscopy
-from .palette import NIGHT, ClearanceScale, choose_clearance_scale
+from .fluoroscopy import Projection, render_fluoroscopy
 from .plan_data import (
     MotionSample,
+    PlanCentreline,
     RefusalMark,
-    Way,
     find_radius,
     find_refusal,
-    find_way,
-    read_claim,
+    read_centreline,
+    read_clearance,
     sample_motion,
 )
 from .scope import REST, draw_color_bar, draw_marks, draw_panel, draw_rest, draw_scope, list_marks
+from .style import NIGHT, ClearanceScale, choose_clearance_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,8 +41,16 @@ if TYPE_CHECKING:
 _FAINT = "#8fa1b3"
 
 
-def write_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = 100.0) -> Path:
+def write_figure(drawn: Figure | Axes, path: str | os.PathLike[str], *, dpi: float = 100.0) -> Path:
     """Write a figure in the format its suffix names (.png, .svg, .pdf) and return the path.
+
+    Parameters
+    ----------
+    drawn : Figure or Axes
+        A figure, or axes of it.
+    path : path-like
+    dpi : float
+        Pixels an inch.
 
     Raises
     ------
@@ -50,6 +59,9 @@ def write_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = 1
     """
     from matplotlib.text import Text
 
+    figure = drawn if isinstance(drawn, Figure) else drawn.get_figure(root=True)
+    if figure is None:
+        raise InputError("the axes belong to no figure: draw them again")
     for text in figure.findobj(Text):  # bytes of a file name that are not UTF-8 have no glyph
         text.set_text(text.get_text().encode("utf-8", "backslashreplace").decode("utf-8"))
 
@@ -87,11 +99,10 @@ def draw_depths(
         If the plan's arrays do not fit each other, or an argument is out of range.
     """
     check_integer("number of depths", depths, low=1, high=12)
-    sample = sample_motion(plan, count=300)
+    view = _View(plan, sample_motion(plan, count=300))
+    sample, scale, rest = view.sample, view.scale, view.rest
     rows = _pick_depths(sample, depths)
-    rest = _find_rest(plan, sample)
-    pictures = [render_fluoroscopy(field, axis=view) for view in views]
-    scale = choose_clearance_scale(sample.visible)
+    pictures = [render_fluoroscopy(field, axis=name) for name in views]
     inches, head, foot, gap = 16.0, 0.42, 0.72, 0.06
     column = (inches - gap * (len(rows) + 1)) / len(rows)
     per_mm = min(
@@ -119,17 +130,12 @@ def draw_depths(
             size = (per_mm * picture.width, per_mm * picture.height)
             top -= size[1]
             axes = _add_axes(figure, left + 0.5 * (column - size[0]), top, size[0], size[1])
-            draw_panel(axes, picture, legend=i == 0)
-            if i == 0:
-                draw_marks(axes, picture, list_marks(plan))
-            if rest is not None:
-                draw_rest(axes, picture, rest[0], reached=rest[1], mark=rest[2])
-            draw_scope(axes, picture, sample, row, scale=scale, radius=find_radius(plan))
+            view.draw(axes, picture, row, first=i == 0)
             top -= gap
     shift = 0.0 if rest is None else 0.21 * inches
     wide = min(5.0, 0.45 * inches)
     bar = _add_axes(figure, 0.5 * inches - 0.5 * wide - shift, 0.5, wide, 0.12)
-    soft = read_claim(plan, {}).soft is not None
+    soft = read_clearance(plan, {}).soft is not None
     below = "pushing the wall" if soft else "through the wall"
     draw_color_bar(figure, bar, scale, color="white", below=below)
     if rest is not None:
@@ -160,15 +166,14 @@ def draw_overview(
         If the file cannot be written.
     """
     check_integer("number of depths", depths, low=1, high=8)
-    sample = sample_motion(plan, count=400, worst_between=True)
+    view = _View(plan, sample_motion(plan, count=400, worst_between=True))
+    sample, scale, rest = view.sample, view.scale, view.rest
     picture = render_fluoroscopy(field, axis="coronal")
-    scale = choose_clearance_scale(sample.visible)
     figure = Figure(figsize=(16.0, 9.0), facecolor=NIGHT)
     rows = _pick_depths(sample, depths)
-    rest = _find_rest(plan, sample)
     gap, strip = 0.12, 2.45
-    room_wide, room_tall = (16.0 - gap) / len(rows) - gap, 9.0 - strip - 0.5
-    per_mm = min(room_wide / picture.width, room_tall / picture.height)
+    cell_wide, cell_tall = (16.0 - gap) / len(rows) - gap, 9.0 - strip - 0.5
+    per_mm = min(cell_wide / picture.width, cell_tall / picture.height)
     whole = len(rows) * (per_mm * picture.width + gap) - gap
     for i, row in enumerate(rows):
         wide, tall = per_mm * picture.width, per_mm * picture.height
@@ -176,13 +181,8 @@ def draw_overview(
             left = (16.0 / len(rows)) * (i + 0.5) - 0.5 * wide
         else:
             left = 0.5 * (16.0 - whole) + i * (wide + gap)
-        axes = _add_axes(figure, left, strip + 0.5 * (room_tall - tall), wide, tall)
-        draw_panel(axes, picture, legend=i == 0)
-        if i == 0:
-            draw_marks(axes, picture, list_marks(plan))
-        if rest is not None:
-            draw_rest(axes, picture, rest[0], reached=rest[1], mark=rest[2])
-        draw_scope(axes, picture, sample, row, scale=scale, radius=find_radius(plan))
+        place = (left, strip + 0.5 * (cell_tall - tall), wide, tall)
+        view.draw(_add_axes(figure, *place), picture, row, first=i == 0)
         figure.text(
             (left + 0.5 * wide) / 16.0,
             8.78 / 9.0,
@@ -212,16 +212,31 @@ def _pick_depths(sample: MotionSample, count: int) -> list[int]:
     return list(dict.fromkeys(rows))
 
 
-def _find_rest(plan: Plan, sample: MotionSample) -> tuple[Way, float, RefusalMark | None] | None:
-    """Return the way, how far along it a stopped motion got, and where it was refused."""
-    if plan.status != "stopped":
-        return None
-    way = find_way(plan)
-    return way, max(0.0, float(sample.places[:, 0].max())), find_refusal(plan)
+class _View:
+    """What is drawn into every picture of a motion."""
+
+    def __init__(self, plan: Plan, sample: MotionSample) -> None:
+        self.plan, self.sample = plan, sample
+        self.scale = choose_clearance_scale(sample.visible)
+        self.rest: tuple[PlanCentreline, float, RefusalMark | None] | None = None
+        if plan.status == "stopped":
+            reached = max(0.0, float(sample.places[:, 0].max()))
+            self.rest = (read_centreline(plan), reached, find_refusal(plan))
+
+    def draw(self, axes: Axes, picture: Projection, row: int, *, first: bool) -> None:
+        """Draw the lumen, the centreline not reached and the scope at a row of the sample."""
+        draw_panel(axes, picture, legend=first)
+        if first:
+            draw_marks(axes, picture, list_marks(self.plan))
+        if self.rest is not None:
+            line, reached, mark = self.rest
+            draw_rest(axes, picture, line, reached=reached, mark=mark)
+        radius = find_radius(self.plan)
+        draw_scope(axes, picture, self.sample, row, scale=self.scale, radius=radius)
 
 
 def _write_rest(figure: Figure, spot: tuple[float, float], mark: RefusalMark | None) -> None:
-    words = "dotted: the way not reached"
+    words = "dotted: not reached"
     if mark is not None:
         words += f"    ✕ {mark.text}"
     figure.text(*spot, words, color=REST, fontsize=12, ha="right", va="bottom")
@@ -233,7 +248,7 @@ def _add_axes(figure: Figure, left: float, bottom: float, wide: float, tall: flo
     return figure.add_axes((left / width, bottom / height, wide / width, tall / height))
 
 
-def _draw_strip(axes: Any, sample: MotionSample, scale: ClearanceScale, rows: list[int]) -> None:
+def _draw_strip(axes: Axes, sample: MotionSample, scale: ClearanceScale, rows: list[int]) -> None:
     """Draw smallest clearance over insertion on a dark ground."""
     fill_clearance(axes, sample, scale=scale, ink="white")
     over, label = choose_abscissa(sample)

@@ -1,8 +1,8 @@
 """Fluoroscopy: the lumen seen through the body, as on a barium X-ray, from its sampled field.
 
 The picture is an orthographic projection along the grid axis that lies nearest to a world axis.
-Where the world's axes point in the patient, the field says (`SampledField.frame`); where it does
-not, they are read as RAS: +x to the patient's right, +y to the front, +z to the head. Views follow
+`SampledField.frame` states where the world's axes point in the patient; without it they are read
+as RAS: +x to the patient's right, +y to the front, +z to the head. Views follow
 radiological custom: the coronal view faces the patient (the patient's right is on the left of the
 picture), the sagittal view looks from the patient's left (front on the left), the axial view looks
 from the feet (front on top).
@@ -23,6 +23,10 @@ from ..checks import check_number, check_points
 from ..errors import GeometryError, InputError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..anatomy.labels import Volume
+    from ..anatomy.segment import Segmentation
     from ..duct.field import SampledField
 
 # For each view: the world axis looked along, then the world directions of picture right and up.
@@ -48,7 +52,7 @@ class Projection:
     image : (h, w) float32
         Brightness 0 (no lumen) to 1 (thickest lumen); row 0 is the top of the picture.
     thickness : (h, w) float32
-        Length of the way through the lumen behind each pixel [mm].
+        Length of the ray through the lumen behind each pixel [mm].
     extent : (left, right, bottom, top)
         Outer edges of the picture in its own coordinates (u to the right, v up) [mm].
     matrix : (2, 3) float
@@ -238,3 +242,45 @@ def _expose(thickness: NDArray[np.float32]) -> NDArray[np.float32]:
     image = -np.expm1(-_ABSORPTION * thickness / whole) / -np.expm1(-_ABSORPTION)
     result: NDArray[np.float32] = np.minimum(image, 1.0).astype(np.float32)
     return result
+
+
+def draw_segmentation(volume: Volume, result: Segmentation) -> Figure:
+    """Return a figure of a scan's mean and its segments of gas, along the three voxel axes.
+
+    Parameters
+    ----------
+    volume : Volume
+        The scan [HU].
+    result : Segmentation
+    """
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+
+    image = volume.array.reshape(result.labels.shape, order="A")
+    spacing = np.linalg.norm(result.affine[:3, :3], axis=0)
+    figure = Figure(figsize=(12.0, 5.0), dpi=100, layout="constrained")
+    colours = ListedColormap([f"C{k % 10}" for k in range(len(result.segments))])
+    inverse = np.linalg.inv(result.affine)
+    for panel, axis in zip(figure.subplots(1, 3), (1, 0, 2), strict=True):
+        across, up = (other for other in range(3) if other != axis)
+        extent = (0.0, spacing[across] * image.shape[across], 0.0, spacing[up] * image.shape[up])
+        mean = image.mean(axis=axis, dtype=np.float32).T
+        panel.imshow(mean, cmap="gray", origin="lower", extent=extent)
+        seen = result.labels.max(axis=axis).T
+        panel.imshow(
+            np.ma.masked_equal(seen, 0),
+            cmap=colours,
+            vmin=0.5,
+            vmax=len(result.segments) + 0.5,
+            origin="lower",
+            extent=extent,
+            alpha=0.6,
+            interpolation="nearest",
+        )
+        for item in result.segments[:20]:
+            place = (inverse @ (*item.point, 1.0))[:3] * spacing
+            panel.annotate(str(item.label), (place[across], place[up]), color="white", ha="center")
+        panel.set_xlabel(f"{'ijk'[across]} [mm]")
+        panel.set_ylabel(f"{'ijk'[up]} [mm]")
+    figure.suptitle(f"Gas below {result.threshold:g} HU in {result.source}, along the voxel axes")
+    return figure

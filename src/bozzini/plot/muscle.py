@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
 from ..numeric.roots import bisect
-from .palette import AMBER, BLUE, COLORS, DASHES, INK, RED, make_panels
+from .style import AMBER, BLUE, COLORS, DASHES, INK, RED, make_panels, take_panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +60,7 @@ def draw_phases(
     """
     band = float(model.dead_band())
     check_number("pressure", pressure, low=band, low_open=True, unit="MPa")
-    figure, (left, right) = make_panels(2, ratios=(1.0, 1.5))
+    figure, (left, right) = make_panels(1, 2, width_ratios=(1.0, 1.5))
     near = min(2.5 * band, pressure) if band > 0.0 else 0.2 * pressure
     if lowest >= near:
         near = pressure
@@ -116,8 +116,9 @@ def draw_contraction(
     load: float = 0.0,
     direction: str | None = None,
     lowest: float = 0.0,
-) -> Figure:
-    """Return a figure of contraction over pressure, a line for each model, length or angle.
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw contraction over pressure, a line for each model, length or angle.
 
     Parameters
     ----------
@@ -131,6 +132,8 @@ def draw_contraction(
         ``"inflating"`` or ``"deflating"`` for a branch of friction.
     lowest : float
         Pressure at which the line begins [MPa], for a model without an answer below it.
+    ax : Axes, optional
+        Axes to draw into.
 
     Raises
     ------
@@ -138,7 +141,7 @@ def draw_contraction(
         If there is nothing to draw, or a model has no answer.
     """
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
-    figure, (axes,) = make_panels(1)
+    axes = take_panel(ax)
     over = np.linspace(lowest, pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         line = model.contraction(over, load, direction=direction)
@@ -147,13 +150,18 @@ def draw_contraction(
     axes.set(xlabel=_PRESSURE, ylabel=_CONTRACTION, xlim=(0.0, 1e3 * pressure))
     axes.set_title(f"load {load:g} N", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=9)
-    return figure
+    return axes
 
 
 def draw_force(
-    model: MuscleModel, pressures: ArrayLike, *, count: int = 101, direction: str | None = None
-) -> Figure:
-    """Return a figure of force over contraction, a line for each pressure, blocked to free.
+    model: MuscleModel,
+    pressures: ArrayLike,
+    *,
+    count: int = 101,
+    direction: str | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw force over contraction, a line for each pressure, blocked to free.
 
     Parameters
     ----------
@@ -164,6 +172,8 @@ def draw_force(
         Points of a line.
     direction : str, optional
         ``"inflating"`` or ``"deflating"`` for a branch of friction.
+    ax : Axes, optional
+        Axes to draw into.
 
     Raises
     ------
@@ -174,7 +184,7 @@ def draw_force(
     if not len(levels):
         raise InputError("there are 0 pressures to draw: give 1 or more")
     check_integer("count", count, low=2)
-    figure, (axes,) = make_panels(1)
+    axes = take_panel(ax)
     shades = np.linspace(0.25, 1.0, len(levels))
     for level, shade in zip(levels, shades, strict=True):
         free = max(0.0, float(model.contraction(float(level), direction=direction)))
@@ -188,7 +198,7 @@ def draw_force(
     axes.set(xlabel=_CONTRACTION, ylabel="force [N]")
     axes.set_title(model.name, fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=9)
-    return figure
+    return axes
 
 
 def draw_braid_angle(
@@ -198,8 +208,9 @@ def draw_braid_angle(
     load: float = 0.0,
     direction: str | None = None,
     lowest: float = 0.0,
-) -> Figure:
-    """Return a figure of the braid angle over a wide range of pressure, and where it locks.
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the braid angle over a wide range of pressure, and where it locks.
 
     The range may go far beyond what a muscle bears, as in Fig. 3.17 of the thesis, to show
     whether a model comes to the locking angle of 54.74 degrees, and from which side.
@@ -212,7 +223,7 @@ def draw_braid_angle(
         If there is nothing to draw, or a model has no answer.
     """
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
-    figure, (axes,) = make_panels(1)
+    axes = take_panel(ax)
     over = np.geomspace(max(1e-4 * pressure, lowest), pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         state = model.solve(over, load, direction=direction)
@@ -224,7 +235,7 @@ def draw_braid_angle(
     )  # fmt: skip
     axes.set(xlabel=_PRESSURE, ylabel="braid angle [°]", xlim=1e3 * over[[0, -1]])
     axes.legend(frameon=False, fontsize=9, loc="lower right")
-    return figure
+    return axes
 
 
 def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Figure:
@@ -245,7 +256,7 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
         If a model of the comparison is not there.
     """
     data = comparison.data
-    figure, (left, right) = make_panels(2, ratios=(1.5, 1.0))
+    figure, (left, right) = make_panels(1, 2, width_ratios=(1.5, 1.0))
     _draw_rows(left, data)
     names = [score.name for score in comparison.scores]
     for style, score in zip(_list_styles(names), comparison.scores, strict=True):
@@ -342,7 +353,7 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     if not ranking.models:
         raise InputError("there are 0 models to draw: give 1 or more")
     height = max(4.2, 1.4 + 0.21 * len(ranking.models))
-    figure, (left, right) = make_panels(2, ratios=(1.25, 1.0), size=(11.0, height))
+    figure, (left, right) = make_panels(1, 2, width_ratios=(1.25, 1.0), size=(11.0, height))
     shown = [entry for entry in ranking.models if not entry.same_as][:curves]
     styles = dict(zip((entry.name for entry in shown), _list_styles(shown), strict=True))
     _draw_errors(left, ranking, {name: style["color"] for name, style in styles.items()})
@@ -451,7 +462,7 @@ def draw_loops(
     columns = min(3, len(operators))
     rows = math.ceil(len(operators) / columns)
     size = (max(4.8, 3.4 * columns), max(3.4, 2.9 * rows))
-    figure, panels = make_panels(columns, rows=rows, size=size)
+    figure, panels = make_panels(rows, columns, size=size)
     turns = _find_turns(inputs)
     for axes, (name, operator) in zip(panels, operators.items(), strict=False):
         outputs = np.asarray(operator.apply(inputs), dtype=np.float64)
@@ -497,7 +508,7 @@ def draw_fit(
             f"history has shape {inputs.shape} and response {outputs.shape}: the fit has "
             f"{fit.residual.shape}, and one history can be drawn"
         )
-    figure, (left, right) = make_panels(2, size=(6.8, 3.4))
+    figure, (left, right) = make_panels(1, 2, size=(6.8, 3.4))
     left.plot(inputs, outputs, ".", color=INK, markersize=3.0, alpha=0.5, label="measured")
     name = type(fit.operator).__name__
     left.plot(inputs, outputs - fit.residual, color=BLUE, linewidth=1.5, label=name)

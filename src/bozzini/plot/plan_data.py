@@ -1,12 +1,15 @@
-"""Steps of a plan worth drawing, and where along the tract each joint stands at them."""
+"""What figures and reports read of a plan: its centreline, sampled motion, clearance, methods.
+
+A plan and the summary of a run are mappings that may lack any number: what they hold is read here
+once, into typed objects.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,9 +19,13 @@ from ..errors import InputError
 from ..motion.measures import measure_displacement
 from ..motion.plan import Plan
 from ..motion.refusal import floor_mm
+from ..results import Json
 
 if TYPE_CHECKING:
     from ..duct.field import SampledField
+
+Record = Mapping[str, object]
+"""Part of a plan's `meta` or of a summary; any number may be missing."""
 
 # Numbers out of records that may lack them, and bounds rounded to the safe side.
 
@@ -28,7 +35,7 @@ def ceil_mm(value: float, digits: int = 2) -> str:
     return f"{math.ceil(value * 10**digits - 1e-9) / 10**digits:.{digits}f}"
 
 
-def read_number(values: Mapping[str, Any], key: str) -> float | None:
+def read_number(values: Record, key: str) -> float | None:
     """Return a finite number from a record, None where there is none."""
     value = values.get(key)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -36,10 +43,24 @@ def read_number(values: Mapping[str, Any], key: str) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-# The whole way to the goal, and where on it a plan's head path and its refusal lie.
+def read_part(values: Record, key: str) -> Record:
+    """Return a record inside a record, an empty one where there is none."""
+    part = values.get(key)
+    return part if isinstance(part, Mapping) else {}
+
+
+def read_parts(values: Record, key: str) -> list[Record]:
+    """Return the records in a list inside a record, [] where there is none."""
+    parts = values.get(key)
+    if isinstance(parts, str) or not isinstance(parts, Sequence):
+        return []
+    return [part for part in parts if isinstance(part, Mapping)]
+
+
+# The centreline to the goal, and where on it a plan's head path and its refusal lie.
 #
 # A planner bends the head's path for the length of the links, and may end it before the goal.
-# Places along the tract are told on the centreline, which every plan of the same tract shares.
+# Places along the tract are arc lengths of the centreline, which all plans of a tract share.
 
 Floats = NDArray[np.float64]
 
@@ -47,8 +68,8 @@ _MATCHED = 800
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Way:
-    """The way from the entry to the goal.
+class PlanCentreline:
+    """The centreline of a plan from the entry to the goal.
 
     Parameters
     ----------
@@ -57,7 +78,7 @@ class Way:
     arc_length, radius : (m,) float
         Arc length from the entry and inscribed radius of the lumen [mm].
     path_arc_length, path_place : (n,) float
-        Arc length along the head's path, and the arc length of the way beside it [mm].
+        Arc length along the head's path, and the arc length of the centreline beside it [mm].
     is_centreline : bool
         Whether this is the whole centreline.
     """
@@ -71,11 +92,11 @@ class Way:
 
     @property
     def length(self) -> float:
-        """Length of the way [mm]."""
+        """Length of the centreline [mm]."""
         return float(self.arc_length[-1])
 
-    def place(self, arc: ArrayLike) -> Floats:
-        """Turn arc length along the head's path [mm] into that of the way.
+    def to_centreline(self, arc: ArrayLike) -> Floats:
+        """Turn arc length along the head's path [mm] into that of the centreline.
 
         Before the entry both count alike, so what is in the introducer stays negative.
         """
@@ -84,14 +105,14 @@ class Way:
         before = values - self.path_arc_length[0] + self.path_place[0]
         return np.where(values < self.path_arc_length[0], before, inside)
 
-    def locate(self, place: float) -> Floats:
-        """Return the world point ``(3,)`` at an arc length of the way [mm]."""
+    def point_at(self, place: float) -> Floats:
+        """Return the world point ``(3,)`` at an arc length of the centreline [mm]."""
         return np.array([np.interp(place, self.arc_length, axis) for axis in self.points.T])
 
-    def cut_rest(self, place: float) -> Floats:
-        """Return the points ``(k, 3)`` of the way from an arc length [mm] to the goal."""
+    def points_beyond(self, place: float) -> Floats:
+        """Return the points ``(k, 3)`` from an arc length of the centreline [mm] to the goal."""
         rest = self.points[self.arc_length > place]
-        return np.concatenate([self.locate(place)[None], rest]) if len(rest) else rest
+        return np.concatenate([self.point_at(place)[None], rest]) if len(rest) else rest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,9 +124,9 @@ class RefusalMark:
     code : str
         The reason code.
     at : float
-        Arc length of the way [mm].
+        Arc length of the centreline [mm].
     needs, offers : float or None
-        Room needed and room there, from the scope's axis to the wall [mm].
+        Clearance needed and clearance there, from the scope's axis to the wall [mm].
     """
 
     code: str
@@ -122,12 +143,12 @@ class RefusalMark:
         return f"refused at {self.at:.0f} mm: needs {self.needs:.2f}, offers {offers}"
 
 
-def find_refusal(plan: Plan, summary: Mapping[str, Any] | None = None) -> RefusalMark | None:
+def find_refusal(plan: Plan, summary: Record | None = None) -> RefusalMark | None:
     """Return where and why a plan ends before the goal, None where that was not recorded."""
     if plan.status != "stopped":
         return None
-    for record in ((summary or {}).get("refusal"), plan.meta.get("refusal")):
-        if isinstance(record, Mapping) and (at := read_number(record, "at_mm")) is not None:
+    for record in (read_part(summary or {}, "refusal"), read_part(plan.meta, "refusal")):
+        if (at := read_number(record, "at_mm")) is not None:
             return RefusalMark(
                 code=str(record.get("code") or plan.reason_code),
                 at=at,
@@ -139,21 +160,18 @@ def find_refusal(plan: Plan, summary: Mapping[str, Any] | None = None) -> Refusa
 
 def share_centreline(plans: Sequence[Plan]) -> list[Plan]:
     """Give plans without a centreline that of the others, so that places mean the same."""
-    lines = [plan.meta["centreline"] for plan in plans if plan.meta.get("centreline")]
+    lines = [plan.centreline for plan in plans if plan.centreline is not None]
     if not lines:
         return list(plans)
-    return [
-        replace(plan, meta={**plan.meta, "centreline": plan.meta.get("centreline") or lines[0]})
-        for plan in plans
-    ]
+    return [replace(plan, centreline=plan.centreline or lines[0]) for plan in plans]
 
 
-def find_way(plan: Plan) -> Way:
-    """Return the whole way of a plan: its centreline, or else the path of its head."""
+def read_centreline(plan: Plan) -> PlanCentreline:
+    """Return the centreline of a plan, or else the path of its head."""
     arc = plan.path_arc_length
-    line = _read_centreline(plan)
+    line = _parse_centreline(plan)
     if line is None:
-        return Way(
+        return PlanCentreline(
             points=plan.path,
             arc_length=arc,
             radius=plan.path_radius,
@@ -164,7 +182,7 @@ def find_way(plan: Plan) -> Way:
     points, arc_length, radius = line
     chosen = _thin(len(plan.path))
     places = _match(plan.path[chosen], points, arc_length)
-    return Way(
+    return PlanCentreline(
         points=points,
         arc_length=arc_length,
         radius=radius,
@@ -174,22 +192,11 @@ def find_way(plan: Plan) -> Way:
     )
 
 
-def _read_centreline(plan: Plan) -> tuple[Floats, Floats, Floats] | None:
-    record = plan.meta.get("centreline")
-    if not isinstance(record, Mapping):
+def _parse_centreline(plan: Plan) -> tuple[Floats, Floats, Floats] | None:
+    line = plan.centreline
+    if line is None or line.points.shape[1] != 3 or not (np.diff(line.arc_length) > 0.0).all():
         return None
-    try:
-        points, arc, radius = (
-            np.asarray(record[key], dtype=np.float64)
-            for key in ("points_mm", "arc_length_mm", "radius_mm")
-        )
-    except (KeyError, TypeError, ValueError):
-        return None
-    fits = points.ndim == 2 and points.shape[1] == 3 and len(points) >= 2
-    if not fits or arc.shape != (len(points),) or radius.shape != arc.shape:
-        return None
-    finite = all(np.isfinite(values).all() for values in (points, arc, radius))
-    return (points, arc, radius) if finite and (np.diff(arc) > 0.0).all() else None
+    return line.points, line.arc_length, line.radius
 
 
 def _thin(count: int) -> NDArray[np.int64]:
@@ -286,21 +293,16 @@ def check_plan(plan: Plan) -> None:
 
 def find_link_length(plan: Plan) -> float:
     """Return the link length [mm], from the plan's record or else from its joints."""
-    stated = _read_scope(plan).get("link_length_mm")
-    if isinstance(stated, (int, float)) and stated > 0:
-        return float(stated)
+    stated = read_number(read_part(plan.meta, "scope"), "link_length_mm")
+    if stated is not None and stated > 0.0:
+        return stated
     return float(np.median(np.linalg.norm(np.diff(plan.joints[-1], axis=0), axis=-1)))
 
 
 def find_radius(plan: Plan) -> float:
     """Return the scope's radius [mm] from the plan's record, 0 where it is not recorded."""
-    stated = _read_scope(plan).get("diameter_mm")
-    return 0.5 * float(stated) if isinstance(stated, (int, float)) and stated > 0 else 0.0
-
-
-def _read_scope(plan: Plan) -> dict[str, object]:
-    scope = plan.meta.get("scope")
-    return scope if isinstance(scope, dict) else {}
+    stated = read_number(read_part(plan.meta, "scope"), "diameter_mm")
+    return 0.5 * max(stated or 0.0, 0.0)
 
 
 def sample_motion(plan: Plan, *, count: int = 300, worst_between: bool = False) -> MotionSample:
@@ -329,7 +331,9 @@ def sample_motion(plan: Plan, *, count: int = 300, worst_between: bool = False) 
     tightest = int(np.argmin(visible.min(axis=1)))
     steps = np.union1d(steps, [tightest])
     joints = plan.joints[steps]
-    places = find_way(plan).place(_locate_joints(plan, joints, plan.head_arc_length[steps]))
+    places = read_centreline(plan).to_centreline(
+        _locate_joints(plan, joints, plan.head_arc_length[steps])
+    )
     clearance = plan.clearance[steps]
     if worst_between:
         starts = np.concatenate([[0], steps[:-1] + 1])
@@ -403,12 +407,12 @@ def _find_entry_direction(plan: Plan, length: float) -> NDArray[np.float64]:
     return outward / norm if norm > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
-# What is claimed for a plan: proved or estimated, against which wall, and with what contact.
+# The clearance of a plan: proved or estimated, against which wall, and with what contact.
 
 
 @dataclass(frozen=True, kw_only=True)
 class SoftWall:
-    """A wall that may give way.
+    """A wall that may give centreline.
 
     Parameters
     ----------
@@ -427,8 +431,8 @@ class SoftWall:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Claim:
-    """What may be said about the clearance of a plan.
+class PlanClearance:
+    """The clearance of a plan: proved or estimated, and against which wall.
 
     Parameters
     ----------
@@ -459,8 +463,8 @@ class Claim:
         return self.proved if self.certified and self.proved is not None else self.estimate
 
 
-def read_claim(plan: Plan, summary: Mapping[str, Any]) -> Claim:
-    """Return what a plan's certificate, summary and arrays allow to be said.
+def read_clearance(plan: Plan, summary: Record) -> PlanClearance:
+    """Return the clearance of a plan by its certificate, summary and arrays.
 
     Parameters
     ----------
@@ -470,9 +474,8 @@ def read_claim(plan: Plan, summary: Mapping[str, Any]) -> Claim:
     """
     certified = bool(summary.get("certified", plan.meta.get("certified", False)))
     proved = read_number(summary, "clearance_certified_mm")
-    certificate = plan.meta.get("certificate")
-    if proved is None and isinstance(certificate, Mapping):
-        proved = read_number(certificate, "clearance_mm")
+    if proved is None:
+        proved = read_number(read_part(plan.meta, "certificate"), "clearance_mm")
     estimate = read_number(summary, "clearance_min_mm")
     place = read_number(summary, "clearance_where_mm")
     if estimate is None:
@@ -483,25 +486,24 @@ def read_claim(plan: Plan, summary: Mapping[str, Any]) -> Claim:
             place = max(0.0, float(sample.places[row, link : link + 2].mean()))
     soft = _read_soft_wall(plan, summary, estimate, place)
     inflation = read_number(summary, "inflation_mm")
-    field = plan.meta.get("field")
-    if inflation is None and isinstance(field, Mapping):
-        inflation = read_number(field, "inflation_mm") or 0.0
+    if inflation is None:
+        inflation = read_number(read_part(plan.meta, "field"), "inflation_mm") or 0.0
         inflation -= 0.0 if soft is None else soft.used  # planned in the displaced wall
-    return Claim(
+    return PlanClearance(
         certified=certified,
         proved=proved if certified else None,
         estimate=estimate,
         place=place,
-        inflation=max(0.0, inflation or 0.0),
+        inflation=max(0.0, inflation),
         soft=soft,
     )
 
 
 def _read_soft_wall(
-    plan: Plan, summary: Mapping[str, Any], estimate: float | None, place: float | None
+    plan: Plan, summary: Record, estimate: float | None, place: float | None
 ) -> SoftWall | None:
-    record = summary.get("soft_wall") or plan.meta.get("soft_wall")
-    if not isinstance(record, Mapping):
+    record = read_part(summary, "soft_wall") or read_part(plan.meta, "soft_wall")
+    if not record:
         return None
     allowed = read_number(record, "allowed_mm") or 0.0
     used = read_number(record, "used_mm")
@@ -520,7 +522,7 @@ def _read_soft_wall(
     )
 
 
-# Methods side by side: one row of numbers for each, as records and as an HTML table.
+# Methods side by side: one record of numbers for each.
 
 METHOD_NAMES = {
     "tube": "tube (default)",
@@ -529,12 +531,8 @@ METHOD_NAMES = {
 }
 """Methods in words."""
 
-_MINUS = "\N{MINUS SIGN}"
 
-
-def list_methods(
-    plans: Sequence[Plan], records: Sequence[Mapping[str, Any]] = ()
-) -> list[dict[str, Any]]:
+def list_methods(plans: Sequence[Plan], records: Sequence[Record] = ()) -> list[Json]:
     """Return one record for each method, with the keys of the summary's `comparison`.
 
     Parameters
@@ -555,14 +553,11 @@ def list_methods(
     return rows
 
 
-def _describe(plan: Plan, *, skip: Mapping[str, Any]) -> dict[str, Any]:
-    measures = plan.meta.get("measures")
-    measures = measures if isinstance(measures, Mapping) else {}
-    certificate = plan.meta.get("certificate")
+def _describe(plan: Plan, *, skip: Record) -> Json:
+    """Return the record of a method by its plan alone."""
+    measures = read_part(plan.meta, "measures")
     certified = bool(plan.meta.get("certified", False))
-    proved = None
-    if certified and isinstance(certificate, Mapping):
-        proved = read_number(certificate, "clearance_mm")
+    proved = read_number(read_part(plan.meta, "certificate"), "clearance_mm")
     smallest = float(plan.clearance.min())
     estimate = read_number(measures, "clearance_min_mm")
     return {
@@ -570,10 +565,10 @@ def _describe(plan: Plan, *, skip: Mapping[str, Any]) -> dict[str, Any]:
         "reason": plan.reason,
         "reason_code": plan.reason_code,
         "certified": certified,
-        "clearance_certified_mm": proved,
+        "clearance_certified_mm": proved if certified else None,
         "clearance_min_mm": smallest if estimate is None and math.isfinite(smallest) else estimate,
         "inserted_mm": plan.inserted,
-        "centreline_length_mm": find_way(plan).length,
+        "centreline_length_mm": read_centreline(plan).length,
         "joint_step_ratio_max": read_number(measures, "joint_step_ratio_max"),
         "joint_angle_max_rad": read_number(measures, "joint_angle_max_rad"),
         "displacement_ratio": None
@@ -585,35 +580,13 @@ def _describe(plan: Plan, *, skip: Mapping[str, Any]) -> dict[str, Any]:
 def _measure_displacement(plan: Plan) -> dict[str, float] | None:
     try:
         return measure_displacement(plan)
-    except (InputError, KeyError, TypeError):  # the plan does not say where its introducer is
+    except (InputError, KeyError, TypeError):  # the plan does not state its introducer
         return None
 
 
-def render_methods(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return an HTML table, one row a method; every text is escaped."""
-    heads = [
-        "Method", "Result", "Clearance", "Joint step<br>per head step", "Largest<br>angle",
-        "Joint movement,<br>of a free chain's", "… of follow-<br>the-leader's", "Seconds",
-    ]  # fmt: skip
-    table = [_render_cells(row) for row in rows]
-    shown = [k for k in range(len(heads)) if any(cells[k] != "–" for cells in table)]
-    body = "".join(
-        f'<tr><th scope="row">{cells[0]}</th>'
-        + "".join(f"<td>{cells[k]}</td>" for k in shown[1:])
-        + "</tr>"
-        for cells in table
-    )
-    head = "".join(f'<th scope="col">{heads[k]}</th>' for k in shown)
-    return (
-        '<div class="wide"><table class="methods"><thead><tr>'
-        f"{head}</tr></thead><tbody>{body}</tbody></table></div>"
-    )
-
-
-def read_movement(row: Mapping[str, Any]) -> dict[str, float | None]:
+def read_movement(row: Record) -> dict[str, float | None]:
     """Return `step`, `tractrix` and `follow`: how joints move; None where not known."""
-    moved = row.get("displacement_ratio")
-    moved = moved if isinstance(moved, Mapping) else {}
+    moved = read_part(row, "displacement_ratio")
     if row.get("inserted_mm") == 0.0:  # a scope that does not enter moves no joint
         return {"step": None, "tractrix": None, "follow": None}
     return {
@@ -621,47 +594,3 @@ def read_movement(row: Mapping[str, Any]) -> dict[str, float | None]:
         "tractrix": read_number(moved, "tractrix"),
         "follow": read_number(moved, "follow"),
     }
-
-
-def _render_cells(row: Mapping[str, Any]) -> list[str]:
-    method = str(row.get("method", "?"))
-    moved = read_movement(row)
-    angle = read_number(row, "joint_angle_max_rad")
-    return [
-        escape(METHOD_NAMES.get(method, method)),
-        _render_result(row),
-        _render_clearance(row),
-        _show(moved["step"], 2, "×"),
-        _show(None if angle is None else math.degrees(angle), 1, "°"),
-        _show(moved["tractrix"], 2, "×"),
-        _show(moved["follow"], 2, "×"),
-        _show(read_number(row, "seconds"), 2, " s"),
-    ]
-
-
-def _render_result(row: Mapping[str, Any]) -> str:
-    if row.get("status") == "complete":
-        return "reaches the far end"
-    code = str(row.get("reason_code") or "")
-    title = f' title="{escape(str(row.get("reason") or ""), quote=True)}"'
-    stop = _show(read_number(row, "inserted_mm"), 0, " mm")
-    return f'<b class="bad"{title}>stops at {stop}</b> {escape(code)}'
-
-
-def _render_clearance(row: Mapping[str, Any]) -> str:
-    proved, estimate = (
-        read_number(row, key) for key in ("clearance_certified_mm", "clearance_min_mm")
-    )
-    if row.get("certified"):
-        if proved is None:
-            return "proved to stay inside"
-        return f"at least {floor_mm(proved).replace('-', _MINUS)} mm, <b>proved</b>"
-    if estimate is None:
-        return "–"
-    if estimate < 0.0:
-        return f'<b class="bad">{_show(estimate, 2, " mm")}</b>, through the wall'
-    return f"{_show(estimate, 2, ' mm')}, estimated"
-
-
-def _show(value: float | None, digits: int, unit: str) -> str:
-    return "–" if value is None else f"{value:.{digits}f}{unit}".replace("-", _MINUS)

@@ -12,8 +12,13 @@ from numpy.typing import NDArray
 
 from ..motion.plan import Plan
 from .fluoroscopy import Projection
-from .palette import ClearanceScale, color_lumen
-from .plan_data import MotionSample, RefusalMark, Way, read_number
+from .plan_data import (
+    MotionSample,
+    PlanCentreline,
+    RefusalMark,
+    read_number,
+)
+from .style import ClearanceScale, color_lumen, draw_marker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EndMark:
-    """One place where a way could begin or end.
+    """One place where a centreline could begin or end.
 
     Attributes
     ----------
@@ -218,47 +223,35 @@ def draw_scope(
         LineCollection(list(links[order]), colors=colors[order], linewidths=width, capstyle="round")
     )
     size = max(6.5, 1.12 * width)
-    axes.plot(
-        *place[0],
-        marker="o",
-        markersize=size,
-        markerfacecolor="white",
-        markeredgecolor=_OUTLINE,
-        markeredgewidth=1.4,
-        linestyle="none",
-    )
+    draw_marker(axes, place[0], "o", size=size, face="white", color=_OUTLINE, width=1.4)
     spots = find_violations(sample.visible[row])
     if spots:
         middle = links[spots].mean(axis=1)
         ring = max(15.0, width + 12.0)
         for edge, wide in ((_OUTLINE, 3.4), ("#ffffff", 1.7)):
-            axes.plot(
-                middle[:, 0],
-                middle[:, 1],
-                marker="o",
-                markersize=ring,
-                markerfacecolor="none",
-                markeredgecolor=edge,
-                markeredgewidth=wide,
-                linestyle="none",
-            )
+            draw_marker(axes, middle.T, "o", size=ring, color=edge, width=wide)
 
 
 def draw_rest(
-    axes: Axes, picture: Projection, way: Way, *, reached: float, mark: RefusalMark | None
+    axes: Axes,
+    picture: Projection,
+    line: PlanCentreline,
+    *,
+    reached: float,
+    mark: RefusalMark | None,
 ) -> None:
-    """Draw the way that was not reached as dots, and a cross where the planner refused.
+    """Draw the centreline that was not reached as dots, and a cross where the planner refused.
 
     Parameters
     ----------
     axes : Axes
     picture : Projection
-    way : Way
+    line : PlanCentreline
     reached : float
-        Arc length of the way where the motion ends [mm].
+        Arc length of the centreline where the motion ends [mm].
     mark : RefusalMark or None
     """
-    rest = way.cut_rest(reached)
+    rest = line.points_beyond(reached)
     if len(rest):
         place = picture.project(rest)
         axes.plot(*place.T, color=_OUTLINE, linewidth=3.0, alpha=0.5)
@@ -266,22 +259,16 @@ def draw_rest(
             *place.T, color=REST, linewidth=2.2, linestyle=(0, (0.1, 2.2)), dash_capstyle="round"
         )
     if mark is not None:
-        spot = picture.project(way.locate(mark.at))
+        spot = picture.project(line.point_at(mark.at))
         for color, wide, size in ((_OUTLINE, 6.0, 15.0), (REST, 3.0, 13.0)):
-            axes.plot(
-                *spot, marker="x", markersize=size, markeredgecolor=color, markeredgewidth=wide,
-                linestyle="none", zorder=4,
-            )  # fmt: skip
+            draw_marker(axes, spot, "x", size=size, color=color, width=wide, zorder=4)
 
 
 def draw_marks(axes: Axes, picture: Projection, marks: Sequence[EndMark]) -> None:
     """Draw the ends of the tract as numbered rings."""
     for mark in marks:
         u, v = picture.project(mark.point)
-        axes.plot(
-            u, v, marker="o", markersize=7.0, markerfacecolor="none", markeredgecolor=MARK,
-            markeredgewidth=1.4, linestyle="none", zorder=5,
-        )  # fmt: skip
+        draw_marker(axes, (u, v), "o", size=7.0, color=MARK, width=1.4, zorder=5)
         axes.annotate(
             str(mark.number),
             (u, v),

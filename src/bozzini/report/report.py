@@ -1,4 +1,4 @@
-"""The report: one HTML file that stands alone and says whether the scope fits.
+"""The report: one HTML file that stands alone and states whether the scope fits.
 
 Pictures, data and the small script are all inside the file; nothing is loaded from anywhere.
 Every text that comes from outside (file names, reasons, findings) is escaped.
@@ -16,7 +16,7 @@ from functools import cache
 from html import escape
 from importlib.resources import files as package_files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,22 @@ from ..errors import InputError
 from ..io.files import write_text
 from ..motion.plan import Plan
 from ..plot.fluoroscopy import Projection, render_fluoroscopy
-from ..plot.palette import (
+from ..plot.plan_data import (
+    MotionSample,
+    PlanCentreline,
+    PlanClearance,
+    Record,
+    check_plan,
+    find_radius,
+    find_refusal,
+    place_tightest,
+    read_centreline,
+    read_clearance,
+    sample_motion,
+    share_centreline,
+)
+from ..plot.scope import MARK, REST, choose_bar_length, find_violations, list_marks
+from ..plot.style import (
     AMBER,
     GREEN,
     RED,
@@ -34,26 +49,14 @@ from ..plot.palette import (
     color_lumen,
     list_clearance_colors,
 )
-from ..plot.plan_data import (
-    Claim,
-    MotionSample,
-    Way,
-    check_plan,
-    find_radius,
-    find_refusal,
-    find_way,
-    place_tightest,
-    read_claim,
-    sample_motion,
-    share_centreline,
-)
-from ..plot.scope import MARK, REST, choose_bar_length, find_violations, list_marks
+from ..results import Json
 from .text import (
     list_limitations,
     list_rows,
     render_cards,
     render_ends,
     render_findings,
+    render_methods,
     render_notes,
     render_table,
 )
@@ -95,10 +98,10 @@ def pack_viewer(
     places: NDArray[np.float64],
     scale: ClearanceScale,
     radius: float,
-) -> dict[str, Any]:
+) -> Json:
     """Return a JSON-able object for the report's script.
 
-    `places` says where along the tract each step is tightest [mm]. Joints are given per picture
+    `places` is where along the tract each step is tightest [mm]. Joints are given per picture
     from its upper left corner, right and down, in steps of 0.1 mm; clearances in steps of
     0.01 mm, with -32768 for links still in the introducer. Both are little-endian 16-bit
     integers in base64.
@@ -144,8 +147,8 @@ def _pack(values: NDArray[np.float64]) -> str:
 # Parts of the report that are drawn: the slider's pictures, contact, methods side by side.
 
 
-def render_panel(picture: Projection, plan: Plan, way: Way, summary: Mapping[str, Any]) -> str:
-    """Return one picture of the slider, with the way not reached, its scale bar and letters."""
+def render_panel(picture: Projection, plan: Plan, line: PlanCentreline, summary: Record) -> str:
+    """Return one picture of the slider, with what was not reached, its scale bar and letters."""
     left, right, bottom, top = picture.labels
     bar = choose_bar_length(picture.width)
     return (
@@ -154,7 +157,7 @@ def render_panel(picture: Projection, plan: Plan, way: Way, summary: Mapping[str
         f'<span class="name">{picture.axis}</span><span class="l">{left}</span>'
         f'<span class="r">{right}</span><span class="t">{top}</span><span class="b">{bottom}</span>'
         f'<span class="bar" style="width:{100.0 * bar / picture.width:.2f}%">{bar:g} mm</span>'
-        f"{_render_marks(picture, plan)}{_render_rest(picture, plan, way, summary)}"
+        f"{_render_marks(picture, plan)}{_render_rest(picture, plan, line, summary)}"
         "<canvas></canvas></div>"
     )
 
@@ -180,18 +183,18 @@ def _render_marks(picture: Projection, plan: Plan) -> str:
     return "".join(parts) + "</svg>"
 
 
-def _render_rest(picture: Projection, plan: Plan, way: Way, summary: Mapping[str, Any]) -> str:
-    """Return the way that was not reached, and the refusal's place, as an overlay."""
+def _render_rest(picture: Projection, plan: Plan, line: PlanCentreline, summary: Record) -> str:
+    """Return the centreline that was not reached, and the refusal's place, as an overlay."""
     if plan.status != "stopped":
         return ""
-    reached = max(0.0, float(way.place(plan.head_arc_length).max()))
+    reached = max(0.0, float(line.to_centreline(plan.head_arc_length).max()))
     corner = np.array([picture.extent[0], picture.extent[3]])
     size = 0.018 * picture.height
     parts = [
         f'<svg viewBox="0 0 {picture.width:.2f} {picture.height:.2f}" fill="none" '
         f'stroke="{REST}" stroke-linecap="round" aria-hidden="true">'
     ]
-    rest = way.cut_rest(reached)
+    rest = line.points_beyond(reached)
     if len(rest):
         place = (picture.project(rest) - corner) * [1.0, -1.0]
         points = " ".join(f"{u:.1f},{v:.1f}" for u, v in place)
@@ -201,7 +204,7 @@ def _render_rest(picture: Projection, plan: Plan, way: Way, summary: Mapping[str
         )
     mark = find_refusal(plan, summary)
     if mark is not None:
-        u, v = (picture.project(way.locate(mark.at)) - corner) * [1.0, -1.0]
+        u, v = (picture.project(line.point_at(mark.at)) - corner) * [1.0, -1.0]
         cross = (
             f"M{u - size:.1f} {v - size:.1f}l{2 * size:.1f} {2 * size:.1f}"
             f"m0 {-2 * size:.1f}l{-2 * size:.1f} {2 * size:.1f}"
@@ -211,16 +214,16 @@ def _render_rest(picture: Projection, plan: Plan, way: Way, summary: Mapping[str
     return "".join(parts) + "</svg>"
 
 
-def render_contact(plan: Plan, field: SampledField, claim: Claim) -> str:
+def render_contact(plan: Plan, field: SampledField, known: PlanClearance) -> str:
     """Return the section on contact with a soft wall, "" where the wall is rigid."""
-    if claim.soft is None:
+    if known.soft is None:
         return ""
     from ..plot.contact import draw_contact, measure_contact
 
     contact = measure_contact(plan, field)
     share = 100.0 * contact.touched / contact.length
     image = encode_figure(
-        draw_contact(plan, field, used=claim.soft.used, allowed=claim.soft.allowed), dpi=130.0
+        draw_contact(plan, field, used=known.soft.used, allowed=known.soft.allowed), dpi=130.0
     )
     return (
         "<h2>Contact</h2><p>Where the body stands beyond the wall at rest, and by how much: left "
@@ -230,17 +233,17 @@ def render_contact(plan: Plan, field: SampledField, claim: Claim) -> str:
     )
 
 
-def render_comparison(plan: Plan, summary: Mapping[str, Any], comparison: Sequence[Plan]) -> str:
+def render_comparison(plan: Plan, summary: Record, comparison: Sequence[Plan]) -> str:
     """Return the section that puts methods side by side, "" where there is nothing to compare."""
     from ..plot.comparison import draw_comparison
-    from ..plot.plan_data import list_methods, render_methods
+    from ..plot.plan_data import list_methods
 
     records = summary.get("comparison") or ()
     if not isinstance(records, Sequence) or isinstance(records, str):
         records = ()
     if not comparison and not records:
         return ""
-    soft = read_claim(plan, summary).soft is not None
+    soft = read_clearance(plan, summary).soft is not None
     first, *plans = share_centreline([plan, *comparison])
     if not soft and plan.method not in (other.method for other in plans):
         plans.insert(0, first)
@@ -252,7 +255,7 @@ def render_comparison(plan: Plan, summary: Mapping[str, Any], comparison: Sequen
     rigid = " against the wall at rest, taken as rigid" if soft else ""
     return (
         f"<h2>Methods side by side</h2><p>The same scope and tract, planned by each method{rigid}. "
-        "A clearance is proved or an estimate, as it says; joint movement is the sum over all "
+        "A clearance is marked as proved or as an estimate; joint movement is the sum over all "
         "joints and steps, against a chain pulled freely along the same head path (no wall "
         "holds it back) and one whose joints all follow that path.</p>"
         f"{render_methods(rows)}{figure}"
@@ -269,7 +272,9 @@ def encode_figure(figure: Figure, *, dpi: float) -> str:
 _TONES = {"green": GREEN, "amber": AMBER, "red": RED}
 _VIEWER_JOINTS = 60_000
 _VIEWER_STEPS = 300
-_NOTE_REST = "Orange dots are the way not reached, an orange cross the place that was refused."
+_NOTE_REST = (
+    "Orange dots are the centreline not reached, an orange cross the place that was refused."
+)
 
 
 def write_report(
@@ -277,7 +282,7 @@ def write_report(
     *,
     plan: Plan,
     field: SampledField,
-    summary: Mapping[str, Any],
+    summary: Record,
     findings: Sequence[Finding] = (),
     comparison: Sequence[Plan] = (),
 ) -> Path:
@@ -315,7 +320,7 @@ def write_report(
     for other in comparison:
         check_plan(other)
         _check_field(other, field)
-    claim, way = read_claim(plan, summary), find_way(plan)
+    known, line = read_clearance(plan, summary), read_centreline(plan)
     error = float(getattr(field, "error", 0.0))
     verdict = judge_plan(plan, summary, error=error)
     count = int(np.clip(_VIEWER_JOINTS // plan.joints.shape[1], 2, _VIEWER_STEPS))
@@ -339,14 +344,14 @@ def write_report(
             "tone_color": _TONES[verdict.tone],
             "label": escape(verdict.label),
             "sentence": escape(verdict.sentence),
-            "basis": escape(_describe_basis(claim, plan, field)),
+            "basis": escape(_describe_basis(known, plan, field)),
             "notes": render_notes(verdict.notes),
             "ends": render_ends(plan, summary),
             "cards": render_cards(plan, summary),
-            "panels": "".join(render_panel(picture, plan, way, summary) for picture in pictures),
-            "below": "pushing the wall" if claim.soft is not None else "through the wall",
+            "panels": "".join(render_panel(picture, plan, line, summary) for picture in pictures),
+            "below": "pushing the wall" if known.soft is not None else "through the wall",
             "below_long": "pushes the wall outwards"
-            if claim.soft is not None
+            if known.soft is not None
             else "is through the wall",
             "rest_note": _NOTE_REST if plan.status == "stopped" else "",
             "panels_shape": f"{sum(p.width for p in pictures) / pictures[0].height:.4f}",
@@ -362,7 +367,7 @@ def write_report(
             "frame_note": escape(_describe_frame(pictures, field.frame)),
             "clearance_image": encode_figure(draw_clearance(plan, summary=summary), dpi=130.0),
             "clearance_alt": escape(verdict.sentence),
-            "contact": render_contact(plan, field, claim),
+            "contact": render_contact(plan, field, known),
             "comparison": render_comparison(plan, summary, comparison),
             "rows": render_table(list_rows(plan, field, summary)),
             "findings": render_findings(findings),
@@ -377,7 +382,7 @@ def write_report(
     return write_text(path, page)
 
 
-def _check_summary(plan: Plan, summary: Mapping[str, Any]) -> None:
+def _check_summary(plan: Plan, summary: Record) -> None:
     if not isinstance(summary, Mapping):
         raise InputError(f"summary is a {type(summary).__name__}: it must be a mapping")
     facts = {"steps": plan.steps, "links": plan.links, "status": plan.status, "method": plan.method}
@@ -408,9 +413,9 @@ def _find_title(plan: Plan) -> str:
     return f"Insertion plan: {Path(str(name)).name}" if name else "Insertion plan"
 
 
-def _describe_basis(claim: Claim, plan: Plan, field: SampledField) -> str:
+def _describe_basis(known: PlanClearance, plan: Plan, field: SampledField) -> str:
     wall = str(plan.meta.get("wall") or field.wall)
-    if claim.certified:
+    if known.certified:
         parts = [f"Certified for the whole body at all times. The wall is: {wall}."]
     else:
         parts = ["The clearance is an estimate at the recorded steps, not certified."]
@@ -420,19 +425,20 @@ def _describe_basis(claim: Claim, plan: Plan, field: SampledField) -> str:
 
 
 def _describe_frame(pictures: Sequence[Projection], frame: str | None) -> str:
-    known = (
+    directions = (
         f"follow the file's frame, {frame}"
         if frame
         else "take the file's frame for RAS, because the file does not state one"
     )
-    text = f"Directions (R right, L left, A front, P back, S head, I feet of the patient) {known}."
+    letters = "R right, L left, A front, P back, S head, I feet of the patient"
+    text = f"Directions ({letters}) {directions}."
     tilt = max(np.degrees(picture.tilt) for picture in pictures)
     if tilt > 2.0:
         text += f" The views follow the grid, up to {tilt:.0f}° off the body's axes."
     return text
 
 
-def _render_provenance(plan: Plan, summary: Mapping[str, Any]) -> str:
+def _render_provenance(plan: Plan, summary: Record) -> str:
     parts = []
     if plan.meta.get("command"):
         parts.append(f"<pre>{escape(str(plan.meta['command']))}</pre>")
@@ -454,13 +460,13 @@ def _render_provenance(plan: Plan, summary: Mapping[str, Any]) -> str:
     return "".join(parts)
 
 
-def _show(value: Any) -> str:
+def _show(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
 
 
-def _embed_json(value: Any) -> str:
+def _embed_json(value: Json) -> str:
     """Return JSON that no browser takes for the end of its script element."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 

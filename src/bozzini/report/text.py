@@ -5,19 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..motion.plan import Plan
 from ..motion.refusal import floor_mm
 from ..plot.plan_data import (
-    Claim,
+    METHOD_NAMES,
+    PlanClearance,
+    Record,
     SoftWall,
     ceil_mm,
     find_link_length,
     find_radius,
-    find_way,
-    read_claim,
+    read_centreline,
+    read_clearance,
+    read_movement,
     read_number,
+    read_part,
 )
 from ..plot.scope import list_marks
 from .verdict import list_unreached
@@ -26,14 +30,14 @@ if TYPE_CHECKING:
     from ..anatomy.tract import Finding
     from ..duct.field import SampledField
 
-# What a report says about its own numbers: what is proved, for which wall, and what is not.
+# The limits of a report's numbers: what is proved, for which wall, and what is not.
 
 
-def list_limitations(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> list[str]:
+def list_limitations(plan: Plan, field: SampledField, summary: Record) -> list[str]:
     """Return what the reader must know before believing the numbers."""
-    claim = read_claim(plan, summary)
+    known = read_clearance(plan, summary)
     wall = str(plan.meta.get("wall") or field.wall)
-    below = "pushes the wall outwards" if claim.soft is not None else "is through the wall"
+    below = "pushes the wall outwards" if known.soft is not None else "is through the wall"
     texts = [
         "Clearance is the distance from the scope's round surface to the wall, the smallest over "
         f"the whole body in the tract; below zero the body {below} by that much. "
@@ -47,17 +51,17 @@ def list_limitations(plan: Plan, field: SampledField, summary: Mapping[str, Any]
             else ""
         ),
     ]
-    texts += _describe_proof(claim) if claim.certified else _describe_estimate(field)
+    texts += _describe_proof(known) if known.certified else _describe_estimate(field)
     passage = read_number(summary, "passage_mm")
     if passage is not None:
         texts.append(
             f"Proved, whatever the motion: no scope with a radius above "
             f"{ceil_mm(passage)} mm passes inside the stated wall."
         )
-    if claim.soft is not None:
+    if known.soft is not None:
         texts.append(
-            f"The wall may give way by up to {claim.soft.allowed:g} mm and was taken as displaced "
-            f"by {claim.soft.used:g} mm all round. Depths of contact are against the wall at "
+            f"The wall may give way by up to {known.soft.allowed:g} mm and was taken as displaced "
+            f"by {known.soft.used:g} mm all round. Depths of contact are against the wall at "
             "rest, from sampled points at the recorded steps; no force is computed."
         )
     wall_error = getattr(field, "wall_error", None)
@@ -73,7 +77,7 @@ def list_limitations(plan: Plan, field: SampledField, summary: Mapping[str, Any]
             "The method 'thesis' keeps the joints inside the wall, not the links between them: "
             "links can cut through the wall at bends."
         )
-    soft = "gives way all round alike" if claim.soft is not None else "is rigid"
+    soft = "gives way all round alike" if known.soft is not None else "is rigid"
     texts += [
         f"The wall {soft} and is at rest: no friction, gravity or breathing.",
         "Research software, not a medical device.",
@@ -81,11 +85,11 @@ def list_limitations(plan: Plan, field: SampledField, summary: Mapping[str, Any]
     return texts
 
 
-def _describe_proof(claim: Claim) -> list[str]:
+def _describe_proof(known: PlanClearance) -> list[str]:
     bound = "stays inside it"
-    if claim.proved is not None and claim.proved >= 0.01:
-        bound = f"stays at least {floor_mm(claim.proved)} mm from it"
-    wall = "the displaced wall" if claim.soft is not None else "the wall stated here"
+    if known.proved is not None and known.proved >= 0.01:
+        bound = f"stays at least {floor_mm(known.proved)} mm from it"
+    wall = "the displaced wall" if known.soft is not None else "the wall stated here"
     return [
         f"Proved, for {wall}: every point of the scope's surface that is in the tract {bound}, at "
         "the recorded steps and between them, where each joint moves along a straight line from "
@@ -115,7 +119,7 @@ def _describe_estimate(field: SampledField) -> list[str]:
 _MINUS = "\N{MINUS SIGN}"
 
 
-def _show(value: Any, digits: int, unit: str = "") -> str:
+def _show(value: object, digits: int, unit: str = "") -> str:
     """Return a number for reading, or a dash where there is none."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return "–"
@@ -127,7 +131,7 @@ def _show_or_unknown(value: float | None, digits: int, unit: str) -> str:
     return "unknown" if value is None else _show(value, digits, unit)
 
 
-def _read_step_ratio(summary: Mapping[str, Any]) -> float | None:
+def _read_step_ratio(summary: Record) -> float | None:
     ratio = read_number(summary, "joint_step_ratio_max")
     joint, head = read_number(summary, "joint_step_max_mm"), read_number(summary, "head_step_mm")
     if ratio is None and joint is not None and head is not None and head > 0.0:
@@ -135,12 +139,7 @@ def _read_step_ratio(summary: Mapping[str, Any]) -> float | None:
     return ratio
 
 
-def _read_part(summary: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    part = summary.get(key)
-    return part if isinstance(part, Mapping) else {}
-
-
-def _show_angle(summary: Mapping[str, Any]) -> str:
+def _show_angle(summary: Record) -> str:
     angle = read_number(summary, "joint_angle_max_rad")
     return "–" if angle is None else f"{_show(math.degrees(angle), 1)}°"
 
@@ -150,27 +149,27 @@ def _show_lower(value: float | None, unit: str = "mm") -> str:
     return "–" if value is None else f"{floor_mm(value).replace('-', _MINUS)} {unit}"
 
 
-def _show_upper(values: Mapping[str, Any], key: str, digits: int) -> str:
+def _show_upper(values: Record, key: str, digits: int) -> str:
     """Return an upper bound, rounded up."""
     value = read_number(values, key)
     return "–" if value is None else f"{ceil_mm(value, digits)} mm"
 
 
-def render_cards(plan: Plan, summary: Mapping[str, Any]) -> str:
+def render_cards(plan: Plan, summary: Record) -> str:
     """Return the few numbers that matter most."""
-    claim = read_claim(plan, summary)
-    way = find_way(plan)
-    whole = summary.get("centreline_length_mm", way.length)
+    known = read_clearance(plan, summary)
+    centreline = read_centreline(plan)
+    whole = summary.get("centreline_length_mm", centreline.length)
     stopped = plan.status == "stopped"
-    reached = whole if not stopped else float(way.place(plan.head_arc_length).max())
-    if claim.soft is not None:
-        first = (_show(claim.soft.contact, 2, "mm"), "deepest contact: wall pushed outwards", False)
-    elif claim.certified and claim.proved is not None:
-        first = (_show_lower(claim.proved), "proved clearance, whole body, all times", False)
+    reached = whole if not stopped else float(centreline.to_centreline(plan.head_arc_length).max())
+    if known.soft is not None:
+        first = (_show(known.soft.contact, 2, "mm"), "deepest contact: wall pushed outwards", False)
+    elif known.certified and known.proved is not None:
+        first = (_show_lower(known.proved), "proved clearance, whole body, all times", False)
     else:
-        bad = claim.estimate is not None and claim.estimate < 0.0
+        bad = known.estimate is not None and known.estimate < 0.0
         first = (
-            _show(claim.estimate, 2, "mm"),
+            _show(known.estimate, 2, "mm"),
             "smallest clearance, wall to scope surface, estimated",
             bad,
         )
@@ -185,7 +184,7 @@ def render_cards(plan: Plan, summary: Mapping[str, Any]) -> str:
         (_show_angle(summary), "largest angle at a joint", False),
         (_show_times(_read_step_ratio(summary)), "largest joint step per step of the head", False),
     ]
-    moved = read_number(_read_part(summary, "displacement_ratio"), "tractrix")
+    moved = read_number(read_part(summary, "displacement_ratio"), "tractrix")
     if moved is not None:
         cards.append((_show_times(moved), "joint movement, of a freely pulled chain's", False))
     return "".join(
@@ -199,15 +198,15 @@ def _show_times(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f}×"
 
 
-def list_rows(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+def list_rows(plan: Plan, field: SampledField, summary: Record) -> list[tuple[str, str]]:
     """Return the table of numbers as (name, value) texts."""
     radius = find_radius(plan)
-    claim = read_claim(plan, summary)
+    known = read_clearance(plan, summary)
     rows = [
         ("Method", plan.method),
         ("Status", plan.status),
         ("Reason", plan.reason + (f" ({plan.reason_code})" if plan.reason_code else "") or "–"),
-        ("Clearance certified", "yes" if claim.certified else "no: estimated"),
+        ("Clearance certified", "yes" if known.certified else "no: estimated"),
         ("Centreline, its length", _show(summary.get("centreline_length_mm"), 1, "mm")),
         ("Inserted, along the head's path", _show(plan.inserted, 1, "mm")),
         ("Stopped at, along the head's path", _show(summary.get("stopped_at_mm"), 1, "mm")),
@@ -215,19 +214,19 @@ def list_rows(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> li
         ("Link length", _show(find_link_length(plan), 2, "mm")),
         ("Links", str(plan.links)),
         ("Recorded steps", str(plan.steps)),
-        ("Proved clearance, at least", _show_lower(claim.proved)),
-        ("… so the proof holds for a wall wrong by at most", _show_lower(claim.proved)),
+        ("Proved clearance, at least", _show_lower(known.proved)),
+        ("… so the proof holds for a wall wrong by at most", _show_lower(known.proved)),
         ("Stated error of the wall", _show(summary.get("label_error_mm"), 2, "mm")),
-        ("Smallest clearance, estimated", _show(claim.estimate, 3, "mm")),
-        ("… at this place of the centreline", _show(claim.place, 1, "mm")),
+        ("Smallest clearance, estimated", _show(known.estimate, 3, "mm")),
+        ("… at this place of the centreline", _show(known.place, 1, "mm")),
         *_list_fit(summary),
-        *_list_contact(claim.soft),
+        *_list_contact(known.soft),
         ("Largest angle at a joint", _show_angle(summary)),
         ("Largest joint step", _show(summary.get("joint_step_max_mm"), 3, "mm")),
         ("Head step", _show(summary.get("head_step_mm"), 3, "mm")),
         ("Largest joint step per head step", _show(_read_step_ratio(summary), 2)),
     ]
-    moved = _read_part(summary, "displacement_ratio")
+    moved = read_part(summary, "displacement_ratio")
     for key, name in (("tractrix", "a freely pulled chain"), ("follow", "follow-the-leader")):
         rows.append((f"Joint movement, of that of {name}", _show(moved.get(key), 3)))
     rows += [
@@ -250,9 +249,9 @@ def list_rows(plan: Plan, field: SampledField, summary: Mapping[str, Any]) -> li
     return [row for row in rows if row[1] != "–"]
 
 
-def _list_fit(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what stands in the way, and what would fit."""
-    refusal, largest = _read_part(summary, "refusal"), _read_part(summary, "largest")
+def _list_fit(summary: Record) -> list[tuple[str, str]]:
+    """Return what limits the scope, and what would fit."""
+    refusal, largest = read_part(summary, "refusal"), read_part(summary, "largest")
     return [
         ("Refused at this place of the centreline", _show(refusal.get("at_mm"), 1, "mm")),
         ("… needs, from the axis to the wall", _show(refusal.get("needs_mm"), 2, "mm")),
@@ -276,7 +275,7 @@ def _list_fit(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _describe_tested(largest: Mapping[str, Any], key: str, other: str, name: str) -> str:
+def _describe_tested(largest: Record, key: str, other: str, name: str) -> str:
     value = read_number(largest, key)
     value = read_number(largest, other) if value is None else value
     return "" if value is None else f", at {value:g} mm {name}"
@@ -334,7 +333,7 @@ def render_notes(notes: Sequence[str]) -> str:
     return "".join(f'<div class="note">{escape(note)}</div>' for note in notes)
 
 
-def render_ends(plan: Plan, summary: Mapping[str, Any]) -> str:
+def render_ends(plan: Plan, summary: Record) -> str:
     """Return the section on the ends of the tract and what is not reached, "" without a record."""
     marks = list_marks(plan)
     if not marks:
@@ -345,15 +344,75 @@ def render_ends(plan: Plan, summary: Mapping[str, Any]) -> str:
         f"<td>{_show(mark.radius, 1, 'mm')}</td><td>{_show(mark.length, 0, 'mm')}</td></tr>"
         for mark in marks
     )
-    entry = _read_part(summary, "entry")
+    entry = read_part(summary, "entry")
     basis = f"The entry is this end because {entry['basis']}. " if entry.get("basis") else ""
     parts = "".join(f"<li>{escape(str(part['text']))}</li>" for part in list_unreached(summary))
     rest = f"<p>Not reached, or missing:</p><ul>{parts}</ul>" if parts else ""
     return (
-        f"<h2>Ends of the tract</h2><p>{escape(basis)}Every place where the way could begin or "
-        "end; the numbers are those in the pictures. Choose with --start, --end, --via or "
+        f"<h2>Ends of the tract</h2><p>{escape(basis)}Every place where the centreline could begin "
+        "or end; the numbers are those in the pictures. Choose with --start, --end, --via or "
         '--reverse.</p><div class="wide"><table class="methods"><thead><tr><th>No.</th>'
         "<th>Taken for</th><th>What it is</th><th>x, y, z [mm]</th><th>Radius of the opening</th>"
         "<th>Centreline from the opposite end</th></tr></thead>"
         f"<tbody>{rows}</tbody></table></div>{rest}"
     )
+
+
+def render_methods(rows: Sequence[Record]) -> str:
+    """Return an HTML table, one row a method; every text is escaped."""
+    heads = [
+        "Method", "Result", "Clearance", "Joint step<br>per head step", "Largest<br>angle",
+        "Joint movement,<br>of a free chain's", "… of follow-<br>the-leader's", "Seconds",
+    ]  # fmt: skip
+    table = [_render_cells(row) for row in rows]
+    shown = [k for k in range(len(heads)) if any(cells[k] != "–" for cells in table)]
+    body = "".join(
+        f'<tr><th scope="row">{cells[0]}</th>'
+        + "".join(f"<td>{cells[k]}</td>" for k in shown[1:])
+        + "</tr>"
+        for cells in table
+    )
+    head = "".join(f'<th scope="col">{heads[k]}</th>' for k in shown)
+    return (
+        '<div class="wide"><table class="methods"><thead><tr>'
+        f"{head}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+
+
+def _render_cells(row: Record) -> list[str]:
+    method = str(row.get("method", "?"))
+    moved = read_movement(row)
+    return [
+        escape(METHOD_NAMES.get(method, method)),
+        _render_result(row),
+        _render_clearance(row),
+        _show_times(moved["step"]),
+        _show_angle(row),
+        _show_times(moved["tractrix"]),
+        _show_times(moved["follow"]),
+        _show(read_number(row, "seconds"), 2, "s"),
+    ]
+
+
+def _render_result(row: Record) -> str:
+    if row.get("status") == "complete":
+        return "reaches the far end"
+    code = str(row.get("reason_code") or "")
+    title = f' title="{escape(str(row.get("reason") or ""), quote=True)}"'
+    stop = _show(read_number(row, "inserted_mm"), 0, "mm")
+    return f'<b class="bad"{title}>stops at {stop}</b> {escape(code)}'
+
+
+def _render_clearance(row: Record) -> str:
+    proved, estimate = (
+        read_number(row, key) for key in ("clearance_certified_mm", "clearance_min_mm")
+    )
+    if row.get("certified"):
+        if proved is None:
+            return "proved to stay inside"
+        return f"at least {floor_mm(proved).replace('-', _MINUS)} mm, <b>proved</b>"
+    if estimate is None:
+        return "–"
+    if estimate < 0.0:
+        return f'<b class="bad">{_show(estimate, 2, "mm")}</b>, through the wall'
+    return f"{_show(estimate, 2, 'mm')}, estimated"

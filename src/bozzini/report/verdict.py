@@ -1,17 +1,26 @@
-"""The verdict: one sentence that says whether the scope gets there, and how close to the wall."""
+"""The verdict: one sentence on whether the scope gets there, and how close to the wall."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from ..motion.plan import Plan
 from ..motion.refusal import floor_mm
-from ..plot.plan_data import Claim, SoftWall, find_radius, find_way, read_claim, read_number
+from ..plot.plan_data import (
+    PlanClearance,
+    Record,
+    SoftWall,
+    find_radius,
+    read_centreline,
+    read_clearance,
+    read_number,
+    read_part,
+    read_parts,
+)
 
 CUT_OFF = ("component", "beyond")
-"""Kinds of parts not reached of which a way without given ends was to reach the end."""
+"""Kinds of parts not reached to which a centreline without given ends had to lead."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +49,7 @@ class Verdict:
     notes: tuple[str, ...] = ()
 
 
-def judge_plan(plan: Plan, summary: Mapping[str, Any], *, error: float = 0.0) -> Verdict:
+def judge_plan(plan: Plan, summary: Record, *, error: float = 0.0) -> Verdict:
     """Return the verdict on a plan.
 
     Parameters
@@ -53,58 +62,56 @@ def judge_plan(plan: Plan, summary: Mapping[str, Any], *, error: float = 0.0) ->
         Largest error of the distance to the wall [mm]. A clearance below it that is not
         certified is too close to call.
     """
-    claim = read_claim(plan, summary)
+    known = read_clearance(plan, summary)
     radius = find_radius(plan)
     scope = f"The {2.0 * radius:.1f} mm scope" if radius > 0.0 else "The scope"
-    verdict = _judge(plan, summary, claim, scope, error)
+    verdict = _judge(plan, summary, known, scope, error)
     verdict = _add_unreached(verdict, plan, summary)
     verdict = _add_unchecked(verdict, plan, summary)
-    return _add_wall_error(verdict, claim, summary)
+    return _add_wall_error(verdict, known, summary)
 
 
-def _judge(
-    plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str, error: float
-) -> Verdict:
+def _judge(plan: Plan, summary: Record, known: PlanClearance, scope: str, error: float) -> Verdict:
     if plan.status == "stopped":
-        return _judge_stopped(plan, summary, claim, scope)
+        return _judge_stopped(plan, summary, known, scope)
     reaches = (
         f"{scope} reaches {_read_goal(summary)} "
         f"({_read_length(plan, summary):.0f} mm of centreline)"
     )
-    if claim.soft is not None:
-        return _judge_contact(reaches, claim, claim.soft)
-    if claim.certified:
+    if known.soft is not None:
+        return _judge_contact(reaches, known, known.soft)
+    if known.certified:
         return Verdict(
             tone="green",
             label="Fits, proved",
-            sentence=f"{reaches}; proved to {_promise(claim)} at all times.",
+            sentence=f"{reaches}; proved to {_promise(known)} at all times.",
         )
-    where = _at(claim.place)
-    if claim.estimate is None:
+    where = _at(known.place)
+    if known.estimate is None:
         return Verdict(tone="amber", label="Clearance unknown", sentence=f"{reaches}.")
-    if claim.estimate < 0.0:
+    if known.estimate < 0.0:
         return Verdict(
             tone="red",
             label="Through the wall",
             sentence=f"{reaches}, but its body passes through the wall{where} "
-            f"by {-claim.estimate:.2f} mm.",
+            f"by {-known.estimate:.2f} mm.",
         )
-    if claim.estimate < error:
+    if known.estimate < error:
         return Verdict(
             tone="amber",
             label="Too close to call",
-            sentence=f"{reaches}, but comes within {claim.estimate:.2f} mm of the wall{where}: "
+            sentence=f"{reaches}, but comes within {known.estimate:.2f} mm of the wall{where}: "
             f"less than the {error:.2f} mm by which the distance may be wrong.",
         )
     return Verdict(
         tone="green",
         label="Fits",
-        sentence=f"{reaches} and keeps {claim.estimate:.2f} mm from the wall (nearest{where}).",
+        sentence=f"{reaches} and keeps {known.estimate:.2f} mm from the wall (nearest{where}).",
     )
 
 
-def _add_unreached(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> Verdict:
-    """Say what of the lumen is not reached: a plan fits only to the end that it reaches."""
+def _add_unreached(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
+    """State what of the lumen is not reached: a plan fits only to the end that it reaches."""
     parts = [part for part in list_unreached(summary) if part.get("stated")]
     if not parts:
         return verdict
@@ -138,10 +145,10 @@ UNCHECKED = {
 """Findings of what the scope may meet that the proof does not cover, and each in a few words."""
 
 
-def _add_unchecked(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> Verdict:
-    """Say what the scope may meet that nothing was proved of."""
-    for item in summary.get("findings") or ():
-        words = UNCHECKED.get(str(item.get("code"))) if isinstance(item, Mapping) else None
+def _add_unchecked(verdict: Verdict, plan: Plan, summary: Record) -> Verdict:
+    """State what the scope may meet that nothing was proved of."""
+    for item in read_parts(summary, "findings"):
+        words = UNCHECKED.get(str(item.get("code")))
         if words is None:
             continue
         message = str(item.get("message", words)).strip().rstrip(".")
@@ -158,11 +165,11 @@ def _add_unchecked(verdict: Verdict, plan: Plan, summary: Mapping[str, Any]) -> 
     return verdict
 
 
-def _add_wall_error(verdict: Verdict, claim: Claim, summary: Mapping[str, Any]) -> Verdict:
-    """Say up to which error of the given wall the proof holds."""
-    if not claim.certified or claim.proved is None:
+def _add_wall_error(verdict: Verdict, known: PlanClearance, summary: Record) -> Verdict:
+    """State up to which error of the given wall the proof holds."""
+    if not known.certified or known.proved is None:
         return verdict
-    covered, voxel = claim.proved, read_number(summary, "wall_error_mm")
+    covered, voxel = known.proved, read_number(summary, "wall_error_mm")
     text = f"The proof holds as long as the given wall is wrong by at most {floor_mm(covered)} mm"
     if voxel:
         relation = "more" if covered >= voxel else "less"
@@ -183,12 +190,9 @@ def _add_wall_error(verdict: Verdict, claim: Claim, summary: Mapping[str, Any]) 
     return replace(verdict, label=label, tone=tone, notes=(*verdict.notes, f"{text}."))
 
 
-def list_unreached(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def list_unreached(summary: Record) -> list[Record]:
     """Return what a summary lists as not reached, largest first."""
-    parts = summary.get("unreached") or ()
-    if isinstance(parts, str) or not isinstance(parts, Sequence):
-        return []
-    return [part for part in parts if isinstance(part, Mapping) and part.get("text")]
+    return [part for part in read_parts(summary, "unreached") if part.get("text")]
 
 
 def join_words(words: Sequence[str]) -> str:
@@ -196,37 +200,33 @@ def join_words(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def _are_ends_given(summary: Mapping[str, Any]) -> bool:
-    """Whether an end of the way was given; a summary that does not say so counts as if it was."""
-    goal = summary.get("goal")
-    return not isinstance(goal, Mapping) or goal.get("given") is not False
+def _are_ends_given(summary: Record) -> bool:
+    """Whether an end of the centreline was given, or is not stated not to be."""
+    return read_part(summary, "goal").get("given") is not False
 
 
-def _read_goal(summary: Mapping[str, Any]) -> str:
-    goal = summary.get("goal")
-    named = goal.get("name") if isinstance(goal, Mapping) else None
-    return str(named or "the far end")
+def _read_goal(summary: Record) -> str:
+    return str(read_part(summary, "goal").get("name") or "the far end")
 
 
-def _is_goal_given(summary: Mapping[str, Any]) -> bool:
-    goal = summary.get("goal")
-    return isinstance(goal, Mapping) and bool(goal.get("chosen"))
+def _is_goal_given(summary: Record) -> bool:
+    return bool(read_part(summary, "goal").get("chosen"))
 
 
-def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: str) -> Verdict:
+def _judge_stopped(plan: Plan, summary: Record, known: PlanClearance, scope: str) -> Verdict:
     reason = plan.reason.strip().rstrip(".") or plan.reason_code or "no reason was recorded"
-    place = float(find_way(plan).place(plan.head_arc_length).max())
+    place = float(read_centreline(plan).to_centreline(plan.head_arc_length).max())
     whole = _read_length(plan, summary)
     if place <= 0.0:
         sentence = f"{scope} does not enter: {reason}."
         return Verdict(tone="red", label="Stopped", sentence=sentence)
     sentence = f"{scope} stops at {place:.0f} mm of {whole:.0f} mm of centreline: {reason}."
-    estimate, where = claim.estimate, _at(claim.place)
+    estimate, where = known.estimate, _at(known.place)
     note = ""
-    if claim.soft is not None:
-        note = f"Up to there {_describe_contact(claim, claim.soft)}."
-    elif claim.certified:
-        note = f"Up to there it is proved to {_promise(claim)} at all times."
+    if known.soft is not None:
+        note = f"Up to there {_describe_contact(known, known.soft)}."
+    elif known.certified:
+        note = f"Up to there it is proved to {_promise(known)} at all times."
     elif estimate is not None and estimate < 0.0:
         note = f"Before that its body passes through the wall{where} by {-estimate:.2f} mm."
     elif estimate is not None:
@@ -235,8 +235,8 @@ def _judge_stopped(plan: Plan, summary: Mapping[str, Any], claim: Claim, scope: 
     return Verdict(tone="red", label="Stopped", sentence=sentence, notes=notes)
 
 
-def _judge_contact(reaches: str, claim: Claim, soft: SoftWall) -> Verdict:
-    if not claim.certified and soft.contact > soft.used:
+def _judge_contact(reaches: str, known: PlanClearance, soft: SoftWall) -> Verdict:
+    if not known.certified and soft.contact > soft.used:
         return Verdict(
             tone="red",
             label="Through the wall",
@@ -246,31 +246,31 @@ def _judge_contact(reaches: str, claim: Claim, soft: SoftWall) -> Verdict:
     return Verdict(
         tone="amber",
         label="Fits with contact",
-        sentence=f"{reaches} if the wall gives way: {_describe_contact(claim, soft)}.",
+        sentence=f"{reaches} if the wall gives way: {_describe_contact(known, soft)}.",
     )
 
 
-def _describe_contact(claim: Claim, soft: SoftWall) -> str:
+def _describe_contact(known: PlanClearance, soft: SoftWall) -> str:
     if soft.contact > 0.0:
         text = f"it pushes the wall outwards by up to {soft.contact:.2f} mm{_at(soft.place)}"
     else:
         text = "no contact was found at the recorded steps"
-    proof = "it is proved" if claim.certified else "it is not proved"
+    proof = "it is proved" if known.certified else "it is not proved"
     return f"{text}; {proof} that the wall never has to give way by more than {soft.used:g} mm"
 
 
-def _promise(claim: Claim) -> str:
-    """Say what is proved, as what follows "proved to"; rounded down, as a lower bound must be."""
-    wall = f"the wall inflated by {claim.inflation:g} mm" if claim.inflation > 0.0 else "the wall"
-    if claim.proved is None or claim.proved < 0.01:
+def _promise(known: PlanClearance) -> str:
+    """Return what is proved, as what follows "proved to"; rounded down, as a lower bound is."""
+    wall = f"the wall inflated by {known.inflation:g} mm" if known.inflation > 0.0 else "the wall"
+    if known.proved is None or known.proved < 0.01:
         return f"stay inside {wall}"
-    return f"stay at least {floor_mm(claim.proved)} mm from {wall}"
+    return f"stay at least {floor_mm(known.proved)} mm from {wall}"
 
 
 def _at(place: float | None) -> str:
     return "" if place is None else f" at {place:.0f} mm of the centreline"
 
 
-def _read_length(plan: Plan, summary: Mapping[str, Any]) -> float:
+def _read_length(plan: Plan, summary: Record) -> float:
     stated = read_number(summary, "centreline_length_mm")
-    return find_way(plan).length if stated is None else stated
+    return read_centreline(plan).length if stated is None else stated

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from .scene import SceneInfo, write_scene
+from .scene import SceneInfo, SceneOptions, write_scene
 
 __all__ = [
     "SceneInfo",
+    "SceneOptions",
     "write_scene",
 ]

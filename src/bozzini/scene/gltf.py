@@ -1,7 +1,7 @@
 """A small writer of binary glTF 2.0 files (``.glb``): arrays in, one file out.
 
-It packs NumPy arrays into the file's one buffer and keeps the JSON lists beside it. It knows
-nothing of scopes or tracts; `bozzini.scene.scene` does.
+It packs NumPy arrays into the file's one buffer and keeps the JSON lists beside it. trimesh writes
+GLB too, but neither skins nor animations.
 
 Source: Khronos Group, glTF 2.0 Specification (ISO/IEC 12113:2022), sections 3.6 (binary data),
 3.11 (animations) and 4 (GLB container).
@@ -12,12 +12,13 @@ from __future__ import annotations
 import json
 import struct
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
+from ..results import Json
 
 # The scope's skin: one tube over all links, rounded at the head, closed at the tail.
 
@@ -191,13 +192,8 @@ def compute_bone_rotations(joints: Floats) -> Floats:
 
 def convert_to_matrices(rotations: Floats) -> Floats:
     """Return the rotation matrices of unit quaternions, shape (..., 4) to (..., 3, 3)."""
-    x, y, z, w = np.moveaxis(rotations, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    matrices = Rotation.from_quat(rotations.reshape(-1, 4)).as_matrix()
+    return np.asarray(matrices.reshape(*rotations.shape[:-1], 3, 3))
 
 
 def _orient_head(back: Floats) -> Floats:
@@ -270,30 +266,30 @@ class GlbDocument:
     The same calls give the same bytes: nothing depends on the time or the machine.
     """
 
-    def __init__(self, *, generator: str, extras: dict[str, Any] | None = None) -> None:
-        asset: dict[str, Any] = {"version": "2.0", "generator": generator}
+    def __init__(self, *, generator: str, extras: Json | None = None) -> None:
+        asset: Json = {"version": "2.0", "generator": generator}
         if extras:
             asset["extras"] = extras
-        self._json: dict[str, Any] = {"asset": asset}
+        self._json: Json = {"asset": asset}
         self._chunks: list[bytes] = []
         self._length = 0
 
-    def add(self, kind: str, item: dict[str, Any]) -> int:
+    def add(self, kind: str, item: Json) -> int:
         """Append `item` to a top-level list (``"nodes"``, ``"meshes"``, …); return its index."""
-        items: list[dict[str, Any]] = self._json.setdefault(kind, [])
+        items: list[Json] = self._json.setdefault(kind, [])
         items.append(item)
         return len(items) - 1
 
-    def get(self, kind: str, index: int) -> dict[str, Any]:
+    def get(self, kind: str, index: int) -> Json:
         """Return an item of a top-level list, to be completed in place."""
-        item: dict[str, Any] = self._json[kind][index]
+        item: Json = self._json[kind][index]
         return item
 
     def set_scene(self, index: int) -> None:
         """Make scene `index` the one that viewers show."""
         self._json["scene"] = index
 
-    def use_extension(self, name: str, content: dict[str, Any] | None = None) -> None:
+    def use_extension(self, name: str, content: Json | None = None) -> None:
         """Declare an optional extension, with its document-level content if it has one."""
         used: list[str] = self._json.setdefault("extensionsUsed", [])
         if name not in used:
@@ -302,7 +298,7 @@ class GlbDocument:
             self._json.setdefault("extensions", {})[name] = content
 
     def add_array(
-        self, array: NDArray[Any], *, target: int | None = None, bounds: bool = False
+        self, array: NDArray[np.generic], *, target: int | None = None, bounds: bool = False
     ) -> int:
         """Store one array and return its accessor's index.
 
@@ -323,7 +319,7 @@ class GlbDocument:
         return self.add_arrays(array[np.newaxis], target=target, bounds=bounds)[0]
 
     def add_arrays(
-        self, arrays: NDArray[Any], *, target: int | None = None, bounds: bool = False
+        self, arrays: NDArray[np.generic], *, target: int | None = None, bounds: bool = False
     ) -> list[int]:
         """Store a stack of equal arrays in one buffer view; return one accessor for each.
 
@@ -356,7 +352,7 @@ class GlbDocument:
         view = self._add_view(data.astype(data.dtype.newbyteorder("<")).tobytes(), target)
         accessors = []
         for index, item in enumerate(data):
-            accessor: dict[str, Any] = {
+            accessor: Json = {
                 "bufferView": view,
                 "componentType": _COMPONENTS[data.dtype],
                 "count": len(item),
@@ -371,7 +367,7 @@ class GlbDocument:
             accessors.append(self.add("accessors", accessor))
         return accessors
 
-    def add_indices(self, faces: NDArray[Any], vertices: int) -> int:
+    def add_indices(self, faces: NDArray[np.generic], vertices: int) -> int:
         """Store faces over so many vertices in the smallest type that holds them.
 
         The largest value of a type is left free: some graphics interfaces use it as a mark.
@@ -394,7 +390,7 @@ class GlbDocument:
         return b"".join([struct.pack("<III", _MAGIC, _VERSION, length), *parts])
 
     def _add_view(self, data: bytes, target: int | None) -> int:
-        view: dict[str, Any] = {
+        view: Json = {
             "buffer": 0,
             "byteOffset": self._length,
             "byteLength": len(data),
@@ -497,8 +493,8 @@ def _add_animation(
     document: GlbDocument, nodes: list[int], places: Floats, rotations: Floats, times: Floats
 ) -> None:
     clock = document.add_array(times.astype(np.float32), bounds=True)
-    samplers: list[dict[str, Any]] = []
-    channels: list[dict[str, Any]] = []
+    samplers: list[Json] = []
+    channels: list[Json] = []
     for name, values in (("translation", places), ("rotation", rotations)):
         outputs = document.add_arrays(np.swapaxes(values, 0, 1).astype(np.float32))
         for node, output in zip(nodes, outputs, strict=True):

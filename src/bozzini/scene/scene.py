@@ -5,6 +5,9 @@ The tract is drawn twice: its outside translucent, its inside opaque. Each shows
 from outside one looks through the near wall onto the scope before the far wall, and the camera at
 the tip sees a solid wall, lit by a lamp beside it.
 
+The file is written by `bozzini.scene.gltf`: trimesh writes GLB too, but neither skins nor
+animations.
+
 Frame: metres. The data keep their right-handed world frame (x, y, z), under the root node
 ``bozzini_world`` whose -90 degrees about X takes world +z (superior, in RAS) to glTF's +Y. Blender
 undoes that turn on import, so there the coordinates are the world's own, in metres.
@@ -14,16 +17,19 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number, check_points
+from ..checks import check_fields, check_number, check_points, quantity
 from ..errors import InputError
-from ..io.files import write_atomically
+from ..io.files import write_bytes
+from ..results import Json
 from .gltf import ARRAY_BUFFER, UPRIGHT_QUATERNION, GlbDocument, add_scope, choose_keys
+
+if TYPE_CHECKING:
+    import trimesh
 
 # The tract's wall made ready for viewing: checked, decimated, turned outwards, with normals.
 
@@ -65,23 +71,30 @@ def prepare_tract(surface: tuple[ArrayLike, ArrayLike], *, max_faces: int) -> Tr
     InputError
         If it has no faces, wrong shapes, vertices that are not finite, or indices out of range.
     """
+    import trimesh
+
     vertices, faces = _check_surface(surface)
-    if len(vertices) == 3 * len(faces):  # a loose set of triangles: weld equal corners
-        vertices, index = np.unique(vertices, axis=0, return_inverse=True)
-        faces = index.reshape(-1)[faces]
-    if len(faces) > max_faces:
-        vertices, faces = _decimate(vertices, faces, max_faces)
-    vertices, faces, crosses = _drop_flat(vertices, faces)
-    centred = vertices - vertices.mean(axis=0)
-    volume = float(np.sum(centred[faces[:, 0]] * crosses)) / 6.0
-    area = 0.5 * float(np.linalg.norm(crosses, axis=1).sum())
-    if volume < 0.0:
-        faces, crosses = faces[:, ::-1], -crosses
+    centre = vertices.mean(axis=0)  # the library that decimates may work in single precision
+    mesh = trimesh.Trimesh(vertices - centre, faces, process=False)
+    if len(vertices) == 3 * len(faces):  # a loose set of triangles
+        mesh.merge_vertices()
+    if len(mesh.faces) > max_faces:
+        # Quadric edge collapse (Garland and Heckbert, SIGGRAPH 1997).
+        mesh = mesh.simplify_quadric_decimation(face_count=max_faces)
+    flat = mesh.area_faces == 0.0
+    if flat.all():
+        raise InputError(f"surface has {len(flat)} faces, all of zero area: it must have area")
+    mesh.update_faces(~flat)
+    mesh.remove_unreferenced_vertices()
+    shift = mesh.vertices.mean(axis=0)
+    mesh.apply_translation(-shift)
+    if mesh.volume < 0.0:
+        mesh.invert()
     return TractMesh(
-        vertices=vertices,
-        normals=_find_normals(len(vertices), faces, crosses),
-        faces=faces,
-        mean_width=4.0 * abs(volume) / area,
+        vertices=np.asarray(mesh.vertices) + shift + centre,
+        normals=_find_normals(mesh),
+        faces=np.asarray(mesh.faces, dtype=np.int64),
+        mean_width=4.0 * abs(mesh.volume) / mesh.area,
     )
 
 
@@ -110,47 +123,17 @@ def _check_surface(surface: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Faces]
     return vertices, faces.astype(np.int64)
 
 
-def _decimate(vertices: Floats, faces: Faces, max_faces: int) -> tuple[Floats, Faces]:
-    """Quadric edge collapse (Garland and Heckbert, SIGGRAPH 1997), by fast_simplification."""
-    from fast_simplification import simplify
-
-    centre = vertices.mean(axis=0)  # the library may work in single precision
-    result = simplify(vertices - centre, faces.astype(np.int32), target_count=max_faces)
-    coarse = np.asarray(result[0], dtype=np.float64)
-    return coarse + centre, np.asarray(result[1], dtype=np.int64)
-
-
-def _drop_flat(vertices: Floats, faces: Faces) -> tuple[Floats, Faces, Floats]:
-    """Drop faces without area and vertices without faces; return the faces' cross products too."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    crosses = np.cross(b - a, c - a)
-    keep = np.linalg.norm(crosses, axis=1) > 0.0
-    if not np.any(keep):
-        raise InputError(f"surface has {len(faces)} faces, all of zero area: it must have area")
-    faces, crosses = faces[keep], crosses[keep]
-    used = np.zeros(len(vertices), dtype=bool)
-    used[faces] = True
-    number = np.cumsum(used) - 1
-    return vertices[used], number[faces], crosses
-
-
-def _find_normals(count: int, faces: Faces, crosses: Floats) -> Floats:
+def _find_normals(mesh: trimesh.Trimesh) -> Floats:
     """Vertex normals weighted by area; where faces cancel out, that of one of them."""
-    normals = np.empty((count, 3))
-    corners = faces.ravel()
-    for axis in range(3):
-        normals[:, axis] = np.bincount(corners, np.repeat(crosses[:, axis], 3), minlength=count)
-    length = np.linalg.norm(normals, axis=1)
-    largest = np.zeros(count)
-    np.maximum.at(largest, corners, np.repeat(np.linalg.norm(crosses, axis=1), 3))
-    cancelled = length <= 1e-6 * largest
-    if np.any(cancelled):
-        one = np.zeros((count, 3))
-        one[corners] = np.repeat(crosses, 3, axis=0)
-        normals[cancelled] = one[cancelled]
-        length = np.linalg.norm(normals, axis=1)
-    normals /= length[:, np.newaxis]
-    return normals
+    crosses, corners = np.repeat(mesh.triangles_cross, 3, axis=0), mesh.faces.ravel()
+    normals, one = np.zeros((2, len(mesh.vertices), 3))
+    np.add.at(normals, corners, crosses)
+    one[corners] = crosses
+    largest = np.zeros(len(normals))
+    np.maximum.at(largest, corners, np.linalg.norm(crosses, axis=1))
+    cancelled = np.linalg.norm(normals, axis=1) <= 1e-6 * largest
+    normals[cancelled] = one[cancelled]
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 Floats = NDArray[np.float64]
@@ -196,6 +179,37 @@ class SceneInfo:
     link_length_change: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """How a scene is animated, and how fine its surface is.
+
+    Parameters
+    ----------
+    duration : float
+        Length of the animation [s]; steps are evenly spread over it.
+    keys : int
+        Most poses to keep; they are spread evenly over the steps and include the first and last.
+        Joints are exact in the keys and interpolated in between.
+    max_faces : int
+        A finer surface is decimated to about this many faces, for viewing only.
+    title : str
+        Title kept in the file.
+
+    Raises
+    ------
+    InputError
+        If a number is outside its range.
+    """
+
+    duration: float = quantity("time", default=20.0, low=1e-3)
+    keys: int = quantity(whole=True, default=200, low=2, high=65536)
+    max_faces: int = quantity(whole=True, default=40000, low=100, label="max_faces")
+    title: str = "Insertion of an endoscope"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
 def write_scene(
     target: str | os.PathLike[str],
     *,
@@ -203,10 +217,7 @@ def write_scene(
     joints: ArrayLike,
     diameter: float,
     path: ArrayLike | None = None,
-    duration: float = 20.0,
-    keys: int = 200,
-    max_faces: int = 40000,
-    title: str = "Insertion of an endoscope",
+    options: SceneOptions | None = None,
 ) -> SceneInfo:
     """Write a tract and the motion of a scope through it as an animated binary glTF file.
 
@@ -222,15 +233,8 @@ def write_scene(
         Diameter of the scope [mm].
     path : array_like, shape (m, 3), optional
         A curve to draw as a thin line, for example the centreline [mm].
-    duration : float
-        Length of the animation [s]; steps are evenly spread over it.
-    keys : int
-        Most poses to keep; they are spread evenly over the steps and include the first and last.
-        Joints are exact in the keys and interpolated in between.
-    max_faces : int
-        A finer surface is decimated to about this many faces, for viewing only.
-    title : str
-        Title kept in the file.
+    options : SceneOptions, optional
+        The animation, and how fine the surface is.
 
     Returns
     -------
@@ -251,19 +255,17 @@ def write_scene(
     `tip_camera` rolls; a real scope's may, as its shaft carries the operator's torque.
     """
     check_number("diameter", diameter, low=0.0, low_open=True, unit="mm")
-    check_number("duration", duration, low=1e-3, unit="s")
-    check_integer("keys", keys, low=2, high=65536)
-    check_integer("max_faces", max_faces, low=100)
+    options = SceneOptions() if options is None else options
     chain = _check_joints(joints)
     line = None if path is None else _check_path(path)
-    tract = prepare_tract(surface, max_faces=max_faces).scaled(_METRE)
+    tract = prepare_tract(surface, max_faces=options.max_faces).scaled(_METRE)
 
-    steps = choose_keys(len(chain), keys)
+    steps = choose_keys(len(chain), options.keys)
     poses = chain[steps] * _METRE
-    times = duration * steps / max(len(chain) - 1, 1)
+    times = options.duration * steps / max(len(chain) - 1, 1)
     radius = 0.5 * diameter * _METRE
 
-    document = GlbDocument(generator="Bozzini", extras=_describe(title))
+    document = GlbDocument(generator="Bozzini", extras=_describe(options.title))
     root = document.add(
         "nodes", {"name": "bozzini_world", "rotation": UPRIGHT_QUATERNION, "children": []}
     )
@@ -282,7 +284,7 @@ def write_scene(
     document.set_scene(document.add("scenes", {"name": "bozzini", "nodes": [root, skin]}))
 
     data = document.to_bytes()
-    write_atomically(target, lambda temporary: _put_bytes(temporary, data))
+    write_bytes(target, data)
     lengths = np.linalg.norm(np.diff(chain[steps], axis=1), axis=2)
     return SceneInfo(
         bytes=len(data),
@@ -341,7 +343,7 @@ def _add_tract(document: GlbDocument, tract: TractMesh) -> list[int]:
         tract.vertices.astype(np.float32), target=ARRAY_BUFFER, bounds=True
     )
     nodes = []
-    sides: list[tuple[str, Floats, NDArray[np.int64], dict[str, Any]]] = [
+    sides: list[tuple[str, Floats, NDArray[np.int64], Json]] = [
         ("tract_inside", -tract.normals, tract.faces[:, ::-1], {}),
         ("tract_outside", tract.normals, tract.faces, {"alphaMode": "BLEND"}),
     ]
@@ -426,7 +428,3 @@ def _add_overview(document: GlbDocument, low: Floats, high: Floats) -> int:
             "rotation": [0.0, half, half, 0.0],
         },
     )
-
-
-def _put_bytes(path: Path, data: bytes) -> None:
-    path.write_bytes(data)

@@ -2,6 +2,41 @@
 
 from __future__ import annotations
 
-from .insertion import InsertionStudy, run_insertion
+import importlib
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["InsertionStudy", "run_insertion"]
+if TYPE_CHECKING:
+    from .insertion import InsertionStudy, run_insertion
+    from .options import FitOptions, InsertionOptions, PathOptions, ReadOptions
+    from .shapes import FitStudy, SectionStudy, run_fit, run_sections
+    from .traverse import LimitsStudy, run_limits
+
+__all__ = [
+    "FitOptions",
+    "FitStudy",
+    "InsertionOptions",
+    "InsertionStudy",
+    "LimitsStudy",
+    "PathOptions",
+    "ReadOptions",
+    "SectionStudy",
+    "run_fit",
+    "run_insertion",
+    "run_limits",
+    "run_sections",
+]
+
+_MODULES = {
+    "insertion": ("InsertionStudy", "run_insertion"),
+    "options": ("FitOptions", "InsertionOptions", "PathOptions", "ReadOptions"),
+    "shapes": ("FitStudy", "SectionStudy", "run_fit", "run_sections"),
+    "traverse": ("LimitsStudy", "run_limits"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a study when it is first asked for: the options alone are cheap (PEP 562)."""
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(importlib.import_module(f".{module}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,17 +1,17 @@
-"""The two ends of the way: what the user named, what the file offers, and which is the entry.
+"""The two ends of a centreline: those that were named, those of the file, and the entry of them.
 
-Nothing in the shape of a lumen tells its entry: "the higher end" is wrong on every colon, "the
-wider end" and "the end from which a scope gets farther" are wrong or tied on some. The organ
-decides. Where it is not known, both ends are tried.
+The shape of a lumen does not show its entry: "the higher end" is wrong on every colon, "the wider
+end" and "the end from which a scope gets farther" are wrong or tied on some. The organ decides.
+Where it is not known, both ends are tried.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,29 +20,30 @@ from ..anatomy.frame import find_axis
 from ..anatomy.tract import Finding, LabelTract, Opening, SurfaceTract, name_place
 from ..checks import check_points
 from ..duct import Centreline, SampledField, find_centreline
-from ..duct.build import INFLATION_MAX
+from ..duct.field import INFLATION_MAX
 from ..errors import GeometryError, InputError
 from ..motion import Plan
-from ..motion.introducer import Introducer
 from ..progress import Progress, no_progress
+from ..results import Json
 
 __all__ = [
     "Candidate",
-    "End",
+    "OrientedCentreline",
     "Place",
-    "Way",
     "find_introducer_crossing",
-    "find_way",
     "list_branches",
     "measure_gap",
     "name_landmarks",
+    "orient_centreline",
     "resolve_places",
-    "turn_way",
+    "turn_centreline",
 ]
 
+Tract = LabelTract | SurfaceTract
+Point = NDArray[np.float64]
 End = ArrayLike | int | str | None
-"""An end of the way: a point (3,) [mm], a label (number or name), the name of a landmark or of an
-opening, ``"largest-opening"``, or None to find it."""
+"""An end of the centreline: a point (3,) [mm], a label (number or name), the name of a landmark or
+of an opening, ``"largest-opening"``, or None to find it."""
 
 ENTRY_LANDMARKS = {
     "colon": re.compile(r"\b(anus|anal)\b"),
@@ -69,7 +70,7 @@ class Place:
     ----------
     name : str
         For people.
-    given : object
+    given : list of float, int or str
         What was given, as JSON-able values.
     kind : {"point", "label", "landmark", "opening"}
     points : ndarray
@@ -79,15 +80,15 @@ class Place:
     """
 
     name: str
-    given: Any
+    given: list[float] | int | str
     kind: Literal["point", "label", "landmark", "opening"]
-    points: NDArray[np.float64]
+    points: Point
     radius: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """A place of the tract where a way could begin or end.
+    """A place of the tract where a centreline could begin or end.
 
     Attributes
     ----------
@@ -111,7 +112,7 @@ class Candidate:
     radius: float | None = None
     length: float | None = None
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Json:
         """Return JSON-able values."""
         return {
             "kind": self.kind,
@@ -124,8 +125,8 @@ class Candidate:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Way:
-    """The way of a scope: its centreline from the entry on, and how that entry was chosen.
+class OrientedCentreline:
+    """A centreline from the entry on, and how that entry was chosen.
 
     Attributes
     ----------
@@ -135,14 +136,13 @@ class Way:
     decided : bool
         Whether that is known; otherwise the other end may be the entry as well.
     goal : str
-        What the way leads to: the name of an opening or of what was given, else
-        ``"the far end"``.
-    goal_given : bool
-        Whether the goal was given: then what lies beyond it is left out on purpose.
+        The name of its end: of an opening or of what was given, else ``"the far end"``.
     candidates : tuple of Candidate
     findings : tuple of Finding
     given : bool
-        Whether an end was given; else the way is to lead through the whole lumen.
+        Whether an end was given; else the centreline is to lead through the whole lumen.
+    goal_given : bool
+        Whether the goal was given: then what lies beyond it is left out on purpose.
     """
 
     line: Centreline
@@ -156,7 +156,7 @@ class Way:
 
 
 def resolve_places(
-    tract: LabelTract | SurfaceTract, start: End, end: End, via: Sequence[End] = ()
+    tract: Tract, start: End, end: End, via: Sequence[End] = ()
 ) -> tuple[Place | None, Place | None, tuple[Place, ...]]:
     """Turn what was given into places, before any long work.
 
@@ -167,8 +167,7 @@ def resolve_places(
     GeometryError
         If a place lies far outside the lumen.
     """
-    given = [_resolve(tract, "via", chosen) for chosen in via]
-    stops = tuple(place for place in given if place is not None)
+    stops = tuple(filter(None, (_resolve(tract, "via", chosen) for chosen in via)))
     first, last = _resolve(tract, "start", start), _resolve(tract, "end", end)
     named = [("start", first), ("end", last), *(("via", place) for place in stops)]
     for option, place in named:
@@ -177,82 +176,98 @@ def resolve_places(
     return first, last, stops
 
 
-def find_way(
-    tract: LabelTract | SurfaceTract,
+def orient_centreline(
+    tract: Tract,
     field: SampledField,
     places: tuple[Place | None, Place | None, tuple[Place, ...]],
     *,
     reverse: bool = False,
     progress: Progress = no_progress,
-) -> Way:
+) -> OrientedCentreline:
     """Find the centreline of a tract, from the end that is its entry to the other.
 
     The entry is what was given; else the organ's: a colon is entered from its lower end, every
     other organ from its higher one, in the axes of the patient, or at a landmark that marks the
-    entry. Of an unknown organ the higher end is taken, and the way is marked as not decided.
+    entry. Of an unknown organ the higher end is taken, and the result is marked as not decided.
 
     Parameters
     ----------
-    places
-        What `resolve_places` gives.
+    tract : LabelTract or SurfaceTract
+    field : SampledField
+        Its distance field.
+    places : tuple
+        As `resolve_places` returns them.
     reverse : bool
         Enter at the other end.
+    progress : Progress
     """
-    start, end, via = places
-    findings: list[Finding] = []
-    points: list[NDArray[np.float64] | None] = [None, None]
-    regions: list[NDArray[np.float64] | None] = [None, None]
-    if start is None and end is None and not via:
-        points = list(_find_two_openings(tract, field) or points)
-    for k, place in enumerate((start, end)):
-        if place is not None and place.kind == "label":
-            regions[k] = place.points
-        elif place is not None and place.kind == "point":
-            points[k] = np.array(place.points, dtype=np.float64)
-    named = {
-        k: place
-        for k, place in enumerate((start, end))
-        if place is not None and place.kind in ("landmark", "opening")
-    }
-    if named:
-        for k, point in _find_named_ends(tract, field, named).items():
-            points[k] = point
-    line = find_centreline(
-        field,
-        (points[0], points[1]),
-        regions=(regions[0], regions[1]),
-        via=[p.points if p.kind == "label" else _step_inside(field, p) for p in via],
-        progress=progress,
-    )
+    start, end, _ = places
+    line = _find_line(tract, field, places, progress)
+    findings: tuple[Finding, ...] = ()
     basis, decided = "it was given", True
     if start is None and end is None:
         line, basis, decided, assumed = _orient(tract, line)
         if assumed:
-            findings.append(
-                Finding(
-                    "frame-assumed",
-                    "warning",
-                    f"which end is the {assumed} one was judged with +z to the patient's head: "
-                    "the file does not state its axes; give --frame",
-                )
+            message = (
+                f"which end is the {assumed} one was judged with +z to the patient's head: the "
+                "file does not state its axes; give --frame"
             )
+            findings = (Finding("frame-assumed", "warning", message),)
     elif start is None:
         basis = "it is the far end from the end that was given"
     if reverse:
         line, basis = line.reverse(), f"reversed ({basis})"
-    goal = end if not reverse else start
+    goal = start if reverse else end
     candidates = _list_candidates(tract, line)
-    findings += list_branches(line)
-    return Way(
+    return OrientedCentreline(
         line=line,
         basis=basis,
         decided=decided,
         goal=_name_goal(candidates) if goal is None else f"the given end ({goal.name})",
         candidates=candidates,
-        findings=tuple(findings),
+        findings=(*findings, *list_branches(line)),
         given=start is not None or end is not None,
         goal_given=goal is not None,
     )
+
+
+def _find_line(
+    tract: Tract,
+    field: SampledField,
+    places: tuple[Place | None, Place | None, tuple[Place, ...]],
+    progress: Progress,
+) -> Centreline:
+    """Return the centreline between the given places, or between the ends that are found."""
+    *ends, via = places
+    points: list[Point | None] = [None, None]
+    regions: list[Point | None] = [None, None]
+    named: dict[int, Place] = {}
+    if not any(ends) and not via:
+        points = list(_find_two_openings(tract, field) or points)
+    for k, place in enumerate(ends):
+        if place is None:
+            continue
+        if place.kind == "label":
+            regions[k] = place.points
+        elif place.kind == "point":
+            points[k] = place.points
+        else:
+            named[k] = place
+    if named:
+        found, whole = _find_named_ends(tract, field, named)
+        for k, point in found.items():
+            points[k] = point
+        if (
+            whole is not None
+            and not via
+            and all(k in named or not place for k, place in enumerate(ends))
+        ):
+            return whole
+    stops = [p.points if p.kind == "label" else _step_inside(field, p) for p in via]
+    return find_centreline(
+        field, (points[0], points[1]), regions=(regions[0], regions[1]), via=stops,
+        progress=progress,
+    )  # fmt: skip
 
 
 def find_introducer_crossing(
@@ -263,7 +278,7 @@ def find_introducer_crossing(
     Rays along it are sampled in the lumen before inflation; each may leave it once. An entry that
     was given must lie at an end of the lumen.
     """
-    tube = Introducer.from_description(plan.meta["introducer"])
+    tube = plan.get_introducer()
     rest = field.inflate(-field.inflation)
     step = 0.5 * float(rest.spacing.min())
     box = np.array(rest.values.shape) * rest.spacing
@@ -274,7 +289,7 @@ def find_introducer_crossing(
     grid = rest.to_grid(rays)
     inside = np.asarray(((grid >= 0.0) & (grid <= box - rest.spacing)).all(axis=2))
     inside[inside] = rest.signed_distance(rays[inside]) < 0.0
-    crossing: tuple[str, NDArray[np.float64]] | None = None
+    crossing: tuple[str, Point] | None = None
     for ray, filled in zip(rays, inside, strict=True):
         left = int(np.argmin(filled)) if not filled.all() else len(filled)
         again = np.flatnonzero(filled[left:])
@@ -295,9 +310,7 @@ def find_introducer_crossing(
     return (Finding("introducer-crosses", "warning", message),)
 
 
-def _measure_behind(
-    rest: SampledField, plan: Plan, entry: NDArray[np.float64], *, tip: bool
-) -> float:
+def _measure_behind(rest: SampledField, plan: Plan, entry: Point, *, tip: bool) -> float:
     """Return how far lumen goes on from an entry otherwise than along the path [mm]; 0 at an end.
 
     That is lumen which a ball of 1.3 radii about the entry parts from the path, as far as it
@@ -323,33 +336,29 @@ def _measure_behind(
     marks, _ = ndimage.label(box & (distance > ball))
     touching = np.unique(marks[distance <= ball + 1.8 * float(spacing.max())])
     away = np.linalg.norm(plan.path - entry, axis=1) > ball + float(spacing.max())
-    on_way = np.rint(rest.to_grid(plan.path[away][:10]) / spacing).astype(int) - low
-    on_way = on_way[((on_way >= 0) & (on_way < box.shape)).all(axis=1)]
-    own = set(marks[tuple(on_way.T)].tolist()) | {0}
+    on_path = np.rint(rest.to_grid(plan.path[away][:10]) / spacing).astype(int) - low
+    on_path = on_path[((on_path >= 0) & (on_path < box.shape)).all(axis=1)]
+    own = set(marks[tuple(on_path.T)].tolist()) | {0}
     others = [mark for mark in touching.tolist() if mark not in own and len(own) > 1]
     reach = max((float(distance[marks == mark].max()) for mark in others), default=0.0)
     return reach if reach > most else 0.0
 
 
-def turn_way(tract: LabelTract | SurfaceTract, way: Way, basis: str) -> Way:
-    """Return the same way, whose ends were found, from its other end."""
-    line = way.line.reverse()
-    other = {item.code: item for item in way.findings if item.code != "branches"}
+def turn_centreline(tract: Tract, ends: OrientedCentreline) -> OrientedCentreline:
+    """Return the same centreline, whose ends were found, from its other end."""
+    line = ends.line.reverse()
+    others = tuple(item for item in ends.findings if item.code != "branches")
     candidates = _list_candidates(tract, line)
-    return Way(
+    return replace(
+        ends,
         line=line,
-        basis=basis,
-        decided=way.decided,
         goal=_name_goal(candidates),
         candidates=candidates,
-        findings=(*other.values(), *list_branches(line)),
-        given=way.given,
+        findings=(*others, *list_branches(line)),
     )
 
 
-def _find_two_openings(
-    tract: LabelTract | SurfaceTract, field: SampledField
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _find_two_openings(tract: Tract, field: SampledField) -> tuple[Point, Point] | None:
     """Return the ends of a tract with two wide openings: such a file is clear about its ends."""
     wide = [o for o in tract.openings if o.radius >= OPENING_RADIUS]
     if len(wide) != 2:
@@ -359,15 +368,19 @@ def _find_two_openings(
 
 
 def _find_named_ends(
-    tract: LabelTract | SurfaceTract, field: SampledField, named: dict[int, Place]
-) -> dict[int, NDArray[np.float64]]:
+    tract: Tract, field: SampledField, named: dict[int, Place]
+) -> tuple[dict[int, Point], Centreline | None]:
     """Return a point in the lumen for landmarks and openings, by the numbers of their ends.
 
-    A name at an end that is found without it means that end, and gives the same point.
+    A name at an end that is found without it means that end, and gives the same point. If all
+    names are such ends, the centreline that was found is the second value.
     """
-    own: Sequence[NDArray[np.float64]] = ()
+    line: Centreline | None = None
+    own: Sequence[Point] = _find_two_openings(tract, field) or ()
     try:
-        own = _find_two_openings(tract, field) or tuple(find_centreline(field).points[[0, -1]])
+        if not own:
+            line = find_centreline(field)
+            own = tuple(line.points[[0, -1]])
     except GeometryError:  # no tube: the name has to do alone
         pass
     gaps = {
@@ -375,20 +388,28 @@ def _find_named_ends(
         for k, place in named.items()
         for n, end in enumerate(own)
     }
-    found: dict[int, NDArray[np.float64]] = {}
-    taken: set[int] = set()
+    taken: dict[int, int] = {}
     for k, n in sorted(gaps, key=lambda pair: gaps[pair]):
         reach = OPENING_REACH if named[k].kind == "opening" else LANDMARK_REACH
-        if k not in found and n not in taken and gaps[k, n] <= max(reach, 2.0 * named[k].radius):
-            found[k] = np.array(own[n])
-            taken.add(n)
-    for k, place in named.items():
-        if k not in found:
-            found[k] = _step_inside(field, place)
-    return found
+        if (
+            k not in taken
+            and n not in taken.values()
+            and gaps[k, n] <= max(reach, 2.0 * named[k].radius)
+        ):
+            taken[k] = n
+    found = {
+        k: np.array(own[taken[k]]) if k in taken else _step_inside(field, place)
+        for k, place in named.items()
+    }
+    if line is None or len(taken) < len(named):
+        return found, None
+    line = line if all(k == n for k, n in taken.items()) else line.reverse()
+    open_ends = {name for k, name in enumerate(("start", "end")) if k not in named}
+    others = tuple(other for other in line.other_ends if other.end in open_ends)
+    return found, replace(line, other_ends=others)
 
 
-def _check_near(tract: LabelTract | SurfaceTract, option: str, place: Place) -> None:
+def _check_near(tract: Tract, option: str, place: Place) -> None:
     """Raise `GeometryError` if a place is so far outside the lumen that no end can be there."""
     reach = INFLATION_MAX if place.kind == "point" else max(LANDMARK_REACH, 2.0 * place.radius)
     gap = measure_gap(tract, place.points)
@@ -399,12 +420,12 @@ def _check_near(tract: LabelTract | SurfaceTract, option: str, place: Place) -> 
         )
 
 
-def _explain_gap(tract: LabelTract | SurfaceTract) -> str:
+def _explain_gap(tract: Tract) -> str:
     volume = sum(part.volume for part in tract.missing)
     return f" ({volume / 1000.0:.3g} mL of lumen are missing in the file)" if volume else ""
 
 
-def measure_gap(tract: LabelTract | SurfaceTract, point: NDArray[np.float64]) -> float:
+def measure_gap(tract: Tract, point: Point) -> float:
     """Return how far a point lies outside a lumen [mm], to half a voxel; 0 inside."""
     if isinstance(tract, SurfaceTract):
         import igl
@@ -434,7 +455,7 @@ def _name_goal(candidates: Sequence[Candidate]) -> str:
     return names[0] if names else "the far end"
 
 
-def name_landmarks(tract: LabelTract | SurfaceTract) -> dict[str, tuple[float, float, float]]:
+def name_landmarks(tract: Tract) -> dict[str, tuple[float, float, float]]:
     """Return the landmarks of a tract, each place once: by the first of its names."""
     named: dict[tuple[float, float, float], str] = {}
     for name, point in tract.landmarks.items():
@@ -443,11 +464,11 @@ def name_landmarks(tract: LabelTract | SurfaceTract) -> dict[str, tuple[float, f
     return {name: point for point, name in named.items()}
 
 
-def _step_inside(field: SampledField, place: Place) -> NDArray[np.float64]:
+def _step_inside(field: SampledField, place: Place) -> Point:
     """Return a point in the lumen for a place that may lie on the wall: a cap, a landmark.
 
-    It is the nearest node with about the opening's radius (at a landmark 5 mm) of room that is
-    seen from there through the lumen; if none has that, the roomiest.
+    It is the nearest node in line of sight that has about the opening's radius (at a landmark 5 mm)
+    of clearance; if none has, that with the most.
     """
     point = np.array(place.points, dtype=np.float64)
     if place.kind == "point":
@@ -464,16 +485,16 @@ def _step_inside(field: SampledField, place: Place) -> NDArray[np.float64]:
     first = nodes[nearest]
     near = nodes[tree.query_ball_point(first, 2.0 * enough)]
     near = near[np.argsort(np.linalg.norm(near - first, axis=1), kind="stable")]
-    room = -rest.signed_distance(near)
+    clearance = -rest.signed_distance(near)
     share = np.linspace(0.0, 1.0, 21)[:, None, None]
     seen = (rest.signed_distance(first + share * (near - first)) < 0.0).all(axis=0)
-    wide = np.flatnonzero(seen & (room >= enough))
-    return np.asarray(near[wide[0]] if len(wide) else near[np.argmax(np.where(seen, room, 0.0))])
+    wide = np.flatnonzero(seen & (clearance >= enough))
+    return np.asarray(
+        near[wide[0]] if len(wide) else near[np.argmax(np.where(seen, clearance, 0.0))]
+    )
 
 
-def _orient(
-    tract: LabelTract | SurfaceTract, line: Centreline
-) -> tuple[Centreline, str, bool, str]:
+def _orient(tract: Tract, line: Centreline) -> tuple[Centreline, str, bool, str]:
     """Turn a line so that it begins at the organ's entry.
 
     Returns the line, why, whether that is known, and "lower", "higher" or "rear" where a frame had
@@ -511,7 +532,7 @@ def _article(organ: str) -> str:
     return f"an {name}" if name.startswith("upper") else f"a {name}"
 
 
-def _guess_organ(tract: LabelTract | SurfaceTract) -> str | None:
+def _guess_organ(tract: Tract) -> str | None:
     """Return the organ whose entry is among the landmarks, if that is only one."""
     found = [
         organ
@@ -525,7 +546,7 @@ def _marks_entry(name: str, organ: str) -> bool:
     return bool(ENTRY_LANDMARKS[organ].search(name.lower().replace("_", " ")))
 
 
-def _list_candidates(tract: LabelTract | SurfaceTract, line: Centreline) -> tuple[Candidate, ...]:
+def _list_candidates(tract: Tract, line: Centreline) -> tuple[Candidate, ...]:
     """Return the two ends of the line, the others that were found, openings and landmarks."""
     found: list[Candidate] = []
     openings = sorted(tract.openings, key=lambda opening: -opening.radius)
@@ -580,7 +601,7 @@ def list_branches(line: Centreline) -> tuple[Finding, ...]:
     return tuple(found)
 
 
-def _resolve(tract: LabelTract | SurfaceTract, option: str, chosen: End) -> Place | None:
+def _resolve(tract: Tract, option: str, chosen: End) -> Place | None:
     if chosen is None:
         return None
     if isinstance(chosen, (bool, np.bool_)):
@@ -599,7 +620,7 @@ def _resolve(tract: LabelTract | SurfaceTract, option: str, chosen: End) -> Plac
     return Place(name=f"({place}) mm", given=point.tolist(), kind="point", points=point)
 
 
-def _find_label(tract: LabelTract | SurfaceTract, option: str, label: int) -> Place:
+def _find_label(tract: Tract, option: str, label: int) -> Place:
     if not isinstance(tract, LabelTract):
         raise InputError(f"{option} is label {label}, but a surface has no labels: give a point")
     there = tract.label_values
@@ -615,7 +636,7 @@ def _find_label(tract: LabelTract | SurfaceTract, option: str, label: int) -> Pl
     return Place(name=name, given=label, kind="label", points=centres)
 
 
-def _find_name(tract: LabelTract | SurfaceTract, option: str, chosen: str) -> Place:
+def _find_name(tract: Tract, option: str, chosen: str) -> Place:
     wanted = " ".join(chosen.split()).lower()
     if isinstance(tract, LabelTract):
         for label, name in tract.label_names.items():
@@ -647,7 +668,7 @@ def _take_opening(opening: Opening) -> Place:
     )
 
 
-def _list_names(tract: LabelTract | SurfaceTract, most: int = 12) -> str:
+def _list_names(tract: Tract, most: int = 12) -> str:
     """Return the names that an end may have, as what follows "a point x,y,z"."""
     names: list[str] = []
     if isinstance(tract, LabelTract):

@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..anatomy.files import encode_volume
 from ..anatomy.frame import convert_frame
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
-from ..duct.refined import RefinedField, refine_field
-from ..io.files import new_directory, write_atomically, write_text
+from ..duct.field import RefinedField, refine_field
+from ..io.files import new_directory, write_bytes, write_text
 from ..motion import (
-    METHODS,
+    PLANNERS,
+    FreeSpace,
     Largest,
     Passage,
     Plan,
+    PlannerOptions,
     Scope,
-    TubeOptions,
     find_largest,
     find_passage,
     plan_insertion,
@@ -37,44 +38,27 @@ from ..motion import (
 from ..motion.actuate.actuate import actuate_plan
 from ..motion.actuate.actuation import Actuation
 from ..motion.measures import measure_displacement
+from ..motion.plan import TractInput
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
-from .ends import End, Way, find_introducer_crossing, find_way, resolve_places, turn_way
-from .inputs import check_options, explain_scale
+from ..results import Json, Result
+from .ends import (
+    OrientedCentreline,
+    find_introducer_crossing,
+    orient_centreline,
+    resolve_places,
+    turn_centreline,
+)
+from .options import InsertionOptions, explain_scale
 from .reach import Unreached, find_unreached
 
-# What the main job says and writes of a tendon robot.
-
-
-def find_robot_trouble(actuation: Actuation) -> tuple[Finding, ...]:
-    """Return why the robot does not go all the way, as a finding for report and command line."""
-    if actuation.status == "complete":
-        return ()
-    name, reason = actuation.robot.name, actuation.reason
-    return (Finding("robot", "warning", f"the robot '{name}' does not get there: {reason}"),)
-
-
-def write_robot(actuation: Actuation, folder: Path) -> None:
-    """Write time tables, figure and everything else of a robot's motion into a directory.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
-    """
-    from ..plot import draw_robot_motion, write_figure
-
-    actuation.write_csv(folder / "tendons.csv")
-    if find_spec("pyarrow") is not None:
-        actuation.write_parquet(folder / "tendons.parquet")
-    actuation.save(folder / "robot.npz")
-    write_figure(draw_robot_motion(actuation), folder / "robot.png")
-
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # The summary of a plan: what ``--json`` prints and ``summary.json`` holds.
 
 
-def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[str, Any]:
+def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> Json:
     """Return a plan's summary as JSON-able values.
 
     Parameters
@@ -83,19 +67,20 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
     field : SampledField
         The lumen it was made in.
     line : Centreline
-        The way to the goal.
+        From the entry to the goal.
     """
-    measures, certificate = plan.meta["measures"], plan.meta["certificate"]
+    meta = plan.meta
+    measures = meta["measures"]
     inside = bool(np.isfinite(plan.clearance).any())
     narrow = int(np.argmin(line.radius))
-    summary: dict[str, Any] = {
+    summary: Json = {
         "method": plan.method,
         "status": plan.status,
         "reason": plan.reason,
         "reason_code": plan.reason_code,
-        "certified": bool(plan.meta["certified"]),
+        "certified": plan.certified,
         # A bound below zero proves nothing, and is loose outside the lumen: no number to quote.
-        "clearance_certified_mm": certificate["clearance_mm"] if plan.meta["certified"] else None,
+        "clearance_certified_mm": plan.proved,
         "stopped_at_mm": plan.inserted if plan.status == "stopped" else None,
         "centreline_length_mm": line.length,
         "inserted_mm": plan.inserted,
@@ -104,24 +89,24 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> dict[st
         "clearance_min_mm": measures["clearance_min_mm"] if inside else None,
         "clearance_where_mm": measures["clearance_where_mm"] if inside else None,
         "clearance_insertion_mm": measures["clearance_insertion_mm"] if inside else None,
-        "clearance_error_mm": plan.meta["field"]["clearance_error_mm"],
+        "clearance_error_mm": meta["field"]["clearance_error_mm"],
         "joint_step_max_mm": measures["joint_step_max_mm"],
         "joint_step_ratio_max": measures["joint_step_ratio_max"],
-        "head_step_mm": plan.meta["head_step_mm"],
+        "head_step_mm": meta["head_step_mm"],
         "joint_angle_max_rad": measures["joint_angle_max_rad"],
         "joint_travel_mm": measures["joint_travel_mm"],
         "displacement_ratio": measure_displacement(plan),
         "radius_min_mm": float(line.radius[narrow]),
         "radius_min_where_mm": float(line.arc_length[narrow]),
-        "wall": plan.meta["wall"],
+        "wall": plan.wall,
         "wall_error_mm": field.wall_error,
         "voxel_mm": [float(h) for h in field.spacing],
         "inflation_mm": field.inflation,
-        "scope": plan.meta["scope"],
+        "scope": meta["scope"],
     }
     for key in ("refusal", "soft_wall", "candidates", "input"):
-        if key in plan.meta and plan.meta[key] is not None:
-            summary[key] = plan.meta[key]
+        if meta.get(key) is not None:
+            summary[key] = meta[key]
     return summary
 
 
@@ -229,31 +214,21 @@ def write_volumes(
     axes[:3, :3] = field.rotation * field.spacing
     axes[:3, 3] = field.origin
     values = np.asarray(field.values, dtype=np.float32) - np.float32(field.inflation)
-    _write_nifti(folder / "field.nii.gz", values, axes, frame)
+    volumes: dict[str, Json] = {"field": {"values": values, "affine": axes}}
     if isinstance(tract, LabelTract):
-        _write_nifti(folder / "labels.nii.gz", tract.labels, tract.affine, frame)
+        volumes["labels"] = {
+            "values": tract.labels, "affine": tract.affine, "names": tract.label_names
+        }  # fmt: skip
     else:
         inside = np.asarray(field.values < 0.0).astype(np.uint8)
-        _write_nifti(folder / "labels.nii.gz", inside, axes, frame)
-
-
-def _write_nifti(
-    path: Path, values: NDArray[np.generic], affine: NDArray[np.float64], frame: str
-) -> None:
-    import nibabel
-
-    image: Any = nibabel.Nifti1Image(values, convert_frame(affine, frame))  # type: ignore[no-untyped-call]
-    image.header.set_xyzt_units("mm")
-    data = gzip.compress(image.to_bytes(), compresslevel=4, mtime=0)
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(data)
-
-    write_atomically(path, write)
+        volumes["labels"] = {"values": inside, "affine": axes}
+    for name, volume in volumes.items():
+        path = folder / f"{name}.nii.gz"
+        write_bytes(path, encode_volume(path, **volume, frame=frame))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class InsertionStudy:
+class InsertionStudy(Result):
     """Everything from one run of the main job.
 
     Parameters
@@ -261,24 +236,24 @@ class InsertionStudy:
     tract : LabelTract or SurfaceTract
     field : SampledField
         The lumen.
-    way : Way
-        The way that is planned: its centreline, and how its ends were chosen.
+    centreline : OrientedCentreline
+        The centreline that is planned along, and how its ends were chosen.
     plan : Plan
         The motion.
     seconds : dict
         Wall-clock time by stage [s].
     passage : Passage, optional
-        The widest way through.
+        The widest passage through the lumen.
     largest : Largest, optional
         The largest scope that fits, if it was asked for.
     comparison : tuple of Plan
         Plans of every method, if they were asked for.
     robot : Actuation, optional
-        What a tendon robot is told to go this way, if one was given.
+        The motion of a tendon robot along the plan, if one was given.
     findings : tuple of Finding
         What the checks of the tract found, and what finding the centreline did.
     unreached : tuple of Unreached
-        Parts of the lumen that the way does not reach, largest first.
+        Parts of the lumen that the centreline does not reach, largest first.
     entries : tuple of dict
         Of an organ that is not known: what came of entering at either end, the better one first.
     label_error : float, optional
@@ -287,7 +262,7 @@ class InsertionStudy:
 
     tract: LabelTract | SurfaceTract
     field: SampledField
-    way: Way
+    centreline: OrientedCentreline
     plan: Plan
     seconds: dict[str, float]
     passage: Passage | None = None
@@ -296,37 +271,47 @@ class InsertionStudy:
     robot: Actuation | None = None
     findings: tuple[Finding, ...] = ()
     unreached: tuple[Unreached, ...] = ()
-    entries: tuple[dict[str, Any], ...] = ()
+    entries: tuple[Json, ...] = ()
     label_error: float | None = None
 
     @property
     def line(self) -> Centreline:
         """The centreline from the entry to the goal."""
-        return self.way.line
+        return self.centreline.line
 
     @property
     def fits(self) -> bool:
         """Whether the scope, or the robot if there is one, is proved to reach the end clear.
 
         That is the end which the user can see: given, or of the whole lumen. Where no end was
-        given and a large part of the lumen is closed off from the way or beyond it, that is False.
-        With a stated label error also whether the proof covers it.
+        given and a large part of the lumen is closed off from the centreline or beyond it, that is
+        False. With a stated label error also whether the proof covers it.
         """
-        if not self.way.given and any(part.stated and part.cut_off for part in self.unreached):
+        if not self.centreline.given and any(p.stated and p.cut_off for p in self.unreached):
             return False
-        if not self._covers_label_error():
+        bound = self.plan.proved
+        if self.label_error is not None and (bound is None or bound < self.label_error):
             return False
-        if self.robot is not None:
-            return self.plan.status == "complete" and self.robot.fits
-        return self.plan.status == "complete" and bool(self.plan.meta["certified"])
+        proved = self.plan.certified if self.robot is None else self.robot.fits
+        return self.plan.status == "complete" and proved
 
-    def _covers_label_error(self) -> bool:
-        if self.label_error is None:
-            return True
-        proof = self.plan.meta.get("certificate") or {}
-        return bool(self.plan.meta["certified"]) and proof["clearance_mm"] >= self.label_error
+    @property
+    def converged(self) -> bool:
+        """Whether the scope fits."""
+        return self.fits
 
-    def summarise(self) -> dict[str, Any]:
+    @property
+    def reason(self) -> str:
+        """Why the motion of the scope, or else of the robot, ends before the goal."""
+        robot = "" if self.robot is None else self.robot.reason
+        return self.plan.reason or robot
+
+    @property
+    def residual(self) -> float:
+        """Largest error of the clearance between the nodes of the grid [mm]."""
+        return float(self.plan.meta["field"]["clearance_error_mm"])
+
+    def to_dict(self) -> Json:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""
         summary = summarise_plan(self.plan, self.field, self.line)
         summary["fits"] = self.fits
@@ -342,31 +327,32 @@ class InsertionStudy:
             ]
         if self.robot is not None:
             summary["robot"] = self.robot.summarise()
+        ends = self.centreline
         summary |= {
             "organ": self.tract.organ,
             "frame": self.tract.frame,
-            "entry": {
-                "point_mm": np.round(self.line.points[0], 3).tolist(),
-                "basis": self.way.basis,
-            },
+            "entry": {"point_mm": _round(self.line.points[0]).tolist(), "basis": ends.basis},
             "goal": {
-                "point_mm": np.round(self.line.points[-1], 3).tolist(),
-                "name": self.way.goal,
-                "given": self.way.given,
-                "chosen": self.way.goal_given,
+                "point_mm": _round(self.line.points[-1]).tolist(),
+                "name": ends.goal,
+                "given": ends.given,
+                "chosen": ends.goal_given,
             },
-            "ends": [candidate.describe() for candidate in self.way.candidates],
+            "ends": [candidate.describe() for candidate in ends.candidates],
             "unreached": [part.describe() for part in self.unreached],
             "label_error_mm": self.label_error,
         }
         if self.entries:
             summary["entries"] = list(self.entries)
-        summary["findings"] = [
-            {"code": item.code, "severity": item.severity, "message": item.message}
-            for item in self.findings
-        ]
+        summary["findings"] = [asdict(item) for item in self.findings]
         summary["seconds"] = {key: round(value, 4) for key, value in self.seconds.items()}
         return summary
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the smallest clearance over the insertion, and return the axes."""
+        from ..plot.clearance import draw_smallest_clearance
+
+        return draw_smallest_clearance(self.plan, ax=ax)
 
     def write(
         self,
@@ -375,7 +361,7 @@ class InsertionStudy:
         force: bool = False,
         export: bool = False,
         progress: Progress = no_progress,
-    ) -> dict[str, Any]:
+    ) -> Json:
         """Write the plan, the report, pictures, the scene, the centreline and the summary.
 
         These are plan.npz, report.html, picture.png, scene.glb, summary.json, centreline.mrk.json
@@ -394,9 +380,7 @@ class InsertionStudy:
         OutputError
             If the directory exists (without `force`) or cannot be written.
         """
-        from ..plot import draw_overview
-        from ..report import write_report
-        from ..scene import write_scene
+        from .. import plot, report
 
         with new_directory(directory, force=force) as folder:
             progress("report", 0.0)
@@ -404,7 +388,7 @@ class InsertionStudy:
             for other in self.comparison:
                 other.save(folder / f"plan-{other.method}.npz")
             if self.robot is not None:
-                write_robot(self.robot, folder)
+                _write_robot(self.robot, folder)
             frame = self.tract.frame or "RAS"
             write_centreline(self.line, folder, frame=frame)
             if export:
@@ -412,22 +396,15 @@ class InsertionStudy:
                     write_volumes(self.field, self.tract, folder, frame=frame)
             progress("report", 0.2)
             with _clock(self.seconds, "scene"):
-                write_scene(
-                    folder / "scene.glb",
-                    surface=self._draw_surface(),
-                    joints=self._draw_joints(),
-                    diameter=self._draw_diameter(),
-                    path=self.plan.path,
-                    title=f"Insertion: {Path(self.tract.source).name}",
-                )
+                self._write_scene(folder / "scene.glb")
             progress("report", 0.6)
             with _clock(self.seconds, "report"):
-                draw_overview(self.plan, self.field, path=folder / "picture.png")
-                write_report(
+                plot.draw_overview(self.plan, self.field, path=folder / "picture.png")
+                report.write_report(
                     folder / "report.html",
                     plan=self.plan,
                     field=self.field,
-                    summary=self.summarise(),
+                    summary=self.to_dict(),
                     findings=self.findings,
                     comparison=self.comparison,
                 )
@@ -436,21 +413,27 @@ class InsertionStudy:
             # The names are what --force may remove later, see `bozzini.io.files.new_directory`.
             files = [path for path in folder.rglob("*") if path.is_file()]
             names = {path.relative_to(folder).as_posix() for path in files} | {"summary.json"}
-            summary = self.summarise() | {"files": sorted(names)}
+            summary = self.to_dict() | {"files": sorted(names)}
             text = json.dumps(summary, indent=2, allow_nan=False)
             write_text(folder / "summary.json", text + "\n")
         return summary
 
-    def _draw_joints(self) -> NDArray[np.float64]:
-        """Return the body to look at: the robot's arcs, or the scope's chain."""
-        if self.robot is None:
-            return self.plan.joints
-        return self.robot.place_body(np.arange(self.robot.steps), pitch=5.0)
+    def _write_scene(self, target: Path) -> None:
+        """Write the wall and the body: the robot's arcs, or the scope's chain."""
+        from .. import scene
 
-    def _draw_diameter(self) -> float:
-        if self.robot is None:
-            return float(self.plan.meta["scope"]["diameter_mm"])
-        return 2.0 * self.robot.robot.radius
+        joints, diameter = self.plan.joints, float(self.plan.get_scope().diameter)
+        if self.robot is not None:
+            joints = self.robot.place_body(np.arange(self.robot.steps), pitch=5.0)
+            diameter = 2.0 * self.robot.robot.radius
+        scene.write_scene(
+            target,
+            surface=self._draw_surface(),
+            joints=joints,
+            diameter=diameter,
+            path=self.plan.path,
+            options=scene.SceneOptions(title=f"Insertion: {Path(self.tract.source).name}"),
+        )
 
     def _draw_surface(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the wall to look at: the surface itself, or the level set of the field."""
@@ -465,28 +448,24 @@ class InsertionStudy:
         return self.field.to_world(vertices), np.asarray(outward, dtype=np.int64)
 
 
+def _write_robot(actuation: Actuation, folder: Path) -> None:
+    """Write time tables, figure and everything else of a robot's motion into a directory."""
+    from .. import plot
+
+    actuation.write_csv(folder / "tendons.csv")
+    if find_spec("pyarrow") is not None:
+        actuation.write_parquet(folder / "tendons.parquet")
+    actuation.save(folder / "robot.npz")
+    plot.write_figure(plot.draw_robot_motion(actuation), folder / "robot.png")
+
+
 def run_insertion(
     tract: LabelTract | SurfaceTract,
-    *,
     scope: Scope,
-    start: End = None,
-    end: End = None,
-    via: Sequence[End] = (),
-    reverse: bool = False,
-    voxel: float | None = None,
-    inflate: float = 0.0,
-    method: str = "best",
-    head_step: float = 0.25,
-    slip: float = 0.0,
-    angle_limit: float | None = None,
-    route: Sequence[float] = (1.0,),
-    soft_wall: float = 0.0,
-    label_error: float | None = None,
-    largest: bool = False,
-    compare: bool = False,
+    options: InsertionOptions | None = None,
+    *,
     robot: ContinuumRobot | None = None,
-    inputs: Mapping[str, Any] | None = None,
-    seconds: Mapping[str, float] | None = None,
+    inputs: Mapping[str, object] | None = None,
     progress: Progress = no_progress,
 ) -> InsertionStudy:
     """Run the main job: sample the lumen, find its centreline, plan the insertion.
@@ -496,35 +475,11 @@ def run_insertion(
     tract : LabelTract or SurfaceTract
         What `bozzini.anatomy.read_tract` or `make_phantom` gives.
     scope : Scope
-    start, end : (3,) float, int, str or None
-        Ends of the way: a point in the world frame [mm], a label by number or name (the end lies
-        in it), the name of a landmark or of an opening of the tract, ``"largest-opening"``, or
-        None to find it. Where neither is given the organ of the tract says which end is the
-        entry; of an unknown organ both are tried, and the one is taken from which the scope gets
-        farther, or with more clearance proved.
-    via : sequence
-        Places that the way goes through, in this order; each as `start`.
-    reverse : bool
-        Insert from the other end.
-    voxel, inflate : float
-        See `bozzini.duct.build_field`.
-    method, head_step, slip, angle_limit, route
-        See `bozzini.motion.plan_insertion`.
-    soft_wall : float
-        See `bozzini.motion.plan_with_soft_wall` [mm].
-    label_error : float, optional
-        How far the given wall may be from the true one [mm]: the result states whether the proof
-        covers it.
-    largest : bool
-        Also find the largest diameter and the longest link that fit.
-    compare : bool
-        Also plan by every other method, for comparison.
+    options : InsertionOptions, optional
     robot : ContinuumRobot, optional
-        A tendon robot that goes the planned way; see `bozzini.continuum.actuate_plan`.
+        A tendon robot that follows the plan; see `bozzini.motion.actuate.actuate.actuate_plan`.
     inputs : mapping, optional
         What the tract was read from, kept in the plan.
-    seconds : mapping, optional
-        Times of earlier stages, kept.
     progress : Progress
 
     Raises
@@ -532,52 +487,43 @@ def run_insertion(
     BozziniError
         If an input is not legal; a scope that does not fit is a result, not an error.
     """
-    times = dict(seconds or {})
-    check_options(
-        scope=scope,
-        voxel=voxel,
-        inflate=inflate,
-        method=method,
-        head_step=head_step,
-        slip=slip,
-        angle_limit=angle_limit,
-        route=route,
-        soft_wall=soft_wall,
-        label_error=label_error,
-    )
-    places = resolve_places(tract, start, end, via)
-    options: dict[str, Any] = {
-        "head_step": head_step,
-        "slip": slip,
-        "angle_limit": angle_limit,
-        "route": tuple(route),
-    }
+    options = InsertionOptions() if options is None else options
+    options.check(scope)
+    times: dict[str, float] = {}
+    places = resolve_places(tract, options.start, options.end, options.via)
     with explain_scale(tract):
         with _clock(times, "distance"):
             field = build_field(
-                tract, voxel=voxel, inflate=inflate, reach=inflate + soft_wall, progress=progress
+                tract,
+                voxel=options.voxel,
+                inflate=options.inflate,
+                reach=options.inflate + options.soft_wall,
+                progress=progress,
             )
         with _clock(times, "centreline"):
-            way = find_way(tract, field, places, reverse=reverse, progress=progress)
+            ends = orient_centreline(
+                tract, field, places, reverse=options.reverse, progress=progress
+            )
 
         def make_plan(along: Centreline, duct: SampledField | RefinedField = field) -> Plan:
             return plan_with_soft_wall(
-                duct,  # type: ignore[arg-type]
-                along,
-                scope=scope,
-                soft_wall=soft_wall,
-                method=method,
+                FreeSpace(duct, along),
+                scope,
+                soft_wall=options.soft_wall,
+                method=options.method,
+                options=options.motion,
                 progress=progress,
-                **options,
             )
 
-        entries: tuple[dict[str, Any], ...] = ()
+        entries: tuple[Json, ...] = ()
         with _clock(times, "plan"):
-            if way.decided:
-                plan = make_plan(way.line)
+            if ends.decided:
+                plan = make_plan(ends.line)
             else:
-                way, plan, entries = _try_both_ends(tract, way, make_plan, reverse=reverse)
-        line = way.line
+                ends, plan, entries = _try_both_ends(
+                    tract, ends, make_plan, reverse=options.reverse
+                )
+        line = ends.line
         finer: tuple[Finding, ...] = ()
         if _may_profit(plan, field):
             with _clock(times, "refine"):
@@ -589,71 +535,73 @@ def run_insertion(
                 plan, finer = _choose_finer(plan, make_plan(line, fine))
     with _clock(times, "unreached"):
         unreached = find_unreached(tract, field, line)
-    crossing = find_introducer_crossing(field, plan, places[1] if reverse else places[0])
-    findings = (*tract.findings, *way.findings, *_find_other_entry(entries), *finer, *crossing)
+    crossing = find_introducer_crossing(field, plan, places[1] if options.reverse else places[0])
+    findings = (*tract.findings, *ends.findings, *_find_other_entry(entries), *finer, *crossing)
     moved = None
     if robot is not None:
         with _clock(times, "robot"):
-            soft = plan.meta.get("soft_wall") or {}
-            lumen = field.inflate(float(soft.get("used_mm", 0.0)))
-            moved = actuate_plan(plan, robot, lumen, progress=progress)
-        findings = (*findings, *find_robot_trouble(moved))
+            moved = actuate_plan(plan, robot, field.inflate(plan.displaced), progress=progress)
+        if moved.status != "complete":
+            message = f"the robot '{robot.name}' does not get there: {moved.reason}"
+            findings = (*findings, Finding("robot", "warning", message))
     with _clock(times, "passage"):
         passage = find_passage(field, line.points[0], line.points[-1])
     found = None
-    if largest:
+    if options.largest:
         with _clock(times, "largest"):
+            freedom = 0.0 if options.method == "follow" else 1.0
             found = find_largest(
                 field,
                 line,
                 scope=scope,
-                options=TubeOptions(
-                    head_step=head_step,
-                    freedom=0.0 if method == "follow" else 1.0,
-                    slip=slip,
-                    angle_limit=angle_limit,
-                    route=tuple(route),
-                ),
+                options=options.motion,
+                freedom=freedom,
                 progress=progress,
             )
     comparison: list[Plan] = []
-    if compare:
+    if options.compare:
         with _clock(times, "compare"):
-            others = [name for name in METHODS if name != "best"]
+            others = [name for name in PLANNERS if name != "best"]
             for other in others:
-                plain = {"head_step": head_step} if other == "thesis" else options
-                comparison.append(plan_insertion(field, line, scope=scope, method=other, **plain))
+                plain = PlannerOptions(head_step=options.head_step)
+                chosen = plain if other == "thesis" else options.motion
+                comparison.append(
+                    plan_insertion(field, line, scope=scope, method=other, options=chosen)
+                )
                 progress("compare", len(comparison) / len(others))
-    given: dict[str, Any] = {"source": tract.source, **(inputs or {})}
+    given: Json = {"source": tract.source, **(inputs or {})}
     for name, place in (("start", places[0]), ("end", places[1])):
         if place is not None:
             given[name] = place.given
     if places[2]:
         given["via"] = [place.given for place in places[2]]
-    shared = {
-        "input": given,
-        "ends": [candidate.describe() for candidate in way.candidates],
-        "findings": [f"{item.severity}: {item.message}" for item in findings],
-        "centreline": {
-            "points_mm": _round(line.points).tolist(),
-            "arc_length_mm": np.round(line.arc_length, 3).tolist(),
-            "radius_mm": np.round(line.radius, 3).tolist(),
-        },
-    }
+    rounded = Centreline(
+        points=_round(line.points), arc_length=_round(line.arc_length), radius=_round(line.radius)
+    )
+
+    def state(each: Plan) -> Plan:
+        return replace(
+            each,
+            input=TractInput.read(given),
+            centreline=rounded,
+            findings=tuple(f"{item.severity}: {item.message}" for item in findings),
+            more={"ends": [candidate.describe() for candidate in ends.candidates]},
+        )
+
     return InsertionStudy(
         tract=tract,
         field=field,
-        way=way,
-        plan=replace(plan, meta=plan.meta | shared),
+        centreline=ends,
+        plan=state(plan),
         seconds=times,
         passage=passage,
         largest=found,
-        comparison=tuple(replace(other, meta=other.meta | shared) for other in comparison),
+        comparison=tuple(map(state, comparison)),
         robot=moved,
         findings=findings,
         unreached=unreached,
         entries=entries,
-        label_error=label_error,
+        label_error=options.label_error,
     )
 
 
@@ -672,10 +620,9 @@ def _may_profit(plan: Plan, field: SampledField) -> bool:
     """Whether a plan fails by so little that a finer grid may show that it fits."""
     if plan.status == "complete" or plan.method == "thesis" or field.spacing.max() <= FINE:
         return False
-    refusal = plan.meta.get("refusal") or {}
     if plan.reason_code not in GRID_CODES:
         return False
-    lack = float(refusal.get("needs_mm", 0.0)) - float(refusal.get("offers_mm", 0.0))
+    lack = 0.0 if plan.refusal is None else plan.refusal.needs - plan.refusal.offers
     return plan.reason_code == "CERTIFICATE_UNRESOLVED" or lack <= field.error
 
 
@@ -683,31 +630,31 @@ def _choose_finer(plan: Plan, fine: Plan) -> tuple[Plan, tuple[Finding, ...]]:
     """Return the better of a plan and its repetition on a finer grid, and a note on that."""
     near = f"a grid of {FINE:g} mm within {CORRIDOR:g} mm of the centreline"
     if _is_better(fine, plan):
-        grid = {**fine.meta["field"], "fine_spacing_mm": FINE, "fine_distance_mm": CORRIDOR}
         note = f"planned and proved on {near}: on the coarser one it ended: {plan.reason}"
-        return replace(fine, meta={**fine.meta, "field": grid}), (
-            Finding("finer-grid", "note", note),
-        )
+        if fine.field is not None:
+            grid = replace(fine.field, fine_spacing=FINE, fine_distance=CORRIDOR)
+            fine = replace(fine, field=grid)
+        return fine, (Finding("finer-grid", "note", note),)
     note = f"tried again on {near}, which did not help"
     return plan, (Finding("finer-grid", "note", note),)
 
 
 def _try_both_ends(
     tract: LabelTract | SurfaceTract,
-    way: Way,
+    ends: OrientedCentreline,
     make_plan: Callable[[Centreline], Plan],
     *,
     reverse: bool,
-) -> tuple[Way, Plan, tuple[dict[str, Any], ...]]:
-    """Plan from either end of a way; the better result, and both in short.
+) -> tuple[OrientedCentreline, Plan, tuple[Json, ...]]:
+    """Plan from either end of a centreline; the better result, and both in short.
 
     Better is: fits, proved; else gets farther; else the larger certified clearance. Of equal
     results that of the higher end is taken, which comes first. With `reverse` it is the other one.
     """
-    turned = turn_way(tract, way, way.basis)
-    pair = [(way, make_plan(way.line)), (turned, make_plan(turned.line))]
+    turned = turn_centreline(tract, ends)
+    pair = [(ends, make_plan(ends.line)), (turned, make_plan(turned.line))]
     if reverse:
-        pair.reverse()  # the way came reversed: the higher end first again
+        pair.reverse()  # the line came reversed: the higher end first again
     (first, plan), (second, other) = pair
     if _is_better(other, plan):
         basis = "the organ is not known: the end from which the scope gets farther"
@@ -723,12 +670,10 @@ def _try_both_ends(
         basis = f"reversed ({basis}, was the other one)"
     entries = tuple(
         {
-            "point_mm": np.round(each.line.points[0], 3).tolist(),
+            "point_mm": _round(each.line.points[0]).tolist(),
             "status": result.status,
-            "certified": bool(result.meta["certified"]),
-            "clearance_certified_mm": result.meta["certificate"]["clearance_mm"]
-            if result.meta["certified"]
-            else None,
+            "certified": result.certified,
+            "clearance_certified_mm": result.proved,
             "inserted_mm": result.inserted,
             "reason": result.reason,
         }
@@ -739,14 +684,12 @@ def _try_both_ends(
 
 
 def _judge(plan: Plan) -> tuple[bool, float, float]:
-    certified = bool(plan.meta["certified"])
-    clearance = plan.meta["certificate"]["clearance_mm"] if certified else None
     # A path along which links pass is a few mm longer or shorter from the one end or the other.
     inserted = np.inf if plan.status == "complete" else 10.0 * round(0.1 * plan.inserted)
     return (
-        plan.status == "complete" and certified,
+        plan.status == "complete" and plan.certified,
         inserted,
-        round(-1.0 if clearance is None else clearance, 1),
+        round(-1.0 if plan.proved is None else plan.proved, 1),
     )
 
 
@@ -754,7 +697,7 @@ def _is_better(plan: Plan, other: Plan) -> bool:
     return _judge(plan) > _judge(other)
 
 
-def _find_other_entry(entries: Sequence[Mapping[str, Any]]) -> tuple[Finding, ...]:
+def _find_other_entry(entries: Sequence[Json]) -> tuple[Finding, ...]:
     """Return a warning that names both results where both ends were tried."""
     if not entries:
         return ()

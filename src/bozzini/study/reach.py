@@ -1,15 +1,16 @@
-"""What of a lumen a way does not reach: other components, what lies beyond its ends, branches."""
+"""Parts of a lumen that a centreline does not reach: components, beyond its ends, branches."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..duct import Centreline, SampledField
+from ..results import Json
 from .ends import LANDMARK_REACH, measure_gap, name_landmarks
 
 __all__ = ["Unreached", "find_unreached"]
@@ -21,7 +22,7 @@ SHARE_STATED = 0.10
 """From this share of the lumen on, or from `LENGTH_STATED` on, a part stands in the verdict."""
 
 LENGTH_STATED = 40.0
-"""How far a part that stands in the verdict reaches away from the way's own width [mm]."""
+"""How far a part that stands in the verdict reaches beyond the lumen along the centreline [mm]."""
 
 SUBSAMPLE = 200_000
 """About so many nodes of the lumen are looked at."""
@@ -32,24 +33,24 @@ Kind = Literal["component", "before", "beyond", "branch", "missing", "landmark"]
 
 @dataclass(frozen=True, kw_only=True)
 class Unreached:
-    """A part of the lumen that the way does not reach.
+    """A part of the lumen that the centreline does not reach.
 
     Attributes
     ----------
     kind : {"component", "before", "beyond", "branch", "missing", "landmark"}
-        Not joined to the lumen of the way; before its entry; beyond its goal; beside it; not in
-        the file; a landmark far outside the lumen.
+        Not joined to the lumen of the centreline; before its entry; beyond its goal; beside it;
+        not in the file; a landmark far outside the lumen.
     volume : float
         [mm^3].
     share : float
         Of the volume of the whole lumen, this part and all other components included.
     point : tuple of float
-        In it, farthest from the way, world frame [mm].
+        In it, farthest from the centreline, world frame [mm].
     at : float or None
-        Where it leaves the way: arc length of the centreline [mm].
+        Where it leaves the centreline: arc length [mm].
     length : float or None
-        How far it reaches, in a straight line, from the body of lumen along the way, or how far a
-        landmark lies outside the lumen [mm].
+        How far it reaches, in a straight line, from the body of lumen along the centreline, or how
+        far a landmark lies outside the lumen [mm].
     name : str
         Names of its labels, where there are any, or of a landmark.
     """
@@ -72,7 +73,7 @@ class Unreached:
 
     @property
     def cut_off(self) -> bool:
-        """Whether the way, which ends before it, was to lead there where no end was given."""
+        """Whether the centreline, which ends before it, had to lead there if no end was given."""
         return self.kind in ("component", "beyond")
 
     @property
@@ -93,7 +94,7 @@ class Unreached:
             return f"{size} before the entry"
         return f"a side branch of {size} at {self.at or 0.0:.0f} mm of the centreline"
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Json:
         """Return JSON-able values."""
         return {
             "kind": self.kind,
@@ -113,12 +114,12 @@ def find_unreached(
 ) -> tuple[Unreached, ...]:
     """Find the parts of a tract's lumen that a centreline does not reach, largest first.
 
-    A node of the lumen belongs to the way if it is no farther from the centreline than 1.5 times
+    A node of the lumen belongs to the centreline if it is no farther from it than 1.5 times
     the largest inscribed radius within about that distance, and 5 mm more: this holds the lumen
     round the line also where its section is not round. What is farther is grouped into connected
-    parts. What a wall closes off from the way is a component. Components that are not in the field
-    at all, and lumen that is missing in the file, are those that the tract lists; landmarks far
-    outside the lumen come last.
+    parts. What a wall closes off from the centreline is a component. Components that are not in the
+    field at all, and lumen that is missing in the file, are those that the tract lists; landmarks
+    far outside the lumen come last.
     """
     from scipy import ndimage
     from scipy.spatial import cKDTree
@@ -135,12 +136,12 @@ def find_unreached(
     cell = tract.volume / len(thin)
     grid = rest.to_grid(line.points)
     distance, nearest = cKDTree(grid).query(thin * rest.spacing)
-    room = np.maximum(line.radius - field.inflation, 0.0)
+    clearance = np.maximum(line.radius - field.inflation, 0.0)
     on_line = np.rint(grid / rest.spacing).astype(int)
     own = np.setdiff1d(component[tuple(on_line.T)], 0)
     closed_off = component[tuple(thin.T)]
     closed_off[np.isin(closed_off, own)] = 0
-    far = distance > 1.5 * _spread(room, line.arc_length)[nearest] + 5.0
+    far = distance > 1.5 * _spread(clearance, line.arc_length)[nearest] + 5.0
     far &= closed_off == 0
     total = len(thin) * cell + sum(part.volume for part in (*tract.not_reached, *tract.missing))
     found = [
@@ -178,9 +179,9 @@ def find_unreached(
         kind: Kind = "branch"
         if not joined:
             kind = "component"
-        elif at <= max(5.0, 1.5 * room[0]):
+        elif at <= max(5.0, 1.5 * clearance[0]):
             kind = "before"
-        elif at >= line.length - max(5.0, 1.5 * room[-1]):
+        elif at >= line.length - max(5.0, 1.5 * clearance[-1]):
             kind = "beyond"
         found.append(
             Unreached(

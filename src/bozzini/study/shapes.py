@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..checks import check_integer, check_number
+from ..checks import check_number
 from ..duct import Centreline, SampledField, build_field
-from ..duct.fitting.fit import FittedDuct, fit_duct, mesh_from_mask
+from ..duct.fitting.fit import FittedDuct, ShapeFitOptions, fit_duct, mesh_from_tract
 from ..duct.fitting.measure import PERCENTS, SectionCircles, Sections, cut_sections
 from ..duct.shapes.mesh import TriangleMesh
 from ..progress import Progress, no_progress
-from .ends import End, Way, find_way, resolve_places
-from .inputs import explain_scale
+from ..results import Json, Result
+from .ends import OrientedCentreline, orient_centreline, resolve_places
+from .options import FitOptions, PathOptions, explain_scale
 
-__all__ = ["SPACING_MIN", "FitStudy", "SectionStudy", "run_fit", "run_sections"]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["SPACING_MIN", "FitStudy", "SectionStudy", "find_line", "run_fit", "run_sections"]
 
 SPACING_MIN = 0.01
 """Sections are not cut closer together than this [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FitStudy:
+class FitStudy(Result):
     """Shapes fitted to a tract.
 
     Parameters
@@ -43,15 +48,39 @@ class FitStudy:
     fitted: FittedDuct
     findings: tuple[Finding, ...] = ()
 
-    def summarise(self) -> dict[str, Any]:
+    @property
+    def converged(self) -> bool:
+        """Whether the shapes are as near to the wall as was asked for."""
+        return self.fitted.converged
+
+    @property
+    def reason(self) -> str:
+        """Why not, or empty."""
+        return self.fitted.reason
+
+    @property
+    def residual(self) -> float:
+        """How far outside the wall the shapes reach at most, which is proved [mm]."""
+        return self.fitted.report.outside_bound
+
+    @property
+    def clearance_min(self) -> float:
+        """Least clearance of the shapes on the centreline, off its ends [mm]."""
+        line = self.line
+        last = line.length - line.radius[-1]
+        inner = (line.arc_length > line.radius[0]) & (line.arc_length < last)
+        points = line.points[inner] if inner.any() else line.points
+        return float(-self.fitted.duct.signed_distance(points).max())
+
+    def to_dict(self) -> Json:
         """Return JSON-able values."""
         fitted, report = self.fitted, self.fitted.report
         return {
-            "kind": fitted.kind,
+            "kind": fitted.options.kind,
             "pieces": report.pieces,
-            "inside": fitted.inside,
-            "max_error_mm": fitted.max_error,
-            "reached": fitted.reached,
+            "inside": fitted.options.inside,
+            "max_error_mm": fitted.options.max_error,
+            "reached": fitted.converged,
             "reason": fitted.reason,
             "outside_found_mm": report.outside,
             "outside_proved_mm": report.outside_bound,
@@ -71,12 +100,18 @@ class FitStudy:
             "wall": self.mesh.wall,
             "wall_error_mm": self.mesh.wall_error,
             "inflation_mm": self.mesh.inflation,
-            "findings": _list_findings(self.findings),
+            "findings": [asdict(item) for item in self.findings],
         }
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the clearance on the centreline, true and of the shapes, and return the axes."""
+        from ..plot.duct import draw_line_clearance
+
+        return draw_line_clearance(self.field, self.line, self.fitted.duct, ax=ax)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SectionStudy:
+class SectionStudy(Result):
     """Sections across a tract.
 
     Parameters
@@ -96,13 +131,26 @@ class SectionStudy:
     inscribed: SectionCircles
     findings: tuple[Finding, ...] = ()
 
-    def summarise(self) -> dict[str, Any]:
+    converged = True
+    reason = ""
+
+    @property
+    def circles(self) -> dict[str, SectionCircles]:
+        """Both kinds of circles by their names in a legend."""
+        return {"inscribed circle": self.inscribed, "least squares": self.fitted}
+
+    @property
+    def residual(self) -> float:
+        """Largest root mean square of a circle by least squares [mm]."""
+        return float(np.max(self.fitted.residuals))
+
+    def to_dict(self) -> Json:
         """Return JSON-able values."""
-        room = -self.field.signed_distance(self.sections.centres)
+        clearance = -self.field.signed_distance(self.sections.centres)
         return {
             "centreline_length_mm": self.line.length,
             "arc_length_mm": self.sections.arc_length.tolist(),
-            "room_mm": room.tolist(),
+            "room_mm": clearance.tolist(),
             "inscribed_radius_mm": self.inscribed.radii.tolist(),
             "fitted_radius_mm": self.fitted.radii.tolist(),
             "fitted_residual_mm": self.fitted.residuals.tolist(),
@@ -110,23 +158,20 @@ class SectionStudy:
             "wall": self.field.wall,
             "wall_error_mm": self.field.wall_error,
             "inflation_mm": self.field.inflation,
-            "findings": _list_findings(self.findings),
+            "findings": [asdict(item) for item in self.findings],
         }
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the radii of the circles along the centreline, and return the axes."""
+        from ..plot.duct import draw_radii
+
+        return draw_radii(self.field, self.line, self.sections, self.circles, ax=ax)
 
 
 def run_fit(
     tract: LabelTract | SurfaceTract,
-    kind: str,
+    options: FitOptions | None = None,
     *,
-    max_error: float = 1.0,
-    pieces: int | None = None,
-    inside: bool = True,
-    start: End = None,
-    end: End = None,
-    via: Sequence[End] = (),
-    reverse: bool = False,
-    voxel: float | None = None,
-    inflate: float = 0.0,
     progress: Progress = no_progress,
 ) -> FitStudy:
     """Sample a lumen, find its centreline, and fit shapes to its wall.
@@ -134,54 +179,34 @@ def run_fit(
     Parameters
     ----------
     tract : LabelTract or SurfaceTract
-    kind, max_error, pieces, inside
-        See `bozzini.duct.fitting.fit.fit_duct`.
-    start, end, via, reverse, voxel, inflate, progress
-        See `run_insertion`.
+    options : FitOptions, optional
+    progress : Progress
 
     Raises
     ------
     BozziniError
         If an input is not legal, or no shapes follow the centreline.
     """
-    check_number("max error", max_error, low=0.0, low_open=True, unit="mm")
-    if pieces is not None:
-        check_integer("pieces", pieces, low=1)
-    field, way = _find_line(tract, (start, end, via), reverse, voxel, inflate, progress)
-    with explain_scale(tract):
-        if isinstance(tract, LabelTract):
-            mesh = mesh_from_mask(tract.mask, tract.affine, inflation=inflate)
-        else:
-            mesh = TriangleMesh(tract.vertices, tract.faces, inflation=inflate)
-        fitted = fit_duct(
-            mesh,
-            way.line,
-            kind,
-            max_error=max_error,
-            pieces=pieces,
-            inside=inside,
-            draft=field,
-            progress=progress,
-        )
-    return FitStudy(
-        mesh=mesh,
-        field=field,
-        line=way.line,
-        fitted=fitted,
-        findings=(*tract.findings, *way.findings),
+    options = FitOptions() if options is None else options
+    field, ends = find_line(tract, options, progress)
+    how = ShapeFitOptions(
+        kind=options.kind,  # type: ignore[arg-type]  # which it checks
+        max_error=options.max_error,
+        pieces=options.pieces,
+        inside=not options.least_squares,
     )
+    with explain_scale(tract):
+        mesh = mesh_from_tract(tract, inflation=options.inflate)
+        fitted = fit_duct(mesh, ends.line, how, draft=field, progress=progress)
+    findings = (*tract.findings, *ends.findings)
+    return FitStudy(mesh=mesh, field=field, line=ends.line, fitted=fitted, findings=findings)
 
 
 def run_sections(
     tract: LabelTract | SurfaceTract,
+    options: PathOptions | None = None,
     *,
     spacing: float = 2.0,
-    start: End = None,
-    end: End = None,
-    via: Sequence[End] = (),
-    reverse: bool = False,
-    voxel: float | None = None,
-    inflate: float = 0.0,
     progress: Progress = no_progress,
 ) -> SectionStudy:
     """Sample a lumen, find its centreline, and cut sections across it.
@@ -189,10 +214,10 @@ def run_sections(
     Parameters
     ----------
     tract : LabelTract or SurfaceTract
+    options : PathOptions, optional
     spacing : float
         Of the sections, `SPACING_MIN` or more [mm].
-    start, end, via, reverse, voxel, inflate, progress
-        See `run_insertion`.
+    progress : Progress
 
     Raises
     ------
@@ -200,33 +225,24 @@ def run_sections(
         If an input is not legal.
     """
     check_number("spacing", spacing, low=SPACING_MIN, unit="mm")
-    field, way = _find_line(tract, (start, end, via), reverse, voxel, inflate, progress)
-    sections = cut_sections(field, way.line, spacing=spacing)
+    field, ends = find_line(tract, PathOptions() if options is None else options, progress)
+    sections = cut_sections(field, ends.line, spacing=spacing)
     return SectionStudy(
         field=field,
-        line=way.line,
+        line=ends.line,
         sections=sections,
         fitted=sections.fit_circles(),
         inscribed=sections.inscribe_circles(progress=progress),
-        findings=(*tract.findings, *way.findings),
+        findings=(*tract.findings, *ends.findings),
     )
 
 
-def _find_line(
-    tract: LabelTract | SurfaceTract,
-    ends: tuple[End, End, Sequence[End]],
-    reverse: bool,
-    voxel: float | None,
-    inflate: float,
-    progress: Progress,
-) -> tuple[SampledField, Way]:
-    places = resolve_places(tract, *ends)
+def find_line(
+    tract: LabelTract | SurfaceTract, options: PathOptions, progress: Progress
+) -> tuple[SampledField, OrientedCentreline]:
+    """Return the field of a lumen and its centreline."""
+    places = resolve_places(tract, options.start, options.end, options.via)
     with explain_scale(tract):
-        field = build_field(tract, voxel=voxel, inflate=inflate, progress=progress)
-        return field, find_way(tract, field, places, reverse=reverse, progress=progress)
-
-
-def _list_findings(findings: tuple[Finding, ...]) -> list[dict[str, str]]:
-    return [
-        {"code": item.code, "severity": item.severity, "message": item.message} for item in findings
-    ]
+        field = build_field(tract, voxel=options.voxel, inflate=options.inflate, progress=progress)
+        ends = orient_centreline(tract, field, places, reverse=options.reverse, progress=progress)
+        return field, ends

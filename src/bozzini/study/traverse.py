@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from numbers import Integral
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,19 +15,21 @@ from ..duct import (
     Duct,
     RoundCones,
     SampledField,
-    build_field,
     find_centreline,
-    to_field,
 )
-from ..duct.build import INFLATION_MAX
-from ..duct.chain_line import follow_chain, widen_line
+from ..duct.centreline import follow_chain, widen_line
 from ..duct.shape_files import FITS
 from ..duct.shapes.cylinders import ConnectedCylinders
 from ..errors import InputError
 from ..motion.traverse import DiameterLimits, LinkLimits, find_diameter_limits, find_link_limits
 from ..progress import Progress, no_progress
-from .ends import End, find_way, list_branches, resolve_places
-from .inputs import explain_scale
+from ..results import Json, Result
+from .ends import list_branches
+from .options import PathOptions
+from .shapes import find_line
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["LimitsStudy", "run_limits"]
 
@@ -37,7 +38,7 @@ NODES = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LimitsStudy:
+class LimitsStudy(Result):
     """What limits links along a tract.
 
     Parameters
@@ -74,8 +75,8 @@ class LimitsStudy:
     def verdict(self) -> str:
         """``"passes"``, ``"too wide"``, ``"too long"`` or ``"undecided"``.
 
-        Without a link: whether links short enough pass. Where not even the shortest link has room
-        somewhere, it is not the links that are too long.
+        Without a link: whether links short enough pass. Where there is no clearance for the
+        shortest link somewhere, it is not the links that are too long.
         """
         if self.links.diameter > self.diameters.high or self.links.link_high == 0.0:
             return "too wide"
@@ -83,9 +84,22 @@ class LimitsStudy:
             return self.links.judge(self.link)
         return "passes" if self.links.link_low > 0.0 else "undecided"
 
-    def summarise(self) -> dict[str, Any]:
+    @property
+    def converged(self) -> bool:
+        """Whether the link passes; without one, whether short links do."""
+        return self.verdict == "passes"
+
+    @property
+    def reason(self) -> str:
+        """The verdict, if the link does not pass or that is not decided."""
+        return "" if self.converged else self.verdict
+
+    residual = 0.0
+
+    def to_dict(self) -> Json:
         """Return JSON-able values; infinite numbers stay infinite."""
-        summary: dict[str, Any] = {
+        narrow = self.diameters_of_link
+        return {
             "verdict": self.verdict,
             "link_mm": self.link,
             "centreline_length_mm": self.line.length,
@@ -94,27 +108,23 @@ class LimitsStudy:
             "fit": self.fit,
             **self.links.describe(),
             **self.diameters.describe(),
+            **({} if narrow is None else {"with_link": narrow.describe()}),
+            "findings": [asdict(item) for item in self.findings],
         }
-        if self.diameters_of_link is not None:
-            summary["with_link"] = self.diameters_of_link.describe()
-        summary["findings"] = [
-            {"code": item.code, "severity": item.severity, "message": item.message}
-            for item in self.findings
-        ]
-        return summary
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the bounds of the link over the place, and return the axes."""
+        from ..plot.duct import draw_link_bounds
+
+        return draw_link_bounds(self.links, link=self.link, ax=ax)
 
 
 def run_limits(
     source: LabelTract | SurfaceTract | Duct,
+    options: PathOptions | None = None,
     *,
     diameter: float,
     link: float | None = None,
-    start: End = None,
-    end: End = None,
-    via: Sequence[End] = (),
-    reverse: bool = False,
-    voxel: float | None = None,
-    inflate: float = 0.0,
     fit: str = "",
     progress: Progress = no_progress,
 ) -> LimitsStudy:
@@ -123,42 +133,37 @@ def run_limits(
     Parameters
     ----------
     source : LabelTract, SurfaceTract or Duct
-        A duct must be 3-D and know how to move its wall if `inflate` is given. The way along a
+        A duct must be 3-D and know how to move its wall if that is inflated. The centreline of a
         chain of cones or cylinders is that of its centres; other ducts are sampled to find it, as
-        is a chain if `voxel` is given.
+        is a chain if the options name a voxel.
+    options : PathOptions, optional
     diameter : float
         Of the body [mm].
     link : float, optional
         A length to judge, and to find the largest diameter for [mm].
     fit : str
         How a duct of shapes was fitted to a tract, one of `bozzini.duct.shape_files.FITS`.
-    start, end, via, reverse, voxel, inflate, progress
-        See `run_insertion`.
+    progress : Progress
 
     Raises
     ------
     BozziniError
         If an input is not legal; a body that does not fit is a result, not an error.
     """
+    options = PathOptions() if options is None else options
     check_number("diameter", diameter, low=0.0, low_open=True, unit="mm")
     if link is not None:
         check_number("link", link, low=0.0, low_open=True, unit="mm")
-    check_number("inflation", inflate, low=0.0, high=INFLATION_MAX, unit="mm")
     if fit not in ("", *FITS):
         raise InputError(f"fit is '{fit}': it must be one of {', '.join(FITS)}")
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...]
+    duct: Duct
     if isinstance(source, (LabelTract, SurfaceTract)):
-        places = resolve_places(source, start, end, via)
-        with explain_scale(source):
-            field = build_field(source, voxel=voxel, inflate=inflate, progress=progress)
-            way = find_way(source, field, places, reverse=reverse, progress=progress)
-        duct: Duct = field
-        line, findings = way.line, (*source.findings, *way.findings)
+        duct, ends = find_line(source, options, progress)
+        line, findings = ends.line, (*source.findings, *ends.findings)
     else:
-        if via:
-            raise InputError("via has no effect on shapes: leave it out")
-        duct, line = _prepare_duct(source, start, end, voxel, inflate, progress)
-        if reverse:
+        duct, line = _prepare_duct(source, options, progress)
+        if options.reverse:
             line = line.reverse()
         findings = (*_explain_fit(fit, duct), *list_branches(line))
     links = find_link_limits(duct, line, diameter=diameter, progress=progress)
@@ -188,7 +193,7 @@ def _lower_top(diameters: DiameterLimits, links: LinkLimits) -> DiameterLimits:
 
 
 def _explain_fit(fit: str, duct: Duct) -> tuple[Finding, ...]:
-    """Return a warning that says what bounds of fitted shapes are about."""
+    """Return a warning that bounds of fitted shapes are not bounds of the tract."""
     if fit == "inscribed":
         message = (
             "the shapes lie inside a tract and leave out a part of it: upper bounds do not hold "
@@ -204,21 +209,22 @@ def _explain_fit(fit: str, duct: Duct) -> tuple[Finding, ...]:
     return (Finding("fitted", "warning", message),)
 
 
-def _prepare_duct(
-    duct: Duct, start: End, end: End, voxel: float | None, inflate: float, progress: Progress
-) -> tuple[Duct, Centreline]:
-    for name, chosen in (("start", start), ("end", end)):
+def _prepare_duct(duct: Duct, options: PathOptions, progress: Progress) -> tuple[Duct, Centreline]:
+    """Return a duct with its wall moved, and its centreline."""
+    if options.via:
+        raise InputError("via has no effect on shapes: leave it out")
+    ends: Any = (options.start, options.end)
+    for name, chosen in zip(("start", "end"), ends, strict=True):
         if isinstance(chosen, (Integral, str)):
             raise InputError(
                 f"{name} is label {chosen}, but shapes have no labels and no named places: give a "
                 "point"
             )
-    if inflate > 0.0:
-        if not hasattr(duct, "inflate"):
-            raise InputError(f"inflation is {inflate:g} mm: this duct's wall cannot be moved")
-        duct = duct.inflate(inflate)
+    if options.inflate > 0.0:
+        duct = duct.inflate(options.inflate)
+    voxel = options.voxel
     if voxel is None and isinstance(duct, (RoundCones, ConnectedCylinders)):
-        return duct, follow_chain(duct, (start, end))
+        return duct, follow_chain(duct, ends)
     size = duct.bounds[1] - duct.bounds[0]
     if voxel is None:
         voxel = float(np.prod(size) / NODES) ** (1.0 / len(size))
@@ -226,8 +232,8 @@ def _prepare_duct(
         raise InputError(
             f"voxel is {voxel:g} mm: it must not exceed the duct's smallest side, {size.min():g} mm"
         )
-    field = to_field(duct, voxel)
+    field = duct.sample(voxel)
     if not isinstance(field, SampledField):
         raise InputError("the duct is planar: its centreline must be given (find_link_limits)")
-    line = find_centreline(field, (start, end), progress=progress)
+    line = find_centreline(field, ends, progress=progress)
     return duct, replace(widen_line(line, duct), other_ends=line.other_ends)

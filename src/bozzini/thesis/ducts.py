@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
-from ..duct.base import check_half_axes, check_places, check_rotation, check_size
+from ..duct.checks import check_half_axes, check_places, check_rotation, check_size
 from ..duct.shapes.quads import invert_quads
 from ..errors import GeometryError, InputError
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..continuum._common import check_directions, check_places
+from ..continuum.checks import check_directions, check_places
 from ..continuum.kernels.arc import put_arc
 from ..errors import GeometryError, InputError
 

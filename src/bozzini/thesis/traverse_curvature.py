@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_number, check_points
-from ..duct.base import Duct, check_places, check_size, count_dimensions
-from ..duct.field import SampledField
+from ..duct.base import Duct, SampledField
+from ..duct.checks import check_places, check_size
 from ..errors import GeometryError, InputError
 
 
@@ -136,7 +136,7 @@ def measure_wall(
     GeometryError
         If the distance has no gradient at a point.
     """
-    dim = count_dimensions(duct)
+    dim = duct.dim
     array = check_places("points", points, dim=dim)
     if step is None:
         if isinstance(duct, SampledField):

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
 
-Array = Any  # inside a kernel every array is NumPy's; Numba infers the rest
-
 
 @njit(cache=True)
-def _cone_distance(
-    px: float, py: float, pz: float, a: Array, b: Array, first: float, second: float
-) -> float:
+def _cone_distance(px, py, pz, a, b, first, second):
     """Smallest ``|p - c| - r`` over the balls between two centres with linear radius.
 
     The expression is convex in the place s along the axis, so its free minimum, clamped to the
@@ -39,7 +34,7 @@ def _cone_distance(
 
 
 @njit(cache=True)
-def measure_distance(points: Array, centres: Array, radii: Array) -> Array:
+def measure_distance(points, centres, radii):
     """Return ``min(|p - c| - r)`` over all balls along the line, shape (n,)."""
     result = np.empty(len(points))
     for k in range(len(points)):
@@ -53,9 +48,7 @@ def measure_distance(points: Array, centres: Array, radii: Array) -> Array:
 
 
 @njit(cache=True)
-def fill_distance(
-    shape: Any, origin: Array, step: float, centres: Array, radii: Array, reach: float
-) -> tuple[Array, Array]:
+def fill_distance(shape, origin, step, centres, radii, reach):
     """Sample the distance on a grid, within `reach` of the balls.
 
     Returns
@@ -89,17 +82,16 @@ def fill_distance(
 
 
 @njit(cache=True)
-def _volume(a: Array, b: Array, c: Array, d: Array) -> float:
+def _volume(a, b, c, d):
     """Six times the signed volume of a tetrahedron."""
     bx, by, bz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     cx, cy, cz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     dx, dy, dz = d[0] - a[0], d[1] - a[1], d[2] - a[2]
-    six: float = bx * (cy * dz - cz * dy) - by * (cx * dz - cz * dx) + bz * (cx * dy - cy * dx)
-    return six
+    return bx * (cy * dz - cz * dy) - by * (cx * dz - cz * dx) + bz * (cx * dy - cy * dx)
 
 
 @njit(cache=True)
-def _edge_pierces(p: Array, q: Array, a: Array, b: Array, c: Array) -> bool:
+def _edge_pierces(p, q, a, b, c):
     """Whether the open edge p-q crosses the inside of the triangle a-b-c."""
     if _volume(a, b, c, p) * _volume(a, b, c, q) >= 0.0:
         return False
@@ -108,7 +100,7 @@ def _edge_pierces(p: Array, q: Array, a: Array, b: Array, c: Array) -> bool:
 
 
 @njit(cache=True)
-def _faces_cross(vertices: Array, one: Array, other: Array) -> bool:
+def _faces_cross(vertices, one, other):
     for i in range(3):
         for j in range(3):
             if one[i] == other[j]:
@@ -124,17 +116,18 @@ def _faces_cross(vertices: Array, one: Array, other: Array) -> bool:
 
 
 @njit(cache=True)
-def _cell_ranges(vertices: Array, faces: Array, low: Array, cell: float) -> tuple[Array, int]:
+def _corners_along(vertices, face, axis):
+    return vertices[face[0], axis], vertices[face[1], axis], vertices[face[2], axis]
+
+
+@njit(cache=True)
+def _cell_ranges(vertices, faces, low, cell):
     ranges = np.empty((len(faces), 6), np.int64)
     total = 0
     for f in range(len(faces)):
         number = 1
         for axis in range(3):
-            a, b, c = (
-                vertices[faces[f, 0], axis],
-                vertices[faces[f, 1], axis],
-                vertices[faces[f, 2], axis],
-            )
+            a, b, c = _corners_along(vertices, faces[f], axis)
             ranges[f, axis] = int((min(a, b, c) - low[axis]) / cell)
             ranges[f, 3 + axis] = int((max(a, b, c) - low[axis]) / cell) + 1
             number *= ranges[f, 3 + axis] - ranges[f, axis]
@@ -143,18 +136,12 @@ def _cell_ranges(vertices: Array, faces: Array, low: Array, cell: float) -> tupl
 
 
 @njit(cache=True)
-def count_crossing(vertices: Array, faces: Array, cell: float) -> Array:
-    """Say which triangles are crossed by another that shares no corner with them.
+def cross_groups(vertices, faces, cell, group):
+    """Return which triangles are crossed by one of another group (m,) that shares no corner.
 
     Triangles are sorted into the cells of a grid that their boxes meet; those that share a cell
     are compared. Touching and lying in one plane are not crossing.
     """
-    return cross_groups(vertices, faces, cell, np.arange(len(faces)))
-
-
-@njit(cache=True)
-def cross_groups(vertices: Array, faces: Array, cell: float, group: Array) -> Array:
-    """Do the same for triangles of different groups (m,) only."""
     low = np.array([vertices[:, axis].min() for axis in range(3)])
     high = np.array([vertices[:, axis].max() for axis in range(3)])
     ranges, total = _cell_ranges(vertices, faces, low, cell)
@@ -178,11 +165,7 @@ def cross_groups(vertices: Array, faces: Array, cell: float, group: Array) -> Ar
     most = np.empty((len(faces), 3))
     for f in range(len(faces)):
         for axis in range(3):
-            a, b, c = (
-                vertices[faces[f, 0], axis],
-                vertices[faces[f, 1], axis],
-                vertices[faces[f, 2], axis],
-            )
+            a, b, c = _corners_along(vertices, faces[f], axis)
             least[f, axis] = min(a, b, c)
             most[f, axis] = max(a, b, c)
     crossed = np.zeros(len(faces), np.bool_)
@@ -210,8 +193,8 @@ def cross_groups(vertices: Array, faces: Array, cell: float, group: Array) -> Ar
 
 
 @njit(cache=True)
-def _side(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> int:
-    """Say on which side of an edge a place lies, the same for both triangles of the edge."""
+def _side(ax, ay, bx, by, x, y):
+    """Return on which side of an edge a place lies, the same for both triangles of the edge."""
     turn = 1
     if ax > bx or (ax == bx and ay > by):
         ax, ay, bx, by = bx, by, ax, ay
@@ -220,7 +203,7 @@ def _side(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> int
 
 
 @njit(cache=True)
-def add_windings(corners: Array, low: Array, voxel: float, steps: Array) -> None:
+def add_windings(corners, low, voxel, steps):
     """Add to each voxel how much the winding number changes on the way up to its centre.
 
     The sum along the last axis is the winding number of closed triangles about the centres.
@@ -231,7 +214,7 @@ def add_windings(corners: Array, low: Array, voxel: float, steps: Array) -> None
         Triangles, outward [mm].
     low : (3,) float
         Centre of voxel (0, 0, 0) [mm].
-    voxel : float
+    voxel
         Size of the voxels [mm].
     steps : (nx, ny, nz) int16
         Changed in place.

@@ -13,6 +13,8 @@ import math
 import numpy as np
 from numba import njit
 
+from ...numeric.kernels.linear_algebra import invert_three, solve_bounded
+
 # Numba kernels of one segment of the discrete rod: tendon length, its gradient and its Hessian.
 #
 # Everything is a sum of ``d . f(w) r`` with ``f(w) = f_n I + f_(n+1) [w] + f_(n+2) w w^T`` and the
@@ -22,6 +24,10 @@ from numba import njit
 CHORD = 0
 ARC = 1
 CHANNEL = 2
+
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
+"""Gauss points of a segment, from 0 to 1, and their weights."""
 
 FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0, 720.0, 5040.0])
 
@@ -143,15 +149,15 @@ def move_forward(w, f, half, length, backbone, value, slope):
 
 
 @njit(cache=True)
-def measure_length(
-    w, f, half, length, backbone, start, end, step, step_slope, tension, work, slope, psd, full
-):
+def measure_length(backbone, start, end, tension, work, slope, psd, full):
     """Length of one tendon over a segment [mm], straight between the discs.
 
-    ``start`` and ``end`` are its places (2,) in the two discs. Fills its gradient ``slope`` (3,)
-    and adds ``tension`` times its Hessian to ``full``, and the part of the Hessian that cannot be
-    negative to ``psd``. ``work`` is (5, 3).
+    ``backbone`` is the turn, its functions and those of its half, length and kind of the segment,
+    and what `move_forward` fills. ``start`` and ``end`` are the tendon's places (2,) in the two
+    discs. Fills its gradient ``slope`` (3,) and adds ``tension`` times its Hessian to ``full``, and
+    the part of the Hessian that cannot be negative to ``psd``. ``work`` is (5, 3).
     """
+    w, f, half, length, kind, step, step_slope = backbone
     value, matrix = work[0], work[1:4]
     for i in range(3):
         value[i] = step[i]
@@ -181,7 +187,7 @@ def measure_length(
             if tension > 0.0:
                 psd[i, k] += part
     add_form_hessian(w, f, 0, end[0], end[1], 0.0, way, tension, 1.0, full)
-    if backbone == CHORD:
+    if kind == CHORD:
         add_form_hessian(w, half, 0, 0.0, 0.0, 1.0, way, tension * length, 0.5, full)
     else:
         add_form_hessian(w, f, 1, 0.0, 0.0, 1.0, way, tension * length, 1.0, full)
@@ -189,29 +195,29 @@ def measure_length(
 
 
 @njit(cache=True)
-def measure_channel(w, length, guides, weights, tension, slope, psd, full):
+def measure_channel(w, length, guides, tension, slope, psd, full):
     """Length of one tendon in a smooth channel of a segment of constant curvature and twist [mm].
 
-    ``guides`` (g, 4) are place and slope of the channel at Gauss points of ``weights`` (g,), which
-    add up to 1. Fills and adds as `measure_length`; this length is convex in ``w``.
+    ``guides`` (g, 4) are place and slope of the channel at the Gauss points. Fills and adds as
+    `measure_length`; this length is convex in ``w``.
     """
     total = 0.0
     slope[:] = 0.0
     u0, u1, u2 = w[0] / length, w[1] / length, w[2] / length
-    for g in range(weights.size):
+    for g in range(WEIGHTS.size):
         x, y = guides[g, 0], guides[g, 1]
         v0 = guides[g, 2] - u2 * y
         v1 = guides[g, 3] + u2 * x
         v2 = 1.0 + u0 * y - u1 * x
         size = math.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
-        total += weights[g] * length * size
+        total += WEIGHTS[g] * length * size
         m0, m1, m2 = v2 * y / size, -v2 * x / size, (v1 * x - v0 * y) / size
-        slope[0] += weights[g] * m0
-        slope[1] += weights[g] * m1
-        slope[2] += weights[g] * m2
+        slope[0] += WEIGHTS[g] * m0
+        slope[1] += WEIGHTS[g] * m1
+        slope[2] += WEIGHTS[g] * m2
         if tension == 0.0:
             continue
-        share = tension * weights[g] / (length * size)
+        share = tension * WEIGHTS[g] / (length * size)
         h00, h01, h02 = share * (y * y - m0 * m0), share * (-x * y - m0 * m1), -share * m0 * m2
         h11, h12 = share * (x * x - m1 * m1), -share * m1 * m2
         h22 = share * (x * x + y * y - m2 * m2)
@@ -229,121 +235,11 @@ def measure_channel(w, length, guides, weights, tension, slope, psd, full):
     return total
 
 
-# Numba kernel of the tensions: a small convex quadratic problem with bounds.
-#
-# ``minimise 1/2 T^T A T + b^T T`` over ``low <= T <= high``, by an active-set method: bounds are
-# released one at a time, the free ones solved by Cholesky. With a strictly convex ``A`` (the caller
-# adds a little to its diagonal) it ends after finitely many steps.
-
-
-@njit(cache=True)
-def solve_cholesky(matrix, right, size):
-    """Solve in place; the answer is in ``right``, ``matrix`` is lost. False if not definite."""
-    for i in range(size):
-        for k in range(i + 1):
-            total = matrix[i, k]
-            for n in range(k):
-                total -= matrix[i, n] * matrix[k, n]
-            if i > k:
-                matrix[i, k] = total / matrix[k, k]
-            elif total <= 0.0:
-                return False
-            else:
-                matrix[i, i] = math.sqrt(total)
-    for i in range(size):
-        for n in range(i):
-            right[i] -= matrix[i, n] * right[n]
-        right[i] /= matrix[i, i]
-    for i in range(size - 1, -1, -1):
-        for n in range(i + 1, size):
-            right[i] -= matrix[n, i] * right[n]
-        right[i] /= matrix[i, i]
-    return True
-
-
-@njit(cache=True)
-def solve_bounded(matrix, vector, low, high, tension):
-    """Fill ``tension`` (k,) with the minimiser, from where it stands. False if it did not end."""
-    size = vector.size
-    state = np.zeros(size, dtype=np.int8)  # 0 free, -1 at the lower bound, 1 at the upper
-    blocked = np.zeros(size, dtype=np.bool_)
-    free = np.empty(size, dtype=np.int64)
-    square = np.empty((size, size))
-    right = np.empty(size)
-    scale = 0.0
-    for k in range(size):
-        tension[k] = min(max(tension[k], low[k]), high[k])
-        if tension[k] <= low[k]:
-            state[k] = -1
-        elif tension[k] >= high[k]:
-            state[k] = 1
-        scale = max(scale, abs(vector[k]))
-    for _ in range(20 * size + 20):
-        # The free ones, until all of them stay inside their bounds.
-        for _ in range(size + 1):
-            count = 0
-            for k in range(size):
-                if state[k] == 0:
-                    free[count] = k
-                    count += 1
-            if count == 0:
-                break
-            for i in range(count):
-                total = -vector[free[i]]
-                for k in range(size):
-                    if state[k] != 0:
-                        total -= matrix[free[i], k] * tension[k]
-                right[i] = total
-                for k in range(count):
-                    square[i, k] = matrix[free[i], free[k]]
-            if not solve_cholesky(square, right, count):
-                return False
-            share, first = 1.0, -1
-            for i in range(count):
-                k = free[i]
-                move = right[i] - tension[k]
-                if right[i] < low[k] and (low[k] - tension[k]) > share * move:
-                    share, first = (low[k] - tension[k]) / move, i
-                elif right[i] > high[k] and (high[k] - tension[k]) < share * move:
-                    share, first = (high[k] - tension[k]) / move, i
-            for i in range(count):
-                tension[free[i]] += share * (right[i] - tension[free[i]])
-            if share > 0.0:
-                blocked[:] = False
-            if first < 0:
-                break
-            k = free[first]
-            state[k] = -1 if right[first] < low[k] else 1
-            tension[k] = low[k] if state[k] < 0 else high[k]
-            blocked[k] = True
-        # The bound that most wants to be released.
-        worst, most = -1, 1e-15 * scale
-        for k in range(size):
-            if state[k] == 0 or blocked[k]:
-                continue
-            pull = vector[k]
-            reach = abs(vector[k])
-            for i in range(size):
-                pull += matrix[k, i] * tension[i]
-                reach = max(reach, abs(matrix[k, i] * tension[i]))
-            gain = -pull if state[k] < 0 else pull
-            if gain > most and gain > 1e-14 * reach:
-                worst, most = k, gain
-        if worst < 0:
-            return True
-        state[worst] = 0
-    return False
-
-
 # Numba kernels of the discrete rod: lengths of its tendons, its frames, and its linear problem.
 #
 # A ``grid`` is what they all take: the segments' lengths (n,), their moments by turn about x, y and
 # z (n, 3), the tendons' places in the cross-sections (k, n + 1, 2), their places and slopes at the
 # Gauss points (k, n, g, 4), how many segments each tendon passes (k,), and the kind of segment.
-
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
-POINTS, WEIGHTS = 0.5 * (1.0 + POINTS), 0.5 * WEIGHTS
-"""Gauss points of a segment, from 0 to 1, and their weights."""
 
 
 @njit(cache=True)
@@ -364,16 +260,8 @@ def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
         if segment == CHANNEL:
             for k in range(counts.size):
                 if j < counts[k]:
-                    lengths[k] += measure_channel(
-                        w,
-                        spans[j],
-                        guides[k, j],
-                        WEIGHTS,
-                        tensions[k],
-                        slopes[k, j],
-                        psd[j],
-                        full[j],
-                    )
+                    sums = slopes[k, j], psd[j], full[j]
+                    lengths[k] += measure_channel(w, spans[j], guides[k, j], tensions[k], *sums)
             continue
         q = w[0] ** 2 + w[1] ** 2 + w[2] ** 2
         fill_functions(q, f)
@@ -381,22 +269,9 @@ def measure_lengths(grid, turns, tensions, lengths, slopes, psd, full):
         move_forward(w, f, half, spans[j], segment, step, step_slope)
         for k in range(counts.size):
             if j < counts[k]:
-                lengths[k] += measure_length(
-                    w,
-                    f,
-                    half,
-                    spans[j],
-                    segment,
-                    paths[k, j],
-                    paths[k, j + 1],
-                    step,
-                    step_slope,
-                    tensions[k],
-                    work,
-                    slopes[k, j],
-                    psd[j],
-                    full[j],
-                )
+                backbone = w, f, half, spans[j], segment, step, step_slope
+                ends, sums = (paths[k, j], paths[k, j + 1]), (slopes[k, j], psd[j], full[j])
+                lengths[k] += measure_length(backbone, *ends, tensions[k], work, *sums)
 
 
 @njit(cache=True)
@@ -424,31 +299,6 @@ def fill_frames(grid, turns, rotations, points):
 
 
 @njit(cache=True)
-def invert(matrix, least, inverse):
-    """Inverse of a symmetric 3x3 matrix; False unless its pivots exceed ``least`` (3,)."""
-    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
-    d, e, g = matrix[1, 1], matrix[1, 2], matrix[2, 2]
-    if a <= least[0]:
-        return False
-    second = d - b * b / a
-    if second <= least[1]:
-        return False
-    cross = e - b * c / a
-    third = g - c * c / a - cross * cross / second
-    if third <= least[2]:
-        return False
-    whole = a * second * third
-    inverse[0, 0] = (d * g - e * e) / whole
-    inverse[0, 1] = (c * e - b * g) / whole
-    inverse[0, 2] = (b * e - c * d) / whole
-    inverse[1, 1] = (a * g - c * c) / whole
-    inverse[1, 2] = (b * c - a * e) / whole
-    inverse[2, 2] = (a * d - b * b) / whole
-    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
-    return True
-
-
-@njit(cache=True)
 def invert_blocks(stiffness, psd, full, exact, inverses):
     """Invert the Hessian (n, 3, 3); where it is not positive, the part of it that is. Counts."""
     block, least = np.empty((3, 3)), np.empty(3)
@@ -461,7 +311,7 @@ def invert_blocks(stiffness, psd, full, exact, inverses):
                 for k in range(3):
                     block[i, k] = full[j, i, k]
                 block[i, i] += stiffness[j, i]
-            done = invert(block, least, inverses[j])
+            done = invert_three(block, least, inverses[j])
         if not done:
             replaced += 1
             least[:] = 0.0
@@ -469,7 +319,7 @@ def invert_blocks(stiffness, psd, full, exact, inverses):
                 for k in range(3):
                     block[i, k] = psd[j, i, k] if exact else 0.0
                 block[i, i] += stiffness[j, i]
-            invert(block, least, inverses[j])
+            invert_three(block, least, inverses[j])
     return replaced
 
 
@@ -527,23 +377,14 @@ SMALLEST_SHARE = 1.0 / 64.0
 
 
 @njit(cache=True)
-def solve_command(
-    grid,
-    limits,
-    compliances,
-    low,
-    high,
-    tolerance,
-    most_steps,
-    turns,
-    tensions,
-    lengths,
-):
+def solve_command(rod, limits, tolerance, turns, tensions, lengths):
     """One command, from where ``turns`` and ``tensions`` stand; both are changed.
 
-    ``limits`` are the cables' lengths. Returns a code, the steps taken, the error of the tendons'
-    lengths against them [mm], and how many segments are not stable by themselves.
+    ``rod`` is the grid, the tendons' compliances (k,), their lowest and highest tensions (k,), and
+    the most steps; ``limits`` are the cables' lengths. Returns a code, the steps taken, the error
+    of the tendons' lengths against them [mm], and how many segments are not stable by themselves.
     """
+    grid, compliances, low, high, most_steps = rod
     spans, stiffness, _, _, counts, _ = grid
     n, k = spans.size, counts.size
     slopes, carried = np.empty((k, n, 3)), np.empty((k, n, 3))
@@ -648,28 +489,15 @@ def share_tensions(stiffness, counts, slopes, turns, taut, low, high, tensions):
 
 
 @njit(cache=True)
-def follow_command(
-    grid,
-    natural,
-    displacement,
-    tolerance,
-    first,
-    smallest,
-    compliances,
-    low,
-    high,
-    most_steps,
-    turns,
-    tensions,
-    lengths,
-):
+def follow_command(rod, natural, displacement, tolerance, parts, turns, tensions, lengths):
     """One command from the straight rod, at once or else in parts, as far as it can be followed.
 
-    ``first`` is the part of the command that is tried at once, ``smallest`` the smallest one.
+    ``parts`` are the part of the command that is tried at once, and the smallest one.
 
     Returns what `solve_command` does of the last part, the share of the command that was reached,
     and all steps taken.
     """
+    low, (first, smallest) = rod[2], parts
     turns[:] = 0.0
     tensions[:] = 0.0
     kept_turns, kept_tensions = turns.copy(), tensions.copy()
@@ -684,16 +512,7 @@ def follow_command(
             if low[m] == 0.0:
                 limits[m] += tolerance
         code, count, error, unstable = solve_command(
-            grid,
-            limits,
-            compliances,
-            low,
-            high,
-            tolerance,
-            most_steps,
-            turns,
-            tensions,
-            lengths,
+            rod, limits, tolerance, turns, tensions, lengths
         )
         steps += count
         if code == CONVERGED:
@@ -711,37 +530,18 @@ def follow_command(
 
 
 @njit(cache=True)
-def solve_commands(
-    grid,
-    natural,
-    displacements,
-    firsts,
-    tolerance,
-    compliances,
-    pushes,
-    strongest,
-    most_steps,
-    turns,
-    tensions,
-    lengths,
-    codes,
-    steps,
-    errors,
-    shares,
-    unstable,
-):
-    """Solve a batch of commands (b, k), each from the straight rod; fills the arrays from `turns`.
+def solve_commands(rod, natural, displacements, firsts, tolerance, answers):
+    """Solve a batch of commands (b, k), each from the straight rod; fills the arrays of `answers`.
 
-    ``firsts`` (b,) are the parts of them that are tried at once.
-
-    Where a command fails, ``shares`` tells how much of it can be followed, and the shape is that.
+    ``rod`` is that of `solve_command`, ``natural`` (k,) the tendons' lengths in the straight rod,
+    ``firsts`` (b,) the parts of the commands that are tried at once. Answers are turns (b, n, 3),
+    tensions and lengths (b, k), and codes, steps, errors, shares and unstable segments (b,). Where
+    a command fails, its share is how much of it can be followed, and the shape is that.
     """
+    turns, tensions, lengths, codes, steps, errors, shares, unstable = answers
+    grid, compliances, low, high, _ = rod
     spans, stiffness, _, _, counts, _ = grid
     n, k = spans.size, counts.size
-    low, high = np.zeros(k), np.full(k, strongest)
-    for m in range(k):
-        if pushes[m]:
-            low[m] = -strongest
     slopes = np.empty((k, n, 3))
     psd, full = np.empty((n, 3, 3)), np.empty((n, 3, 3))
     taut = np.empty(k, dtype=np.bool_)
@@ -751,20 +551,9 @@ def solve_commands(
         for attempt in range(3):
             allowed = tolerance if attempt > 0 else 1e-4 * tolerance
             smallest = SMALLEST_SHARE * firsts[b] if attempt == 2 else firsts[b]
+            parts, state = (firsts[b], smallest), (turns[b], tensions[b], lengths[b])
             codes[b], errors[b], unstable[b], shares[b], count = follow_command(
-                grid,
-                natural,
-                displacements[b],
-                allowed,
-                firsts[b],
-                smallest,
-                compliances,
-                low,
-                high,
-                most_steps,
-                turns[b],
-                tensions[b],
-                lengths[b],
+                rod, natural, displacements[b], allowed, parts, *state
             )
             steps[b] += count
             if codes[b] == CONVERGED:
@@ -772,7 +561,7 @@ def solve_commands(
         measure_lengths(grid, turns[b], tensions[b], lengths[b], slopes, psd, full)
         for m in range(k):
             gap = natural[m] - shares[b] * displacements[b, m] - lengths[b, m]
-            taut[m] = pushes[m] or gap <= tolerance
+            taut[m] = low[m] < 0.0 or gap <= tolerance
         # Tendons that stretch leave nothing open.
         if compliances.max() == 0.0:
             share_tensions(stiffness, counts, slopes, turns[b], taut, low, high, tensions[b])

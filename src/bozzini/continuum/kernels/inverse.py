@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
+from ...numeric.kernels.linear_algebra import factor_cholesky, solve_lower, solve_upper
 from .arc import arc_factors, fill_chain, place_point
 
 # Numba kernels of a quadratic step inside the limits of bends and tendons.
@@ -26,50 +27,12 @@ VIOLATION = 1e-11
 DEPENDENT = 1e-18
 """Square of the sine between constraints below which they count as one."""
 
+PIVOT = 1e-14
+"""Share of a matrix's diagonal that its pivots must exceed."""
+
 SOLVED = 0
 EMPTY = 1
 UNFINISHED = 2
-
-
-@njit(cache=True)
-def factor_shifted(matrix, shift, factor):
-    """Fill the Cholesky factor of ``matrix + shift * 1``; False if it is not positive definite."""
-    n = matrix.shape[0]
-    for i in range(n):
-        for j in range(i + 1):
-            total = matrix[i, j] + (shift if i == j else 0.0)
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            if i == j:
-                if not total > 1e-14 * (abs(matrix[i, i]) + shift):
-                    return False
-                factor[i, i] = math.sqrt(total)
-            else:
-                factor[i, j] = total / factor[j, j]
-    return True
-
-
-@njit(cache=True)
-def _solve_lower(factor, vector):
-    for i in range(vector.size):
-        for k in range(i):
-            vector[i] -= factor[i, k] * vector[k]
-        vector[i] /= factor[i, i]
-
-
-@njit(cache=True)
-def _solve_upper(factor, vector):
-    for i in range(vector.size - 1, -1, -1):
-        for k in range(i + 1, vector.size):
-            vector[i] -= factor[k, i] * vector[k]
-        vector[i] /= factor[i, i]
-
-
-@njit(cache=True)
-def solve_factored(factor, vector):
-    """Solve the factored system in place."""
-    _solve_lower(factor, vector)
-    _solve_upper(factor, vector)
 
 
 @njit(cache=True)
@@ -191,7 +154,7 @@ def step_inside(factor, x, limits, rows, low, high):
     rest = np.empty(n)
     count = 0
     for _ in range(40 * (limits.size + 1) + 4 * low.size):
-        _solve_lower(factor, normal)
+        solve_lower(factor, normal, n)
         whole = 0.0
         for k in range(n):
             whole += normal[k] * normal[k]
@@ -217,7 +180,7 @@ def step_inside(factor, x, limits, rows, low, high):
                 violation -= step * free
                 if leaves < 0:
                     _append(rest, free, count, basis, upper)
-                _solve_upper(factor, rest)
+                solve_upper(factor, rest, n)
                 for k in range(n):
                     x[k] += step * rest[k]
             if leaves < 0:
@@ -572,11 +535,12 @@ def improve(goal, bounds, bends, tolerances, plan):
             if cost > 0.9 * before:
                 return STALLED, done, cost, distance, angle
             before = cost
-        fits = factor_shifted(matrix, damping, factor)
+        fits = factor_cholesky(matrix, n, damping, PIVOT, factor)
         if fits:
             for i in range(n):
                 step[i] = -gradient[i]
-            solve_factored(factor, step)
+            solve_lower(factor, step, n)
+            solve_upper(factor, step, n)
             for i in range(n):
                 step[i] += bends[i // 2, i % 2]
             fits = step_inside(factor, step, limits, rows, low, high) == SOLVED
@@ -677,3 +641,73 @@ def search(goal, bounds, starts, tolerances, plans, best):
         code, took, least, distance, angle = improve(goal, bounds, best, tolerances, plans[1])
         steps += took
     return code, steps, starts.shape[0], least, distance, angle
+
+
+# Numba kernel that draws bends evenly from all that a robot can take.
+
+
+@njit(cache=True)
+def _narrow(value, slope, low, high, interval):
+    """Narrow an interval of steps to those with ``low <= value + step * slope <= high``."""
+    if abs(slope) < 1e-300:
+        return
+    first = (low - value) / slope
+    last = (high - value) / slope
+    interval[0] = max(interval[0], min(first, last))
+    interval[1] = min(interval[1], max(first, last))
+
+
+@njit(cache=True)
+def draw_bends(random, start, basis, limits, rows, low, high, thin, out):
+    """Fill ``out`` (n, 2 m) by hit-and-run (Smith 1984), which tends to an even density.
+
+    Parameters
+    ----------
+    random : Generator
+        Source of random numbers.
+    start : (2 m,) float
+        Legal bends to walk from.
+    basis : (p, 2 m) float
+        Directions to walk in.
+    limits, rows, low, high
+        As of `measure_violation`.
+    thin : int
+        Steps from one sample to the next.
+    """
+    n = start.size
+    x = start.copy()
+    way = np.empty(n)
+    interval = np.empty(2)
+    for sample in range(out.shape[0]):
+        for _ in range(thin):
+            way[:] = 0.0
+            for j in range(basis.shape[0]):
+                part = random.standard_normal()
+                for k in range(n):
+                    way[k] += part * basis[j, k]
+            interval[0] = -math.inf
+            interval[1] = math.inf
+            for i in range(limits.size):
+                vx = way[2 * i]
+                vy = way[2 * i + 1]
+                square = vx * vx + vy * vy
+                if square < 1e-300:
+                    continue
+                middle = -(x[2 * i] * vx + x[2 * i + 1] * vy) / square
+                aside = (x[2 * i] * vy - x[2 * i + 1] * vx) / math.sqrt(square)
+                half = math.sqrt(max(limits[i] ** 2 - aside * aside, 0.0) / square)
+                interval[0] = max(interval[0], middle - half)
+                interval[1] = min(interval[1], middle + half)
+            for j in range(low.size):
+                value = 0.0
+                slope = 0.0
+                for k in range(n):
+                    value += rows[j, k] * x[k]
+                    slope += rows[j, k] * way[k]
+                if high[j] - low[j] > 1e-9:
+                    _narrow(value, slope, low[j], high[j], interval)
+            if interval[1] > interval[0]:
+                step = interval[0] + random.random() * (interval[1] - interval[0])
+                for k in range(n):
+                    x[k] += step * way[k]
+        out[sample] = x

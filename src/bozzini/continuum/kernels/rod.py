@@ -21,6 +21,9 @@ import math
 import numpy as np
 from numba import njit
 
+from ...numeric.kernels.linear_algebra import solve_three
+from ...numeric.kernels.rotations import fill_quaternion_rotation, find_turn, turn_quaternion
+
 # Numba kernels of the Kirchhoff rod's curvature under the tensions of its tendons and a moment.
 #
 # It is the minimum of ``1/2 u K u + sum T_k |t_k(u)| - m u`` with ``t_k = e_z + u x r_k + r_k'``,
@@ -40,32 +43,6 @@ THIN = 1e-6
 
 ROUGH = 1e-7
 """Error of a curvature that is taken for round-off, where a stiff part pulls at a flexible one."""
-
-
-@njit(cache=True)
-def solve_three(a, b, least, out):
-    """Fill ``out`` with the solution of a symmetric 3x3 system; False unless it is positive.
-
-    ``least`` (3,) is what its pivots must exceed.
-    """
-    l0 = a[0, 0]
-    if not l0 > least[0]:
-        return False
-    m1, m2 = a[1, 0] / l0, a[2, 0] / l0
-    d1 = a[1, 1] - m1 * a[1, 0]
-    if not d1 > least[1]:
-        return False
-    e = a[2, 1] - m1 * a[2, 0]
-    m3 = e / d1
-    d2 = a[2, 2] - m2 * a[2, 0] - m3 * e
-    if not d2 > least[2]:
-        return False
-    y1 = b[1] - m1 * b[0]
-    y2 = b[2] - m2 * b[0] - m3 * y1
-    out[2] = y2 / d2
-    out[1] = y1 / d1 - m3 * out[2]
-    out[0] = b[0] / l0 - m1 * out[1] - m2 * out[2]
-    return True
 
 
 @njit(cache=True)
@@ -227,35 +204,13 @@ STEP_TURN = 1e-4
 
 
 @njit(cache=True)
-def cross(a, b, out):
-    """Fill ``out`` with ``a x b``."""
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True)
 def fill_rates(state, stiffness, guides, present, tensions, force, u, rates, work):
     """Rates of place (3), quaternion (4), moment (3) and tendon lengths (k)."""
     w, x, y, z = state[3], state[4], state[5], state[6]
     size = math.sqrt(w * w + x * x + y * y + z * z)
     w, x, y, z = w / size, x / size, y / size, z / size
     turn, along, moment = work[5:8], work[8], work[9]
-    turn[0, 0], turn[0, 1], turn[0, 2] = (
-        1.0 - 2.0 * (y * y + z * z),
-        2.0 * (x * y - w * z),
-        2.0 * (x * z + w * y),
-    )
-    turn[1, 0], turn[1, 1], turn[1, 2] = (
-        2.0 * (x * y + w * z),
-        1.0 - 2.0 * (x * x + z * z),
-        2.0 * (y * z - w * x),
-    )
-    turn[2, 0], turn[2, 1], turn[2, 2] = (
-        2.0 * (x * z - w * y),
-        2.0 * (y * z + w * x),
-        1.0 - 2.0 * (x * x + y * y),
-    )
+    fill_quaternion_rotation(w, x, y, z, turn)
     for i in range(3):
         along[i] = turn[i, 2]
         moment[i] = turn[0, i] * state[7] + turn[1, i] * state[8] + turn[2, i] * state[9]
@@ -265,7 +220,9 @@ def fill_rates(state, stiffness, guides, present, tensions, force, u, rates, wor
     rates[4] = 0.5 * (w * u[0] + y * u[2] - z * u[1])
     rates[5] = 0.5 * (w * u[1] + z * u[0] - x * u[2])
     rates[6] = 0.5 * (w * u[2] + x * u[1] - y * u[0])
-    cross(force, along, rates[7:10])
+    rates[7] = force[1] * along[2] - force[2] * along[1]
+    rates[8] = force[2] * along[0] - force[0] * along[2]
+    rates[9] = force[0] * along[1] - force[1] * along[0]
     for k in range(tensions.size):
         rates[10 + k] = 0.0
         if present[k]:
@@ -333,36 +290,6 @@ def integrate_rod(first, last, grid, tensions, loads, states, bends):
             if not math.isfinite(states[n + 1, i]):
                 return False
     return True
-
-
-@njit(cache=True)
-def turn_quaternion(quaternion, turn, out):
-    """Fill ``out`` (4,) with the quaternion turned by a rotation vector in its own frame."""
-    angle = math.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
-    share = 0.5 if angle < 1e-12 else math.sin(0.5 * angle) / angle
-    a, b = math.cos(0.5 * angle), share * turn
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    out[0] = w * a - x * b[0] - y * b[1] - z * b[2]
-    out[1] = w * b[0] + x * a + y * b[2] - z * b[1]
-    out[2] = w * b[1] + y * a + z * b[0] - x * b[2]
-    out[3] = w * b[2] + z * a + x * b[1] - y * b[0]
-
-
-@njit(cache=True)
-def find_turn(one, other, out):
-    """Fill ``out`` (3,) with the rotation vector from the frame ``one`` to ``other``, in one's."""
-    w, x, y, z = one[0], -one[1], -one[2], -one[3]
-    a, b, c, d = other[0], other[1], other[2], other[3]
-    scalar = w * a - x * b - y * c - z * d
-    out[0] = w * b + x * a + y * d - z * c
-    out[1] = w * c + y * a + z * b - x * d
-    out[2] = w * d + z * a + x * c - y * b
-    size = math.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2)
-    share = 2.0 / scalar if size < 1e-12 else 2.0 * math.atan2(size, scalar) / size
-    if scalar < 0.0 and size >= 1e-12:
-        share = -2.0 * math.atan2(size, -scalar) / size
-    for i in range(3):
-        out[i] *= share
 
 
 @njit(cache=True)

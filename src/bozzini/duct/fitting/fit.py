@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...anatomy.tract import LabelTract, SurfaceTract
 from ...checks import check_integer, check_number
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
-from ..base import Duct, count_dimensions
-from ..centreline import Centreline
-from ..shape_files import count_pieces
+from ...results import Result
+from ..base import Duct, SampledField
+from ..centreline import Centreline, find_centreline
+from ..field import build_field
+from ..shape_files import save_shapes
 from ..shapes.cones import RoundCones
 from ..shapes.cylinders import ConnectedCylinders
 from ..shapes.mesh import TriangleMesh
 from ..shapes.super_ellipses import SuperEllipsoids
-from .blocks import Chain, Edges, choose_chain, measure_edges, place_chain
+from .blocks import add_balls, cover_blocks, fit_blocks, shrink_blocks
+from .chain import (
+    Chain,
+    Edges,
+    choose_chain,
+    fit_cone_chain,
+    fit_cylinder_chain,
+    inscribe_cylinders,
+    measure_edges,
+    place_chain,
+)
 from .measure import (
     FitReport,
     Sections,
@@ -29,7 +44,17 @@ from .measure import (
     measure_fit,
 )
 
-# The wall of a label volume as a mesh: the faces between lumen voxels and the others.
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# The wall of a tract as a mesh: its triangles, or the faces between lumen voxels and the others.
+
+
+def mesh_from_tract(tract: LabelTract | SurfaceTract, *, inflation: float = 0.0) -> TriangleMesh:
+    """Return the wall of a tract as a mesh, moved outwards by `inflation` [mm]."""
+    if isinstance(tract, LabelTract):
+        return mesh_from_mask(tract.mask, tract.affine, inflation=inflation)
+    return TriangleMesh(tract.vertices, tract.faces, inflation=inflation)
 
 
 def mesh_from_mask(mask: ArrayLike, affine: ArrayLike, *, inflation: float = 0.0) -> TriangleMesh:
@@ -86,10 +111,11 @@ def mesh_from_mask(mask: ArrayLike, affine: ArrayLike, *, inflation: float = 0.0
     )
 
 
+Kind = Literal["cones", "cylinders", "superellipsoids"]
 KINDS = ("cones", "cylinders", "superellipsoids")
 """What a duct can be fitted as."""
 
-Shapes = RoundCones | ConnectedCylinders | SuperEllipsoids
+Shapes: TypeAlias = RoundCones | ConnectedCylinders | SuperEllipsoids
 
 PIECES_MAX = 500
 ALLOWANCES = (0.8, 0.5, 0.25, 0.0)
@@ -98,8 +124,8 @@ ALLOWANCES = (0.8, 0.5, 0.25, 0.0)
 LOSSES = (0.6, 0.35, 0.2)
 """Shares of the largest error that cylinders' balls may lose, tried in turn until it is kept."""
 
-WAY = 0.8
-"""Share of the largest error that super-ellipsoids on the way may lose at the places of a chain."""
+LINE_SHARE = 0.8
+"""Share of the largest error that super-ellipsoids on the centreline may lose at the places."""
 
 POINTS = 3000
 """Least squares of cones uses about this many wall points."""
@@ -108,11 +134,55 @@ WALL_SHARE = 0.3
 """Share of the usual radius by which cones may reach outside before least squares."""
 
 ROUNDS = 12
-"""How often blocks are drawn in where they reach outside."""
+"""How often blocks are made smaller where they reach outside."""
+
+WALL_PIECES = 20
+"""Super-ellipsoids fitted by least squares where no number is given."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeFitOptions:
+    """How shapes are fitted.
+
+    Parameters
+    ----------
+    kind : {"cones", "cylinders", "superellipsoids"}
+        Round cones are hulls of balls that touch the wall. Cylinders join circles across the
+        centreline. Super-ellipsoids are placed wherever in the lumen they are largest, after
+        enough of them cover the centreline.
+    max_error : float
+        How far outside the true lumen a point of the fitted one may be [mm].
+    pieces : int, optional
+        How many shapes at most, losing as little clearance as they can. By default few that lose
+        no more than `max_error` of the clearance on the centreline (of cones the fewest);
+        super-ellipsoids are added to these until one more would add less than 0.3 % of the volume.
+    inside : bool
+        Keep the shapes inside. If not, the wall is fitted by least squares of distances (cones:
+        to the chain; cylinders: circles in their sections; super-ellipsoids: on rays, one for
+        each stretch of equal length, 20 where `pieces` is not given), and crosses the true
+        one: for looking at, not for planning.
+
+    Raises
+    ------
+    InputError
+        If an option is not legal.
+    """
+
+    kind: Kind = "cones"
+    max_error: float = 1.0
+    pieces: int | None = None
+    inside: bool = True
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise InputError(f"kind is '{self.kind}': it must be one of {', '.join(KINDS)}")
+        check_number("max error", self.max_error, low=0.0, low_open=True, unit="mm")
+        if self.pieces is not None:
+            check_integer("pieces", self.pieces, low=1, high=PIECES_MAX)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FittedDuct:
+class FittedDuct(Result):
     """A duct made of shapes, and what they keep of the true one.
 
     Attributes
@@ -120,228 +190,236 @@ class FittedDuct:
     duct : RoundCones, ConnectedCylinders or SuperEllipsoids
         Its `wall_error` is how far it may reach outside the true wall: what is proved of the
         fit, and the true duct's own. Inside the wall it may be much farther away.
-    kind : str
-        One of `KINDS`.
-    inside : bool
-        Whether the shapes were to stay inside the wall.
-    max_error : float
-        How far they were allowed outside [mm].
+    options : ShapeFitOptions
     report : FitReport
-    reached : bool
+    converged : bool
         Whether it is proved that no point of the fitted lumen is farther outside than
-        `max_error`, and, where the number of pieces was free, that no more room than that is lost
-        on the centreline.
+        `max_error`, and, where the number of pieces was free, that no more clearance than that is
+        lost on the centreline.
     reason : str
         What was not reached; empty if all was.
     """
 
     duct: Shapes
-    kind: str
-    inside: bool
-    max_error: float
+    options: ShapeFitOptions
     report: FitReport
-    reached: bool
     reason: str
 
+    @property
+    def converged(self) -> bool:
+        """Whether all was reached."""
+        return not self.reason
 
-def fit_duct(
-    duct: Duct,
-    centreline: Centreline,
-    kind: str,
+    @property
+    def residual(self) -> float:
+        """How far no point of the fitted lumen lies outside the true one, proved [mm]."""
+        return self.report.outside_bound
+
+    def save(self, path: str | os.PathLike[str], *, note: str = "", force: bool = False) -> Path:
+        """Write the shapes to a file, and how they were fitted: see `bozzini.duct.save`."""
+        fit = "inscribed" if self.options.inside else "least squares"
+        return save_shapes(self.duct, path, fit=fit, note=note, force=force)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the fitted duct and return the axes."""
+        return self.duct.plot(ax)
+
+
+def fit(
+    source: LabelTract | SurfaceTract | Duct,
+    kind: Kind = "cones",
     *,
+    centreline: Centreline | None = None,
     max_error: float = 1.0,
     pieces: int | None = None,
     inside: bool = True,
-    draft: Duct | None = None,
-    progress: Progress = no_progress,
 ) -> FittedDuct:
-    """Fit shapes to a duct along its centreline, and measure what they keep.
+    """Fit shapes to a tract or a duct along its centreline, and measure what they keep.
 
     Parameters
     ----------
-    duct : Duct
-        The true one, of three dimensions. Of a mesh (`TriangleMesh`) more is proved than of a
-        field sampled from it.
-    centreline : Centreline
-        Inside it.
-    kind : {"cones", "cylinders", "superellipsoids"}
-        Round cones are hulls of balls that touch the wall. Cylinders join circles across the
-        centreline. Super-ellipsoids are placed wherever in the lumen they are largest, after
-        enough of them cover the way.
-    max_error : float
-        How far outside the true lumen a point of the fitted one may be [mm].
-    pieces : int, optional
-        How many shapes at most, losing as little room as they can. By default few that lose no
-        more than `max_error` of the room that there is on the centreline (of cones the fewest);
-        super-ellipsoids are added to these until one more would add less than 0.3 % of the volume.
-    inside : bool
-        Keep the shapes inside. If not, the wall is fitted by least squares of distances (cones:
-        to the chain; cylinders: circles in their sections; super-ellipsoids: on rays, one for
-        each stretch of equal length, 20 where `pieces` does not say), and goes through the true
-        one: for looking at, not for planning.
-    draft : Duct, optional
-        The same duct as a sampled field, where many points are asked for super-ellipsoids.
+    source : LabelTract, SurfaceTract or Duct
+        The true lumen, of three dimensions. Of a tract its own wall counts, triangles or faces of
+        voxels, of which more is proved than of a field sampled from it.
+    kind, max_error, pieces, inside
+        See `ShapeFitOptions`.
+    centreline : Centreline, optional
+        Inside it; by default found in the sampled lumen.
 
     Raises
     ------
     InputError
         If an argument is not legal.
     GeometryError
-        If so few shapes cannot go along the centreline, or there is no proved room on it.
+        If so few shapes cannot follow the centreline, or there is no proved clearance on it.
     """
-    if kind not in KINDS:
-        raise InputError(f"kind is '{kind}': it must be one of {', '.join(KINDS)}")
-    check_number("max error", max_error, low=0.0, low_open=True, unit="mm")
-    if pieces is not None:
-        check_integer("pieces", pieces, low=1, high=PIECES_MAX)
-    if count_dimensions(duct) != 3:
+    options = ShapeFitOptions(kind=kind, max_error=max_error, pieces=pieces, inside=inside)
+    if isinstance(source, Duct):
+        duct: Duct = source
+        draft = source if isinstance(source, SampledField) else None
+    else:
+        duct, draft = mesh_from_tract(source), build_field(source)
+    if centreline is None:
+        field = duct.sample() if draft is None else draft
+        if not isinstance(field, SampledField):
+            raise InputError("the duct has 2 dimensions: it must have 3")
+        centreline = find_centreline(field)
+    return fit_duct(duct, centreline, options, draft=draft)
+
+
+def fit_duct(
+    duct: Duct,
+    centreline: Centreline,
+    options: ShapeFitOptions,
+    *,
+    draft: Duct | None = None,
+    progress: Progress = no_progress,
+) -> FittedDuct:
+    """Fit shapes to a duct along its centreline, as `fit`.
+
+    Parameters
+    ----------
+    duct : Duct
+        The true one, of three dimensions.
+    centreline : Centreline
+        Inside it.
+    options : ShapeFitOptions
+    draft : Duct, optional
+        The same duct as a sampled field, where many points are asked for super-ellipsoids.
+    """
+    if duct.dim != 3:
         raise InputError("the duct has 2 dimensions: it must have 3")
     cuts = cut_sections(duct, centreline)
-    if not inside:
-        shapes = _fit_wall(duct, centreline, kind, cuts, max_error, pieces, progress)
-    elif kind == "superellipsoids":
-        shapes = _inscribe_blocks(duct, centreline, cuts, max_error, pieces, draft, progress)
+    job = _Job(duct, duct if draft is None else draft, centreline, cuts, options, progress)
+    if not options.inside:
+        shapes = job.fit_wall()
+    elif options.kind == "superellipsoids":
+        shapes = job.inscribe_blocks()
     else:
-        shapes = _inscribe_chain(duct, centreline, kind, max_error, pieces, progress)
+        shapes = job.inscribe_chain()
     report = measure_fit(
         shapes,
         duct,
         centreline,
-        pieces=count_pieces(shapes),
-        max_error=max_error if inside else 0.0,
+        max_error=options.max_error if options.inside else 0.0,
         sections=cuts,
         progress=progress,
     )
-    told: dict[str, Any] = {
-        "wall": f"{shapes.wall}; fitted to {duct.wall}",
-        "wall_error": report.outside_bound + (duct.wall_error or 0.0),
-    }
-    if kind == "superellipsoids":
-        told["connected"] = True  # that they hang together is asked here, once
-    shapes = replace(shapes, **told)
-    reason = explain_shortfall(report, max_error, free=pieces is None)
-    return FittedDuct(
-        duct=shapes,
-        kind=kind,
-        inside=inside,
-        max_error=max_error,
-        report=report,
-        reached=not reason,
-        reason=reason,
+    shapes = replace(
+        shapes,
+        wall=f"{shapes.wall}; fitted to {duct.wall}",
+        wall_error=report.outside_bound + (duct.wall_error or 0.0),
     )
+    if isinstance(shapes, SuperEllipsoids):
+        shapes = replace(shapes, connected=True)  # which is checked here, once
+    reason = explain_shortfall(report, options.max_error, free=options.pieces is None)
+    return FittedDuct(duct=shapes, options=options, report=report, reason=reason)
 
 
-def _inscribe_chain(
-    duct: Duct,
-    centreline: Centreline,
-    kind: str,
-    max_error: float,
-    pieces: int | None,
-    progress: Progress,
-) -> Shapes:
-    chain = place_chain(duct, centreline)
-    for share in ALLOWANCES:
-        allowance = share * max_error
-        edges = measure_edges(
-            duct, chain, allowance=allowance, cylinders=kind == "cylinders", progress=progress
+@dataclass(frozen=True)
+class _Job:
+    """A fit: the duct, the same for many points, its centreline and sections, the options."""
+
+    duct: Duct
+    draft: Duct
+    centreline: Centreline
+    cuts: Sections
+    options: ShapeFitOptions
+    progress: Progress
+
+    def inscribe_chain(self) -> Shapes:
+        """Return cones or cylinders inside the duct."""
+        chain = place_chain(self.duct, self.centreline)
+        for share in ALLOWANCES:
+            allowance = share * self.options.max_error
+            edges = self._measure_edges(chain, allowance)
+            if self.options.kind == "cones":
+                places = self._choose(edges, chain)
+                shapes: Shapes = RoundCones(chain.centres[places], chain.radii[places])
+            else:
+                shapes = self._join_circles(chain, edges, allowance)
+            highest = find_outside(shapes, self.duct, max_error=self.options.max_error)
+            found = highest.value if self.duct.kind == "sampled" else highest.bound
+            if found <= self.options.max_error:
+                break
+        return shapes
+
+    def inscribe_blocks(self) -> Shapes:
+        """Return super-ellipsoids inside the duct."""
+        max_error = self.options.max_error
+        shapes = cover_blocks(
+            self.draft,
+            place_chain(self.duct, self.centreline),
+            pieces=self.options.pieces,
+            max_loss=LINE_SHARE * max_error,
+            allowance=0.5 * max_error,
+            progress=self.progress,
         )
-        if kind == "cones":
-            places, _ = choose_chain(edges, len(chain.radii), max_loss=max_error, pieces=pieces)
-            shapes: Shapes = RoundCones(chain.centres[places], chain.radii[places])
-        else:
-            shapes = _join_circles(duct, chain, edges, allowance, max_error, pieces)
-        highest = find_outside(shapes, duct, max_error=max_error)
-        if (highest.value if duct.kind == "sampled" else highest.bound) <= max_error:
-            break
-    return shapes
+        for _ in range(ROUNDS):
+            highest = find_outside(shapes, self.duct, max_error=0.9 * max_error)
+            if len(highest.places) == 0:
+                break
+            shapes = shrink_blocks(shapes, highest.places)
+        if self.options.pieces is not None:
+            return shapes
+        # Between the places asked for, and of blocks made smaller, more may be lost.
+        clearance = -self.duct.signed_distance(self.cuts.centres)
+        inner = find_inner(self.cuts.arc_length, clearance)
+        return add_balls(
+            shapes, self.duct, self.cuts.centres[inner], clearance[inner], max_loss=max_error
+        )
 
+    def fit_wall(self) -> Shapes:
+        """Return shapes fitted to the wall by least squares."""
+        pieces = self.options.pieces
+        if self.options.kind == "superellipsoids":
+            pieces = WALL_PIECES if pieces is None else pieces
+            return fit_blocks(self.cuts, pieces, progress=self.progress)
+        chain = place_chain(self.duct, self.centreline)
+        # Least squares moves the wall anyhow: there need not be so many that cones stay inside.
+        allowance = max(self.options.max_error, WALL_SHARE * float(np.median(chain.radii)))
+        places = self._choose(self._measure_edges(chain, allowance), chain)
+        if self.options.kind == "cones":
+            wall = self.cuts.wall.reshape(-1, 3)
+            wall = wall[:: max(1, len(wall) // POINTS)]
+            return fit_cone_chain(wall, chain.centres[places], chain.radii[places])
+        stations = chain.arc_length[places]
+        walls = cut_sections(self.duct, self.centreline, stations=stations).wall
+        return fit_cylinder_chain(chain, places, walls)
 
-def _join_circles(
-    duct: Duct, chain: Chain, edges: Edges, allowance: float, max_error: float, pieces: int | None
-) -> Shapes:
-    """Return cylinders; as circles that lean on each other leave less room, maybe more of them."""
-    from .tubes import inscribe_cylinders
+    def _measure_edges(self, chain: Chain, allowance: float) -> Edges:
+        return measure_edges(
+            self.duct,
+            chain,
+            allowance=allowance,
+            cylinders=self.options.kind == "cylinders",
+            progress=self.progress,
+        )
 
-    places, _ = choose_chain(edges, len(chain.radii), max_loss=max_error, pieces=pieces)
-    shapes = inscribe_cylinders(duct, chain, places, allowance=allowance)
-    if pieces is not None:
+    def _choose(self, edges: Edges, chain: Chain, share: float = 1.0) -> list[int]:
+        max_loss = share * self.options.max_error
+        return choose_chain(edges, len(chain.radii), max_loss=max_loss, pieces=self.options.pieces)[
+            0
+        ]
+
+    def _join_circles(self, chain: Chain, edges: Edges, allowance: float) -> Shapes:
+        """Return cylinders; as circles that meet leave less clearance, maybe more of them."""
+        places = self._choose(edges, chain)
+        shapes = inscribe_cylinders(self.duct, chain, places, allowance=allowance)
+        if self.options.pieces is not None:
+            return shapes
+        for share in LOSSES:
+            if self._lose(shapes, chain) <= self.options.max_error:
+                break
+            try:
+                places = self._choose(edges, chain, share)
+            except GeometryError:  # no chain loses so little
+                break
+            shapes = inscribe_cylinders(self.duct, chain, places, allowance=allowance)
         return shapes
-    for part in LOSSES:
-        if _lost(shapes, duct, chain) <= max_error:
-            break
-        try:
-            places, _ = choose_chain(
-                edges, len(chain.radii), max_loss=part * max_error, pieces=None
-            )
-        except GeometryError:  # no chain loses so little
-            break
-        shapes = inscribe_cylinders(duct, chain, places, allowance=allowance)
-    return shapes
 
-
-def _lost(shapes: Shapes, duct: Duct, chain: Chain) -> float:
-    """Return the most room that is lost on the centreline, off its ends [mm]."""
-    room = -duct.signed_distance(chain.centres)
-    loss = room + shapes.signed_distance(chain.centres)
-    return float(loss[find_inner(chain.arc_length, room)].max())
-
-
-def _inscribe_blocks(
-    duct: Duct,
-    centreline: Centreline,
-    cuts: Sections,
-    max_error: float,
-    pieces: int | None,
-    draft: Duct | None,
-    progress: Progress,
-) -> Shapes:
-    from .blocks import add_balls, cover_blocks, shrink_blocks
-
-    shapes = cover_blocks(
-        duct if draft is None else draft,
-        place_chain(duct, centreline),
-        pieces=pieces,
-        max_loss=WAY * max_error,
-        allowance=0.5 * max_error,
-        progress=progress,
-    )
-    for _ in range(ROUNDS):
-        highest = find_outside(shapes, duct, max_error=0.9 * max_error)
-        if len(highest.places) == 0:
-            break
-        shapes = shrink_blocks(shapes, highest.places)
-    if pieces is not None:
-        return shapes
-    # Between the places asked for, and of blocks drawn in, more may be lost.
-    room = -duct.signed_distance(cuts.centres)
-    inner = find_inner(cuts.arc_length, room)
-    return add_balls(shapes, duct, cuts.centres[inner], room[inner], max_loss=max_error)
-
-
-def _fit_wall(
-    duct: Duct,
-    centreline: Centreline,
-    kind: str,
-    cuts: Sections,
-    max_error: float,
-    pieces: int | None,
-    progress: Progress,
-) -> Shapes:
-    from .blocks import fit_blocks
-    from .tubes import fit_cone_chain, fit_cylinder_chain
-
-    if kind == "superellipsoids":
-        return fit_blocks(cuts, 20 if pieces is None else pieces, progress=progress)
-    chain = place_chain(duct, centreline)
-    # Least squares moves the wall anyhow: the places need not be so many that cones stay inside.
-    allowance = max(max_error, WALL_SHARE * float(np.median(chain.radii)))
-    edges = measure_edges(
-        duct, chain, allowance=allowance, cylinders=kind == "cylinders", progress=progress
-    )
-    places, _ = choose_chain(edges, len(chain.radii), max_loss=max_error, pieces=pieces)
-    if kind == "cones":
-        wall = cuts.wall.reshape(-1, 3)
-        wall = wall[:: max(1, len(wall) // POINTS)]
-        return fit_cone_chain(wall, chain.centres[places], chain.radii[places])
-    walls = cut_sections(duct, centreline, stations=chain.arc_length[places]).wall
-    return fit_cylinder_chain(chain, places, walls)
+    def _lose(self, shapes: Shapes, chain: Chain) -> float:
+        """Return the most clearance that is lost on the centreline, off its ends [mm]."""
+        clearance = -self.duct.signed_distance(chain.centres)
+        loss = clearance + shapes.signed_distance(chain.centres)
+        return float(loss[find_inner(chain.arc_length, clearance)].max())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_integer, check_number, check_range
 from ...errors import GeometryError, InputError
+from ...numeric.polylines import carry_frames, interpolate_polyline
 from ...progress import Progress, no_progress
-from ..base import Duct, count_dimensions
-from ..centreline import Centreline
+from ..base import Duct
+from ..centreline import Centreline, find_tangents
+from ..search import Highest, find_highest
 from ..shapes.quads import Polygon
-from .planar import fit_circle
+from .points import fit_circle
 
 # Rays from inside a duct to its wall, many at a time.
 
@@ -67,114 +68,6 @@ def cast_rays(
         ahead[going[~inside]] = middle[~inside]
         going = going[(ahead[going] - last[going] > PLACE) & (middle > last[going] - PLACE)]
     return last
-
-
-def spread_directions(count: int) -> NDArray[np.float64]:
-    """Return (count, 3) unit vectors spread evenly over all directions (a Fibonacci lattice)."""
-    k = np.arange(count) + 0.5
-    height = 1.0 - 2.0 * k / count
-    turn = math.pi * (1.0 + math.sqrt(5.0)) * k
-    off = np.sqrt(1.0 - height**2)
-    return np.stack([off * np.cos(turn), off * np.sin(turn), height], axis=1)
-
-
-# The highest value of a 1-Lipschitz function over a region, by branch and bound.
-
-CELLS_MAX = 1_000_000
-"""The search ends when it would ask more cubes than this at once."""
-
-PLACES_MAX = 5_000
-
-Values = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Highest:
-    """What `find_highest` found.
-
-    Attributes
-    ----------
-    value : float
-        The highest value found; -inf if no point of the region was.
-    place : (dim,) float
-        Where.
-    bound : float
-        No point of the region has a value above this; at least `value`.
-    places : (k, dim) float
-        Points of the region with values above the ceiling, where there are any.
-    """
-
-    value: float
-    place: NDArray[np.float64]
-    bound: float
-    places: NDArray[np.float64]
-
-
-def find_highest(
-    value: Callable[[NDArray[np.float64]], Values],
-    region: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    bounds: NDArray[np.float64],
-    *,
-    ceiling: float,
-    tolerance: float,
-    slack: float = 0.0,
-) -> Highest:
-    """Return the highest value of a function over a region, with a bound that nothing exceeds.
-
-    Parameters
-    ----------
-    value : callable
-        Takes points (n, dim), returns estimates (n,) and upper bounds (n,) of a function that
-        changes no faster than 1.
-    region : callable
-        Takes points (n, dim), returns a signed distance (n,) of the region, negative inside,
-        that is never more than the true one.
-    bounds : (2, dim) float
-        Corners of a box that holds the region.
-    ceiling : float
-        Values below this need not be told apart.
-    tolerance : float
-        How far the bound may be above the value, where that is above the ceiling. Farther, but
-        a bound still, if there are more cubes than `CELLS_MAX` before: where the function is
-        nearly highest over a wide surface.
-    slack : float
-        Error of `region`.
-    """
-    low, high = bounds
-    dim = len(low)
-    half = 0.5 * float((high - low).max()) / 16.0
-    counts = np.maximum(np.ceil((high - low) / (2.0 * half)).astype(int), 1)
-    axes = [low[k] + half * (2.0 * np.arange(counts[k]) + 1.0) for k in range(dim)]
-    cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
-    parts = np.stack(np.meshgrid(*[[-0.5, 0.5]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
-    best, place, settled = -np.inf, cells[0], -np.inf
-    places = [np.empty((0, dim))]
-    while len(cells):
-        reach = half * dim**0.5 * (1.0 + 1e-9)
-        side = region(cells)
-        near = side <= reach + slack
-        cells, side = cells[near], side[near]
-        if len(cells) == 0:
-            break
-        found, most = value(cells)
-        inside = side <= 0.0
-        if inside.any():
-            index = int(np.argmax(np.where(inside, found, -np.inf)))
-            if found[index] > best:
-                best, place = float(found[index]), cells[index]
-            places.append(cells[inside & (found > ceiling)])
-        most = most + reach
-        done = most <= (ceiling if best <= ceiling else best + tolerance)
-        if done.any():
-            settled = max(settled, float(most[done].max()))
-        cells, most = cells[~done], most[~done]
-        if len(cells) * len(parts) > CELLS_MAX:
-            settled = max(settled, float(most.max()))
-            break
-        half *= 0.5
-        cells = (cells[:, None] + 2.0 * half * parts).reshape(-1, dim)
-    above = np.concatenate(places)[-PLACES_MAX:]
-    return Highest(value=best, place=place, bound=max(best, settled), places=above)
 
 
 PERCENTS = (0, 5, 25, 50, 75, 95, 100)
@@ -242,7 +135,6 @@ def measure_fit(
     duct: Duct,
     centreline: Centreline,
     *,
-    pieces: int,
     max_error: float = 0.0,
     sections: Sections | None = None,
     progress: Progress = no_progress,
@@ -255,8 +147,6 @@ def measure_fit(
         Of three dimensions.
     centreline : Centreline
         Along which walls and room are compared.
-    pieces : int
-        How many shapes there are, for the report.
     max_error : float
         How far outside points of the fitted lumen may be: if none is found farther, the bound is
         not made any tighter than this [mm].
@@ -276,7 +166,7 @@ def measure_fit(
     """
     check_number("max error", max_error, low=0.0, unit="mm")
     for name, one in (("fitted duct", fitted), ("duct", duct)):
-        if count_dimensions(one) != 3:
+        if one.dim != 3:
             raise InputError(f"the {name} has 2 dimensions: it must have 3")
     progress("measure", 0.0)
     cuts = cut_sections(duct, centreline) if sections is None else sections
@@ -295,7 +185,7 @@ def measure_fit(
     kept, lost, gained = (float(volume) for volume in volumes)
     progress("measure", 1.0)
     return FitReport(
-        pieces=pieces,
+        pieces=fitted.shape_count,
         outside=max(highest.value, 0.0),
         outside_bound=max(highest.bound, 0.0),
         outside_place=highest.place,
@@ -399,9 +289,6 @@ def _count(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> NDArray[np.float
 
 
 # Sections of a duct normal to its centreline: the wall, and the circles that fit it.
-
-WINDOW = 2.0
-"""The direction of a centreline is taken over this much on either side [mm]."""
 
 SECTION_TOLERANCE = 1e-3
 """How far the radius of an inscribed circle may be below the largest [mm]."""
@@ -537,7 +424,7 @@ def cut_sections(
     GeometryError
         If the centreline leaves the duct, with the place.
     """
-    if count_dimensions(duct) != 3:
+    if duct.dim != 3:
         raise InputError("the duct has 2 dimensions: sections are cut of one that has 3")
     check_number("spacing", spacing, low=0.0, low_open=True, unit="mm")
     check_integer("rays", rays, low=8, high=10_000)
@@ -548,7 +435,7 @@ def cut_sections(
         if arc.ndim != 1 or len(arc) == 0 or (np.diff(arc) <= 0.0).any():
             raise InputError(f"stations have shape {arc.shape}: (n,) ascending arc lengths")
         check_range("stations", arc, 0.0, centreline.length, "mm", slack=1e-9)
-    centres = _look_up(centreline, arc)
+    centres = interpolate_polyline(centreline.points, centreline.arc_length, arc)
     outside = duct.signed_distance(centres)
     if outside.max() >= 0.0:
         index = int(np.argmax(outside))
@@ -570,41 +457,6 @@ def cut_sections(
         frames=frames,
         directions=directions,
         lengths=lengths.reshape(len(arc), rays),
-    )
-
-
-def find_tangents(centreline: Centreline, arc: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (n, 3) directions of a centreline at arc lengths (n,), over a short stretch."""
-    window = min(WINDOW, 0.5 * centreline.length)
-    ahead = _look_up(centreline, np.minimum(arc + window, centreline.length))
-    back = _look_up(centreline, np.maximum(arc - window, 0.0))
-    sizes = np.linalg.norm(ahead - back, axis=1)
-    if sizes.min() <= 0.0:
-        index = int(np.argmin(sizes))
-        raise GeometryError(f"the centreline turns back on itself at {arc[index]:.1f} mm")
-    return np.asarray((ahead - back) / sizes[:, None])
-
-
-def carry_frames(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (n, 3, 3) frames with the tangents as third column, turned no more than they do."""
-    frames = np.empty((len(tangents), 3, 3))
-    axis = np.eye(3)[int(np.argmin(np.abs(tangents[0])))]
-    for index, tangent in enumerate(tangents):
-        if index > 0:
-            # The smallest rotation from one tangent to the next.
-            before = tangents[index - 1]
-            turn = 1.0 + float(before @ tangent)
-            if turn > 1e-9:
-                axis = axis - (axis @ tangent) / turn * (before + tangent)
-        axis = axis - (axis @ tangent) * tangent
-        axis = axis / np.linalg.norm(axis)
-        frames[index] = np.stack([axis, np.cross(tangent, axis), tangent], axis=1)
-    return frames
-
-
-def _look_up(centreline: Centreline, arc: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.stack(
-        [np.interp(arc, centreline.arc_length, column) for column in centreline.points.T], axis=1
     )
 
 

@@ -12,52 +12,13 @@ where the point may be outside. `clearance_estimate` is the best estimate of it,
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
 from numba import njit, types
 from numba.extending import overload
 
-from .family import ShapesData, family_bound, family_estimate, family_slope
-from .field import field_and_gradient, field_value
-from .shapes import cone_slope, nearest_cone, nearest_edge, polygon_slope
-
-
-class GridData(NamedTuple):
-    """A sampled field: exact signed node distances, spacings, inflation, and rounding slack."""
-
-    values: Any
-    step: Any
-    inflation: float
-    slack: float
-
-
-class BricksData(NamedTuple):
-    """Node distances in bricks, which brick a place has, spacing; then as `GridData`'s."""
-
-    bricks: Any
-    table: Any
-    fine_step: Any
-    values: Any
-    step: Any
-    inflation: float
-    slack: float
-
-
-class ConesData(NamedTuple):
-    """A chain of round cones: cones and blocks of cones (`cones.pack_cones`), inflation, slack."""
-
-    cones: Any
-    blocks: Any
-    inflation: float
-    slack: float
-
-
-class PolygonData(NamedTuple):
-    """A simple polygon: its edges (`_shape_kernels.nearest_edge`), inflation, rounding slack."""
-
-    edges: Any
-    inflation: float
-    slack: float
+from ...errors import InputError
+from ..packed import BricksData, GridData, ShapesData
+from .shapes import family_bound, family_estimate, family_slope
 
 
 def clearance_bound(duct, x, y, z):
@@ -75,17 +36,15 @@ def clearance_slope(duct, x, y, z):
     raise NotImplementedError("only callable from compiled code")
 
 
-@njit(cache=True)
-def nodes_bound(values, step, x, y, z):
-    """Lower bound from exact node distances, before inflation and without rounding.
+# The sampled field, in its own frame (mm from node 0): the trilinear interpolant of the nodes'
+# values less the inflation. Outside the grid it is the value at the nearest point of the grid plus
+# the distance to it, which keeps it an upper bound of the lesser of distance and reach.
 
-    With f the fractions in the cell and e^2 = sum h_k^2 f_k (1 - f_k):
-    the squared distance to a closed set minus |x|^2 is a minimum of affine functions, hence
-    concave, so T[d^2] - e^2 <= d^2; and any 1-Lipschitz s has |T[s] - s| <= e. A wall moved
-    outwards by the inflation c is at least c + d away inside the lumen, and c - s outside it.
-    """
+
+@njit(cache=True, inline="always")
+def _find_cell(values, hx, hy, hz, x, y, z):
+    """Return the cell of a point, the fractions in it, and how far the point is off the grid."""
     nx, ny, nz = values.shape
-    hx, hy, hz = step[0], step[1], step[2]
     fx = x / hx
     fy = y / hy
     fz = z / hz
@@ -95,9 +54,67 @@ def nodes_bound(values, step, x, y, z):
     i = min(int(cx), nx - 2)
     j = min(int(cy), ny - 2)
     k = min(int(cz), nz - 2)
-    u = cx - i
-    v = cy - j
-    w = cz - k
+    return i, j, k, cx - i, cy - j, cz - k, (fx - cx) * hx, (fy - cy) * hy, (fz - cz) * hz
+
+
+@njit(cache=True)
+def field_value(values, hx, hy, hz, inflation, x, y, z):
+    """Signed distance at one point."""
+    i, j, k, u, v, w, dx, dy, dz = _find_cell(values, hx, hy, hz, x, y, z)
+    c00 = values[i, j, k] * (1.0 - w) + values[i, j, k + 1] * w
+    c01 = values[i, j + 1, k] * (1.0 - w) + values[i, j + 1, k + 1] * w
+    c10 = values[i + 1, j, k] * (1.0 - w) + values[i + 1, j, k + 1] * w
+    c11 = values[i + 1, j + 1, k] * (1.0 - w) + values[i + 1, j + 1, k + 1] * w
+    s = (c00 * (1.0 - v) + c01 * v) * (1.0 - u) + (c10 * (1.0 - v) + c11 * v) * u
+    if dx != 0.0 or dy != 0.0 or dz != 0.0:
+        s += math.sqrt(dx * dx + dy * dy + dz * dz)
+    return s - inflation
+
+
+@njit(cache=True)
+def field_and_gradient(values, hx, hy, hz, inflation, x, y, z):
+    """Signed distance at one point, and the gradient of the interpolant there."""
+    i, j, k, u, v, w, dx, dy, dz = _find_cell(values, hx, hy, hz, x, y, z)
+    v000 = float(values[i, j, k])
+    v001 = float(values[i, j, k + 1])
+    v010 = float(values[i, j + 1, k])
+    v011 = float(values[i, j + 1, k + 1])
+    v100 = float(values[i + 1, j, k])
+    v101 = float(values[i + 1, j, k + 1])
+    v110 = float(values[i + 1, j + 1, k])
+    v111 = float(values[i + 1, j + 1, k + 1])
+    c00 = v000 * (1.0 - w) + v001 * w
+    c01 = v010 * (1.0 - w) + v011 * w
+    c10 = v100 * (1.0 - w) + v101 * w
+    c11 = v110 * (1.0 - w) + v111 * w
+    c0 = c00 * (1.0 - v) + c01 * v
+    c1 = c10 * (1.0 - v) + c11 * v
+    s = c0 * (1.0 - u) + c1 * u
+    gx = (c1 - c0) / hx
+    gy = ((c01 - c00) * (1.0 - u) + (c11 - c10) * u) / hy
+    g0 = (v001 - v000) * (1.0 - v) + (v011 - v010) * v
+    g1 = (v101 - v100) * (1.0 - v) + (v111 - v110) * v
+    gz = (g0 * (1.0 - u) + g1 * u) / hz
+    if dx != 0.0 or dy != 0.0 or dz != 0.0:
+        distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+        s += distance
+        gx = dx / distance if dx != 0.0 else gx
+        gy = dy / distance if dy != 0.0 else gy
+        gz = dz / distance if dz != 0.0 else gz
+    return s - inflation, gx, gy, gz
+
+
+@njit(cache=True)
+def nodes_bound(values, step, x, y, z):
+    """Lower bound from exact node distances, before inflation and without rounding.
+
+    With f the fractions in the cell and e^2 = sum h_k^2 f_k (1 - f_k):
+    the squared distance to a closed set minus |x|^2 is a minimum of affine functions, hence
+    concave, so T[d^2] - e^2 <= d^2; and any 1-Lipschitz s has |T[s] - s| <= e. A wall moved
+    outwards by the inflation c is at least c + d away inside the lumen, and c - s outside it.
+    """
+    hx, hy, hz = step[0], step[1], step[2]
+    i, j, k, u, v, w, dx, dy, dz = _find_cell(values, hx, hy, hz, x, y, z)
     s = 0.0
     square = 0.0
     for a in range(2):
@@ -118,10 +135,7 @@ def nodes_bound(values, step, x, y, z):
     square *= 1.0 - 2.0**-22
     if square > spread:
         best = max(best, math.sqrt(square - spread))
-    if cx != fx or cy != fy or cz != fz:
-        dx = (fx - cx) * hx
-        dy = (fy - cy) * hy
-        dz = (fz - cz) * hz
+    if dx != 0.0 or dy != 0.0 or dz != 0.0:
         best -= math.sqrt(dx * dx + dy * dy + dz * dz)
     return best
 
@@ -180,86 +194,62 @@ def bricks_bound(duct, x, y, z):
 def bricks_estimate(duct, x, y, z):
     """Trilinear clearance."""
     n, u, v, w = find_brick(duct, x, y, z)
-    if n >= 0:
-        step = duct.fine_step
-        return -field_value(duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w)
-    step = duct.step
-    return -field_value(duct.values, step[0], step[1], step[2], duct.inflation, x, y, z)
+    if n < 0:
+        return grid_estimate(duct, x, y, z)
+    step = duct.fine_step
+    return -field_value(duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w)
 
 
 @njit(cache=True)
 def bricks_slope(duct, x, y, z):
     """Trilinear clearance and its gradient."""
     n, u, v, w = find_brick(duct, x, y, z)
-    if n >= 0:
-        step = duct.fine_step
-        s, gx, gy, gz = field_and_gradient(
-            duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w
-        )
-    else:
-        step = duct.step
-        s, gx, gy, gz = field_and_gradient(
-            duct.values, step[0], step[1], step[2], duct.inflation, x, y, z
-        )
+    if n < 0:
+        return grid_slope(duct, x, y, z)
+    step = duct.fine_step
+    s, gx, gy, gz = field_and_gradient(
+        duct.bricks[n], step[0], step[1], step[2], duct.inflation, u, v, w
+    )
     return -s, -gx, -gy, -gz
 
 
-@njit(cache=True)
-def cones_estimate(duct, x, y, z):
-    """Clearance in a chain of round cones: exact outside, a lower bound inside."""
-    s, _ = nearest_cone(duct.cones, duct.blocks, x, y, z)
-    return duct.inflation - s
-
-
-@njit(cache=True)
-def cones_bound(duct, x, y, z):
-    """The same less the rounding error."""
-    return cones_estimate(duct, x, y, z) - duct.slack
-
-
-@njit(cache=True)
-def cones_slope(duct, x, y, z):
-    """Clearance in a chain of round cones, and its gradient."""
-    s, i = nearest_cone(duct.cones, duct.blocks, x, y, z)
-    gx, gy, gz = cone_slope(duct.cones, i, x, y, z)
-    return duct.inflation - s, -gx, -gy, -gz
-
-
-@njit(cache=True)
-def polygon_estimate(duct, x, y, z):
-    """Clearance in a polygon: exact; with inflation a lower bound inside."""
-    s, _ = nearest_edge(duct.edges, x, y)
-    return duct.inflation - s
-
-
-@njit(cache=True)
-def polygon_bound(duct, x, y, z):
-    """The same less the rounding error."""
-    return polygon_estimate(duct, x, y, z) - duct.slack
-
-
-@njit(cache=True)
-def plane_slope(duct, x, y, z):
-    """Clearance in a polygon, and its gradient, which is in the plane."""
-    s, i = nearest_edge(duct.edges, x, y)
-    gx, gy = polygon_slope(duct.edges, i, s, x, y)
-    return duct.inflation - s, -gx, -gy, 0.0
-
-
-_KERNELS: dict[Any, tuple[Any, Any, Any]] = {
+_KERNELS = {
     GridData: (grid_bound, grid_estimate, grid_slope),
     BricksData: (bricks_bound, bricks_estimate, bricks_slope),
-    ConesData: (cones_bound, cones_estimate, cones_slope),
-    PolygonData: (polygon_bound, polygon_estimate, plane_slope),
     ShapesData: (family_bound, family_estimate, family_slope),
 }
 """Bound, estimate and slope of each kind of packed duct."""
 
 
+def register_kernels(packed, *, bound, estimate, slope):
+    """Let planners evaluate another kind of packed duct: a shape of another package.
+
+    Parameters
+    ----------
+    packed : type
+        The named tuple that the duct's `pack` returns. It has fields `inflation` and `slack`
+        [mm], which the kernels add to the clearance and take off the bound.
+    bound, estimate : njit function
+        ``(duct, x, y, z) -> float``: a lower bound of the clearance, and the best estimate [mm].
+    slope : njit function
+        ``(duct, x, y, z) -> (estimate, gx, gy, gz)``: with its gradient.
+
+    Notes
+    -----
+    Call it where the kernels are defined. Numba keeps the compiled planners on disk, and does not
+    see that a kernel they call has changed: clear its cache then.
+    """
+    for kernel in (bound, estimate, slope):
+        names = kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]
+        if names != ("duct", "x", "y", "z"):
+            raise InputError(f"a kernel takes ({', '.join(names)}): it must take (duct, x, y, z)")
+    _KERNELS[packed] = (bound, estimate, slope)
+
+
 def _choose(duct, which):
     """Return the body of a kernel for this kind: one call less, which counts here."""
     is_packed = isinstance(duct, types.BaseNamedTuple)
-    kernels = _KERNELS.get(getattr(duct, "instance_class", None)) if is_packed else None
+    kernels = _KERNELS.get(duct.instance_class) if is_packed else None
     return None if kernels is None else kernels[which].py_func
 
 

@@ -18,7 +18,7 @@ from numba import njit
 
 # Numba kernels of the wall of one cylinder segment: the nearest of its rulings, for certain.
 #
-# The numbers of a segment are those of `_cylinder_kernels`, from `at` on.
+# The numbers of a segment are those below, from `at` on.
 
 SAMPLES = 12
 """Rulings at which the search begins."""

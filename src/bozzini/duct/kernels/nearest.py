@@ -8,10 +8,11 @@ preorder: the left child follows its parent, `right` has the other one, or -1 in
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
+from numpy.typing import NDArray
 
 MARKED, INSIDE, BAND = 1, 2, 16
 """Bits of a node's flag: near the wall; in the lumen; to be measured though it is outside."""
@@ -29,11 +30,11 @@ ON_WALL = 1e-6
 class Tree(NamedTuple):
     """The parts of a wall in the order of the tree's leaves, and the tree."""
 
-    parts: Any
-    boxes: Any
-    right: Any
-    first: Any
-    count: Any
+    parts: NDArray[np.float64]
+    boxes: NDArray[np.float64]
+    right: NDArray[np.int32]
+    first: NDArray[np.int32]
+    counts: NDArray[np.int32]
 
 
 @njit(cache=True)
@@ -209,7 +210,7 @@ def nearest(tree, stack, gaps, x, y, z, best, seed):
     while True:
         other = tree.right[node]
         if other < 0:
-            for k in range(tree.first[node], tree.first[node] + tree.count[node]):
+            for k in range(tree.first[node], tree.first[node] + tree.counts[node]):
                 gap = _part_gap(tree.parts, k, x, y, z)
                 if gap < best:
                     best = gap

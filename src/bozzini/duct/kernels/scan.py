@@ -253,3 +253,67 @@ def flag_voxels(lumen, at_x, at_y, at_z, flag, flags):
             for k in range(flags.shape[2]):
                 if at_z[k] >= 0 and lumen[at_x[i], at_y[j], at_z[k]]:
                     flags[i, j, k] |= flag
+
+
+@njit(cache=True)
+def mark_boxes(low, high, marked):
+    """Mark the nodes of the cells that boxes, (m, 3) in cells, touch."""
+    nx, ny, nz = marked.shape
+    for n in range(low.shape[0]):
+        i0 = max(int(math.floor(low[n, 0])), 0)
+        j0 = max(int(math.floor(low[n, 1])), 0)
+        k0 = max(int(math.floor(low[n, 2])), 0)
+        i1 = min(int(math.ceil(high[n, 0])) + 1, nx)
+        j1 = min(int(math.ceil(high[n, 1])) + 1, ny)
+        k1 = min(int(math.ceil(high[n, 2])) + 1, nz)
+        for i in range(i0, i1):
+            for j in range(j0, j1):
+                for k in range(k0, k1):
+                    marked[i, j, k] = True
+
+
+@njit(cache=True)
+def mark_triangles(corners, voxel, marked):
+    """Mark the nodes nearest to points spread over triangles.
+
+    Parameters
+    ----------
+    corners : (m, 3, 3) float
+        From node 0 [mm]; the side from corner 1 to corner 2 is the shortest.
+    voxel : float
+        Distance between nodes [mm].
+    marked : (nx, ny, nz) bool
+        Set where a node is the nearest.
+
+    A triangle is cut into n strips parallel to its shortest side, each strip into cells along its
+    middle row, and the middle of each cell is taken. A point of the strip goes to the row along
+    the line through corner 0, at most half a strip's height there, ``longest / (2 n)``, and along
+    the row to the middle of a cell, at most ``row / (2 cells)``. Both are at most
+    ``voxel / (2 sqrt 3)``.
+    """
+    step = voxel / math.sqrt(3.0)
+    nx, ny, nz = marked.shape
+    side = np.empty(3)
+    for f in range(corners.shape[0]):
+        for e in range(3):
+            total = 0.0
+            for a in range(3):
+                d = corners[f, (e + 1) % 3, a] - corners[f, e, a]
+                total += d * d
+            side[e] = math.sqrt(total)
+        strips = max(1, math.ceil(max(side[0], side[2]) / step))
+        for i in range(strips):
+            s = (i + 0.5) / strips
+            cells = max(1, math.ceil(s * side[1] / step))
+            for j in range(cells):
+                t = (j + 0.5) / cells
+                w0 = 1.0 - s
+                w1 = s * (1.0 - t)
+                w2 = s * t
+                x = w0 * corners[f, 0, 0] + w1 * corners[f, 1, 0] + w2 * corners[f, 2, 0]
+                y = w0 * corners[f, 0, 1] + w1 * corners[f, 1, 1] + w2 * corners[f, 2, 1]
+                z = w0 * corners[f, 0, 2] + w1 * corners[f, 1, 2] + w2 * corners[f, 2, 2]
+                p = min(max(int(math.floor(x / voxel + 0.5)), 0), nx - 1)
+                q = min(max(int(math.floor(y / voxel + 0.5)), 0), ny - 1)
+                r = min(max(int(math.floor(z / voxel + 0.5)), 0), nz - 1)
+                marked[p, q, r] = True

@@ -1,1 +1,20 @@
-"""Ducts described by shapes: one module a kind."""
+"""The shapes that a duct can have, by name: of this package, and of others that are installed."""
+
+from __future__ import annotations
+
+from ...registry import Registry, collect_named
+from ..base import Duct
+from . import cones, curves, cylinders, mesh, points, polyhedron, quads, super_ellipses
+
+__all__ = ["SHAPES"]
+
+MODULES = (quads, curves, super_ellipses, cones, cylinders, polyhedron, mesh, points)
+"""Where the shapes of this package are; a new module is named here."""
+
+SHAPES: Registry[Duct] = Registry(
+    "bozzini.ducts",
+    Duct,  # type: ignore[type-abstract]
+    lambda: collect_named(MODULES, Duct),  # type: ignore[type-abstract]
+    noun="shape",
+)
+"""All shapes by their names in files."""

@@ -1,26 +1,111 @@
-"""A chain of round cones: the analytic tubular duct, in place of the thesis's cylinders."""
+"""Unions of balls: discs in the plane, and round cones, the analytic tubular duct."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import check_number
 from ...errors import InputError
-from ..base import check_counts, check_radii, check_wall, freeze_array, freeze_places, set_fields
-from .common import ROUNDING, AnalyticDuct
+from ..checks import (
+    check_counts,
+    check_radii,
+    check_wall,
+    freeze_array,
+    freeze_places,
+    set_fields,
+)
+from .base import ShapeUnion
 
-if TYPE_CHECKING:
-    from ..kernels.clearance import ConesData
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class RoundCones(AnalyticDuct):
+class Circles(ShapeUnion):
+    """The union of discs: what `without` takes away from a planar duct.
+
+    Parameters
+    ----------
+    centres : (n, 2) float
+        Of the discs [mm].
+    radii : (n,) float
+        Of the discs [mm].
+    inflation, wall, wall_error
+        See `Shape`.
+
+    Raises
+    ------
+    InputError
+        If a radius is not positive.
+
+    Notes
+    -----
+    ``|x - c| - r`` of the nearest disc: exact outside, and inside a lower bound of the depth,
+    exact in one disc. Eq. 5.14's ``|x - c|^2 - r^2`` is an area. The discs need not hang
+    together.
+    """
+
+    centres: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    wall: str = field(default="union of discs", kw_only=True)
+
+    name = "circles"
+    code = 2
+    dim = 2
+    columns = {"centre": ("centres", "lengths"), "radius": ("radii", "length")}
+    exact_outside = True
+
+    def __post_init__(self) -> None:
+        centres = freeze_places("centres", self.centres, 2)
+        radii = freeze_array("radii", self.radii, ())
+        check_counts(len(centres), {"radii": radii})
+        check_radii(radii)
+        check_wall(self.inflation, self.wall_error)
+        set_fields(self, centres=centres, radii=radii)
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 2) corners of the box around the discs [mm]."""
+        reach = (self.radii + self.inflation)[:, None]
+        return np.stack([(self.centres - reach).min(axis=0), (self.centres + reach).max(axis=0)])
+
+    def guard_links(self, length: float, *, radius: float = 0.0) -> Circles:
+        """Return discs so much larger that no link between joints outside them cuts the old ones.
+
+        A joint outside each disc does not keep a link outside: a chord with both ends at least
+        ``sqrt((r + radius)^2 + length^2 / 4)`` from the centre stays ``r + radius`` away.
+
+        Parameters
+        ----------
+        length : float
+            Of a link [mm].
+        radius : float
+            Of its body [mm].
+        """
+        check_number("length", length, low=0.0, unit="mm")
+        check_number("radius", radius, low=0.0, unit="mm")
+        grown = [math.hypot(float(r) + radius, 0.5 * length) for r in self.radii]
+        return replace(self, radii=np.array(grown))
+
+    def numbers(self) -> tuple[list[Floats], Floats]:
+        """Return centre and radius of each disc, and bounding balls [mm]."""
+        numbers = np.concatenate([self.centres, self.radii[:, None]], axis=1)
+        flat = np.zeros((len(self.radii), 1))
+        balls = np.concatenate([self.centres, flat, self.radii[:, None]], axis=1)
+        return list(numbers), balls
+
+    @staticmethod
+    def move(row: Floats, rotation: Floats, shift: Floats) -> bool:
+        """Move the centre."""
+        row[:2] = rotation[:2, :2] @ row[:2] + shift[:2]
+        return True
+
+
+@dataclass(frozen=True, eq=False)
+class RoundCones(ShapeUnion):
     """The hulls of each two consecutive balls of a chain: a tube of changing radius.
 
     Parameters
@@ -29,12 +114,8 @@ class RoundCones(AnalyticDuct):
         Of the balls, along the tube [mm].
     radii : (n,) float
         Of the balls [mm]. Between two centres the radius changes linearly.
-    inflation : float
-        The wall is moved outwards by this much [mm]: all radii count as larger by it.
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm]; 0 if the cones are the tube itself.
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -44,19 +125,22 @@ class RoundCones(AnalyticDuct):
     Notes
     -----
     The signed distance is the smallest of ``|x - c| - r(c)`` over all points c of the chain. It
-    is exact outside. Inside it is the room of the roomiest ball of the chain there, a lower bound
-    of the depth: exact in one cone, less where the chain bends or narrows to a neck. It is
+    is exact outside. Inside it is the clearance of the ball of the chain that leaves most, a lower
+    bound of the depth: exact in one cone, less where the chain bends or narrows to a neck. It is
     1-Lipschitz, and `erode` is exact: the same with smaller radii. Both ends are closed by balls.
     A single ball is a chain too.
     """
 
     centres: NDArray[np.float64]
     radii: NDArray[np.float64]
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="chain of round cones, ends closed by balls", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
+    name = "cones"
+    code = 14
+    joined = True
     dim = 3
+    columns = {"centre": ("centres", "lengths"), "radius": ("radii", "length")}
+    exact_outside = True
 
     def __post_init__(self) -> None:
         centres = freeze_places("centres", self.centres, 3)
@@ -65,16 +149,6 @@ class RoundCones(AnalyticDuct):
         check_radii(radii)
         check_wall(self.inflation, self.wall_error)
         set_fields(self, centres=centres, radii=radii)
-
-    @property
-    def kind(self) -> str:
-        """The distance is a lower bound of the room."""
-        return "bound"
-
-    @property
-    def exact_outside(self) -> bool:
-        """Outside it is the distance, before inflation."""
-        return True
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -102,53 +176,33 @@ class RoundCones(AnalyticDuct):
         wall = f"{self.wall}, {clearance:g} mm inside"
         return RoundCones(self.centres, rest, wall=wall, wall_error=self.wall_error)
 
-    def pack(self) -> ConesData:
-        """Return the tube for compiled kernels."""
-        return self._data
+    def numbers(self) -> tuple[list[Floats], Floats]:
+        """Return the numbers of each cone, and bounding balls [mm].
 
-    @cached_property
-    def _data(self) -> ConesData:
-        from ..kernels.clearance import ConesData
+        Start (3), axis (3), length, sine and cosine of the half angle, both radii. A cone whose
+        one ball holds the other is that ball.
+        """
+        rows, balls = [], []
+        for k in range(max(1, len(self.centres) - 1)):
+            pair = [k, min(k + 1, len(self.centres) - 1)]
+            (a, b), (ra, rb) = self.centres[pair], self.radii[pair].tolist()
+            size = float(np.linalg.norm(b - a))
+            sine = (ra - rb) / size if size > abs(ra - rb) else 1.0
+            cosine = math.sqrt(max((1.0 - sine) * (1.0 + sine), 0.0))
+            if cosine < 1e-9:
+                a, ra = (a, ra) if ra >= rb else (b, rb)
+                rows.append(np.array([*a, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, ra, ra]))
+                balls.append([*a, ra])
+                continue
+            axis = (b - a) / size
+            around = 0.5 * (size + ra + rb)
+            rows.append(np.array([*a, *axis, size, sine, cosine, ra, rb]))
+            balls.append([*(a + (around - ra) * axis), around])
+        return rows, np.array(balls)
 
-        cones = pack_cones(self.centres, self.radii)
-        size = float(np.abs(self.centres).max() + self.radii.max())
-        return ConesData(cones, pack_blocks(cones), float(self.inflation), ROUNDING * size)
-
-
-def pack_cones(centres: NDArray[np.float64], radii: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one row (15,) per cone.
-
-    Start (3), axis (3), length, sine and cosine of the half angle, both radii, and the bounding
-    ball (4). A cone whose one ball holds the other is that ball.
-    """
-    rows = []
-    for k in range(max(1, len(centres) - 1)):
-        a, b = centres[k], centres[min(k + 1, len(centres) - 1)]
-        ra, rb = float(radii[k]), float(radii[min(k + 1, len(radii) - 1)])
-        size = float(np.linalg.norm(b - a))
-        sine = (ra - rb) / size if size > abs(ra - rb) else 1.0
-        cosine = math.sqrt(max((1.0 - sine) * (1.0 + sine), 0.0))
-        if cosine < 1e-9:
-            a, ra = (a, ra) if ra >= rb else (b, rb)
-            rows.append([*a, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, ra, ra, *a, ra])
-            continue
-        axis = (b - a) / size
-        around = 0.5 * (size + ra + rb)
-        middle = a + (around - ra) * axis
-        rows.append([*a, *axis, size, sine, cosine, ra, rb, *middle, around])
-    return np.array(rows)
-
-
-def pack_blocks(cones: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return bounding balls of runs of consecutive cones: centre (3), radius, first, last + 1."""
-    count = len(cones)
-    run = max(1, math.isqrt(count))
-    blocks = []
-    for first in range(0, count, run):
-        balls = cones[first : first + run, 11:15]
-        centre = 0.5 * (
-            (balls[:, :3] - balls[:, 3:]).min(axis=0) + (balls[:, :3] + balls[:, 3:]).max(axis=0)
-        )
-        reach = float((np.linalg.norm(balls[:, :3] - centre, axis=1) + balls[:, 3]).max())
-        blocks.append([*centre, reach * (1.0 + 1e-12), first, min(first + run, count)])
-    return np.array(blocks)
+    @staticmethod
+    def move(row: Floats, rotation: Floats, shift: Floats) -> bool:
+        """Move the start, turn the axis."""
+        row[:3] = rotation @ row[:3] + shift
+        row[3:6] = rotation @ row[3:6]
+        return True

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import broadcast, check_array, check_number, check_points
 from ...errors import GeometryError, InputError
-from ..base import check_places, check_wall, freeze_places, set_fields
-from .common import AnalyticDuct
+from ..base import Kind, PackedDuct, Shape
+from ..checks import check_places, check_wall, freeze_places, set_fields
+from ..packed import ShapesData
 from .quads import StitchedQuads
-
-if TYPE_CHECKING:
-    from ..kernels.clearance import PolygonData
 
 # Two curves drawn as chords: how many it takes, how far the curves are from them.
 
@@ -175,7 +173,7 @@ class CurveCoordinates:
 
 
 @dataclass(frozen=True, eq=False)
-class BetweenCurves(AnalyticDuct):
+class BetweenCurves(Shape, PackedDuct):
     """All points ``(1 - v) first(u) + v second(u)``, v in [0, 1] (thesis eq. 5.26).
 
     Parameters
@@ -191,12 +189,8 @@ class BetweenCurves(AnalyticDuct):
         An upper bound of both curves' second derivatives, |d^2 x / du^2| [mm]. Chords over a
         step h of u then err by at most ``curvature * h^2 / 8``. Without it the error is estimated:
         twice the largest found at seven places in each chord.
-    inflation : float
-        The wall is moved outwards by this much [mm].
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -220,10 +214,9 @@ class BetweenCurves(AnalyticDuct):
     span: tuple[float, float] | None = field(default=None, kw_only=True)
     tolerance: float = field(default=0.01, kw_only=True)
     curvature: float | None = field(default=None, kw_only=True)
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="region between two curves", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
+    name = "curves"
     dim = 2
 
     def __post_init__(self) -> None:
@@ -256,7 +249,7 @@ class BetweenCurves(AnalyticDuct):
         _ = self.quads
 
     @property
-    def kind(self) -> str:
+    def kind(self) -> Kind:
         """Sampled from functions; exact through samples, with inflation a lower bound."""
         return "sampled" if self.error > 0.0 else self.quads.kind
 
@@ -296,7 +289,12 @@ class BetweenCurves(AnalyticDuct):
         check_rulings(u, first, second)
         return StitchedQuads(first, second, inflation=self.inflation, wall=self.wall)
 
-    def pack(self) -> PolygonData:
+    @property
+    def family_shapes(self) -> ShapesData:
+        """The outline as kernels see it: what it may be off by counts as clearance not there."""
+        return self.quads.pack().shift(-self.error)
+
+    def pack(self) -> ShapesData:
         """Return the duct for compiled kernels."""
         data = self.quads.pack()
         return data._replace(slack=data.slack + self.error)

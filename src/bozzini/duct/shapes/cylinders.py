@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import GeometryError, InputError
-from ..base import (
+from ..checks import (
     check_counts,
     check_places,
     check_radii,
@@ -19,7 +19,7 @@ from ..base import (
     scale_to_unit_normals,
     set_fields,
 )
-from .common import ShapeUnion, Slices
+from .base import ShapeUnion
 
 TOLERANCE = 1e-7
 """How much nearer than it is the wall may be said to be, as a fraction of the largest radius."""
@@ -59,12 +59,8 @@ class ConnectedCylinders(ShapeUnion):
         Of the circles' planes, of any length. Their sign is free: they are turned along the duct.
     radii : (n,) float
         Of the circles [mm].
-    inflation : float
-        The wall is moved outwards by this much [mm].
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -93,9 +89,17 @@ class ConnectedCylinders(ShapeUnion):
     centres: NDArray[np.float64]
     normals: NDArray[np.float64]
     radii: NDArray[np.float64]
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="connected cylinders, ends closed by discs", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
+
+    name = "cylinders"
+    code = 11
+    joined = True
+    dim = 3
+    columns = {
+        "centre": ("centres", "lengths"),
+        "normal": ("normals", "numbers"),
+        "radius": ("radii", "length"),
+    }
 
     def __post_init__(self) -> None:
         centres = freeze_places("centres", self.centres, 3, least=2)
@@ -212,14 +216,13 @@ class ConnectedCylinders(ShapeUnion):
     def _numbers(self) -> NDArray[np.float64]:
         return pack_chain(self.centres, self.normals, self.radii, self._axes)
 
-    def _slice(self) -> Slices:
-        from ..kernels.family import CYLINDER_SEGMENT
-
+    def numbers(self) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """Return the numbers of the chain, and its bounding ball [mm]."""
         low = (self.centres - self.radii[:, None]).min(axis=0)
         high = (self.centres + self.radii[:, None]).max(axis=0)
         middle = 0.5 * (low + high)
         reach = float((np.linalg.norm(self.centres - middle, axis=1) + self.radii).max())
-        return Slices(CYLINDER_SEGMENT, [self._numbers], np.array([[*middle, reach]]))
+        return [self._numbers], np.array([[*middle, reach]])
 
 
 def pack_chain(
@@ -228,7 +231,7 @@ def pack_chain(
     radii: NDArray[np.float64],
     axes: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the numbers of a chain for `_cylinder_kernels`."""
+    """Return the numbers of a chain for `kernels.cylinders`."""
     count = len(centres) - 1
     rows = [
         np.array([count, TOLERANCE * radii.max()]),
@@ -274,19 +277,27 @@ def _turn_normals(centres: NDArray[np.float64], normals: NDArray[np.float64]) ->
             )
 
 
+def measure_gaps(
+    centres: NDArray[np.float64], normals: NDArray[np.float64], radii: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (n - 1,) how far circles stay from the planes of their neighbours, at least [mm]."""
+    d = np.diff(centres, axis=0)
+    sine = np.linalg.norm(np.cross(normals[:-1], normals[1:]), axis=1)
+    ahead = np.einsum("ij,ij->i", normals[:-1], d) - radii[1:] * sine
+    return np.asarray(np.minimum(ahead, np.einsum("ij,ij->i", normals[1:], d) - radii[:-1] * sine))
+
+
 def _check_apart(
     centres: NDArray[np.float64], normals: NDArray[np.float64], radii: NDArray[np.float64]
 ) -> None:
     """Raise `GeometryError` if a circle reaches through the plane of the one before or after."""
-    for i in range(len(centres) - 1):
-        d = centres[i + 1] - centres[i]
+    meet = measure_gaps(centres, normals, radii) <= 0.0
+    if meet.any():
+        i = int(np.argmax(meet))
         n1, n2 = normals[i], normals[i + 1]
-        sine = float(np.linalg.norm(np.cross(n1, n2)))
-        room = (float(n1 @ d) - radii[i + 1] * sine, float(n2 @ d) - radii[i] * sine)
-        if min(room) <= 0.0:
-            angle = np.degrees(np.arctan2(sine, float(n1 @ n2)))
-            raise GeometryError(
-                f"circles {i} and {i + 1} overlap: the spacing {np.linalg.norm(d):.3g} mm is too "
-                f"short for a bend of {angle:.3g} deg and radii {radii[i]:g} and "
-                f"{radii[i + 1]:g} mm"
-            )
+        angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(n1, n2)), float(n1 @ n2)))
+        raise GeometryError(
+            f"circles {i} and {i + 1} overlap: the spacing "
+            f"{np.linalg.norm(centres[i + 1] - centres[i]):.3g} mm is too short for a bend of "
+            f"{angle:.3g} deg and radii {radii[i]:g} and {radii[i + 1]:g} mm"
+        )

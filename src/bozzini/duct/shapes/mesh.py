@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import GeometryError, InputError
-from ..base import check_places, check_wall, freeze_places, set_fields
-from ..build import MeshWall
-from .common import MeasuredDuct, Nearest, order_points
+from ...numeric.vectors import order_points
+from ..base import SampledField, Shape
+from ..checks import check_places, check_wall, freeze_places, set_fields
+from ..field import MeshWall, field_from_mesh, measure_parts
 
 if TYPE_CHECKING:
-    from ..field import SampledField
+    import igl
 
 # Which side of a mesh's triangles is inside: parts that are turned inside out are found.
 
@@ -27,7 +28,7 @@ ASIDE = 1e-6
 def check_sides(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int64],
-    count_windings: Callable[[NDArray[np.float64]], NDArray[Any]],
+    count_windings: Callable[[NDArray[np.float64]], NDArray[np.int64]],
     *,
     everywhere: bool,
 ) -> None:
@@ -49,9 +50,7 @@ def check_sides(
     """
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    part = find_parts(len(vertices), faces)
-    around = corners[:, 0] - corners.mean(axis=(0, 1))
-    volumes = np.bincount(part, weights=np.einsum("ij,ij->i", around, normals))
+    part, volumes = measure_parts(vertices, faces)
     sizes = np.linalg.norm(normals, axis=1)
     asked = np.flatnonzero((sizes > 0.0) & (everywhere | (volumes[part] < 0.0)))
     if len(asked) == 0:
@@ -69,26 +68,15 @@ def check_sides(
         )
 
 
-def find_parts(count: int, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the connected part (m,) of each triangle."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    start, stop = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    ones = np.ones(len(start), dtype=np.int8)
-    graph = coo_matrix((ones, (start, stop)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1][faces[:, 0]], dtype=np.int64)
-
-
 MOST_COLUMNS = 2000
 """Columns of triangles along one side, at most."""
 
-THIN = 1e-9
+THIN_MM = 1e-9
 """Distance below which a point lies on a triangle, whose normal is then the gradient [mm]."""
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleMesh(MeasuredDuct):
+class TriangleMesh(Shape):
     """The inside of a closed triangle mesh.
 
     Parameters
@@ -97,12 +85,8 @@ class TriangleMesh(MeasuredDuct):
         World frame [mm].
     faces : (m, 3) int
         Triangles that agree in their turn. Kept outward.
-    inflation : float
-        The wall is moved outwards by this much [mm].
-    wall : str
-        What the wall is, in words.
-    wall_error : float or None
-        How far the true wall may be from the triangles [mm]; None where it is not known.
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -125,9 +109,12 @@ class TriangleMesh(MeasuredDuct):
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="triangles of a mesh", kw_only=True)
     wall_error: float | None = field(default=None, kw_only=True)
+
+    name = "mesh"
+    dim = 3
+    exact_outside = True
 
     def __post_init__(self) -> None:
         vertices = freeze_places("vertices", self.vertices, 3, least=4)
@@ -144,7 +131,7 @@ class TriangleMesh(MeasuredDuct):
         faces = faces.astype(np.int64)
         check_wall(self.inflation, self.wall_error)
         _check_closed(vertices, faces)
-        volume = _measure_volume(vertices, faces)
+        volume = measure_parts(vertices, faces)[1].sum() / 6.0
         if abs(volume) <= 1e-9 * float(np.ptp(vertices[faces], axis=(0, 1)).max()) ** 3:
             raise GeometryError(f"the mesh encloses no volume: {volume:.3g} mm^3")
         if volume < 0.0:
@@ -154,16 +141,6 @@ class TriangleMesh(MeasuredDuct):
         check_sides(vertices, faces, self.count_windings, everywhere=self.inflation > 0.0)
         if self.inflation > 0.0:
             MeshWall(vertices, faces).refuse_bodies()
-
-    @property
-    def kind(self) -> str:
-        """The distance is a lower bound of the room: less than it only where sheets cross."""
-        return "bound"
-
-    @property
-    def exact_outside(self) -> bool:
-        """Outside it is the distance, before inflation."""
-        return True
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -176,11 +153,11 @@ class TriangleMesh(MeasuredDuct):
     @property
     def volume(self) -> float:
         """Volume before inflation [mm^3]."""
-        return _measure_volume(self.vertices, self.faces)
+        return float(measure_parts(self.vertices, self.faces)[1].sum()) / 6.0
 
     def count_windings(self, points: ArrayLike) -> NDArray[np.int64]:
         """Return how often the mesh winds about points (..., 3): 0 outside, 1 or more inside."""
-        from ..kernels.mesh import count_windings
+        from ..kernels.inside import count_windings
 
         array = check_places("points", points)
         flat = np.array(array.reshape(-1, 3), order="C")
@@ -201,30 +178,36 @@ class TriangleMesh(MeasuredDuct):
         back[order] = np.arange(len(order))
         return np.sqrt(squared)[back], triangle[back], foot[back]
 
-    def _measure(self, points: NDArray[np.float64], *, with_gradient: bool) -> Nearest:
-        room, triangle, foot = self._nearest(points)
-        sign = np.where(self.count_windings(points) > 0, -1.0, 1.0)
-        if not with_gradient:
-            return Nearest(sign * room, foot)
-        near = room <= THIN
-        away = (points - foot) * (sign / np.where(near, 1.0, room))[:, None]
+    def signed_distance(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Return the (...) signed distance at points (..., 3) [mm], negative inside."""
+        array = check_places("points", points)
+        flat = np.array(array.reshape(-1, 3), order="C")
+        room = self._nearest(flat)[0]
+        value = np.where(self.count_windings(flat) > 0, -room, room)
+        return value.reshape(array.shape[:-1]) - self.inflation
+
+    def gradient(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Return the (..., 3) gradient of the signed distance; where it has several, one."""
+        array = check_places("points", points)
+        flat = np.array(array.reshape(-1, 3), order="C")
+        room, triangle, foot = self._nearest(flat)
+        sign = np.where(self.count_windings(flat) > 0, -1.0, 1.0)
+        near = room <= THIN_MM
+        away = (flat - foot) * (sign / np.where(near, 1.0, room))[:, None]
         if near.any():
             a, b, c = np.moveaxis(self.vertices[self.faces[triangle[near]]], 1, 0)
             normal = np.cross(b - a, c - a)
             size = np.linalg.norm(normal, axis=1, keepdims=True)
             away[near] = normal / np.where(size > 0.0, size, 1.0)
-        return Nearest(sign * room, away)
+        return away.reshape(array.shape)
 
-    def _sample(self, voxel: float | None) -> SampledField:
-        from dataclasses import replace
-
-        from ..build import field_from_mesh
-
+    def sample(self, voxel: float | None = None) -> SampledField:
+        """Sample the signed distance on a grid: see `bozzini.duct.field_from_mesh`."""
         grid = field_from_mesh(self.vertices, self.faces, voxel=voxel, inflate=self.inflation)
         return replace(grid, wall=self.wall, wall_error=self.wall_error)
 
     @cached_property
-    def _boxes(self) -> Any:
+    def _boxes(self) -> igl.AABB:
         import igl
 
         boxes = igl.AABB()
@@ -232,9 +215,9 @@ class TriangleMesh(MeasuredDuct):
         return boxes
 
     @cached_property
-    def _columns(self) -> Any:
-        """The triangles in columns along the shortest side of the box: see `_mesh_kernels`."""
-        from ..kernels.mesh import fill_columns
+    def _columns(self) -> tuple[object, ...]:
+        """The triangles in columns along the shortest side of the box: see `kernels.inside`."""
+        from ..kernels.inside import fill_columns
 
         corners = self.vertices[self.faces]
         low = corners.min(axis=(0, 1))
@@ -252,11 +235,6 @@ class TriangleMesh(MeasuredDuct):
         head = (p, q, float(low[p]), float(low[q]), cell, shape)
         first, members = fill_columns(self.vertices, self.faces, *head)
         return first, members, p, q, r, *head[2:]
-
-
-def _measure_volume(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
-    corners = vertices[faces] - vertices[faces].mean(axis=(0, 1))
-    return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))) / 6.0
 
 
 def _check_closed(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:

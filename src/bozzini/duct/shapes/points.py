@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_number
 from ...errors import GeometryError, InputError
-from ..base import check_counts, check_size, freeze_array, freeze_places, set_fields
-from .common import MeasuredDuct, Nearest, order_points
+from ...numeric.vectors import order_points
+from ..base import Duct
+from ..checks import (
+    check_counts,
+    check_places,
+    check_size,
+    freeze_array,
+    freeze_places,
+    set_fields,
+)
 
 if TYPE_CHECKING:
-    from ..field import SampledField
+    from scipy.spatial import cKDTree
 
 # Which places a cloud of wall samples keeps apart: balls about them, by their Delaunay cells.
 #
@@ -131,7 +138,7 @@ def _measure_gates(
 
 def find_cells(cells: Cells, points: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the cell (n,) of each point (n, 3), -1 outside the samples' hull."""
-    from ..kernels.cloud import locate_cells
+    from ..kernels.inside import locate_cells
 
     found = np.empty(len(points), dtype=np.int64)
     locate_cells(cells.samples, cells.corners, cells.neighbours, points, found)
@@ -156,16 +163,13 @@ def find_opening(cells: Cells, cell: int) -> tuple[float, int]:
     return 0.0, 0
 
 
-JITTER = 1e-6
+JITTER_SHARE = 1e-6
 """Samples are moved by this share of the spacing for their Delaunay cells, which are then never
 flat; the balls are larger by four times as much."""
 
-MAX_NODES = 40_000_000
-"""A sampled grid may have this many nodes."""
-
 
 @dataclass(frozen=True, eq=False)
-class PointCloud(MeasuredDuct):
+class PointCloud(Duct):
     """What samples of a wall enclose for certain.
 
     Parameters
@@ -209,6 +213,9 @@ class PointCloud(MeasuredDuct):
     wall: str = field(default="", init=False)
     wall_error: float | None = field(default=None, init=False)
 
+    name = "cloud"
+    dim = 3
+
     def __post_init__(self) -> None:
         points = freeze_places("points", self.points, 3, least=4)
         check_size("spacing", self.spacing)
@@ -239,7 +246,12 @@ class PointCloud(MeasuredDuct):
         """(2, 3) corners of the box around the samples [mm]."""
         return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
 
-    def inflate(self, distance: float) -> PointCloud:
+    @property
+    def inflation_max(self) -> float:
+        """How far the wall can be moved outwards: not at all [mm]."""
+        return 0.0
+
+    def inflate(self, distance: float) -> Self:
         """Return the same duct: its wall cannot be moved outwards.
 
         Raises
@@ -254,22 +266,36 @@ class PointCloud(MeasuredDuct):
             )
         return self
 
-    def _measure(self, points: NDArray[np.float64], *, with_gradient: bool) -> Nearest:
+    def signed_distance(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Return the (...) signed distance at points (..., 3) [mm], negative inside."""
+        array = check_places("points", points)
+        far, _, inside, order = self._measure(array.reshape(-1, 3))
+        value = np.empty(len(far))
+        # In a ball the lumen is at least as far as the ball's border.
+        value[order] = np.where(inside, self._radius - far, np.abs(far - self._radius))
+        return value.reshape(array.shape[:-1])
+
+    def gradient(self, points: ArrayLike, /) -> NDArray[np.float64]:
+        """Return the (..., 3) gradient of the signed distance; where it has several, one."""
+        array = check_places("points", points)
+        flat = array.reshape(-1, 3)
+        far, index, inside, order = self._measure(flat)
+        away = (flat[order] - self.points[index]) / np.where(far > 0.0, far, 1.0)[:, None]
+        falls = inside | (far < self._radius)
+        gradient = np.empty_like(flat)
+        gradient[order] = np.where(falls[:, None], -away, away)
+        return gradient.reshape(array.shape)
+
+    def _measure(
+        self, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_], NDArray[np.int64]]:
+        """Return how far the nearest sample is, which, if inside; and the order of all these."""
         order = order_points(points)
         near = points[order]
         far, index = self._tree.query(near)
-        inside = far > self._radius
+        inside = np.asarray(far > self._radius)
         inside[inside] = self._ask(near[inside])
-        # In a ball the lumen is at least as far as the ball's border.
-        value = np.empty(len(points))
-        value[order] = np.where(inside, self._radius - far, np.abs(far - self._radius))
-        if not with_gradient:
-            return Nearest(value, points)
-        away = (near - self.points[index]) / np.where(far > 0.0, far, 1.0)[:, None]
-        falls = inside | (far < self._radius)
-        gradient = np.empty_like(points)
-        gradient[order] = np.where(falls[:, None], -away, away)
-        return Nearest(value, gradient)
+        return far, index, inside, order
 
     def _ask(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether points farther than `spacing` from all samples are inside.
@@ -284,45 +310,16 @@ class PointCloud(MeasuredDuct):
         answer[near] = (cell >= 0) & self._lumen[self._cells.groups[np.maximum(cell, 0)]]
         return answer
 
-    def _sample(self, voxel: float | None) -> SampledField:
-        from ..field import SampledField
-
-        low, high = self.points.min(axis=0), self.points.max(axis=0)
-        pad = 2.0 * self.spacing
-        low, size = low - pad, high - low + 2.0 * pad
-        if voxel is None:
-            voxel = max(self.spacing, float(np.cbrt(size.prod() / (0.5 * MAX_NODES))))
-        with np.errstate(over="ignore"):
-            wanted = np.ceil(size / voxel) + 1.0
-        if math.prod(wanted.tolist()) > MAX_NODES:
-            raise InputError(
-                f"voxel is {voxel:g} mm: the grid would have more than {MAX_NODES:,} nodes, it "
-                f"must be at least about {float(np.cbrt(size.prod() / MAX_NODES)) * 1.05:.2g} mm"
-            )
-        counts = wanted.astype(int)
-        axes = [low[k] + voxel * np.arange(counts[k]) for k in range(3)]
-        values = np.empty(tuple(counts), dtype=np.float32)
-        sheet = np.stack(np.meshgrid(axes[1], axes[2], indexing="ij"), axis=-1).reshape(-1, 2)
-        for index, x in enumerate(axes[0]):
-            nodes = np.concatenate([np.full((len(sheet), 1), x), sheet], axis=1)
-            values[index] = self._measure(nodes, with_gradient=False).distance.reshape(counts[1:])
-        return SampledField(
-            values=values,
-            spacing=np.full(3, float(voxel)),
-            origin=low,
-            rotation=np.eye(3),
-            wall=self.wall,
-            wall_error=self.wall_error,
-            reach=0.0,
-            exact_outside=False,
-        )
+    @property
+    def _default_voxel(self) -> float:
+        return max(float(self.spacing), super()._default_voxel)
 
     @property
     def _radius(self) -> float:
-        return float(self.spacing) * (1.0 + 4.0 * JITTER)
+        return float(self.spacing) * (1.0 + 4.0 * JITTER_SHARE)
 
     @cached_property
-    def _tree(self) -> Any:
+    def _tree(self) -> cKDTree:
         from scipy.spatial import cKDTree
 
         # Half the time of the default tree, for samples of a surface.
@@ -331,9 +328,9 @@ class PointCloud(MeasuredDuct):
     @cached_property
     def _cells(self) -> Cells:
         random = np.random.default_rng(len(self.points))
-        moved = random.uniform(-1.0, 1.0, self.points.shape) * (JITTER * self.spacing)
+        moved = random.uniform(-1.0, 1.0, self.points.shape) * (JITTER_SHARE * self.spacing)
         # A moved ball of this radius holds that of the spacing, and is in that of `_radius`.
-        return make_cells(self.points + moved, self.spacing * (1.0 + 2.0 * JITTER))
+        return make_cells(self.points + moved, self.spacing * (1.0 + 2.0 * JITTER_SHARE))
 
     @cached_property
     def _lumen(self) -> NDArray[np.bool_]:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import GeometryError, InputError
-from ..base import (
+from ..checks import (
     COORDINATE_MAX,
     check_wall,
     freeze_array,
@@ -19,7 +18,8 @@ from ..base import (
     scale_to_unit_normals,
     set_fields,
 )
-from .common import ShapeUnion, Slices, check_connected
+from ..search import check_connected
+from .base import ShapeUnion
 
 OFFSET_MAX = 2.0 * COORDINATE_MAX
 """A plane farther from the origin than this does not meet the space that shapes may be in [mm]."""
@@ -38,21 +38,17 @@ class ConvexPolyhedra(ShapeUnion):
         For each polyhedron its planes: outward normal and offset, a point x is on the inner side
         where ``normal . x + offset <= 0`` (thesis eq. 5.33). Normals of any length; kept as unit
         vectors.
-    inflation : float
-        The wall is moved outwards by this much [mm].
     connected : bool
-        Whether pieces that do not all hang together are refused.
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+        Whether pieces that are not all connected are refused.
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
     InputError
         If a plane is not finite or its normal has no length.
     GeometryError
-        If a piece is empty, flat or has no end, or the union falls apart.
+        If a piece is empty, flat or has no end, or the union is not connected.
 
     Notes
     -----
@@ -63,13 +59,15 @@ class ConvexPolyhedra(ShapeUnion):
     """
 
     pieces: Sequence[NDArray[np.float64]]
-    inflation: float = field(default=0.0, kw_only=True)
     connected: bool = field(default=True, kw_only=True)
     wall: str = field(default="union of convex polyhedra, ends closed", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
+
+    name = "polyhedra"
+    code = 12
+    dim = 3
 
     def __post_init__(self) -> None:
-        given: Any = self.pieces
+        given: object = self.pieces
         if isinstance(given, str) or not hasattr(given, "__len__"):
             raise InputError(
                 f"pieces is a {type(given).__name__}: it must be a sequence of arrays (m, 4)"
@@ -149,11 +147,23 @@ class ConvexPolyhedra(ShapeUnion):
             balls.append([*middle, reach * (1.0 + 1e-9) + 1e-9])
         return np.array(balls)
 
-    def _slice(self) -> Slices:
-        from ..kernels.family import HALFSPACES
+    def numbers(self) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """Return the numbers of each piece, and bounding balls [mm].
 
-        numbers = [np.concatenate([[len(piece)], piece.reshape(-1)]) for piece in self.pieces]
-        return Slices(HALFSPACES, numbers, self._balls)
+        How many planes, then normal (3) and offset of each.
+        """
+        rows = [np.concatenate([[len(piece)], piece.reshape(-1)]) for piece in self.pieces]
+        return rows, self._balls
+
+    @staticmethod
+    def move(
+        row: NDArray[np.float64], rotation: NDArray[np.float64], shift: NDArray[np.float64]
+    ) -> bool:
+        """Turn the normals, move the planes."""
+        planes = row[1:].reshape(-1, 4)
+        planes[:, :3] = planes[:, :3] @ rotation.T
+        planes[:, 3] -= planes[:, :3] @ shift
+        return True
 
     def _check_union(self) -> None:
         balls = self._balls

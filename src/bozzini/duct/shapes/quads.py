@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array
 from ...errors import GeometryError, InputError
-from ..base import check_places, check_wall, freeze_places, set_fields
-from .common import ROUNDING, AnalyticDuct
-
-if TYPE_CHECKING:
-    from ..kernels.clearance import PolygonData
+from ...numeric.vectors import cross_planar
+from ..base import Kind, PackedDuct, Shape
+from ..checks import check_places, check_wall, freeze_places, set_fields
+from ..packed import ShapesData
+from .base import ShapeUnion
 
 # A simple polygon: the planar duct, with exact signed distance.
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon(AnalyticDuct):
+class Polygon(ShapeUnion):
     """The inside of a closed polygon that does not cross itself.
 
     Parameters
@@ -29,12 +28,8 @@ class Polygon(AnalyticDuct):
     vertices : (n, 2) float
         In order, either way round [mm]; edge k joins vertices k and k + 1, the last one closes.
         The first vertex may be repeated at the end. Kept counter-clockwise.
-    inflation : float
-        The wall is moved outwards by this much [mm].
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -50,11 +45,12 @@ class Polygon(AnalyticDuct):
     """
 
     vertices: NDArray[np.float64]
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="polygon", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
+    name = "polygon"
+    code = 3
     dim = 2
+    exact_outside = True
 
     def __post_init__(self) -> None:
         vertices = freeze_places("vertices", self.vertices, 2, least=3)
@@ -68,14 +64,9 @@ class Polygon(AnalyticDuct):
         set_fields(self, vertices=vertices)
 
     @property
-    def kind(self) -> str:
-        """Exact; with inflation a lower bound of the room."""
+    def kind(self) -> Kind:
+        """Exact; with inflation a lower bound of the clearance."""
         return "bound" if self.inflation > 0.0 else "exact"
-
-    @property
-    def exact_outside(self) -> bool:
-        """Outside it is the distance, before inflation."""
-        return True
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -88,19 +79,28 @@ class Polygon(AnalyticDuct):
         """Area before inflation [mm^2]."""
         return measure_area(self.vertices)
 
-    def pack(self) -> PolygonData:
-        """Return the polygon for compiled kernels."""
-        return self._data
+    def numbers(self) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """Return the numbers of the polygon, and its bounding ball [mm].
 
-    @cached_property
-    def _data(self) -> PolygonData:
-        from ..kernels.clearance import PolygonData
-
+        How many edges, then start (2), end (2) and 1 / length squared of each.
+        """
         start, stop = self.vertices, np.roll(self.vertices, -1, axis=0)
         square = np.sum((stop - start) ** 2, axis=1, keepdims=True)
         edges = np.concatenate([start, stop, 1.0 / square], axis=1)
-        size = float(np.abs(self.vertices).max())
-        return PolygonData(edges, float(self.inflation), ROUNDING * size)
+        middle = 0.5 * (start.min(axis=0) + start.max(axis=0))
+        reach = float(np.linalg.norm(start - middle, axis=1).max())
+        row = np.concatenate([[float(len(edges))], edges.reshape(-1)])
+        return [row], np.array([[*middle, 0.0, reach]])
+
+    @staticmethod
+    def move(
+        row: NDArray[np.float64], rotation: NDArray[np.float64], shift: NDArray[np.float64]
+    ) -> bool:
+        """Move the ends of the edges."""
+        edges = row[1:].reshape(-1, 5)
+        for ends in (edges[:, :2], edges[:, 2:4]):
+            ends[:] = ends @ rotation[:2, :2].T + shift[:2]
+        return True
 
 
 def measure_area(vertices: NDArray[np.float64]) -> float:
@@ -112,35 +112,44 @@ def measure_area(vertices: NDArray[np.float64]) -> float:
 
 def check_simple(vertices: NDArray[np.float64]) -> None:
     """Raise `GeometryError` if edges of a closed polygon (n, 2) have no length, cross or touch."""
-    start, stop = vertices, np.roll(vertices, -1, axis=0)
-    along = stop - start
+    along = np.roll(vertices, -1, axis=0) - vertices
     count = len(vertices)
     flat = np.flatnonzero(np.all(along == 0.0, axis=1))
     if len(flat):
         k = int(flat[0])
         raise GeometryError(
             f"edge {k} of the polygon has no length: vertices {k} and {(k + 1) % count} are both "
-            f"({start[k, 0]:g}, {start[k, 1]:g}) mm"
+            f"({vertices[k, 0]:g}, {vertices[k, 1]:g}) mm"
         )
-    for i in range(count):
-        after = (i + 1) % count
-        back = _cross(along[i], along[after])
-        if back == 0.0 and float(along[i] @ along[after]) < 0.0:
-            raise GeometryError(f"edges {i} and {after} of the polygon fold back on each other")
-        others = np.arange(i + 2, count if i > 0 else count - 1)
-        if len(others) == 0:
-            continue
+    after = np.roll(along, -1, axis=0)
+    back = (cross_planar(along, after) == 0.0) & (np.sum(along * after, axis=1) < 0.0)
+    if back.any():
+        k = int(np.argmax(back))
+        raise GeometryError(
+            f"edges {k} and {(k + 1) % count} of the polygon fold back on each other"
+        )
+    crossing = find_crossing(vertices)
+    if crossing is not None:
+        raise GeometryError(
+            f"edges {crossing[0]} and {crossing[1]} of the polygon cross or touch: it must be "
+            "simple"
+        )
+
+
+def find_crossing(vertices: NDArray[np.float64]) -> tuple[int, int] | None:
+    """Return the first two edges of a polygon that are no neighbours and cross or touch, if any."""
+    start, stop = vertices, np.roll(vertices, -1, axis=0)
+    for i in range(len(vertices)):
+        others = np.arange(i + 2, len(vertices) if i > 0 else len(vertices) - 1)
         a, b, c, d = start[i], stop[i], start[others], stop[others]
-        side_c, side_d = _cross(b - a, c - a), _cross(b - a, d - a)
-        side_a, side_b = _cross(d - c, a - c), _cross(d - c, b - c)
+        side_c, side_d = cross_planar(b - a, c - a), cross_planar(b - a, d - a)
+        side_a, side_b = cross_planar(d - c, a - c), cross_planar(d - c, b - c)
         apart = (side_c * side_d > 0.0) | (side_a * side_b > 0.0)
-        low, high = np.minimum(a, b), np.maximum(a, b)
-        gap = np.any((np.minimum(c, d) > high) | (np.maximum(c, d) < low), axis=1)
-        hits = others[~apart & ~gap]
-        if len(hits):
-            raise GeometryError(
-                f"edges {i} and {int(hits[0])} of the polygon cross or touch: it must be simple"
-            )
+        apart |= np.any((np.minimum(c, d) > np.maximum(a, b)), axis=1)
+        apart |= np.any((np.maximum(c, d) < np.minimum(a, b)), axis=1)
+        if not apart.all():
+            return i, int(others[np.argmin(apart)])
+    return None
 
 
 EDGE = 1e-12
@@ -173,7 +182,7 @@ class QuadCoordinates:
 
 
 @dataclass(frozen=True, eq=False)
-class StitchedQuads(AnalyticDuct):
+class StitchedQuads(Shape, PackedDuct):
     """Convex quadrilaterals, each sharing a rung with the next.
 
     Quad k has the corners ``left[k], left[k + 1], right[k + 1], right[k]``.
@@ -184,12 +193,8 @@ class StitchedQuads(AnalyticDuct):
         Points along one side: P of thesis eq. 5.21 [mm].
     right : (n + 1, 2) float
         Points along the other: Q [mm].
-    inflation : float
-        The wall is moved outwards by this much [mm].
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
@@ -208,11 +213,11 @@ class StitchedQuads(AnalyticDuct):
 
     left: NDArray[np.float64]
     right: NDArray[np.float64]
-    inflation: float = field(default=0.0, kw_only=True)
     wall: str = field(default="stitched quadrilaterals", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
+    name = "quads"
     dim = 2
+    exact_outside = True
 
     def __post_init__(self) -> None:
         left = freeze_places("left", self.left, 2, least=2)
@@ -224,26 +229,22 @@ class StitchedQuads(AnalyticDuct):
         check_wall(self.inflation, self.wall_error)
         check_quads(left, right)
         set_fields(self, left=left, right=right)
-        try:
-            _ = self.outline
-        except GeometryError:
-            pair = find_crossing(left, right)
-            if pair is None:
-                raise
+        crossing = find_crossing(np.concatenate([left, right[::-1]]))
+        if crossing is not None:
+            count = len(left) - 1
+            # Edges of the outline: the left side, the last rung, the right side, the first rung.
+            first, second = (
+                k if k < count else min(max(2 * count - k, 0), count - 1) for k in crossing
+            )
             raise GeometryError(
-                f"quads {pair[0]} and {pair[1]} overlap or touch: a planar duct must not cross "
-                "itself"
-            ) from None
+                f"quads {min(first, second)} and {max(first, second)} overlap or touch: a planar "
+                "duct must not cross itself"
+            )
 
     @property
-    def kind(self) -> str:
-        """Exact; with inflation a lower bound of the room."""
+    def kind(self) -> Kind:
+        """Exact; with inflation a lower bound of the clearance."""
         return self.outline.kind
-
-    @property
-    def exact_outside(self) -> bool:
-        """Outside it is the distance, before inflation."""
-        return True
 
     @property
     def bounds(self) -> NDArray[np.float64]:
@@ -256,7 +257,12 @@ class StitchedQuads(AnalyticDuct):
         corners = np.concatenate([self.left, self.right[::-1]])
         return Polygon(corners, inflation=self.inflation, wall=self.wall)
 
-    def pack(self) -> PolygonData:
+    @property
+    def family_shapes(self) -> ShapesData:
+        """The outline as kernels see it."""
+        return self.pack()
+
+    def pack(self) -> ShapesData:
         """Return the duct for compiled kernels."""
         return self.outline.pack()
 
@@ -350,9 +356,9 @@ def invert_quads(
     g = right[:-1] - left[:-1]
     k = right[1:] - left[1:] - g
     h = points[:, None] - left[:-1]
-    a = -_cross(e, k) + np.zeros(len(points))[:, None]
-    b = _cross(h, k) - _cross(e, g)
-    c = _cross(h, g)
+    a = -cross_planar(e, k) + np.zeros(len(points))[:, None]
+    b = cross_planar(h, k) - cross_planar(e, g)
+    c = cross_planar(h, g)
     discriminant = b * b - 4.0 * a * c
     # On the envelope rounding may leave a negative square.
     noise = 16.0 * np.finfo(float).eps * (b * b + np.abs(4.0 * a * c))
@@ -375,7 +381,7 @@ def check_quads(left: NDArray[np.float64], right: NDArray[np.float64]) -> None:
     """Raise `GeometryError` unless all quads are convex and the same way round."""
     corners = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)
     sides = np.roll(corners, -1, axis=1) - corners
-    turns = _cross(np.roll(sides, 1, axis=1), sides)  # (n, 4), at each corner
+    turns = cross_planar(np.roll(sides, 1, axis=1), sides)  # (n, 4), at each corner
     names = ("left[{0}]", "left[{1}]", "right[{1}]", "right[{0}]")
     way = 0.0
     for k, turn in enumerate(turns):
@@ -394,24 +400,3 @@ def check_quads(left: NDArray[np.float64], right: NDArray[np.float64]) -> None:
         if way * total < 0.0:
             raise GeometryError(f"quad {k} is turned over: left and right change sides at rung {k}")
         way = total
-
-
-def find_crossing(left: NDArray[np.float64], right: NDArray[np.float64]) -> tuple[int, int] | None:
-    """Return the first two quads that are no neighbours and overlap or touch, if any."""
-    count = len(left) - 1
-    corners = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)
-    for i in range(count):
-        # Neighbours the same way round lie on either side of their rung.
-        for j in range(i + 2, count):
-            axes = np.concatenate([np.roll(corners[k], -1, axis=0) - corners[k] for k in (i, j)])
-            normals = np.stack([-axes[:, 1], axes[:, 0]], axis=1)
-            first, second = normals @ corners[i].T, normals @ corners[j].T
-            below = first.max(axis=1) < second.min(axis=1)
-            above = second.max(axis=1) < first.min(axis=1)
-            if not (below | above).any():
-                return i, j
-    return None
-
-
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_integer
 from ...errors import GeometryError
-from ..base import (
+from ..base import Duct
+from ..checks import (
     check_counts,
     check_exponents,
     check_half_axes,
@@ -21,28 +21,15 @@ from ..base import (
     freeze_places,
     set_fields,
 )
-from .common import (
-    Least,
-    ShapeUnion,
-    Slices,
-    check_connected,
-    find_least,
-    find_split,
-    link_gauges,
-    tell_split,
-)
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ..compose import Eroded
+from ..search import Least, check_connected, find_least, find_split, link_gauges, tell_split
+from .base import ShapeUnion
 
 # Norms of two coordinates, (a^p + b^p)^(1/p): their duals, and the radii of their unit curves.
 
 Array = NDArray[np.float64]
 
 
-def join_norm(a: Array, b: Array, power: Array) -> Array:
+def join_norm(a: Array, b: Array, power: Array | float) -> Array:
     """Return (a^p + b^p)^(1/p) of numbers >= 0, without overflow."""
     big = np.maximum(a, b)
     ratio = np.minimum(a, b) / np.where(big > 0.0, big, 1.0)
@@ -100,21 +87,17 @@ class SuperEllipses(ShapeUnion):
         and 2 / e of a super-ellipsoid's exponents.
     angles : (n,) float
         From the x axis to a shape's first axis [rad].
-    inflation : float
-        The wall is moved outwards by at most this much [mm].
     connected : bool
-        Whether shapes that do not all hang together are refused; obstacles need not.
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+        Whether shapes that are not all connected are refused; obstacles need not.
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
     InputError
         If a half axis is not positive, or a power out of range.
     GeometryError
-        If the union falls apart, with the shapes between which it does.
+        If the union is not connected, with the shapes between which it is interrupted.
 
     Notes
     -----
@@ -129,12 +112,18 @@ class SuperEllipses(ShapeUnion):
     half_axes: NDArray[np.float64]
     powers: NDArray[np.float64] = field(kw_only=True)
     angles: NDArray[np.float64] = field(kw_only=True)
-    inflation: float = field(default=0.0, kw_only=True)
     connected: bool = field(default=True, kw_only=True)
     wall: str = field(default="union of super-ellipses", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
 
+    name = "superellipses"
+    code = 0
     dim = 2
+    columns = {
+        "centre": ("centres", "lengths"),
+        "half_axes": ("half_axes", "lengths"),
+        "power": ("powers", "number"),
+        "angle": ("angles", "angle"),
+    }
 
     def __post_init__(self) -> None:
         centres = freeze_places("centres", self.centres, 2)
@@ -203,31 +192,39 @@ class SuperEllipses(ShapeUnion):
         self._check_index("second", second)
         return -self._search_seam(first, second, -np.inf).value
 
-    def erode(self, clearance: float) -> Eroded:
+    def erode(self, clearance: float) -> Duct:
         """Return the duct of all places with at least `clearance` mm to the wall.
 
         Raises
         ------
         GeometryError
-            If that falls apart, with the shapes between which it does and the largest clearance
-            there. As each shape is drawn in by itself, it falls apart earlier than the true room.
+            If what is left is not connected, with the shapes between which it is interrupted and
+            the largest clearance there. As each shape is eroded by itself, that happens earlier
+            than in the true lumen.
         """
-        from ..compose import Eroded
-
-        eroded = Eroded(self, clearance)
+        eroded = super().erode(clearance)
         if self.connected:
             self._check_union(clearance)
         return eroded
 
-    def _slice(self) -> Slices:
-        from ..kernels.family import SUPER_ELLIPSE
+    def numbers(self) -> tuple[list[Array], Array]:
+        """Return the numbers of each shape, and bounding balls [mm].
 
+        Centre (2), cosine and sine of the angle, half axes (2), power, least radius.
+        """
         turn = np.stack([np.cos(self.angles), np.sin(self.angles)], axis=1)
         columns = [self.centres, turn, self.half_axes, self.powers[:, None]]
         rows = np.concatenate([*columns, self.least_radii[:, None]], axis=1)
         reach = self._largest_radii[:, None]
         balls = np.concatenate([self.centres, np.zeros_like(reach), reach], axis=1)
-        return Slices(SUPER_ELLIPSE, list(rows), balls)
+        return list(rows), balls
+
+    @staticmethod
+    def move(row: Array, rotation: Array, shift: Array) -> bool:
+        """Move the centre, turn the first axis."""
+        row[:2] = rotation[:2, :2] @ row[:2] + shift[:2]
+        row[2:4] = rotation[:2, :2] @ row[2:4]
+        return True
 
     @property
     def _largest_radii(self) -> NDArray[np.float64]:
@@ -253,7 +250,7 @@ class SuperEllipses(ShapeUnion):
         return find_least(deeper, low, high, tolerance=1e-6 * float(reach.max()), enough=enough)
 
     def _check_union(self, clearance: float) -> None:
-        """Raise `GeometryError` if the shapes, drawn in by themselves, do not hang together."""
+        """Raise `GeometryError` if the shapes, each drawn in by itself, are not connected."""
         if len(self.centres) == 1:
             return
         levels = 1.0 - clearance / self.least_radii
@@ -301,21 +298,17 @@ class SuperEllipsoids(ShapeUnion):
         cylinder. They are n and e of thesis eq. 5.30.
     rotations : (n, 3, 3) float
         Columns are the shape's axes.
-    inflation : float
-        The wall is moved outwards by this much [mm].
     connected : bool
-        Whether shapes that do not all hang together are refused.
-    wall : str
-        What the wall is, in words.
-    wall_error : float
-        How far the true wall may be from the stated one [mm].
+        Whether shapes that are not all connected are refused.
+    inflation, wall, wall_error
+        See `Shape`.
 
     Raises
     ------
     InputError
         If a half axis is not positive, an exponent out of range, or a rotation none.
     GeometryError
-        If the union falls apart, with the shapes between which it does.
+        If the union is not connected, with the shapes between which it is interrupted.
 
     Notes
     -----
@@ -331,10 +324,19 @@ class SuperEllipsoids(ShapeUnion):
     e1: NDArray[np.float64] = field(kw_only=True)
     e2: NDArray[np.float64] = field(kw_only=True)
     rotations: NDArray[np.float64] = field(kw_only=True)
-    inflation: float = field(default=0.0, kw_only=True)
     connected: bool = field(default=True, kw_only=True)
     wall: str = field(default="union of super-ellipsoids", kw_only=True)
-    wall_error: float = field(default=0.0, kw_only=True)
+
+    name = "superellipsoids"
+    code = 10
+    dim = 3
+    columns = {
+        "centre": ("centres", "lengths"),
+        "half_axes": ("half_axes", "lengths"),
+        "e1": ("e1", "number"),
+        "e2": ("e2", "number"),
+        "axes": ("rotations", "axes"),
+    }
 
     def __post_init__(self) -> None:
         centres = freeze_places("centres", self.centres, 3)
@@ -403,18 +405,28 @@ class SuperEllipsoids(ShapeUnion):
         inner, outer = self._powers
         return largest_radius(largest_radius(a, b, inner), c, outer)
 
-    def _slice(self) -> Slices:
-        from ..kernels.family import SUPER_ELLIPSOID
+    def numbers(self) -> tuple[list[Array], Array]:
+        """Return the numbers of each shape, and bounding balls [mm].
 
+        Centre (3), axes as columns of a rotation (9, row by row), half axes (3), both powers,
+        least radius.
+        """
         flat_axes = self.rotations.reshape(-1, 9)
         powers = np.stack([*self._powers, self.least_radii], axis=1)
         rows = np.concatenate([self.centres, flat_axes, self.half_axes, powers], axis=1)
         balls = np.concatenate([self.centres, self._largest_radii[:, None]], axis=1)
-        return Slices(SUPER_ELLIPSOID, list(rows), balls)
+        return list(rows), balls
+
+    @staticmethod
+    def move(row: Array, rotation: Array, shift: Array) -> bool:
+        """Move the centre, turn the axes."""
+        row[:3] = rotation @ row[:3] + shift
+        row[3:12] = (rotation @ row[3:12].reshape(3, 3)).reshape(-1)
+        return True
 
 
 def _check_union(duct: SuperEllipsoids) -> None:
-    """Raise `GeometryError` if the shapes do not hang together."""
+    """Raise `GeometryError` if the shapes are not connected."""
     levels = np.ones(len(duct.centres))
     links, gaps = link_gauges(duct.centres, duct.evaluate_gauge(duct.centres), levels)
     reach = duct._largest_radii

@@ -10,19 +10,20 @@ that fails.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...checks import check_number
+from ...continuum import ContinuumRobot
 from ...continuum.coupling import Coupling, require_arcs
-from ...continuum.robot import ContinuumRobot
 from ...duct.base import Duct, count_dimensions
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
-from .. import Introducer, Plan
+from ..plan import Plan, write_record
+from ..space import FreeSpace
 from .actuation import Actuation, check_names
 from .executed import ArcCertificate, certify_arcs, find_base_frame, place_bodies
 
@@ -38,7 +39,7 @@ ROUNDS = 8
 """Iterations per step at most."""
 
 TRAVEL_SLACK = 1e-5
-"""How far tendons are kept inside their travel [mm]; they overstep what they are told by less."""
+"""How far tendons are kept inside their travel [mm]; they overstep their command by less."""
 
 FINER = (0.02, 0.005)
 """Deviations of the certified chain, tried in turn [mm]."""
@@ -80,15 +81,7 @@ class Fit:
     def cut(self, end: int, *, begin: int = 0) -> Fit:
         """Return the steps before `end`, from `begin` on."""
         rows = slice(begin, end)
-        return Fit(
-            heads=self.heads[rows],
-            bends=self.bends[rows],
-            advances=self.advances[rows],
-            displacements=self.displacements[rows],
-            rms=self.rms[rows],
-            largest=self.largest[rows],
-            iterations=self.iterations[rows],
-        )
+        return Fit(**{each.name: getattr(self, each.name)[rows] for each in fields(self)})
 
 
 class FitJob:
@@ -98,16 +91,16 @@ class FitJob:
         self,
         plan: Plan,
         coupling: Coupling,
-        duct: Duct,
-        introducer: Introducer,
+        space: FreeSpace,
         *,
         roll: float = 0.0,
     ) -> None:
         from ...numeric.polylines import measure_arc_length
 
-        robot = coupling.robot
-        self.robot, self.coupling, self.duct, self.roll = robot, coupling, duct, roll
-        self.introducer = introducer
+        robot = cast(ContinuumRobot, coupling.robot)  # `check_robot` made it
+        duct, introducer = space.duct, space.tube
+        self.robot, self.coupling, self.space, self.roll = robot, coupling, space, roll
+        self.introducer, self.duct = introducer, duct
         self.heads = plan.head_arc_length
         self.lengths = np.array([section.length for section in robot.sections])
         # Discs meet where the curve is as tight as the body is thick.
@@ -127,14 +120,14 @@ class FitJob:
         turning = ways[:-1] + ways[1:]
         tangents = np.concatenate([ways[:1], turning, ways[-1:]])
         size = np.linalg.norm(tangents, axis=1)
-        back = size < 1e-6  # the path turns on its heel
+        back = size < 1e-6  # the path turns back
         tangents[back], size[back] = ways[np.minimum(np.flatnonzero(back), len(ways) - 1)], 1.0
         self.tangents = np.ascontiguousarray(tangents / size[:, None])
         origin = duct.to_grid(entry)
         self.placing = np.concatenate([duct.to_grid(entry + axes.T) - origin, origin[None]])
 
-    def fit(self, room: float, *, limited: bool = True) -> Fit:
-        """Fit all steps; the wall pushes where the body's room is less than `room` [mm]."""
+    def fit(self, clearance: float, *, limited: bool = True) -> Fit:
+        """Fit all steps; the wall pushes where the body's clearance is less [mm]."""
         from ..kernels.actuate import fit_motion, measure_fit
 
         steps, sections = len(self.heads), len(self.lengths)
@@ -144,7 +137,7 @@ class FitJob:
         travel = self.robot.tendon_travel + TRAVEL_SLACK * np.array([1.0, -1.0])
         open_ended = np.full_like(travel, math.inf) * np.array([-1.0, 1.0])
         fit_motion(
-            self.duct.pack(),
+            self.space.data,
             self.placing,
             self.introducer.bore,
             self.lengths,
@@ -156,7 +149,7 @@ class FitJob:
             self.tangents,
             self.arc,
             self.heads,
-            self.robot.radius + room,
+            self.robot.radius + clearance,
             ROUNDS,
             bends,
             advances,
@@ -192,8 +185,7 @@ class FitJob:
                 self.robot,
                 fit.bends,
                 fit.advances,
-                self.duct,
-                introducer=self.introducer,
+                self.space,
                 roll=self.roll,
                 deviation=deviation,
             )
@@ -303,7 +295,7 @@ class Shortfall:
     offers: float | None = None
     unit: str = "mm"
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return it as JSON-able values."""
         return {
             "code": self.code,
@@ -317,15 +309,15 @@ class Shortfall:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attempt:
-    """A fit with a room that the wall was given [mm], and what is proved of it."""
+    """A fit with the clearance [mm] below which the wall pushed, and what is proved of it."""
 
-    room: float
+    clearance: float
     fit: Fit
     proof: ArcCertificate
 
 
 def explain_length(job: FitJob, fit: Fit) -> Shortfall:
-    """Say that the robot is shorter than the way, and by how many sections."""
+    """State that the robot is too short, and by how many sections."""
     way = float(job.heads.max())
     missing = way - float(fit.heads[-1])
     last = job.robot.sections[-1].length
@@ -341,10 +333,10 @@ def explain_length(job: FitJob, fit: Fit) -> Shortfall:
 
 
 def explain_end(job: FitJob, attempt: Attempt, kept: int) -> Shortfall:
-    """Say why an attempt is not certified beyond its first `kept` steps."""
+    """State why an attempt is not certified beyond its first `kept` steps."""
     travel = job.robot.tendon_travel
     wall = _explain_wall(job, attempt.fit, attempt.proof)
-    free = job.fit(attempt.room, limited=False).cut(len(attempt.fit.heads))
+    free = job.fit(attempt.clearance, limited=False).cut(len(attempt.fit.heads))
     bend_over = free.angles - job.limits
     pull_over = np.maximum(free.displacements - travel[:, 1], travel[:, 0] - free.displacements)
     # A limit decides if it is overstepped before the motion ends; else the wall does.
@@ -365,7 +357,7 @@ def explain_end(job: FitJob, attempt: Attempt, kept: int) -> Shortfall:
 
 
 def _explain_bend(job: FitJob, free: Fit, over: Floats) -> Shortfall:
-    """Say which section would have to bend farthest beyond its limit."""
+    """State which section would have to bend farthest beyond its limit."""
     step, section = np.unravel_index(int(np.argmax(over)), over.shape)
     needs, offers = float(free.angles[step, section]), float(job.limits[section])
     meets = offers < job.robot.sections[int(section)].max_bend
@@ -383,7 +375,7 @@ def _explain_bend(job: FitJob, free: Fit, over: Floats) -> Shortfall:
 
 
 def _explain_travel(job: FitJob, free: Fit, over: Floats) -> Shortfall:
-    """Say which tendon would have to move farthest beyond its travel."""
+    """State which tendon would have to move farthest beyond its travel."""
     step, tendon = np.unravel_index(int(np.argmax(over)), over.shape)
     needs = float(free.displacements[step, tendon])
     offers = float(job.robot.tendon_travel[tendon, 1 if needs > 0.0 else 0])
@@ -429,8 +421,8 @@ def _explain_wall(job: FitJob, fit: Fit, proof: ArcCertificate) -> Shortfall:
     )
 
 
-ROOMS = (1.0, 0.5, 2.0)
-"""Room between body and wall below which the wall pushes, tried in turn [mm]."""
+PUSH_CLEARANCES_MM = (1.0, 0.5, 2.0)
+"""Clearance between body and wall below which the wall pushes, tried in turn."""
 
 SAME = 1e-6
 """Bend by which the tendons' solution may differ from the fit [rad]."""
@@ -464,7 +456,7 @@ def actuate_plan(
     -------
     Actuation
         Also when the robot cannot go all the way: then ``status`` is ``"stopped"``, the motion
-        is cut where its certificate ends, and ``reason`` says which section, where, and by how
+        is cut where its certificate ends, and ``reason`` states which section, where, and by how
         much.
 
     Raises
@@ -478,10 +470,9 @@ def actuate_plan(
     check_number("roll", roll, unit="rad")
     if count_dimensions(duct) != 3 or plan.path.shape[1] != 3:
         raise InputError("the plan or the duct is planar: a robot moves in 3 dimensions")
-    if "introducer" not in plan.meta:
-        raise InputError("the plan's meta has no introducer: plan it anew")
-    introducer = Introducer.from_description(plan.meta["introducer"])
-    job = FitJob(plan, check_robot(robot), duct, introducer, roll=roll)
+    introducer = plan.get_introducer()
+    space = FreeSpace(duct, introducer=introducer)
+    job = FitJob(plan, check_robot(robot), space, roll=roll)
     options = {"roll_rad": roll}
     if robot.radius > introducer.bore:
         short = Shortfall(
@@ -494,8 +485,8 @@ def actuate_plan(
         )
         fit = job.fit(0.0).cut(1)
         return _finish(job, fit, job.certify(fit), short, options)
-    best = _try_rooms(job, progress)
-    options["room_mm"] = best.room
+    best = _try_clearances(job, progress)
+    options["room_mm"] = best.clearance
     shortfall = None
     fit, proof = best.fit, best.proof
     if not proof.clearance >= 0.0:
@@ -535,26 +526,26 @@ def check_robot(robot: ContinuumRobot) -> Coupling:
     return coupling
 
 
-def _try_rooms(job: FitJob, progress: Progress) -> Attempt:
+def _try_clearances(job: FitJob, progress: Progress) -> Attempt:
     """Return the first attempt that is certified as far as the robot is long, or the best."""
     best: Attempt | None = None
-    for count, room in enumerate(ROOMS):
-        progress("robot", 0.8 * count / len(ROOMS))
-        fit = job.fit(room)
+    for count, clearance in enumerate(PUSH_CLEARANCES_MM):
+        progress("robot", 0.8 * count / len(PUSH_CLEARANCES_MM))
+        fit = job.fit(clearance)
         fit = fit.cut(max(1, job.count_reached(fit)))
         _check_tendons(job, fit)
-        attempt = Attempt(room=room, fit=fit, proof=job.certify(fit))
+        attempt = Attempt(clearance=clearance, fit=fit, proof=job.certify(fit))
         if best is None or attempt.proof.clearance > best.proof.clearance:
             best = attempt
         if attempt.proof.clearance >= 0.0:
             break
     if best is None:
-        raise RuntimeError("no room was tried")
+        raise RuntimeError("no clearance was tried")
     return best
 
 
 def _check_tendons(job: FitJob, fit: Fit) -> None:
-    """Raise `GeometryError` if tendons told to move so do not bend the robot so."""
+    """Raise `GeometryError` if the displacements do not bend the robot as the fit does."""
     found = job.coupling.solve(fit.displacements)
     off = np.abs(found.bends - fit.bends).max(axis=(1, 2))
     bad = ~found.converged | (off > SAME)
@@ -576,9 +567,9 @@ def _finish(
 ) -> Actuation:
     clearance, _, _ = job.estimate_clearance(fit)
     reason = ""
-    meta: dict[str, Any] = {
+    meta: dict[str, object] = {
         "options": options,
-        "introducer": job.introducer.describe(),
+        "introducer": write_record(job.introducer),
         "iterations_max": int(fit.iterations.max()),
     }
     if shortfall is not None:

@@ -1,4 +1,4 @@
-"""A robot's motion along a plan: what drives are told, what is proved, and why it ends."""
+"""A robot's motion along a plan: displacements, what is proved, and why it ends."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_number, check_range
-from ...continuum._common import check_frame
+from ...continuum import ContinuumRobot
+from ...continuum.checks import check_frame
 from ...continuum.coupling import coupling_matrix
-from ...continuum.robot import ContinuumRobot, check_robot
+from ...continuum.robot import check_robot
 from ...errors import FileFormatError, InputError, MissingExtraError
 from ...io.files import write_atomically, write_text
 from .executed import ArcCertificate, place_bodies
@@ -81,9 +82,9 @@ def check_arrays(given: Actuation) -> dict[str, Floats]:
         slack=_RANGE_SLACK,
     )
     check_frame("frame", arrays["frame"])
-    told = arrays["bends"].reshape(steps[0], -1) @ coupling_matrix(robot).T
-    off = np.abs(arrays["displacements"] - told)
-    if not off.max(initial=0.0) <= _RANGE_SLACK * (1.0 + np.abs(told).max(initial=0.0)):
+    commanded = arrays["bends"].reshape(steps[0], -1) @ coupling_matrix(robot).T
+    off = np.abs(arrays["displacements"] - commanded)
+    if not off.max(initial=0.0) <= _RANGE_SLACK * (1.0 + np.abs(commanded).max(initial=0.0)):
         step, tendon = np.unravel_index(int(np.argmax(off)), off.shape)
         raise InputError(
             f"displacements miss those of the bends by {off[step, tendon]:.3g} mm, tendon "
@@ -135,7 +136,7 @@ ACTUATION_CODES = {
     "WALL": "the arcs of the sections go through the wall",
     "CERTIFICATE_UNRESOLVED": "a motion was found, but its clearance could not be proved",
 }
-"""Every reason code and what it says."""
+"""Every reason code and its meaning."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -196,7 +197,7 @@ class Actuation:
     status: str
     reason_code: str = ""
     reason: str = ""
-    meta: dict[str, Any] = field(default_factory=dict)
+    meta: dict[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, array in check_arrays(self).items():
@@ -253,7 +254,7 @@ class Actuation:
         )
 
     def summarise(self) -> dict[str, Any]:
-        """Return what ``summary.json`` says of the robot: plain JSON types."""
+        """Return the robot's part of ``summary.json``: plain JSON types."""
         angle = np.linalg.norm(self.bends, axis=2)
         step, section = np.unravel_index(int(np.argmax(angle)), angle.shape)
         off = int(np.argmax(self.fit_max))
@@ -358,7 +359,7 @@ class Actuation:
         Raises
         ------
         FileFormatError
-            If the file is missing, damaged, or something else. What it says is checked for being
+            If the file is missing, damaged, or something else. It is checked for being
             whole and consistent, not proved anew: that takes the duct, and `certify_arcs`.
         """
         return load_actuation(Path(path))

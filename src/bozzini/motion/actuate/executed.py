@@ -38,22 +38,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array, check_integer, check_number, check_points, check_range
-from ...continuum.robot import ContinuumRobot
-from ...duct.base import Duct, count_dimensions
+from ...checks import check_array, check_integer, check_number, check_points, check_range, quantity
+from ...continuum import ContinuumRobot
+from ...duct.base import count_dimensions
 from ...errors import InputError
-from .. import Introducer, certify_motion
+from ..certify import TOLERANCE_MM, certify_motion
+from ..plan import read_record, write_record
+from ..scope import Introducer
+from ..space import FreeSpace
 
 Floats = NDArray[np.float64]
-
-ROUND_OFF = 1e-9
-"""Clearance that is round-off [mm]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,12 +92,12 @@ class ArcCertificate:
         If a value is no number or out of range, or the bound is larger than the value found.
     """
 
-    clearance: float
-    found: float
+    clearance: float = quantity("length", default=math.inf)
+    found: float = quantity("length", default=math.inf)
     step: float
     section: int
     arc_length: float
-    place: Floats
+    place: Floats = field(metadata={"key": "place_mm"})
     deviation: float
     resolved: bool
     chords: int
@@ -112,7 +111,7 @@ class ArcCertificate:
             if bound.ndim or np.isnan(bound):
                 raise InputError(f"certificate {name} is {bound}: it must be a number")
             object.__setattr__(self, name, float(bound))
-        if self.clearance > self.found + ROUND_OFF:
+        if self.clearance > self.found + ROUND_OFF_MM:
             raise InputError(
                 f"certificate clearance is {self.clearance:g} mm: it cannot be more than the "
                 f"smallest value found, {self.found:g} mm"
@@ -138,16 +137,12 @@ class ArcCertificate:
         """Whether it is proved that the body, as far as it leaves the introducer, is clear."""
         return 0.0 <= self.clearance < math.inf
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the certificate as JSON-able values; infinite numbers are None."""
-        values = {name: getattr(self, name) for name in _PLAIN}
-        for name in ("clearance", "found"):
-            values[f"{name}_mm"] = _is_finite(getattr(self, name))
-        values["place_mm"] = [float(value) for value in self.place]
-        return values
+        return write_record(self)
 
     @classmethod
-    def from_description(cls, description: Mapping[str, Any]) -> ArcCertificate:
+    def from_description(cls, description: Mapping[str, object]) -> ArcCertificate:
         """Read a certificate from what `describe` gives.
 
         Raises
@@ -156,43 +151,21 @@ class ArcCertificate:
             If a value is missing or has the wrong form.
         """
         try:
-            values = {name: description[name] for name in _PLAIN}
-            for name in ("clearance", "found"):
-                given = description[f"{name}_mm"]
-                values[name] = math.inf if given is None else given
-            values["place"] = description["place_mm"]
-        except (KeyError, TypeError) as error:
-            raise InputError(f"not a certificate of arcs, it lacks a value: {error}") from None
-        return cls(**values)
+            return read_record(cls, description, "certificate")
+        except InputError as error:
+            raise InputError(f"not a certificate of arcs: {error}") from None
 
 
-_PLAIN = (
-    "step",
-    "section",
-    "arc_length",
-    "deviation",
-    "resolved",
-    "chords",
-    "instants",
-    "evaluations",
-    "wall",
-)
+DEVIATION_MM = 0.02
+"""How far the chain may be off the arcs: along the arc, and again in time."""
 
-
-def _is_finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-DEVIATION = 0.02
-"""How far the chain may be off the arcs: along the arc, and again in time [mm]."""
-
-ROUNDING = 1e-9
+ROUND_OFF_MM = 1e-9
 """Added to the deviation for round-off [mm]."""
 
 BLOCK = 2_000_000
 """Joints certified at a time."""
 
-MOST = 400_000_000
+JOINTS_MAX = 400_000_000
 """Joints at most."""
 
 
@@ -280,13 +253,10 @@ def certify_arcs(
     robot: ContinuumRobot,
     bends: ArrayLike,
     advances: ArrayLike,
-    duct: Duct,
+    space: FreeSpace,
     *,
-    introducer: Introducer,
     roll: float = 0.0,
-    deviation: float = DEVIATION,
-    tolerance: float = 0.1,
-    radius: float | None = None,
+    deviation: float = DEVIATION_MM,
 ) -> ArcCertificate:
     """Prove a lower bound on the clearance of a robot of arcs that executes a motion.
 
@@ -299,19 +269,13 @@ def certify_arcs(
     advances : (steps,) array_like
         How far the base has been moved in [mm]; linear between steps. At 0 the straight robot's
         tip stands at the entry.
-    duct : Duct
-        The free space, three-dimensional.
-    introducer : Introducer
-        The straight tube outside.
+    space : FreeSpace
+        The free space, three-dimensional, with an introducer.
     roll : float
         Turn of the base about the introducer's axis [rad].
     deviation : float
         How far the chain that stands for the arcs may be off them along the arc, and again in
         time [mm].
-    tolerance : float
-        See `bozzini.motion.certify_motion` [mm].
-    radius : float, optional
-        Of the body [mm]; the robot's largest if not given.
 
     Raises
     ------
@@ -327,23 +291,22 @@ def certify_arcs(
     advance = advance[..., 0]
     if advance.shape != bend.shape[:1]:
         raise InputError(f"advances has shape {advance.shape}: it must be ({len(bend)},)")
-    if count_dimensions(duct) != 3:
+    if count_dimensions(space.duct) != 3:
         raise InputError("the duct is planar: a robot moves in a duct of 3 dimensions")
     check_number("deviation", deviation, low=1e-5, high=1.0, unit="mm")
     check_number("roll", roll, unit="rad")
-    thick = robot.radius if radius is None else check_number("radius", radius, low=0.0, unit="mm")
 
     lengths = np.array([section.length for section in robot.sections])
     chords, parts, off = choose_grid(lengths, bend, deviation=deviation)
     width = int(chords.sum()) + 1
-    if width * (parts.sum() + 1.0) > MOST:
+    if width * (parts.sum() + 1.0) > JOINTS_MAX:
         worst = int(np.argmax(parts))
         raise InputError(
             f"the motion is too coarse to certify: {parts[worst]} parts of step {worst} would be "
             "needed; plan with smaller head steps"
         )
     times = _spread_times(parts)
-    frame = find_base_frame(introducer, roll=roll)
+    frame = find_base_frame(space.tube, roll=roll)
     best: ArcCertificate | None = None
     total, resolved = 0, True
     block = max(2, BLOCK // width)
@@ -351,9 +314,7 @@ def certify_arcs(
     for begin in range(0, max(1, len(times) - 1), block):
         when = times[begin : begin + block + 1]
         joints = place_bodies(robot, bend, advance, frame, times=when, chords=chords)
-        piece = certify_motion(
-            joints, duct, radius=thick + off, introducer=introducer, tolerance=tolerance
-        )
+        piece = certify_motion(joints, space, radius=robot.radius + off, tolerance=TOLERANCE_MM)
         total += piece.evaluations
         resolved &= piece.resolved
         lowest = min(lowest, piece.clearance)
@@ -411,7 +372,7 @@ def choose_grid(
     swing *= 0.125
     parts = np.maximum(1, np.ceil(np.sqrt(swing / deviation))).astype(np.int64)
     off = float((sag / chords**2).max()) + float((swing / parts**2).max(initial=0.0))
-    return chords, parts, off + ROUNDING
+    return chords, parts, off + ROUND_OFF_MM
 
 
 def _spread_times(parts: NDArray[np.int64]) -> Floats:

@@ -8,7 +8,8 @@ import math
 import numpy as np
 from numba import njit
 
-from ...duct.kernels.clearance import GridData, clearance_estimate, clearance_slope
+from ...duct.kernels.clearance import clearance_estimate, clearance_slope
+from ...duct.packed import GridData
 
 # Numba kernel on the introducer, a capsule that is open at its far end.
 #

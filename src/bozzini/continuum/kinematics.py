@@ -1,0 +1,156 @@
+"""A continuum robot with its forward and inverse kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..checks import check_array
+from ..errors import InputError
+from .arc import jacobian
+from .checks import Floats
+from .coupling import find_crooked
+from .inverse import ContinuumInverse, InverseOptions, solve_curve, solve_pose, solve_tip
+from .model import ContinuumModel
+from .models import CONTINUUM_MODELS
+from .robot import RobotDesign
+from .shape import Shape
+from .workspace import ContinuumWorkspace, measure_workspace, sample_workspace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LOADS = ("tip_force", "tip_moment", "distributed_force")
+"""Options that only a model with loads has."""
+
+
+@dataclass(frozen=True)
+class ContinuumRobot(RobotDesign):
+    """A robot of sections in series, base first, straight along +z at rest.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+        At least one, from base to tip.
+    name : str
+        Name of the robot.
+
+    Raises
+    ------
+    InputError
+        If names are used twice, or a tendon does not end in its section or leaves the body.
+    """
+
+    def forward(
+        self,
+        displacements: ArrayLike | Mapping[str, float],
+        *,
+        model: str | None = None,
+        **options: Any,
+    ) -> Shape:
+        """Return the shapes under tendon displacements.
+
+        Parameters
+        ----------
+        displacements : array_like, shape (..., t), or mapping
+            How far each tendon is pulled [mm]; or by the tendons' names, 0 for those left out.
+        model : str, optional
+            Name in `CONTINUUM_MODELS`; arc for parallel tendons, energy for others and rod under
+            loads unless given.
+        **options
+            Options of the model, such as ``tip_force`` of the rod.
+
+        Raises
+        ------
+        InputError
+            If an input has another shape, or there is no such model or option.
+        GeometryError
+            If the model does not take such a robot.
+        """
+        if isinstance(displacements, Mapping):
+            displacements = self.order_displacements(displacements)
+        return self.model(model, **options).shape(displacements)
+
+    def inverse(
+        self,
+        target: ArrayLike,
+        *,
+        direction: ArrayLike | None = None,
+        **options: Unpack[InverseOptions],
+    ) -> ContinuumInverse:
+        """Return the bends and displacements that bring the tip to a target.
+
+        Parameters
+        ----------
+        target : array_like
+            A place of the tip, shape (3,); its frame, shape (4, 4); or points along the whole
+            backbone, shape (k, 3) [mm].
+        direction : array_like, shape (3,), optional
+            Where the tip's tangent shall point; with a place only.
+        **options
+            See `InverseOptions`.
+
+        Raises
+        ------
+        InputError
+            If an input has another shape or is outside its range.
+        GeometryError
+            If the tendons are not parallel, or the limits leave no shape at all.
+        """
+        shape = check_array("target", target).shape
+        if shape == (3,):
+            return solve_tip(self, target, direction=direction, **options)
+        if direction is not None:
+            raise InputError(f"target has shape {shape}: a direction goes with a place, (3,), only")
+        return (solve_pose if shape == (4, 4) else solve_curve)(self, target, **options)
+
+    def jacobian(self, bends: ArrayLike) -> Floats:
+        """Return how the tip moves and turns with the bends; see `bozzini.continuum.jacobian`."""
+        return jacobian(self, bends)
+
+    def workspace(self, count: int = 20_000, *, seed: int = 0) -> ContinuumWorkspace:
+        """Return where the tip can go; see `sample_workspace` and `measure_workspace`."""
+        return measure_workspace(sample_workspace(self, count, seed=seed))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the robot at rest, and return the axes."""
+        return self.forward(np.zeros(len(self.tendons))).plot(ax)
+
+    def model(self, name: str | None = None, **options: Any) -> ContinuumModel:
+        """Return a model of this robot, with its options; see `forward`."""
+        name = name or self.choose_model(options)
+        if name not in CONTINUUM_MODELS:
+            known = ", ".join(CONTINUUM_MODELS)
+            raise InputError(f"there is no model '{name}': choose one of {known}")
+        kind = CONTINUUM_MODELS[name]
+        for option in options:
+            if option not in kind.__dataclass_fields__:
+                known = ", ".join(field for field in kind.__dataclass_fields__ if field != "robot")
+                raise InputError(f"the {name} model has no option '{option}': it has {known}")
+        return kind(self, **options)
+
+    def choose_model(self, options: Mapping[str, object]) -> str:
+        """Return the model that suits this robot: by loads among the options, and by routing."""
+        if any(options.get(load) is not None for load in LOADS):
+            return "rod"
+        return "energy" if find_crooked(self) else "arc"
+
+    def order_displacements(self, displacements: Mapping[str, float]) -> Floats:
+        """Return displacements [mm] by the tendons' names as an array (t,), 0 for those left out.
+
+        Raises
+        ------
+        InputError
+            If there is no such tendon.
+        """
+        for name in displacements:
+            if name not in self.tendon_names:
+                raise InputError(
+                    f"there is no tendon '{name}': those of robot '{self.name}' are "
+                    f"{', '.join(self.tendon_names) or 'none'}"
+                )
+        return np.array([displacements.get(name, 0.0) for name in self.tendon_names])

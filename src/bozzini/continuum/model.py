@@ -1,0 +1,265 @@
+"""Models of a continuum robot: the base class of all, and what each asks of a shape."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_fields, quantity
+from .checks import Floats
+from .robot import RobotDesign, check_robot
+from .shape import Shape
+
+Verdict = tuple[NDArray[np.bool_], NDArray[np.str_]]
+"""Whether each shape of a batch has converged, and why not."""
+
+MOST_CONTRAST = 1e6
+"""Ratio of sections' stiffnesses up to which digits suffice."""
+
+EVEN = 1e-3
+"""By how much a curvature that counts as even may differ, as a share."""
+
+ROUND_OFF_LENGTH = 1e-11
+"""Error of a tendon's length that is round-off, as a share of the robot's length."""
+
+
+@dataclass(frozen=True)
+class ContinuumModel(ABC):
+    """A model that turns tendon displacements into shapes.
+
+    A model is a frozen dataclass: its fields are its options, and `bozzini.checks.quantity` says
+    what each is, for checks and for the command line. A subclass sets `name` and defines `shape`,
+    which ends with `make_shape`. Another package adds one by an entry point of the group
+    ``bozzini.continuum``.
+
+    Parameters
+    ----------
+    robot : RobotDesign
+        The robot.
+    tolerance : float
+        Displacement by which a command may miss being consistent [mm], in (0, 1].
+
+    Raises
+    ------
+    InputError
+        If an option is outside its legal range.
+    GeometryError
+        If the model does not take such a robot.
+    """
+
+    robot: RobotDesign
+    tolerance: float = quantity(
+        "length",
+        "By how much a command may miss being consistent.",
+        low=0.0,
+        high=1.0,
+        low_open=True,
+        default=1e-6,
+        kw_only=True,
+    )
+
+    name: ClassVar[str]
+    """The model's name in `CONTINUUM_MODELS`."""
+    checked_by_class: ClassVar[tuple[str, ...]] = ()
+    """Options that are no single numbers, which the class checks itself."""
+
+    def __post_init__(self) -> None:
+        check_robot(self.robot)
+        check_fields(self, skip=self.checked_by_class)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the model with this robot, a sentence each."""
+        return ()
+
+    @abstractmethod
+    def shape(self, displacements: ArrayLike) -> Shape:
+        """Return the shapes under tendon displacements.
+
+        Parameters
+        ----------
+        displacements : array_like, shape (..., t)
+            How far each tendon is pulled [mm], negative where it is let out.
+
+        Returns
+        -------
+        Shape
+            Not converged, with a reason, where there is none.
+
+        Raises
+        ------
+        InputError
+            If there is not one finite displacement for each tendon.
+        """
+
+    def make_shape(
+        self,
+        displacements: Floats,
+        *,
+        arc_length: Floats,
+        frames: Floats,
+        discs: Floats | None = None,
+        verdict: Verdict | None = None,
+        **known: NDArray[np.generic],
+    ) -> Shape:
+        """Return the answer of `shape`.
+
+        Parameters
+        ----------
+        displacements : (..., t) ndarray
+            Displacements, checked [mm].
+        arc_length : (k,) ndarray
+            Stations [mm], discs among them.
+        frames : (n, k, 4, 4) ndarray
+            Frames at the stations, the batch in one row [mm].
+        discs : (d,) ndarray, optional
+            Arc length of the discs [mm]; those of the robot unless given.
+        verdict : (ndarray of bool, ndarray of str), optional
+            Whether each shape has converged, and why not; all have unless given.
+        **known
+            Further fields of `Shape` that the model knows, the batch in one row or as it is.
+        """
+        batch = displacements.shape[:-1]
+        if verdict is None:
+            verdict = np.ones(batch, dtype=np.bool_), np.zeros(batch, dtype="<U1")
+        fields = {
+            "tendon_lengths": self.robot.rest_lengths - displacements,
+            "section_parameters": np.zeros((*batch, 0, 2)),
+            "tensions": np.zeros((*batch, 0)),
+            "slack": np.zeros(displacements.shape, dtype=np.bool_),
+            "residual": np.zeros(batch),
+            "iterations": np.zeros(batch, dtype=np.int64),
+            "converged": verdict[0],
+            "reason": verdict[1],
+        } | known
+        own = {"section_parameters": 2, "tendon_lengths": 1, "tensions": 1, "slack": 1}
+        shaped = {
+            name: values.reshape((*batch, *values.shape[values.ndim - own.get(name, 0) :]))
+            for name, values in fields.items()
+        }
+        return Shape(
+            robot=self.robot,
+            model=self.name,
+            arc_length=arc_length,
+            frames=frames.reshape((*batch, *frames.shape[-3:])),
+            displacements=displacements.copy(),
+            disc_arc_length=self.robot.disc_arc_length if discs is None else discs,
+            **shaped,
+        )
+
+
+def write_reasons(shape: tuple[int, ...], reasons: dict[tuple[int, ...], str]) -> NDArray[np.str_]:
+    """Return an array of texts, empty but at the places given."""
+    width = max((len(text) for text in reasons.values()), default=1)
+    array = np.zeros(shape, dtype=f"<U{width}")
+    for place, text in reasons.items():
+        array[place] = text
+    return array
+
+
+@dataclass(frozen=True, kw_only=True)
+class BendMeasure:
+    """Angles through which the sections of shapes bend, and how tightly.
+
+    Parameters
+    ----------
+    bends : (..., m) ndarray
+        Angle of each section [rad].
+    curvatures : (..., m) ndarray, optional
+        Largest curvature of each section [1/mm], unless it is the same all along.
+    round_off : float
+        Share of a limit that is an error of the solver.
+    """
+
+    bends: Floats
+    curvatures: Floats | None = None
+    round_off: float = 1e-9
+
+
+def check_limits(
+    robot: RobotDesign, displacements: Floats, measure: BendMeasure, verdict: Verdict
+) -> Verdict:
+    """Mark what passes the drives' travel, the sections' largest bends, or lets discs meet."""
+    converged, reason = verdict
+    bends, slack = measure.bends, 1.0 + measure.round_off
+    lengths = np.asarray([section.length for section in robot.sections])
+    sharp = bends / lengths if measure.curvatures is None else measure.curvatures
+    # Values, their range, and the message for a place of the batch, limit by limit.
+    reasons: dict[tuple[int, ...], str] = {}
+
+    def mark(values: Floats, low: float, high: float) -> list[tuple[int, ...]]:
+        if not values.size or (values.min() >= low and values.max() <= high):
+            return []
+        bad = np.argwhere(converged & ((values < low) | (values > high)))
+        places = [tuple(int(i) for i in index) for index in bad]
+        return [place for place in places if place not in reasons]
+
+    for k, (low, high) in enumerate(robot.tendon_travel.tolist()):
+        for place in mark(displacements[..., k], low, high):
+            reasons[place] = (
+                f"tendon '{robot.tendon_names[k]}' is moved {displacements[..., k][place]:.4g} mm: "
+                f"its travel is [{low:g}, {high:g}] mm"
+            )
+    for k, section in enumerate(robot.sections):
+        own, most = bends[..., k], section.max_bend
+        label = robot.section_label(k)
+        for place in mark(own, 0.0, most * slack):
+            reasons[place] = (
+                f"{label} would bend {math.degrees(own[place]):.4g} deg: its largest bend is "
+                f"{math.degrees(most):.4g} deg"
+            )
+        # The curve may not be tighter than the body is thick.
+        for place in mark(sharp[..., k], 0.0, slack / section.radius):
+            bend, curvature = float(own[place]), float(sharp[..., k][place])
+            words = f"{label} would bend {math.degrees(bend):.4g} deg"
+            discs = f"its discs, of radius {section.radius:g} mm, meet"
+            reasons[place] = (
+                f"{words}: {discs} at {math.degrees(section.length / section.radius):.4g} deg"
+                if curvature * section.length <= bend * (1.0 + EVEN)
+                else f"{words}, to a radius of {1.0 / curvature:.4g} mm where it is tightest: "
+                f"{discs}"
+            )
+    if not reasons:
+        return verdict
+    passed = write_reasons(reason.shape, reasons)
+    return converged & (passed == ""), np.where(converged, passed, reason)
+
+
+def check_numbers(
+    model: ContinuumModel, frames: Floats, residual: Floats, verdict: Verdict
+) -> Verdict:
+    """Mark shapes that are not finite, or miss their command by more than the tolerance."""
+    converged, reason = verdict
+    finite = np.asarray(np.isfinite(frames).all(axis=(-3, -2, -1)))
+    met = residual <= 1.1 * model.tolerance + ROUND_OFF_LENGTH * model.robot.length
+    bad = converged & ~(finite & met)
+    reasons: dict[tuple[int, ...], str] = {}
+    for index in np.argwhere(bad):
+        place = tuple(int(i) for i in index)
+        missed = f"the shape that was found misses the command by {residual[place]:.3g} mm"
+        words = missed if finite[place] else "the shape that was found is not finite"
+        reasons[place] = words + explain_contrast(model.robot)
+    if not reasons:
+        return verdict
+    return converged & ~bad, np.where(bad, write_reasons(reason.shape, reasons), reason)
+
+
+def explain_contrast(robot: RobotDesign) -> str:
+    """Return what to add to a reason where stiffnesses differ too much; else nothing."""
+    values = [
+        value
+        for section in robot.sections
+        for value in (section.bending_stiffness, section.torsional_stiffness)
+    ]
+    ratio = max(values) / min(values)
+    if ratio <= MOST_CONTRAST:
+        return ""
+    return (
+        f"; the backbone's stiffnesses differ by a factor of {ratio:.2g}, and from "
+        f"{MOST_CONTRAST:g} on digits may not suffice"
+    )

@@ -1,0 +1,442 @@
+"""Records: frozen dataclasses as plain data, as YAML and as JSON, with units and paths in messages.
+
+Reading and writing are built on cattrs. It calls the dataclass as it stands, so that the checks
+of the class are the checks of the file, and it takes a reader for each field, which here comes
+from the field's `bozzini.checks.Quantity`. Of the alternatives, msgspec converts numbers itself
+and has no hook where ``100 psi`` could become one, and pydantic wants the checks in its own
+annotations, needs compiled code and takes twice as long to import. cattrs is pure Python, so that
+it runs on every version that Python has.
+
+A wrong field is one line, such as ``sections[2].length is 5 km: it must lie in ...``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import functools
+import json
+import operator
+import os
+import sys
+import types
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from ..checks import Quantity, check_integer, list_quantities, show_value
+from ..errors import FileFormatError, InputError
+from ..results import to_plain
+from ..units import parse_quantity
+from .files import write_text
+
+if TYPE_CHECKING:
+    from cattrs import Converter
+
+Plain = dict[str, Any]
+_Reader = Callable[[Any, Any], Any]
+
+_Record = TypeVar("_Record")
+
+
+def read_record(data: object, record: type[_Record], *, name: str = "") -> _Record:
+    """Build a record from plain data, as `write_record` gives it.
+
+    Quantities may be text with a unit, such as ``"20 mm"``; bare numbers are in Bozzini's units.
+
+    Parameters
+    ----------
+    data : mapping
+        Fields by name; lists stand for tuples.
+    record : type
+        A dataclass. Fields that are dataclasses, or tuples of them, are records as well.
+    name : str
+        What messages call the whole; empty for "the record".
+
+    Raises
+    ------
+    InputError
+        One line with the path of the field, such as ``sections[2].length``, its value and what is
+        legal.
+    """
+    from cattrs import BaseValidationError
+
+    try:
+        return _converter().structure(data, record)
+    except (InputError, BaseValidationError) as error:
+        path, first = _find_first(error)
+        words = str(first)
+        if not isinstance(first, InputError):
+            words = f" cannot be read ({type(first).__name__}: {words})"
+        if words.startswith(" "):  # it goes on from the name of what it is about
+            words = (path or name or "the record") + words
+        elif path:
+            words = f"{path}: {words}"
+        kind = type(first) if isinstance(first, InputError) else InputError
+        raise kind(words) from None
+
+
+def write_record(record: Any) -> Plain:
+    """Return a record as plain data that `read_record` reads.
+
+    Quantities that are legal are always there, other fields where they differ from their default.
+    Numbers that are not finite are None.
+    """
+    known = list_quantities(record.__class__)
+    written: Plain = {}
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        plain = _write_value(value)
+        if value != field.default or _is_legal(known.get(field.name), plain, record):
+            written[field.name] = plain
+    return written
+
+
+def _is_legal(known: Quantity | None, plain: object, record: Any) -> bool:
+    """Whether a default is a legal number, and not one that stands for none given."""
+    if known is None or not isinstance(plain, (int, float)):
+        return False
+    try:
+        known.check("", plain, record)
+    except InputError:
+        return False
+    return True
+
+
+def _write_value(value: object) -> object:
+    if isinstance(value, (list, tuple)):
+        return [_write_value(item) for item in value]
+    if dataclasses.is_dataclass(value):
+        return write_record(value)
+    return to_plain(value)
+
+
+def load_record(path: str | os.PathLike[str], record: type[_Record], *, name: str = "") -> _Record:
+    """Read a record from a file: JSON if it ends in ``.json``, YAML otherwise.
+
+    Raises
+    ------
+    FileFormatError
+        One line that names the file, and the line or the field.
+    """
+    source = Path(path)
+    try:
+        return read_record(load_data(source), record, name=name)
+    except FileFormatError:
+        raise
+    except InputError as error:
+        raise FileFormatError(f"{source}: {error}") from None
+
+
+def save_record(record: object, path: str | os.PathLike[str], *, note: str = "") -> Path:
+    """Write a record to a file: JSON if it ends in ``.json``, YAML otherwise.
+
+    Parameters
+    ----------
+    record : dataclass
+    path : path-like
+    note : str
+        A comment on the first line of a YAML file.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written; then there is none.
+    """
+    target = Path(path)
+    data = write_record(record)
+    if target.suffix.lower() == ".json":
+        return write_text(target, json.dumps(data, indent=2) + "\n")
+    return write_text(target, (f"# {note}\n" if note else "") + format_yaml(data))
+
+
+def load_data(path: str | os.PathLike[str]) -> object:
+    """Read plain data from a file: JSON if it ends in ``.json``, YAML otherwise.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read, is neither, gives a field twice, or refers to itself.
+    """
+    source = Path(path)
+    try:
+        text = source.read_text(encoding="utf-8")
+    except OSError as error:
+        raise FileFormatError(f"cannot read {source}: {error.strerror or error}") from None
+    except ValueError as error:
+        raise FileFormatError(f"cannot read {source}: it is not UTF-8 text ({error})") from None
+    try:
+        return parse_json(text) if source.suffix.lower() == ".json" else parse_yaml(text)
+    except InputError as error:
+        raise FileFormatError(f"{source}: {error}") from None
+
+
+def parse_json(text: str) -> object:
+    """Return what a JSON text holds, or raise `InputError` in one line."""
+    try:
+        return json.loads(text, object_pairs_hook=_take_pairs)
+    except InputError:
+        raise
+    except RecursionError:
+        raise InputError("not JSON that can be read: it is nested too deeply") from None
+    except ValueError as error:
+        raise InputError(f"not JSON: {error}") from None
+
+
+def parse_yaml(text: str) -> object:
+    """Return what a YAML text holds, or raise `InputError` in one line."""
+    import yaml
+
+    try:
+        return yaml.load(text, Loader=_yaml_loader())
+    except InputError:
+        raise
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise InputError(f"not YAML{where}: {problem}") from None
+
+
+def format_yaml(data: Mapping[str, Any]) -> str:
+    """Return plain data as YAML with its fields in order."""
+    import yaml
+
+    return str(
+        yaml.safe_dump(
+            dict(data), sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
+        )
+    )
+
+
+def _take_pairs(pairs: list[tuple[str, Any]], lines: list[int] | None = None) -> Plain:
+    found: Plain = {}
+    for index, (key, value) in enumerate(pairs):
+        if key in found:
+            where = f"line {lines[index]}: " if lines else ""
+            raise InputError(f"{where}the field {show_value(key)} is given twice")
+        found[key] = value
+    return found
+
+
+@cache
+def _yaml_loader() -> Any:
+    """Return a loader that refuses fields given twice, and references."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            # A few lines of references to references can stand for more than fits in memory.
+            if self.check_event(yaml.AliasEvent):
+                event = self.peek_event()
+                raise InputError(
+                    f"line {event.start_mark.line + 1} refers to '&{event.anchor[:40]}': write it "
+                    "out, references are not read"
+                )
+            return super().compose_node(parent, index)
+
+        def construct_once(self, node: Any) -> Plain:
+            pairs = [
+                (self.construct_object(key, deep=True), self.construct_object(value, deep=True))
+                for key, value in node.value
+            ]
+            return _take_pairs(pairs, [key.start_mark.line + 1 for key, _ in node.value])
+
+    Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, Loader.construct_once)
+    return Loader
+
+
+def _find_first(error: BaseException) -> tuple[str, BaseException]:
+    """Return the first of the errors that cattrs gathers, and the path of what it is about."""
+    from cattrs.errors import AttributeValidationNote, IterableValidationNote
+
+    path = ""
+    while True:
+        for note in reversed(getattr(error, "__notes__", [])):
+            if isinstance(note, IterableValidationNote):
+                path += f"[{note.index}]"
+            elif isinstance(note, AttributeValidationNote):
+                path += f".{note.name}" if path else note.name
+        if not isinstance(error, BaseExceptionGroup):
+            return path, error
+        error = error.exceptions[0]
+
+
+# How each type is read. A message that starts with a blank goes on from the field's path.
+
+
+@cache
+def _converter() -> Converter:
+    from cattrs import BaseValidationError, Converter
+    from cattrs.errors import IterableValidationNote
+
+    converter = Converter()
+
+    def read_list(data: Any, kind: Any) -> Any:
+        members = get_args(kind)
+        count = None if members[-1] is Ellipsis else len(members)
+        if not isinstance(data, (list, tuple)) or count not in (None, len(data)):
+            wanted = "a list" if count is None else f"a list of {count}"
+            raise InputError(f" is {show_value(data)}: it must be {wanted}")
+        items = []
+        for index, item in enumerate(data):
+            member = members[0 if count is None else index]
+            try:
+                items.append(converter.structure(item, member))
+            except (InputError, BaseValidationError) as error:
+                error.add_note(IterableValidationNote("", index, member))
+                raise
+        return tuple(items)
+
+    def read_union(data: Any, kind: Any) -> Any:
+        """Choose by what the data is: nothing, a mapping, a list, or a plain value."""
+        if data is None and type(None) in get_args(kind):
+            return None
+        listed, mapped = isinstance(data, (list, tuple)), isinstance(data, Mapping)
+        members = [member for member in get_args(kind) if member is not type(None)]
+        for member in members:
+            is_list, is_record = get_origin(member) is tuple, dataclasses.is_dataclass(member)
+            if listed == is_list and mapped == is_record:
+                return converter.structure(data, member)
+        return converter.structure(data, members[0])
+
+    simple: tuple[tuple[type, _Reader], ...] = (
+        (float, _read_number),
+        (int, _read_count),
+        (str, _read_text),
+        (bool, _read_truth),
+    )
+    for kind, read in simple:
+        converter.register_structure_hook(kind, read)
+    chosen: tuple[tuple[Callable[[Any], bool], _Reader], ...] = (
+        (_is_quantity, _read_quantity),
+        (lambda kind: bool(get_origin(kind) is Literal), _read_choice),
+        (lambda kind: bool(get_origin(kind) is tuple), read_list),
+        (_is_union, read_union),
+    )
+    for is_kind, read in chosen:
+        converter.register_structure_hook_func(is_kind, read)
+    converter.register_structure_hook_factory(
+        dataclasses.is_dataclass, lambda record: _make_reader(record, converter)
+    )
+    return converter
+
+
+def _make_reader(record: Any, converter: Converter) -> _Reader:
+    """Return what builds a record; it names a field that is unknown or missing."""
+    from cattrs.gen import make_dict_structure_fn, override
+
+    fields = {field.name: field for field in dataclasses.fields(record) if field.init}
+    kinds, known = get_type_hints(record, include_extras=True), list_quantities(record)
+    needed = [
+        name
+        for name, field in fields.items()
+        if field.default is field.default_factory is dataclasses.MISSING
+    ]
+
+    def read_field(kind: Any, optional: bool) -> _Reader:
+        def read(data: Any, _: Any) -> Any:
+            try:
+                return converter.structure(data, kind)
+            except InputError as error:
+                if optional and _is_quantity(kind) and str(error).startswith(" "):
+                    raise type(error)(f"{error}, or leave it out") from None
+                raise
+
+        return read
+
+    readers = {
+        name: override(
+            struct_hook=read_field(
+                _annotate(kinds[name], known[name]) if name in known else kinds[name],
+                name not in needed,
+            )
+        )
+        for name in fields
+    }
+    build = make_dict_structure_fn(record, converter, **readers)  # type: ignore[arg-type]
+    names = ", ".join(fields)
+
+    def read_record_fields(data: Any, _: Any) -> Any:
+        if not isinstance(data, Mapping):
+            raise InputError(f" is {show_value(data)}: it must hold the fields {names}")
+        for key in data:
+            if key not in fields:
+                close = difflib.get_close_matches(str(key), fields, n=1)
+                hint = f"did you mean '{close[0]}'?" if close else f"choose from {names}"
+                raise InputError(f" has an unknown field {show_value(key)}: {hint}")
+        for name in needed:
+            if name not in data:
+                raise InputError(f" has no '{name}': it needs {', '.join(needed)}")
+        return build(data, record)
+
+    return read_record_fields
+
+
+def _annotate(kind: Any, known: Quantity) -> Any:
+    """Return the type of a field with its quantity in the place of plain numbers."""
+    if kind in (float, int):
+        return Annotated[kind, known]
+    members: Any = tuple(_annotate(member, known) for member in get_args(kind))
+    if get_origin(kind) is tuple:
+        return types.GenericAlias(tuple, members)
+    return functools.reduce(operator.or_, members) if _is_union(kind) else kind
+
+
+def _is_quantity(kind: Any) -> bool:
+    return get_origin(kind) is Annotated and isinstance(kind.__metadata__[0], Quantity)
+
+
+def _is_union(kind: Any) -> bool:
+    return get_origin(kind) in (Union, types.UnionType)
+
+
+def _read_quantity(data: Any, kind: Any) -> float:
+    known: Quantity = kind.__metadata__[0]
+    if known.whole:
+        return known.check("", data)
+    if data is None or isinstance(data, (bool, list, tuple, Mapping)):
+        article = "an" if known.kind[0] in "aeiou" else "a"
+        raise InputError(f" is {show_value(data)}: it must be {article} {known.kind}")
+    number = parse_quantity(data, known.kind)
+    return number if callable(known.low) or callable(known.high) else known.check("", number)
+
+
+_PLAIN_NUMBER = Quantity(kind="dimensionless", help="A number.")
+
+
+def _read_number(data: Any, _: Any) -> float:
+    return _read_quantity(data, Annotated[float, _PLAIN_NUMBER])
+
+
+def _read_count(data: Any, _: Any) -> int:
+    return check_integer("", data, low=-sys.maxsize, high=sys.maxsize)
+
+
+def _read_text(data: Any, _: Any) -> str:
+    if not isinstance(data, str):
+        raise InputError(f" is {show_value(data)}: it must be text")
+    return data
+
+
+def _read_truth(data: Any, _: Any) -> bool:
+    if not isinstance(data, bool):
+        raise InputError(f" is {show_value(data)}: it must be true or false")
+    return data
+
+
+def _read_choice(data: Any, kind: Any) -> Any:
+    if data not in get_args(kind):
+        raise InputError(f" is {show_value(data)}: choose one of {', '.join(get_args(kind))}")
+    return data

@@ -1,0 +1,328 @@
+"""What a planner is: from a free space, a scope and options to a certified plan."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import platform
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_number
+from ..duct.base import Duct, count_dimensions
+from ..duct.centreline import Centreline
+from ..errors import InputError
+from ..numeric.polylines import measure_arc_length
+from ..progress import Progress, no_progress
+from .certify import Certificate, certify_motion
+from .measures import measure_motion
+from .plan import Candidate, FieldSummary, Plan
+from .planners import PLANNERS, PlannerOptions
+from .refusal import Refusal
+from .scope import Scope
+from .space import FreeSpace, grid_of
+
+HEAD_STEP_MIN_MM = 1e-3
+"""Least step of the head."""
+
+LINKS_MAX = 10_000
+"""A scope has at most as many links."""
+
+POSITIONS_MAX = 10_000_000
+"""A plan holds at most as many positions: of all joints, at all steps. They take 240 MB."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """What a planner finds: the steps, and why they end before the goal.
+
+    Parameters
+    ----------
+    joints : (steps, joints, dim) float
+        World frame [mm]; links have the scope's length, joint 0 is the head. At the first step
+        the chain stands in the introducer, with its head at the entry.
+    head_arc_length : (steps,) float
+        Of the head along `path` [mm].
+    path : (n, dim) float
+        The path that the head follows, world frame [mm].
+    reason_code, reason : str
+        Why the motion ends before the goal; "" where it does not.
+    refusal : Refusal, optional
+        The same in numbers; its code and reason stand for the two.
+    certificate : Certificate, optional
+        Where it is known already; `Planner.plan` makes what is not.
+    method : str
+        Which planner made it, where a planner chooses between several.
+    freedom : float, optional
+        Share of the free tube that the joints use.
+    candidates : tuple of Candidate
+        The motions that were compared for it.
+    """
+
+    joints: NDArray[np.float64]
+    head_arc_length: NDArray[np.float64]
+    path: NDArray[np.float64]
+    reason_code: str = ""
+    reason: str = ""
+    refusal: Refusal | None = None
+    certificate: Certificate | None = None
+    method: str = ""
+    freedom: float | None = None
+    candidates: tuple[Candidate, ...] = ()
+
+
+class Planner(ABC):
+    """A way to plan motions. A subclass moves the joints; the rest is the same for all.
+
+    Another package adds one with an entry point of the group ``bozzini.planners``, see
+    `bozzini.motion.PLANNERS`; it is made without arguments.
+
+    Attributes
+    ----------
+    name : str
+        By which it is chosen.
+    help : str
+        What it does, in a few words.
+    ignored : tuple of str
+        Fields of `PlannerOptions` that it does not know: they must be as by default.
+    """
+
+    name: ClassVar[str]
+    help: ClassVar[str] = ""
+    ignored: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def move(
+        self,
+        space: FreeSpace,
+        scope: Scope,
+        options: PlannerOptions,
+        *,
+        progress: Progress = no_progress,
+    ) -> Motion:
+        """Return a motion from the entry along the space's line, as far as it goes.
+
+        Scope, options and space are checked: the space has a line and an introducer, and the line
+        is no longer than the scope.
+        """
+
+    def plan(
+        self,
+        space: FreeSpace,
+        scope: Scope,
+        options: PlannerOptions | None = None,
+        *,
+        progress: Progress = no_progress,
+    ) -> Plan:
+        """Plan how a scope moves through a free space; see `plan_insertion`.
+
+        Raises
+        ------
+        InputError
+            If an option is not legal for this planner, scope or space.
+        """
+        options = options or PlannerOptions()
+        self.check(scope, options)
+        line = space.way
+        check_link(scope, line)
+        dim = count_dimensions(space.duct)
+        if line.points.shape[1] != dim:
+            raise InputError(
+                f"the centreline's points have shape {line.points.shape}: this duct needs "
+                f"(n, {dim})"
+            )
+        short = scope.length is not None and scope.length < line.length - 1e-6
+        if short:  # it gets in as far as it is long
+            space = FreeSpace(space.duct, line.cut(float(scope.length or 0.0)), space.introducer)
+        if space.introducer is None:
+            space = space.for_link(scope.link_length)
+        check_size(scope, space.way, options)
+        advise = options.advise and not short
+        asked = dataclasses.replace(options, advise=advise)
+        motion = self.move(space, scope, asked, progress=progress)
+        if short and not motion.reason_code and motion.refusal is None:
+            motion = dataclasses.replace(motion, refusal=_explain_short(scope, line))
+        plan = finish_plan(space, motion, scope=scope, options=options, asked=self.name)
+        progress("certify", 1.0)
+        return plan
+
+    def check(self, scope: Scope, options: PlannerOptions) -> None:
+        """Raise `InputError` for any option that is not legal for every tract."""
+        if scope.length is not None and scope.length > LINKS_MAX * scope.link_length:
+            raise InputError(
+                f"scope length is {scope.length:g} mm: it must be at most "
+                f"{LINKS_MAX * scope.link_length:g} mm, {LINKS_MAX} links of "
+                f"{scope.link_length:g} mm"
+            )
+        low, high = HEAD_STEP_MIN_MM, scope.link_length
+        check_number("head step", options.head_step, low=low, high=high, unit="mm")
+        default = PlannerOptions()
+        if any(getattr(options, name) != getattr(default, name) for name in self.ignored):
+            *names, last = (name.replace("_", " ") for name in self.ignored)
+            others = (name for name in PLANNERS if name != self.name)
+            raise InputError(
+                f"method '{self.name}' has no {', '.join(names)} or {last}: leave them out, or "
+                f"use one of {', '.join(others)}"
+            )
+
+
+def plan_insertion(
+    duct: Duct,
+    line: Centreline,
+    *,
+    scope: Scope,
+    method: str = "best",
+    options: PlannerOptions | None = None,
+    progress: Progress = no_progress,
+) -> Plan:
+    """Plan how a scope moves along a centreline into a lumen.
+
+    Parameters
+    ----------
+    duct : Duct
+        The lumen: a sampled field, or an analytic one; in 2-D or 3-D.
+    line : Centreline
+        The way from the entry to the goal.
+    scope : Scope
+        The scope; without a length it is made long enough for the whole line.
+    method : str
+        A name in `bozzini.motion.PLANNERS`. ``"best"``: ``"tube"``, ``"follow"`` and a motion
+        between them, also along a path shaped for more clearance; the one with the most certified
+        clearance, of those whose joints step at most four times as far as the head. ``"tube"``:
+        the whole body stays inside, proved, and joints move little. ``"follow"``: the same, with
+        every joint on the head's path. ``"thesis"``: section 5.3, each next joint moves least with
+        the link length kept and the **joints** kept one scope radius inside the wall; the links
+        between them are not.
+    options : PlannerOptions, optional
+        Head step, slip, angle limit, route, and whether to seek what would fit.
+    progress : Progress
+
+    Returns
+    -------
+    Plan
+        Also when the scope does not fit: then ``status`` is ``"stopped"``, the motion goes as far
+        as it certifiably can, and ``reason`` states why it ends there and what would fit: scopes
+        and inflations for which a certified plan of the whole way was made. Every plan carries
+        its certificate; only ``certified`` is a proof. ``method`` is the one that made it; with
+        ``"best"`` ``candidates`` lists what was compared.
+
+    Raises
+    ------
+    InputError
+        If the method is unknown, the link is longer than the tract, a number is out of range, or
+        the motion would have more than `POSITIONS_MAX` positions of joints.
+    """
+    return make_planner(method).plan(FreeSpace(duct, line), scope, options, progress=progress)
+
+
+def make_planner(method: str) -> Planner:
+    """Return a planner by its name in `bozzini.motion.PLANNERS`."""
+    if method not in PLANNERS:
+        raise InputError(f"method is {method!r}: it must be one of {', '.join(PLANNERS)}")
+    planner = PLANNERS[method]()
+    if not isinstance(planner, Planner):
+        raise InputError(
+            f"the planner {method} is a {type(planner).__name__}: it must be a Planner"
+        )
+    return planner
+
+
+def finish_plan(
+    space: FreeSpace, motion: Motion, *, scope: Scope, options: PlannerOptions, asked: str
+) -> Plan:
+    """Certify and measure a motion and put it, with all it was made from, into a plan."""
+    refusal, certificate, duct = motion.refusal, motion.certificate, space.duct
+    if certificate is None:
+        certificate = certify_motion(motion.joints, space, radius=scope.radius)
+    code, reason = motion.reason_code, motion.reason
+    if refusal is not None:
+        code, reason = refusal.code, refusal.reason
+    clearance, measures = measure_motion(space, motion.joints, motion.head_arc_length, scope)
+    return Plan(
+        joints=motion.joints,
+        head_arc_length=motion.head_arc_length,
+        clearance=clearance,
+        path=motion.path,
+        path_arc_length=measure_arc_length(motion.path),
+        path_radius=-duct.signed_distance(motion.path),
+        method=motion.method or asked,
+        status="stopped" if code else "complete",
+        reason_code=code,
+        reason=reason,
+        scope=scope,
+        introducer=space.tube,
+        options=options,
+        asked=asked,
+        freedom=motion.freedom if motion.method else None,
+        candidates=motion.candidates if motion.method else None,
+        wall=duct.wall,
+        certificate=certificate,
+        field=_summarise_field(space),
+        measures=measures,
+        refusal=refusal,
+        versions=dict(_list_versions()),
+    )
+
+
+def _explain_short(scope: Scope, line: Centreline) -> Refusal:
+    length = float(scope.length or 0.0)
+    return Refusal(
+        code="SCOPE_TOO_SHORT",
+        at=length,
+        needs=line.length,
+        offers=length,
+        what=f"the scope is {length:g} mm long and wholly inserted: the goal is at "
+        f"{line.length:.1f} mm of the centreline",
+    )
+
+
+def check_size(scope: Scope, line: Centreline, options: PlannerOptions) -> None:
+    """Raise `InputError` if a motion along `line` would be too large to hold."""
+    joints = scope.count_links(line.length) + 1
+    travel = float(np.abs(np.diff([0.0, *options.route])).sum()) * line.length
+    if joints * (travel / options.head_step + 1.0) > POSITIONS_MAX:
+        least = travel * joints / POSITIONS_MAX
+        raise InputError(
+            f"head step is {options.head_step:g} mm: it must be at least {least * 1.01:.3g} mm for "
+            f"{joints} joints on a way of {travel:.0f} mm, or give longer links"
+        )
+
+
+def check_link(scope: Scope, line: Centreline) -> None:
+    """Raise `InputError` if a link is longer than the way."""
+    if scope.link_length > line.length:
+        raise InputError(
+            f"link length is {scope.link_length:g} mm: it must be at most the tract's "
+            f"centreline, {line.length:.1f} mm"
+        )
+
+
+def _summarise_field(space: FreeSpace) -> FieldSummary:
+    duct, grid = space.duct, grid_of(space.duct)
+    return FieldSummary(
+        kind=duct.kind,
+        spacing=None if grid is None else tuple(float(h) for h in grid.spacing),
+        nodes=None if grid is None else tuple(int(n) for n in grid.values.shape),
+        inflation=duct.inflation,
+        interpolation_error=duct.error,
+        wall_error=duct.wall_error,
+        sampling_error=0.5 * space.pitch,
+        clearance_error=duct.error + 0.5 * space.pitch,
+    )
+
+
+@functools.cache
+def _list_versions() -> tuple[tuple[str, str], ...]:
+    from importlib.metadata import version
+
+    from .. import __version__ as bozzini_version
+
+    return (
+        ("bozzini", bozzini_version),
+        ("python", platform.python_version()),
+        *((name, version(name)) for name in ("numpy", "scipy", "numba")),
+    )

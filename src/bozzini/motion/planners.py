@@ -1,0 +1,99 @@
+"""The planners by name, and their options; no planner is imported to list them.
+
+Another package adds one in its ``pyproject.toml``::
+
+    [project.entry-points."bozzini.planners"]
+    straight = "my_package.planners:StraightPlanner"
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint
+
+from ..checks import check_fields, check_number, quantity
+from ..errors import InputError
+from ..registry import Registry
+
+GROUP = "bozzini.planners"
+
+
+class _OwnPlanners(Mapping[str, type[object]]):
+    """The planners of this package, each imported when it is asked for."""
+
+    places = {
+        "best": "bozzini.motion.insertion:BestPlanner",
+        "tube": "bozzini.motion.insertion:TubePlanner",
+        "follow": "bozzini.motion.insertion:FollowPlanner",
+        "thesis": "bozzini.motion.thesis:ThesisPlanner",
+    }
+
+    def __getitem__(self, name: str) -> type[object]:
+        kind: type[object] = EntryPoint(name, self.places[name], GROUP).load()
+        return kind
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.places)
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+
+PLANNERS: Registry[object] = Registry(GROUP, object, _OwnPlanners, noun="planner")
+"""Subclasses of `bozzini.motion.Planner` by name: ``"best"``, ``"tube"``, ``"follow"``,
+``"thesis"``, and those that other installed packages add."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannerOptions:
+    """Options that all planners share.
+
+    Parameters
+    ----------
+    head_step : float
+        How far the head moves per step, at least 0.001 mm and at most a link [mm]; checked when a
+        scope is planned.
+    slip : float
+        Thesis Appendix C, corrected: 0 tractrix ... 1 the tail moves like the head.
+    angle_limit : float, optional
+        Largest angle between neighbouring links, in (0, pi] [rad]; the motion stops before it.
+    route : sequence of float
+        Fractions of the way that the head goes to in turn: ``(1,)`` in, ``(1, 0)`` in and out,
+        ``(1, 0, 1)`` in, out, in.
+    advise : bool
+        Whether to seek what would fit where the scope does not; that takes seconds.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range, or the route has no fraction above 0.
+    """
+
+    head_step: float = quantity("length", "How far the head moves per step.", default=0.25)
+    slip: float = quantity(
+        help="0: tails are pulled; 1: they move like the head (thesis App. C).",
+        low=0.0,
+        high=1.0,
+        default=0.0,
+    )
+    angle_limit: float | None = quantity(
+        "angle",
+        "Largest angle between links, e.g. 45deg.",
+        low=0.0,
+        high=math.pi,
+        low_open=True,
+        default=None,
+    )
+    route: tuple[float, ...] = field(
+        default=(1.0,), metadata={"help": "Advance only, or also retract, or go in again."}
+    )
+    advise: bool = True
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        route = tuple(check_number("route", share, low=0.0, high=1.0) for share in self.route)
+        if max(route, default=0.0) <= 0.0:
+            raise InputError(f"route is {route}: one of its fractions must lie in (0, 1]")
+        object.__setattr__(self, "route", route)

@@ -1,0 +1,1 @@
+"""Compiled numerics that the kernels of all packages share."""

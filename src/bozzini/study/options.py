@@ -1,0 +1,320 @@
+"""What a study is asked for: how a tract is read, where the centreline runs, how a scope moves.
+
+The command line makes its options from these fields. Nothing heavy is imported here, so that its
+help appears at once; the names of organs, methods and shapes are therefore repeated, and a test
+compares them.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..checks import check_fields, quantity
+from ..motion.planners import PLANNERS, PlannerOptions
+from ..results import Json
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ..anatomy.tract import LabelTract, SurfaceTract
+    from ..motion import Scope
+
+ORGANS = ("upper-tract", "small-bowel", "colon")
+"""As `bozzini.anatomy.ORGANS`."""
+
+SHAPES = ("cones", "cylinders", "superellipsoids")
+"""As `bozzini.duct.fitting.fit` knows them."""
+
+ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
+"""Names of routes: fractions of the path that the head goes to in turn."""
+
+VOXEL_MIN = 0.01
+"""Finest grid [mm]: a hundredth of the smallest tract."""
+
+INFLATION_MAX = 30.0
+"""As `bozzini.duct.field.INFLATION_MAX` [mm]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadOptions:
+    """How a file of a tract is read.
+
+    Parameters
+    ----------
+    labels, part, unit, frame, repair
+        See `bozzini.anatomy.read_tract`.
+    organ : {"upper-tract", "small-bowel", "colon"}, optional
+        Which organ it is, in place of what the file states.
+
+    Raises
+    ------
+    InputError
+        If the organ is unknown.
+    """
+
+    labels: tuple[int | str, ...] | None = quantity(
+        "labels", "Labels that are lumen, by number or name: 1,2,colon; or all.", default=None
+    )
+    part: tuple[str, ...] = quantity(
+        "text",
+        "The part of a scene, or of a mesh (1 is the largest), to read (name or number); may be "
+        "repeated: the parts are united.",
+        default=(),
+    )
+    unit: str | None = quantity(
+        "text", "Unit of a surface file (default: mm; GLB: m).", default=None
+    )
+    frame: str | None = quantity(
+        "text",
+        "Where the file's axes point in the patient, such as RAS or LPS (default: as the file "
+        "states).",
+        default=None,
+    )
+    repair: bool = quantity("flag", "Mend small faults of a surface, and list them.", default=False)
+    organ: str | None = quantity(
+        "text",
+        "Which organ this is: it decides which end is the entry.",
+        default=None,
+        words=ORGANS,
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def read(self, source: str | os.PathLike[str]) -> LabelTract | SurfaceTract:
+        """Return the tract in a file.
+
+        Raises
+        ------
+        BozziniError
+            As `bozzini.anatomy.read_tract`.
+        """
+        from ..anatomy import read_tract
+
+        part = self._shorten(self.part)
+        tract = read_tract(
+            source,
+            labels="all" if self.labels == ("all",) else self.labels,
+            part=tuple(part) if isinstance(part, list) else part,
+            unit=self.unit,
+            frame=self.frame,
+            repair=self.repair,
+        )
+        return tract if self.organ is None else replace(tract, organ=self.organ)  # type: ignore[arg-type]
+
+    def describe(self, source: str | os.PathLike[str]) -> Json:
+        """Return what the tract was read with as JSON-able values: enough to read it again."""
+        from ..anatomy.read import hash_input
+
+        return {
+            "file": Path(source).name,
+            "sha256": hash_input(source),
+            "labels": list(self.labels) if self.labels else None,
+            "part": self._shorten(self.part),
+            "unit": self.unit,
+            "frame": self.frame,
+            "repair": self.repair,
+        }
+
+    @staticmethod
+    def _shorten(parts: Sequence[str]) -> str | list[str] | None:
+        """Return no part as None, one as itself, several as a list."""
+        return (parts[0] if len(parts) == 1 else list(parts)) if parts else None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathOptions:
+    """The grid of the lumen, and where its centreline runs.
+
+    Parameters
+    ----------
+    voxel, inflate : float
+        See `bozzini.duct.build_field` [mm].
+    start, end : (3,) float, int, str or None
+        Ends of the centreline: a point in the world frame [mm], a label by number or name (the end
+        lies in it), the name of a landmark or of an opening of the tract, ``"largest-opening"``, or
+        None to find it. Where neither is given the organ of the tract decides which end is the
+        entry; of an unknown organ both are tried, and the one is taken from which the scope gets
+        farther, or with more clearance proved.
+    via : sequence
+        Places that the centreline passes, in this order; each as `start`.
+    reverse : bool
+        Begin at the other end.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its legal range.
+    """
+
+    voxel: float | None = quantity(
+        "length", "Grid of the distance field.", default=None, low=VOXEL_MIN
+    )
+    inflate: float = quantity(
+        "length",
+        "Move the wall outwards, as insufflation does.",
+        default=0.0,
+        low=0.0,
+        high=INFLATION_MAX,
+        label="inflation",
+    )
+    start: ArrayLike | int | str | None = quantity(
+        "end",
+        "Where the centreline begins: a point, a label, a landmark, an opening or largest-opening.",
+        default=None,
+    )
+    end: ArrayLike | int | str | None = quantity(
+        "end", "Where the centreline ends; as --start.", default=None
+    )
+    via: Sequence[ArrayLike | int | str] = quantity(
+        "end", "A place that the centreline passes; as --start; may be repeated.", default=()
+    )
+    reverse: bool = quantity("flag", "Enter at the other end.", default=False)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitOptions(PathOptions):
+    """What shapes are fitted to a tract.
+
+    Parameters
+    ----------
+    kind : {"cones", "cylinders", "superellipsoids"}
+    max_error : float
+        How far outside the wall the shapes may reach [mm].
+    pieces : int, optional
+        How many shapes at most.
+    least_squares : bool
+        Fit the wall from both sides, and not only from inside.
+    """
+
+    kind: str = quantity(
+        "text", "What shapes stand for the lumen.", default="cones", words=SHAPES, option="as"
+    )
+    max_error: float = quantity(
+        "length",
+        "How far outside the wall the shapes may reach.",
+        default=1.0,
+        low=0.0,
+        low_open=True,
+        label="--max-error",
+    )
+    pieces: int | None = quantity(
+        help="How many shapes at most (default: so many that no more clearance than --max-error is "
+        "lost).",
+        whole=True,
+        default=None,
+        low=1,
+        high=500,
+        label="--pieces",
+    )
+    least_squares: bool = quantity(
+        "flag",
+        "Fit the wall from both sides, and not only from inside: not for planning.",
+        default=False,
+    )
+
+
+def _as_planner(name: str) -> Any:
+    """Return a field as `PlannerOptions` has it."""
+    known = PlannerOptions.__dataclass_fields__[name]
+    return field(default=known.default, metadata=known.metadata)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InsertionOptions(PathOptions):
+    """How a scope is moved along the centreline of a tract, and what else is sought.
+
+    Parameters
+    ----------
+    method, head_step, slip, angle_limit, route
+        See `bozzini.motion.plan_insertion`; a route may also be a key of `ROUTES`.
+    soft_wall : float
+        See `bozzini.motion.plan_with_soft_wall` [mm].
+    label_error : float, optional
+        How far the given wall may be from the true one [mm]: the result states whether the proof
+        covers it.
+    largest : bool
+        Also find the largest diameter and the longest link that fit.
+    compare : bool
+        Also plan by every other method, for comparison.
+    """
+
+    method: str = quantity(
+        "text",
+        "The planner: best (of the next two and some between), tube (whole body, proved), follow "
+        "(the leader), thesis (joints only).",
+        default="best",
+        words=tuple(PLANNERS),
+    )
+    head_step: float = _as_planner("head_step")
+    slip: float = _as_planner("slip")
+    angle_limit: float | None = _as_planner("angle_limit")
+    route: Sequence[float] | str = quantity(
+        "text",
+        "Advance only, or also retract, or go in again.",
+        default="in",
+        words=tuple(ROUTES),
+    )
+    soft_wall: float = quantity(
+        "length",
+        "The body may displace the wall by up to this; the report names the places.",
+        default=0.0,
+        low=0.0,
+        high=100.0,
+    )
+    label_error: float | None = quantity(
+        "length",
+        "How far the given wall may be from the true one; exit code 1 if the proof does not cover "
+        "it.",
+        default=None,
+        low=0.0,
+        high=100.0,
+    )
+    largest: bool = quantity(
+        "flag", "Also find the largest diameter and longest link.", default=False
+    )
+    compare: bool = quantity("flag", "Also plan by the other methods, side by side.", default=False)
+
+    @property
+    def fractions(self) -> tuple[float, ...]:
+        """The route as fractions of the path."""
+        return ROUTES[self.route] if isinstance(self.route, str) else tuple(self.route)
+
+    @property
+    def motion(self) -> PlannerOptions:
+        """The options of the planner."""
+        return PlannerOptions(
+            head_step=self.head_step,
+            slip=self.slip,
+            angle_limit=self.angle_limit,
+            route=self.fractions,
+        )
+
+    def check(self, scope: Scope) -> None:
+        """Raise `InputError` for what is not legal for this scope in any tract."""
+        from ..motion.planner import make_planner
+
+        make_planner(self.method).check(scope, self.motion)
+
+
+@contextmanager
+def explain_scale(tract: LabelTract | SurfaceTract) -> Iterator[None]:
+    """Add to an `InputError` that the tract's size is implausible, where that was found."""
+    from ..errors import GeometryError, InputError
+
+    try:
+        yield
+    except InputError as error:
+        scale = [item.message for item in tract.findings if item.code == "scale"]
+        if not scale:
+            raise
+        kind = GeometryError if isinstance(error, GeometryError) else InputError
+        raise kind(f"{error}; {scale[0]}") from error

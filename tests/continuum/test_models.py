@@ -1,0 +1,142 @@
+"""A robot's own verbs, its results, and models that another package adds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
+
+from bozzini.checks import quantity
+from bozzini.cli.main import main
+from bozzini.continuum import (
+    CONTINUUM_MODELS,
+    ArcModel,
+    ContinuumModel,
+    EnergyModel,
+    RodModel,
+    Shape,
+    arc_frames,
+    displacements_for,
+    jacobian,
+    sample_workspace,
+    solve_curve,
+    solve_pose,
+    solve_tip,
+)
+from bozzini.continuum.coupling import check_displacements, coupling_matrix
+from bozzini.errors import InputError
+from tests.continuum.robots import THIRD, make_robot
+
+BENDS = np.array([[0.5, -0.2], [0.3, 0.6]])
+ROBOT = make_robot(THIRD, (60.0, 180.0, 300.0), length=40.0)
+PULLED = displacements_for(ROBOT, BENDS)
+
+
+@dataclass(frozen=True)
+class SoftArcs(ContinuumModel):
+    """Arcs that take a share of what the tendons ask for."""
+
+    share: float = quantity(help="Share.", low=0.0, high=1.0, default=0.5, kw_only=True)
+
+    name = "soft"
+
+    def shape(self, displacements: ArrayLike) -> Shape:
+        """Return the shapes under tendon displacements."""
+        commands = check_displacements(self.robot, displacements)
+        inverse = np.linalg.pinv(coupling_matrix(self.robot, model=self.name))
+        bends = (self.share * commands @ inverse.T).reshape(*commands.shape[:-1], -1, 2)
+        return self.make_shape(
+            commands,
+            arc_length=self.robot.stations(),
+            frames=arc_frames(self.robot, bends),
+            section_parameters=bends,
+        )
+
+
+@pytest.fixture
+def soft(monkeypatch: pytest.MonkeyPatch) -> None:
+    point = EntryPoint("soft", f"{__name__}:SoftArcs", "bozzini.continuum")
+    monkeypatch.setattr(EntryPoint, "load", lambda self: SoftArcs)
+    monkeypatch.setitem(CONTINUUM_MODELS.__dict__, "plugins", {"soft": point})
+
+
+@pytest.mark.usefixtures("soft")
+def test_a_model_of_another_package_stands_beside_ours(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert list(CONTINUUM_MODELS) == ["arc", "linkage", "energy", "rod", "soft"]
+    whole = ROBOT.forward(PULLED, model="soft", share=1.0)
+    assert whole.tip == pytest.approx(ROBOT.forward(PULLED).tip)
+    half = ROBOT.forward(PULLED, model="soft")
+    assert half.section_parameters == pytest.approx(0.5 * BENDS)
+    file = str(ROBOT.to_yaml(tmp_path / "robot.yaml"))
+    asked = ",".join(f"{n}={d:.9f}" for n, d in zip(ROBOT.tendon_names, PULLED, strict=True))
+    for command in (["models"], ["compare", file, "--displacement", asked]):
+        assert main(["continuum", *command]) == 0
+        assert "soft" in capsys.readouterr().out
+    assert main(["continuum", "pose", file, "--displacement", asked, "--model", "soft"]) == 0
+    with pytest.raises(InputError, match=r"share is 2: it must lie in \[0, 1\]"):
+        ROBOT.forward(PULLED, model="soft", share=2.0)
+
+
+def test_forward_chooses_the_model_and_takes_names() -> None:
+    assert ROBOT.forward(PULLED).tip.tolist() == ArcModel(ROBOT).shape(PULLED).tip.tolist()
+    named = dict(zip(ROBOT.tendon_names, PULLED, strict=True))
+    assert ROBOT.forward(named).tip.tolist() == ROBOT.forward(PULLED).tip.tolist()
+    batch = ROBOT.forward([PULLED, 0.5 * PULLED], model="energy", segment="channel")
+    channel = EnergyModel(ROBOT, segment="channel")
+    assert batch.tip.tolist() == channel.shape([PULLED, 0.5 * PULLED]).tip.tolist()
+    load = {"tip_force": (0.0, 0.01, 0.0), "tendon_stiffness": 1e4}
+    assert ROBOT.forward(PULLED, **load).tip.tolist() == (
+        RodModel(ROBOT, **load).shape(PULLED).tip.tolist()
+    )
+
+
+def test_inverse_takes_a_place_a_pose_and_a_curve() -> None:
+    shape = ROBOT.forward(PULLED)
+    for target, solve in ((shape.tip, solve_tip), (shape.points[1:], solve_curve)):
+        found = ROBOT.inverse(target, tolerance=0.01)
+        assert found.success
+        assert found.bends.tolist() == solve(ROBOT, target, tolerance=0.01).bends.tolist()
+    found = ROBOT.inverse(shape.tip_frame, starts=8)
+    assert found.bends.tolist() == solve_pose(ROBOT, shape.tip_frame, starts=8).bends.tolist()
+    assert found.shape().tip == pytest.approx(found.tip)
+    assert ROBOT.jacobian(BENDS).tolist() == jacobian(ROBOT, BENDS).tolist()
+    assert ROBOT.workspace(100, seed=3).sample.bends.tolist() == (
+        sample_workspace(ROBOT, 100, seed=3).bends.tolist()
+    )
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: ROBOT.forward({"t": 1.0}), "no tendon 't': those of robot 'robot' are t00"),
+        (lambda: ROBOT.forward(PULLED, model="pcc"), "no model 'pcc': choose one of arc, linkage"),
+        (lambda: ROBOT.forward(PULLED, steps=20), "arc model has no option 'steps'"),
+        (lambda: ROBOT.inverse(np.eye(4), direction=(0, 0, 1)), "direction goes with a place"),
+    ],
+)
+def test_what_a_robot_does_not_take_is_named(call: object, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        call()  # type: ignore[operator]
+
+
+def test_results_are_plain_values_tables_and_pictures() -> None:
+    shape, found = ROBOT.forward(PULLED), ROBOT.inverse([10.0, 5.0, 75.0])
+    space = ROBOT.workspace(200)
+    assert shape.to_dict()["tip_mm"] == shape.tip.tolist()
+    assert shape.to_frame()["x_mm"].tolist() == shape.points[:, 0].tolist()
+    batch = ROBOT.forward([PULLED, -PULLED])
+    assert len(batch.to_frame()) == 2 * len(shape.to_frame())
+    assert batch.to_dict()["sections"][1]["bend_rad"] == pytest.approx([np.hypot(*BENDS[1])] * 2)
+    assert found.to_frame()["displacement_mm"].tolist() == found.displacements.tolist()
+    assert space.to_dict()["reach_mm"] == space.volume.reach
+    for result in (shape, found, space, ROBOT):
+        assert isinstance(result.plot(), Axes)
+    with pytest.raises(InputError, match="batch"):
+        batch.plot()

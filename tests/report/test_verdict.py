@@ -1,0 +1,143 @@
+"""The verdict says no more than is known, and says it in one sentence."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bozzini.report.verdict import judge_plan
+from tests.plot.fake_motion import make_plan, make_stopped, make_summary
+
+
+@pytest.mark.parametrize(
+    ("changes", "label", "tone", "words"),
+    [
+        (
+            {},
+            "Fits",
+            "green",
+            "reaches the far end (80 mm of centreline) and keeps 4.00 mm",
+        ),
+        (
+            {"dent": 4.4},
+            "Through the wall",
+            "red",
+            "passes through the wall at 40 mm of the centreline by 0.40 mm",
+        ),
+        (
+            {"dent": 3.9},
+            "Too close to call",
+            "amber",
+            "0.10 mm of the wall at 40 mm of the centreline",
+        ),
+        (
+            {"reach": 61.0, "status": "stopped"},
+            "Stopped",
+            "red",
+            "at 61 mm of 80 mm of centreline: link 3 is locked. Up to there it keeps 4.00 mm",
+        ),
+        (
+            {"reach": 61.0, "status": "stopped", "dent": 5.0},
+            "Stopped",
+            "red",
+            "Before that its body passes through the wall at 40 mm of the centreline by 1.00 mm",
+        ),
+    ],
+)
+def test_verdict(changes, label, tone, words):
+    plan = make_plan(**changes)
+    verdict = judge_plan(plan, make_summary(plan), error=0.5)
+    assert (verdict.label, verdict.tone) == (label, tone)
+    assert words in " ".join([verdict.sentence, *verdict.notes])
+    assert verdict.sentence.count(". ") <= 1
+    # Without a summary the plan itself gives the same verdict.
+    assert judge_plan(plan, {}, error=0.5).tone == tone
+
+
+@given(proved=st.floats(0.0, 3.9), error=st.floats(0.0, 9.0))
+def test_what_is_proved_is_never_too_close_and_never_overstated(proved, error):
+    plan = make_plan(meta={"certified": True})
+    summary = {**make_summary(plan), "certified": True, "clearance_certified_mm": proved}
+    verdict = judge_plan(plan, summary, error=error)
+    assert (verdict.tone, verdict.label) == ("green", "Fits, proved")
+    quoted = re.search(r"at least ([0-9.]+) mm from the wall at all times", verdict.sentence)
+    if quoted:
+        assert 0.0 <= proved - float(quoted[1]) < 0.01 + 1e-6
+    else:
+        assert proved < 0.01 and "proved to stay inside the wall" in verdict.sentence
+
+
+def test_the_bound_is_taken_from_the_certificate_where_the_summary_lacks_it():
+    plan = make_plan(meta={"certified": True, "certificate": {"clearance_mm": 1.239}})
+    summary = {**make_summary(plan), "certified": True}
+    assert "at least 1.23 mm from the wall" in judge_plan(plan, summary).sentence
+    inflated = judge_plan(plan, {**summary, "inflation_mm": 4.0}).sentence
+    assert "at least 1.23 mm from the wall inflated by 4 mm" in inflated
+    # A bound alone is no proof.
+    doubted = judge_plan(plan, {**summary, "certified": False, "clearance_certified_mm": 1.2})
+    assert "proved" not in doubted.sentence + doubted.label
+
+
+def test_a_stopped_plan_is_proved_as_far_as_it_goes():
+    plan = make_stopped()
+    verdict = judge_plan(plan, {**make_summary(plan), "certified": True})
+    assert (verdict.tone, verdict.label) == ("red", "Stopped")
+    assert "stops at 50 mm of 80 mm of centreline: link 3 is locked" in verdict.sentence
+    assert "Up to there it is proved to stay at least 3.45 mm from the wall" in verdict.notes[0]
+    outside = make_plan(steps=1, reach=0.0, status="stopped", meta={"certified": False})
+    assert "does not enter: link 3 is locked." in judge_plan(outside, {}).sentence
+
+
+SOFT = {"allowed_mm": 4.0, "used_mm": 2.0, "contact_max_mm": 1.25, "contact_where_mm": 41.0}
+
+
+@pytest.mark.parametrize("where", ["summary", "meta"])
+def test_contact_is_amber_and_says_how_deep_and_where(where):
+    meta = {"certified": True, **({"soft_wall": SOFT} if where == "meta" else {})}
+    plan = make_plan(dent=5.25, meta=meta)
+    summary = {**make_summary(plan), "certified": True}
+    if where == "summary":
+        summary["soft_wall"] = SOFT
+    verdict = judge_plan(plan, summary)
+    assert (verdict.tone, verdict.label) == ("amber", "Fits with contact")
+    assert "by up to 1.25 mm at 41 mm of the centreline" in verdict.sentence
+    assert "proved that the wall never has to give way by more than 2 mm" in verdict.sentence
+
+
+def test_a_wall_that_need_not_give_way_is_no_contact():
+    plan = make_plan(meta={"certified": True})
+    summary = {**make_summary(plan), "certified": True, "clearance_certified_mm": 0.5}
+    summary["soft_wall"] = {"allowed_mm": 4.0, "used_mm": 0.0, "contact_max_mm": 0.0}
+    assert judge_plan(plan, summary).label == "Fits, proved"
+
+
+def test_a_soft_wall_that_gives_way_too_little_is_red():
+    plan = make_plan(dent=9.0)
+    summary = {**make_summary(plan), "soft_wall": {**SOFT, "contact_max_mm": 5.0}}
+    verdict = judge_plan(plan, summary)
+    assert verdict.tone == "red" and "5.00 mm beyond the wall" in verdict.sentence
+    stopped = make_stopped()
+    summary = {**make_summary(stopped), "certified": True, "soft_wall": SOFT}
+    verdict = judge_plan(stopped, summary)
+    words = " ".join([verdict.sentence, *verdict.notes])
+    assert "pushes the wall outwards by up to 1.25 mm" in words and "through" not in words
+
+
+@pytest.mark.parametrize("changes", [{}, {"reach": 61.0, "status": "stopped"}])
+@pytest.mark.parametrize("code", ["parts-cross", "introducer-crosses"])
+def test_what_the_proof_does_not_cover_stands_in_the_verdict(code, changes):
+    plan = make_plan(**changes)
+    summary = make_summary(plan)
+    bare = judge_plan(plan, {**summary, "findings": [{"code": "scale", "message": "it is long"}]})
+    message = "parts left out reach into the lumen: 'polyp'; the scope may cross them"
+    told = judge_plan(plan, {**summary, "findings": [{"code": code, "message": message}]})
+    text = message.replace("parts", "Parts", 1) + "."
+    if changes:
+        assert told == replace(bare, notes=(*bare.notes, text))
+        return
+    assert told.sentence == f"{bare.sentence} {text}"
+    assert told.tone == "amber" and told.label.startswith(f"{bare.label}; ")

@@ -1,0 +1,133 @@
+"""The example of a package that adds to Bozzini, installed and used as a user would."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PLUGIN = Path(__file__).resolve().parents[1] / "examples" / "plugin"
+
+USE = """
+import numpy as np
+import bozzini
+from bozzini.continuum.models import CONTINUUM_MODELS
+from bozzini.continuum.robot import RobotDesign
+from bozzini.duct import find_centreline
+from bozzini.duct.shape_files import load_shapes, save_shapes
+from bozzini.duct.shapes import SHAPES
+from bozzini.effector import Effector, effector_preset
+from bozzini.motion import PLANNERS, Scope, plan_insertion
+from bozzini.muscle import MODELS
+"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Return the directory into which the package was installed."""
+    target = tmp_path_factory.mktemp("site")
+    source = tmp_path_factory.mktemp("source")
+    for path in PLUGIN.iterdir():
+        if path.is_file():
+            (source / path.name).write_bytes(path.read_bytes())
+    command = ["pip", "install", "--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
+    subprocess.run(
+        [sys.executable, "-m", *command, "--target", str(target), str(source)],
+        check=True,
+        capture_output=True,
+        timeout=120,
+    )
+    return target
+
+
+@pytest.fixture
+def run(site, tmp_path):
+    """Return a function that runs Python with the package installed, and gives its output."""
+
+    def call(*arguments, code=0):
+        done = subprocess.run(
+            [sys.executable, *arguments],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(site), *sys.path])},
+            capture_output=True,
+            text=True,
+            timeout=250,
+        )
+        assert done.returncode == code, done.stderr
+        return done.stdout
+
+    return call
+
+
+def test_commands_list_what_the_package_adds(run):
+    assert "spring" in run("-m", "bozzini", "muscle", "models")
+    assert "pulled" in run("-m", "bozzini", "plan", "--help")
+    assert "rigid-discs" in run("-m", "bozzini", "continuum", "pose", "--help")
+
+
+def test_the_duct_is_planned_in_by_the_planner_and_kept_in_a_file(run):
+    run(
+        "-c",
+        USE
+        + """
+ring = SHAPES["ring"](radius=60.0, tube=14.0)
+angle = np.linspace(0.0, 2.0 * np.pi, 33)
+middle = 60.0 * np.stack([np.cos(angle), np.sin(angle), np.zeros(33)], axis=1)
+assert np.allclose(ring.signed_distance(middle), -14.0)
+wall = middle + [0.0, 0.0, 14.0]
+assert np.allclose(ring.gradient(wall), [0.0, 0.0, 1.0], atol=1e-6)
+save_shapes(ring, "ring.json")
+assert load_shapes("ring.json").signed_distance([0.0, 0.0, 0.0]) == ring.signed_distance(
+    [0.0, 0.0, 0.0]
+)
+
+field = ring.sample(1.0)
+line = find_centreline(field, (middle[2], middle[14]))
+scope = Scope(diameter=6.0, link_length=8.0)
+plan = plan_insertion(field, line, scope=scope, method="pulled")
+assert plan.method == "pulled" and plan.status == "complete"
+inserted = plan.joints[-1][:10]
+left = -ring.signed_distance(inserted) - scope.radius
+assert 0.0 < plan.certificate.clearance < left.min()
+# A pulled chain cuts the bend: its links lie inside the line that the head takes.
+assert (np.hypot(*inserted[1:, :2].T) < 59.0).any()
+plan.save("plan.npz")
+assert bozzini.Plan.load("plan.npz").method == "pulled"
+""",
+    )
+
+
+def test_the_muscle_moves_an_effector(run):
+    run(
+        "-c",
+        USE
+        + """
+effector = Effector(effector_preset("prototype"), MODELS["spring"])
+tip = effector.forward({"R": 0.3}).tip
+assert np.allclose(effector.inverse(tip[:2]).pressures, [0.3, 0.0, 0.0], atol=1e-6)
+""",
+    )
+
+
+def test_the_continuum_model_tends_to_arcs_as_discs_are_added(run):
+    run(
+        "-c",
+        USE
+        + """
+from bozzini.continuum import Section, Tendon
+
+errors = []
+for discs in (5, 10, 20):
+    angles = {"a": 0.0, "b": 2.0 * np.pi / 3.0, "c": 4.0 * np.pi / 3.0}
+    tendons = tuple(Tendon(name=name, offset=4.0, angle=angle) for name, angle in angles.items())
+    design = RobotDesign((Section(length=80.0, radius=5.0, discs=discs, tendons=tendons),))
+    models = [CONTINUUM_MODELS[name](design) for name in ("rigid-discs", "arc")]
+    tips = [model.shape([4.8, -2.4, -2.4]).frames[-1, :3, 3] for model in models]
+    errors.append(np.linalg.norm(tips[0] - tips[1]))
+assert errors[0] > 0.0
+assert np.allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.05), errors
+""",
+    )

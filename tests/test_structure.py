@@ -1,0 +1,85 @@
+"""What keeps the code easy to extend: no import circles, short argument lists, few loose types."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import bozzini
+
+SOURCE = Path(bozzini.__file__).resolve().parent
+MODULES = {
+    ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in sorted(SOURCE.rglob("*.py"))
+}
+
+
+def _is_for_types(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+
+
+def _imports(name: str) -> Iterator[str]:
+    """Give the modules of Bozzini that one imports when it runs, inside functions too."""
+    path = MODULES[name]
+    package = name.split(".") if path.stem == "__init__" else name.split(".")[:-1]
+    waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            stem = ".".join([*base, *([node.module] if node.module else [])])
+            for alias in node.names:
+                full = f"{stem}.{alias.name}"
+                yield full if full in MODULES else stem
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif not _is_for_types(node):
+            waiting += ast.iter_child_nodes(node)
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    # A package's own __init__ hands on names: it imports its modules, and they do not import it.
+    left = {
+        name: {other for other in _imports(name) if other in MODULES and other != name}
+        for name, path in MODULES.items()
+        if path.stem != "__init__"
+    }
+    left = {name: others & set(left) for name, others in left.items()}
+    while left:
+        ready = {name for name, others in left.items() if not others & set(left)}
+        assert ready, f"in circles, or above one: {sorted(left)}"
+        left = {name: others for name, others in left.items() if name not in ready}
+
+
+def test_functions_have_few_parameters() -> None:
+    long = []
+    for name, path in MODULES.items():
+        if ".kernels" in name:
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                given = node.args
+                names = [a.arg for a in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+                count = len(names) - (names[:1] in (["self"], ["cls"]))
+                long += [f"{name}.{node.name}: {count}"] if count > 6 else []
+    assert len(long) < 20, long
+
+
+def test_few_types_are_left_open() -> None:
+    count = sum(
+        len(re.findall(r"\bAny\b", line))
+        for path in MODULES.values()
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if "import" not in line
+    )
+    assert count < 100
+
+
+def test_the_type_checker_makes_few_exceptions() -> None:
+    text = (SOURCE.parents[1] / "pyproject.toml").read_text(encoding="utf-8")
+    overrides = tomllib.loads(text)["tool"]["mypy"]["overrides"]
+    ours = [name for part in overrides for name in part["module"] if name.startswith("bozzini")]
+    assert len(ours) <= 5
