@@ -112,7 +112,7 @@ def test_declared_dependencies_are_those_imported() -> None:
     }
     for name in declared:
         importlib.import_module(modules.get(name, name.replace("-", "_")))
-    trimesh_takes = {"networkx", "fast-simplification"}
+    trimesh_takes = {"networkx"}
     source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
     used = {
         name
