@@ -289,7 +289,7 @@ def test_super_ellipsoids_that_lose_too_much_room_have_not_reached_it(monkeypatc
     duct, line = tube()
     fitted = fit(duct, "superellipsoids", centreline=line, max_error=0.2)
     assert not fitted.converged
-    assert "of the room on the centreline is lost" in fitted.reason
+    assert "of the clearance on the centreline is lost" in fitted.reason
     few = fit(duct, "superellipsoids", centreline=line, max_error=0.2, pieces=12)
     assert few.converged, few.reason
 

@@ -383,21 +383,24 @@ def _measure_shape(table, params, i, square, x, y, z):
 
 @njit(cache=True)
 def nearest_shape(table, params, blocks, x, y, z):
-    """Return (value, i): the value at a point, and the shape that decides it."""
+    """Return (value, i): the value at a point, and the shape that decides it.
+
+    The shape that is probably the nearest comes first: by the powers of balls, without roots.
+    """
     count = blocks.shape[0]
     if table.shape[0] == 1:
         return _measure_shape(table, params, 0, _off_ball(table, 0, x, y, z), x, y, z), 0
     first = 0
     least = np.inf
     for b in range(count):
-        gap = math.sqrt(_off_ball(blocks, b, x, y, z)) - blocks[b, 3]
+        gap = _off_ball(blocks, b, x, y, z) - blocks[b, 3] * blocks[b, 3]
         if gap < least:
             least = gap
             first = b
     start = int(blocks[first, 4])
     least = np.inf
     for i in range(start, int(blocks[first, 5])):
-        gap = math.sqrt(_off_ball(table, i, x, y, z)) - table[i, 3]
+        gap = _off_ball(table, i, x, y, z) - table[i, 3] * table[i, 3]
         if gap < least:
             least = gap
             start = i
