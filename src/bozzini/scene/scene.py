@@ -82,8 +82,10 @@ def prepare_tract(surface: tuple[ArrayLike, ArrayLike], *, max_faces: int) -> Tr
         from fast_simplification import simplify
 
         # Quadric edge collapse (Garland and Heckbert, SIGGRAPH 1997).
-        coarse = simplify(mesh.vertices, mesh.faces.astype(np.int32), target_count=max_faces)
-        mesh = trimesh.Trimesh(*map(np.asarray, coarse[:2]), process=False)
+        vertices, faces, *_ = simplify(
+            mesh.vertices, mesh.faces.astype(np.int32), target_count=max_faces
+        )
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
     flat = mesh.area_faces == 0.0
     if flat.all():
         raise InputError(f"surface has {len(flat)} faces, all of zero area: it must have area")
