@@ -93,7 +93,7 @@ def check_array(name: str, values: ArrayLike) -> NDArray[np.float64]:
         If they are text, truth values, complex, hidden by a mask, of a unit that would be dropped,
         or no array at all.
     """
-    given: Any = values
+    given: object = values
     if type(given) is float:
         return np.asarray(given)
     if type(given) is np.ndarray and given.dtype == np.float64:
@@ -154,7 +154,7 @@ def add_hint(hint: str) -> Iterator[None]:
         raise InputError(f"{error}{hint}") from None
 
 
-def name_at(name: str, values: NDArray[Any], index: int) -> str:
+def name_at(name: str, values: NDArray[np.generic], index: int) -> str:
     """Return the name of the `index`-th of `values`, ``load[2, 1]`` for example."""
     if values.ndim == 0:
         return name
@@ -318,7 +318,7 @@ def list_quantities(kind: type) -> Mapping[str, Quantity]:
     return _KNOWN[kind]
 
 
-def legal_range(item: Any, name: str) -> tuple[float, float]:
+def legal_range(item: object, name: str) -> tuple[float, float]:
     """Return the legal range of a field, the other fields of the object being as they are."""
     known = list_quantities(type(item))[name]
     low, high = (end(item) if callable(end) else end for end in (known.low, known.high))
@@ -360,7 +360,7 @@ def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> 
         object.__setattr__(item, name, known.check(words, value, item) if given else default)
 
 
-def describe_fields(item: Any) -> dict[str, float]:
+def describe_fields(item: object) -> dict[str, float]:
     """Return the fields of a dataclass made by `quantity`, with their units in the names."""
     return {
         add_unit(name, known.unit): getattr(item, name)

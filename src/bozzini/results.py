@@ -62,7 +62,7 @@ class Result:
 
         return pandas.DataFrame(self.list_columns())
 
-    def list_columns(self) -> Mapping[str, Any]:
+    def list_columns(self) -> Mapping[str, object]:
         """Return the columns of `to_frame`: by default one row, of what is a single value."""
         return {
             name: [value]
@@ -112,7 +112,7 @@ def measured(unit: str) -> Any:
     return dataclasses.field(metadata={"unit": unit})
 
 
-def to_plain(value: Any, *, unknown: Callable[[Any], Any] = repr) -> Any:
+def to_plain(value: object, *, unknown: Callable[[Any], Any] = repr) -> Any:
     """Return a value made of plain types: numbers, texts, lists, dictionaries with text as keys.
 
     A number that is not finite becomes None, and what has no plain form `unknown` of it: by
@@ -138,7 +138,7 @@ def to_plain(value: Any, *, unknown: Callable[[Any], Any] = repr) -> Any:
     return unknown(value)
 
 
-def _flatten(value: Any) -> list[Any]:
+def _flatten(value: object) -> list[Any]:
     if isinstance(value, list):
         return [item for part in value for item in _flatten(part)]
     return [value]

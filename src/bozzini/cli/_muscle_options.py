@@ -59,7 +59,7 @@ def option(
     flag, *words = declaration.split()
     names = [word for word in words if word.islower()]
     metavar = next((word for word in words if not word.islower()), None)
-    taken: Any = QuantityType(kind) if isinstance(kind, str) else kind
+    taken: object = QuantityType(kind) if isinstance(kind, str) else kind
     taken = click.Choice(kind) if isinstance(kind, tuple) else taken
     shown = "default" in more
     return click.option(
@@ -92,7 +92,9 @@ class ModelType(_NameType):
 
     name = "name"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
         """Return the name if there is such a model."""
         kinds = list_kinds()
         if value not in kinds:

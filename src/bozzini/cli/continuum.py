@@ -131,7 +131,9 @@ class ModelType(click.ParamType):  # type: ignore[type-arg]  # generic in newer 
         """Return the names for the help."""
         return f"[{'|'.join(CONTINUUM_MODELS)}]"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
         """Return the name if there is such a model."""
         if value not in CONTINUUM_MODELS:
             known = ", ".join(CONTINUUM_MODELS)
@@ -202,7 +204,7 @@ def make_consistent(
 
 
 def make_model(
-    name: str | None, robot: ContinuumRobot, given: Mapping[str, Any], *, strict: bool = True
+    name: str | None, robot: ContinuumRobot, given: Mapping[str, object], *, strict: bool = True
 ) -> ContinuumModel:
     """Return the model that the options ask for; unless `strict`, others' options are left out."""
     options = {option: value for option, value in given.items() if value is not None}
@@ -235,7 +237,7 @@ def describe_robot(robot: ContinuumRobot) -> Plain:
     return {"length_mm": robot.length, "radius_mm": robot.radius, **robot.to_dict()}
 
 
-def write_result(answer: Answer, columns: Mapping[str, Any], draw: Callable[[], Figure]) -> None:
+def write_result(answer: Answer, columns: Mapping[str, object], draw: Callable[[], Figure]) -> None:
     """Write a table or a picture to ``--out``, if that was given."""
     from ..io.files import write_text
 

@@ -136,7 +136,7 @@ def _ending_cleanly() -> Iterator[None]:
     before = {number: old for number, old in before.items() if old == signal.SIG_DFL}
     report = sys.unraisablehook
 
-    def stop(number: int, frame: Any) -> None:
+    def stop(number: int, frame: object) -> None:
         raise _Terminated(number)
 
     def catch(lost: Any) -> None:

@@ -50,7 +50,7 @@ class ContinuumRobot(RobotDesign):
         displacements: ArrayLike | Mapping[str, float],
         *,
         model: str | None = None,
-        **options: Any,
+        **options: object,
     ) -> Shape:
         """Return the shapes under tendon displacements.
 

@@ -320,7 +320,7 @@ EFFECTOR_PRESETS: dict[str, EffectorDesign] = {
 """
 
 
-def effector_preset(name: str, **overrides: Any) -> EffectorDesign:
+def effector_preset(name: str, **overrides: object) -> EffectorDesign:
     """Return an end-effector of `EFFECTOR_PRESETS`, with some fields changed.
 
     Raises

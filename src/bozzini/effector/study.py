@@ -50,7 +50,7 @@ def find_quantity(name: str) -> Quantity | None:
     return list_quantities(EffectorDesign).get("backbone_length" if name == "length" else name)
 
 
-def check_value(design: EffectorDesign, name: str, value: Any) -> Any:
+def check_value(design: EffectorDesign, name: str, value: object) -> Any:
     """Return a parameter's value as it is to be used, or raise `InputError` if it never is legal.
 
     Whether a design with it can be built may depend on the others, and is not looked at.

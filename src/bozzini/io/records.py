@@ -236,7 +236,7 @@ def _yaml_loader() -> Any:
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-        def compose_node(self, parent: Any, index: Any) -> Any:
+        def compose_node(self, parent: object, index: object) -> Any:
             # A few lines of references to references can stand for more than fits in memory.
             if self.check_event(yaml.AliasEvent):
                 event = self.peek_event()
@@ -283,7 +283,7 @@ def _converter() -> Converter:
 
     converter = Converter()
 
-    def read_list(data: object, kind: Any) -> Any:
+    def read_list(data: object, kind: object) -> Any:
         members = get_args(kind)
         count = None if members[-1] is Ellipsis else len(members)
         if not isinstance(data, (list, tuple)) or count not in (None, len(data)):
@@ -299,7 +299,7 @@ def _converter() -> Converter:
                 raise
         return tuple(items)
 
-    def read_union(data: object, kind: Any) -> Any:
+    def read_union(data: object, kind: object) -> Any:
         """Choose by what the data is: nothing, a mapping, a list, or a plain value."""
         if data is None and type(None) in get_args(kind):
             return None
@@ -436,7 +436,7 @@ def _read_truth(data: object, _: object) -> bool:
     return data
 
 
-def _read_choice(data: object, kind: Any) -> Any:
+def _read_choice(data: object, kind: object) -> Any:
     if data not in get_args(kind):
         raise InputError(f" is {show_value(data)}: choose one of {', '.join(get_args(kind))}")
     return data

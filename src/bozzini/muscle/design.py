@@ -499,7 +499,7 @@ PRESETS: dict[str, Muscle] = {
 """
 
 
-def preset(name: str, **overrides: Any) -> Muscle:
+def preset(name: str, **overrides: object) -> Muscle:
     """Return a muscle of `PRESETS`, with some fields changed.
 
     Raises

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -336,7 +336,7 @@ def _describe(title: str) -> dict[str, str]:
     }
 
 
-def _add_material(document: GlbDocument, name: str, **options: Any) -> int:
+def _add_material(document: GlbDocument, name: str, **options: object) -> int:
     colour, metallic, roughness = _MATERIALS[name]
     surface = {"baseColorFactor": colour, "metallicFactor": metallic, "roughnessFactor": roughness}
     return document.add("materials", {"name": name, "pbrMetallicRoughness": surface, **options})

@@ -83,7 +83,9 @@ def number(low: float = -LIMIT, high: float = LIMIT, **known: Any) -> Any:
     return quantity(low=low, high=high, **known)
 
 
-def numbers(*, like: str = "", ladder: bool = False, default: Any = MISSING, **limits: Any) -> Any:
+def numbers(
+    *, like: str = "", ladder: bool = False, default: object = MISSING, **limits: object
+) -> Any:
     """Return a dataclass field that is a sequence of numbers, as many as `like` has.
 
     Those of a `ladder` increase; the limits are those of `take_numbers`.

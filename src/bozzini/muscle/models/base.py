@@ -461,7 +461,7 @@ class CatalogueModel(ExplicitModel):
         *,
         as_printed: bool = False,
         hysteresis: Hysteresis | None = None,
-        **given: Any,
+        **given: object,
     ) -> None:
         check_hysteresis(hysteresis)
         if as_printed and self.card.unprintable:
@@ -519,7 +519,7 @@ class CatalogueModel(ExplicitModel):
         given = self.keywords
         return {item.name: given[item.name] for item in self.card.parameters if item.name in given}
 
-    def replace(self, muscle: Muscle | None = None, **changes: Any) -> CatalogueModel:
+    def replace(self, muscle: Muscle | None = None, **changes: object) -> CatalogueModel:
         """Return this model with another muscle, or some keywords changed.
 
         Raises
