@@ -154,5 +154,5 @@ def test_wrong_shape_is_named(duct, cones, tmp_path):
     wrong.write_text(json.dumps(data))
     answer = duct("show", wrong, "--json")
     assert answer.code == 2
-    assert "shapes[1].radius is -3 mm: it must lie in (0, inf) mm" in answer.err
+    assert "shapes[1].radius is -3 mm: it must lie in [1e-06, 1e+06] mm" in answer.err
     assert json.loads(answer.out)["error"]["type"] == "FileFormatError"
