@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -14,10 +15,16 @@ from hypothesis.extra import numpy as hnp
 from bozzini.checks import (
     broadcast,
     check_array,
+    check_fields,
     check_integer,
     check_number,
     check_points,
     check_range,
+    describe_fields,
+    legal_range,
+    list_quantities,
+    quantity,
+    refuse_first,
 )
 from bozzini.errors import InputError
 
@@ -158,3 +165,46 @@ def test_one_bad_point_is_counted(array: np.ndarray, data: st.DataObject) -> Non
     array[row, data.draw(st.integers(0, 2))] = data.draw(st.sampled_from([np.nan, np.inf]))
     with pytest.raises(InputError, match=r"start has 1 point\(s\) that are not finite"):
         check_points("start", array)
+
+
+@dataclass(frozen=True)
+class Box:
+    width: float = quantity("length", "How wide.", low=0.0, low_open=True, high=10.0)
+    height: float = quantity("length", default=1.0, low=0.0, high=lambda box: 2.0 * box.width)
+    count: int = quantity(default=3, low=1, high=9, whole=True)
+    name: str = "box"
+
+    def __post_init__(self) -> None:
+        check_fields(self, "box ")
+
+
+def test_a_field_states_its_unit_range_and_help_once() -> None:
+    box = Box(np.float32(2.0), height=4)  # type: ignore[arg-type]
+    assert describe_fields(box) == {"width_mm": 2.0, "height_mm": 4.0, "count": 3}
+    assert [type(value) for value in describe_fields(box).values()] == [float, float, int]
+    assert legal_range(box, "height") == (0.0, 4.0)
+    assert list_quantities(Box)["width"].help == "How wide."
+    assert set(list_quantities(Box)) == {"width", "height", "count"}
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"width": 0.0}, r"^box width is 0 mm: it must lie in \(0, 10\] mm$"),
+        ({"width": "2"}, "^box width is '2': it must be a number"),
+        ({"height": 4.1}, r"^box height is 4.1 mm: it must lie in \[0, 4\] mm$"),
+        ({"count": 2.5}, r"^box count is 2.5: it must be a whole number in \[1, 9\]$"),
+    ],
+)
+def test_a_field_outside_its_range_is_refused(given: dict[str, float], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        Box(**{"width": 2.0, **given})  # type: ignore[arg-type]
+
+
+def test_the_first_wrong_value_is_named() -> None:
+    values = np.array([[1.0, 2.0], [3.0, -4.0]])
+    refuse_first(values > 9.0, "load", values, "it must be less")
+    with pytest.raises(InputError, match=r"^load\[1, 1\] of it is -4 N: it must be above 3$"):
+        refuse_first(
+            values < 0.0, "load{} of it", values, lambda i: f"it must be above {i}", unit="N"
+        )

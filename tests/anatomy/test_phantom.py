@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from bozzini.anatomy import make_phantom, tract_from_labels, tract_from_surface
 from bozzini.anatomy.kernels.meshes import fill_distance, measure_distance
 from bozzini.anatomy.phantom import (
-    BEND_GAP,
+    BEND_GAP_MM,
     DIMENSIONS,
-    LIMB_GAP,
+    LIMB_GAP_MM,
     Leg,
     draw_dimensions,
     trace_line,
@@ -154,15 +154,15 @@ def test_every_seed_is_valid(seed):
     points, radii = phantom.centreline, phantom.radii
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
     between = np.linalg.norm(points[:, None] - points[None], axis=2) - radii[:, None] - radii
-    reach = radii[:, None] + radii + LIMB_GAP
+    reach = radii[:, None] + radii + LIMB_GAP_MM
     far = np.abs(along[:, None] - along) > 1.6 * reach
-    assert between[far].min() >= LIMB_GAP - 0.01
+    assert between[far].min() >= LIMB_GAP_MM - 0.01
     # The bend radius, from three samples in a row, is wider than the lumen.
     one, two, three = points[:-2], points[1:-1], points[2:]
     a, b, c = (np.linalg.norm(q - p, axis=1) for p, q in ((one, two), (two, three), (one, three)))
     area = np.linalg.norm(np.cross(two - one, three - one), axis=1) / 2.0
     bend = a * b * c / np.maximum(4.0 * area, 1e-12)
-    assert (bend - radii[1:-1]).min() > BEND_GAP - 1.0
+    assert (bend - radii[1:-1]).min() > BEND_GAP_MM - 1.0
     assert radii.min() > 6.0
 
 

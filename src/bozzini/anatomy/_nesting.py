@@ -27,7 +27,7 @@ FOLLOWS_RATIO = 2.0
 MOST_APART = 100
 """Closed parts left out that are listed."""
 
-TOUCHING = 1e-6
+TOUCHING_SHARE = 1e-6
 """Distance, by the size of the surface, below which a part touches the wall."""
 
 
@@ -122,7 +122,7 @@ class PartSet:
         touching, entering = np.zeros((2, self.number), dtype=bool)
         sheet, _ = _mesh.agree(self.take(wall))
         corners = points[self.triangles]
-        reach = TOUCHING * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+        reach = TOUCHING_SHARE * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
         low, high = points[sheet].min(axis=(0, 1)) - reach, points[sheet].max(axis=(0, 1)) + reach
         near = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
         near &= part != wall

@@ -34,10 +34,10 @@ LEAST_VOLUME = 0.01
 LEAST_DEPTH = 2e-3
 """Smallest volume of such a sheet by its area to the power 1.5: a plate encloses nothing."""
 
-NESTED = 0.5
+NESTED_SHARE = 0.5
 """Share of a sheet's corners inside another from which it is the inner side of a wall."""
 
-ALIKE = 0.1
+ALIKE_SHARE = 0.1
 """Largest difference of area and of volume of two copies of one sheet."""
 
 
@@ -104,8 +104,8 @@ def _drop_copies(points: Vertices, sheets: list[Sheet]) -> tuple[list[Sheet], li
         for other in kept:
             if (
                 other.volume * sheet.volume > 0.0
-                and abs(sheet.area - other.area) < ALIKE * sheet.area
-                and abs(sheet.volume - other.volume) < ALIKE * abs(sheet.volume)
+                and abs(sheet.area - other.area) < ALIKE_SHARE * sheet.area
+                and abs(sheet.volume - other.volume) < ALIKE_SHARE * abs(sheet.volume)
             ):
                 theirs = points[np.unique(other.faces)]
                 there, _ = cKDTree(theirs).query(own)
@@ -124,39 +124,43 @@ def _find_nested(points: Vertices, sheets: list[Sheet]) -> Mask:
         for k, other in enumerate(sheets):
             places = points[np.unique(other.faces)]
             boxed = places[((places >= low) & (places <= high)).all(axis=1)]
-            if j == k or len(boxed) < NESTED * len(places) or abs(other.volume) > abs(one.volume):
+            if (
+                j == k
+                or len(boxed) < NESTED_SHARE * len(places)
+                or abs(other.volume) > abs(one.volume)
+            ):
                 continue
             inside = np.abs(_mesh.wind(corners, solid, boxed)) > 0.5
-            nested[j, k] = np.count_nonzero(inside) > NESTED * len(places)
+            nested[j, k] = np.count_nonzero(inside) > NESTED_SHARE * len(places)
     return nested
 
 
-VOXEL = 1.0
+VOXEL_MM = 1.0
 """Voxel of a solidified surface [mm], smaller for a small one."""
 
-FEWEST = 200
+FEWEST_VOXELS = 200
 """Voxels along the longest side, at least."""
 
-MOST = 30_000_000
+MOST_VOXELS = 30_000_000
 """Voxels of the box around it, at most."""
 
-PADDING = 3
-OPENING = 0.15
+PADDING_VOXELS = 3
+OPENING_SHARE = 0.15
 """Radius of a hole, by twice the volume over the area, from which it is an open end."""
 
-AMBIGUOUS = 0.2
+AMBIGUOUS_SHARE = 0.2
 """Largest share of the lumen about which the triangles alone wind neither 0 nor 1."""
 
-ASKED = 20_000
+ASKED_VOXELS = 20_000
 """Voxels about which the winding number of the triangles alone is asked."""
 
-DEEP = 1.0
+DEEP_VOXELS = 1.0
 """Depth in the lumen from which a triangle counts as inside it [voxels]."""
 
-FINEST = 200
+FINEST_PIECES = 200
 """Pieces into which the side of a triangle is cut to look for its depth, at most."""
 
-COARSE = 3
+COARSE_VOXELS = 3
 """Voxels in which missing lumen is looked for, by those of the lumen."""
 
 
@@ -166,11 +170,13 @@ class _Grid:
     def __init__(self, points: Vertices, faces: Faces, voxel: float | None = None) -> None:
         low, high = points[faces].min(axis=(0, 1)), points[faces].max(axis=(0, 1))
         size = high - low
-        wanted = min(VOXEL, float(size.max()) / FEWEST) if voxel is None else voxel
-        self.voxel = max(wanted, float(np.prod(np.maximum(size, wanted)) / MOST) ** (1.0 / 3.0))
+        wanted = min(VOXEL_MM, float(size.max()) / FEWEST_VOXELS) if voxel is None else voxel
+        self.voxel = max(
+            wanted, float(np.prod(np.maximum(size, wanted)) / MOST_VOXELS) ** (1.0 / 3.0)
+        )
         # Not on the whole millimetres on which corners often lie.
-        self.low = low - (PADDING + 0.2887) * self.voxel
-        self.shape = tuple(int(n) for n in np.ceil(size / self.voxel) + 2 * PADDING + 1)
+        self.low = low - (PADDING_VOXELS + 0.2887) * self.voxel
+        self.shape = tuple(int(n) for n in np.ceil(size / self.voxel) + 2 * PADDING_VOXELS + 1)
 
     def wind(self, points: Vertices, faces: Faces) -> Mask:
         """Return where closed triangles, all together, wind at least once."""
@@ -197,8 +203,8 @@ def find_openings(
     holes: Sequence[_mesh.Hole], width: float
 ) -> tuple[tuple[Opening, ...], list[_mesh.Hole]]:
     """Split holes into open ends, the largest first, and small ones for the surface's width."""
-    ends = [hole for hole in holes if hole.radius >= OPENING * width]
-    small = [hole for hole in holes if hole.radius < OPENING * width]
+    ends = [hole for hole in holes if hole.radius >= OPENING_SHARE * width]
+    small = [hole for hole in holes if hole.radius < OPENING_SHARE * width]
     openings = tuple(
         Opening(point=to_point(hole.point), radius=hole.radius, name=f"opening {k}")
         for k, hole in enumerate(ends, start=1)
@@ -316,7 +322,7 @@ def _check_ambiguous(
 ) -> list[Finding]:
     """Ask how often the triangles without caps wind about places in the lumen."""
     index = np.flatnonzero(lumen)
-    index = index[:: max(1, len(index) // ASKED)]
+    index = index[:: max(1, len(index) // ASKED_VOXELS)]
     places = grid.place(np.stack(np.unravel_index(index, lumen.shape), axis=1))
     winding = _mesh.wind(points, kept, places)
     unclear = np.abs(winding - np.rint(winding)) > 0.3
@@ -325,7 +331,7 @@ def _check_ambiguous(
     if share == 0.0:
         return []
     where = name_place(np.median(places[unclear], axis=0))
-    if share > AMBIGUOUS:
+    if share > AMBIGUOUS_SHARE:
         raise GeometryError(
             f"{source} is open: what is inside is ambiguous for {100 * share:.0f} % of what its "
             f"flat caps enclose, near {where} mm; close it first"
@@ -378,11 +384,11 @@ def _carve(
 
 
 def _find_deep(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> Mask:
-    """Return which triangles reach deeper into the lumen than `DEEP` voxels."""
+    """Return which triangles reach deeper into the lumen than `DEEP_VOXELS` voxels."""
     corners = points[faces]
     deep = np.zeros(len(faces), dtype=bool)
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    parts = np.clip(np.ceil(sides / grid.voxel), 1, FINEST).astype(np.int64)
+    parts = np.clip(np.ceil(sides / grid.voxel), 1, FINEST_PIECES).astype(np.int64)
     for number in np.unique(parts):
         some = np.flatnonzero(parts == number)
         a, b = np.mgrid[0 : number + 1, 0 : number + 1].reshape(2, -1)
@@ -392,7 +398,7 @@ def _find_deep(points: Vertices, faces: Faces, lumen: Mask, grid: _Grid) -> Mask
             chosen = some[begin : begin + 1 + 1_000_000 // len(weights)]
             places = (weights @ corners[chosen]).reshape(-1, 3)
             hits = lumen[grid.find(places)]
-            for way in itertools.product((-DEEP, 0.0, DEEP), repeat=3):
+            for way in itertools.product((-DEEP_VOXELS, 0.0, DEEP_VOXELS), repeat=3):
                 hits[hits] = lumen[grid.find(places[hits] + grid.voxel * np.array(way))]
             deep[chosen] = hits.reshape(len(chosen), -1).any(axis=1)
     return deep
@@ -421,7 +427,7 @@ def find_missing(
     if not outer:
         return (), []
     faces = np.concatenate((kept, *(sheet.faces for sheet in outer)))
-    grid = _Grid(points, faces, COARSE * _Grid(points, kept).voxel)
+    grid = _Grid(points, faces, COARSE_VOXELS * _Grid(points, kept).voxel)
     step = grid.voxel
     corners, closed = _mesh.close_holes(points, kept, _mesh.find_holes(points, kept))
     inside = grid.wind(corners, closed)

@@ -96,32 +96,32 @@ def describe_label(label: int, names: Mapping[int, str]) -> str:
 Labels = Sequence[int | str] | str
 """Labels by number or name, or ``"all"``."""
 
-PADDING = 2
+PADDING_VOXELS = 2
 """Voxels of zero around the lumen."""
 
 MAX_LABEL = 65535
 MAX_SHEAR = 1e-3
 """Largest cosine between two voxel axes that is taken for rounding, not shear."""
 
-SHIFT = 0.05
+NOTED_SHIFT_MM = 0.05
 """Move of the wall by squaring the voxel axes that is worth a note [mm]."""
 
-COARSE = 3.0
+COARSE_VOXEL_MM = 3.0
 """Voxel size above which small lumens are lost [mm]."""
 
-ANISOTROPIC = 2.0
-UNEQUAL_MAX = 100.0
+NOTED_ASPECT = 2.0
+LARGEST_ASPECT = 100.0
 """A voxel's longest side by its shortest: what is remarked, and what is refused."""
 
 MANY_LABELS = 256
 
-LISTED = 12
+MOST_LISTED = 12
 """Labels that a message lists."""
 
 MANY_COMPONENTS = 100
 """Components that are kept as not reached; those beyond are counted."""
 
-ENCLOSED = 0.5
+ENCLOSED_SHARE = 0.5
 """Share of a label's faces that touch the lumen, above which it lies inside the lumen."""
 
 Voxels = NDArray[Any]
@@ -281,13 +281,13 @@ def tract_from_volume(volume: Volume, *, labels: Labels | None = None) -> LabelT
     kept, missed = _split(selected, axes, volume.names, found)
     lumen, corner = kept.crop(turned=turned)
     matrix = matrix.copy()
-    matrix[:3, 3] += axes[:3, :3] @ (corner - PADDING)
+    matrix[:3, 3] += axes[:3, :3] @ (corner - PADDING_VOXELS)
     found += _check_topology(lumen, matrix)
     if len(others):
         found += _check_inside(runs, voxels, lumen.T if turned else lumen, corner, axes, volume)
     there = np.flatnonzero(kept.sum_by(kept.labels))
     names = {int(v): volume.names[int(v)] for v in there if int(v) in volume.names}
-    size = (np.array(lumen.shape) - 2 * PADDING) * np.linalg.norm(matrix[:3, :3], axis=0)
+    size = (np.array(lumen.shape) - 2 * PADDING_VOXELS) * np.linalg.norm(matrix[:3, :3], axis=0)
     found += _check_shear(matrix, size)
     found += check_scale(float(size.max()), hint="check the voxel size in the file's header")
     return LabelTract(
@@ -360,13 +360,15 @@ class Runs:
         paint_runs(target, self.rows, self.begins, self.ends, values, self.shape[1], move)
 
     def crop(self, *, turned: bool) -> tuple[Voxels, Integers]:
-        """Return the labels with `PADDING` zeros around, and the first voxel of their box."""
+        """Return the labels with zeros around, and the first voxel of their box."""
         i, j = self.split_rows()
         low = np.array([i.min(), j.min(), self.begins.min()], dtype=np.int64)
         high = np.array([i.max() + 1, j.max() + 1, self.ends.max()], dtype=np.int64)
-        shape = tuple(int(length) for length in high - low + 2 * PADDING)
+        shape = tuple(int(length) for length in high - low + 2 * PADDING_VOXELS)
         lumen = np.zeros(shape[::-1] if turned else shape, dtype=np.uint16)
-        self.paint(lumen.T if turned else lumen, self.labels.astype(np.uint16), PADDING - low)
+        self.paint(
+            lumen.T if turned else lumen, self.labels.astype(np.uint16), PADDING_VOXELS - low
+        )
         return lumen, low
 
     def find_middles(self, groups: Integers) -> NDArray[np.float64]:
@@ -470,7 +472,7 @@ def check_affine(affine: ArrayLike, source: str) -> Matrix:
 def _check_shear(matrix: Matrix, size: NDArray[np.float64]) -> list[Finding]:
     shape = tuple(int(v) for v in np.rint(size / np.linalg.norm(matrix[:3, :3], axis=0)))
     shift = measure_shift(matrix, shape)
-    if shift <= SHIFT:
+    if shift <= NOTED_SHIFT_MM:
         return []
     message = (
         f"the voxel axes are not quite at right angles: taken as if they were, which moves the "
@@ -526,12 +528,12 @@ def select_labels(
 def _list_labels(
     there: Sequence[int], sizes: Integers, names: Mapping[int, str], voxel: float
 ) -> str:
-    """Return number, name and volume of labels, at most `LISTED`: hollow organs, the largest."""
+    """Return number, name and volume of labels: hollow organs first, then the largest."""
 
     def rank(label: int) -> tuple[bool, int]:
         return not is_digestive(names.get(label, "")), -int(sizes[label])
 
-    shown = sorted(sorted(there, key=rank)[:LISTED])
+    shown = sorted(sorted(there, key=rank)[:MOST_LISTED])
     text = ", ".join(
         f"{label}{f' {names[label]}' if label in names else ''} "
         f"({show_volume(sizes[label] * voxel)})"
@@ -579,7 +581,7 @@ def _find_name(name: str, there: Sequence[int], names: Mapping[int, str], source
         return found
     known_names = sorted(names[label] for label in there if label in names)
     if known_names:
-        shown = sorted(known_names, key=lambda item: not is_digestive(item))[:LISTED]
+        shown = sorted(known_names, key=lambda item: not is_digestive(item))[:MOST_LISTED]
         more = len(known_names) - len(shown)
         raise InputError(
             f"{source} has no label named '{name}': it has {', '.join(shown)}"
@@ -619,18 +621,18 @@ def _check_voxels(matrix: Matrix) -> list[Finding]:
     size = np.linalg.norm(matrix[:3, :3], axis=0)
     found = []
     ratio = size.max() / size.min()
-    if ratio > UNEQUAL_MAX:
+    if ratio > LARGEST_ASPECT:
         raise GeometryError(
             f"voxels of {_join(size)} mm are {ratio:.3g} times longer than wide: at most "
-            f"{UNEQUAL_MAX:g} times is read; check the voxel size in the file's header"
+            f"{LARGEST_ASPECT:g} times is read; check the voxel size in the file's header"
         )
-    if ratio > ANISOTROPIC:
+    if ratio > NOTED_ASPECT:
         message = (
             f"voxels of {_join(size)} mm are {ratio:.1f} times longer than wide: distances are "
             f"no better than the long side"
         )
         found.append(Finding("voxels-anisotropic", "warning", message))
-    if size.max() > COARSE:
+    if size.max() > COARSE_VOXEL_MM:
         message = f"voxels of {_join(size)} mm are coarse: lumens thinner than two are lost"
         found.append(Finding("voxels-coarse", "warning", message))
     return found
@@ -752,13 +754,13 @@ def _check_inside(
     from .kernels.voxels import count_faces
 
     low = np.maximum(corner - 1, 0)
-    high = np.minimum(corner + np.array(lumen.shape) - 2 * PADDING + 1, voxels.shape)
+    high = np.minimum(corner + np.array(lumen.shape) - 2 * PADDING_VOXELS + 1, voxels.shape)
     box = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
-    at = low - corner + PADDING
+    at = low - corner + PADDING_VOXELS
     inner = tuple(slice(int(a), int(a + b)) for a, b in zip(at, high - low, strict=True))
     outer, touching = count_faces(voxels[box], lumen[inner], int(runs.labels.max()))
     found = []
-    for label in np.flatnonzero(touching > ENCLOSED * outer):
+    for label in np.flatnonzero(touching > ENCLOSED_SHARE * outer):
         part = runs.keep(runs.labels == label)
         place = part.find_places(np.zeros(len(part.rows), dtype=np.int64), axes)[0]
         size = int((part.ends - part.begins).sum()) * measure_voxel(axes)

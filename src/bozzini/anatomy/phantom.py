@@ -88,10 +88,10 @@ def _unit(vector: ArrayLike) -> Vector:
 
 # The rule behind the phantom: its legs, its radii, and what would make it unclean.
 
-LIMB_GAP = 8.0
+LIMB_GAP_MM = 8.0
 """Smallest gap between two limbs of a valid phantom [mm]."""
 
-BEND_GAP = 6.0
+BEND_GAP_MM = 6.0
 """Smallest difference of bend radius and lumen radius in a valid phantom [mm]."""
 
 # Headings (right, front, up): the lumen goes down the back, turns left and forward into the
@@ -186,15 +186,17 @@ def find_fault(
     if slope.max() > 0.9:
         return f"the radius changes by {slope.max():.2f} mm per mm"
     gap = float((bends - radii).min())
-    if gap < BEND_GAP:
-        return f"a bend is only {gap:.1f} mm wider than its lumen, at least {BEND_GAP:g} is legal"
+    if gap < BEND_GAP_MM:
+        return (
+            f"a bend is only {gap:.1f} mm wider than its lumen, at least {BEND_GAP_MM:g} is legal"
+        )
     between = np.linalg.norm(points[:, None] - points[None], axis=2)
     reach = radii[:, None] + radii[None]
     # Samples so far apart along the line cannot be neighbours around one bend.
-    limbs = np.abs(along[:, None] - along[None]) > 0.5 * math.pi * (reach + LIMB_GAP)
+    limbs = np.abs(along[:, None] - along[None]) > 0.5 * math.pi * (reach + LIMB_GAP_MM)
     gap = float(np.where(limbs, between - reach, np.inf).min())
-    if gap < LIMB_GAP:
-        return f"two limbs are {gap:.1f} mm apart, at least {LIMB_GAP:g} is legal"
+    if gap < LIMB_GAP_MM:
+        return f"two limbs are {gap:.1f} mm apart, at least {LIMB_GAP_MM:g} is legal"
     return ""
 
 
@@ -293,7 +295,7 @@ def draw_dimensions(random: np.random.Generator | None) -> dict[str, float]:
 REGIONS: Mapping[int, str] = MappingProxyType({1: "oesophagus", 2: "stomach", 3: "duodenum"})
 """Label of each part."""
 
-STEP = 2.0
+STEP_MM = 2.0
 """Largest distance between samples of the centreline [mm]."""
 
 MAX_DRAWS = 200
@@ -508,7 +510,7 @@ def _build(
 ) -> tuple[Phantom, str]:
     """Build a phantom from its dimensions; return it and what is wrong with it, or nothing."""
     legs, fault = plan_legs(size, headings)
-    points, bends, breaks = trace_line(legs, step=STEP)
+    points, bends, breaks = trace_line(legs, step=STEP_MM)
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
     along *= breaks[-1] / along[-1]  # chords are shorter than arcs, by 1 part in 10^4
     junction, pylorus = breaks[3], breaks[5]

@@ -27,10 +27,10 @@ from .volumes import LABEL_SUFFIXES, is_volume, read_labels
 GLB_FRAME = "LSA"
 """Where the axes of a GLB point if its figure faces the viewer: +y up and +z to the front."""
 
-SMALL = 0.05
+SMALL_SHARE = 0.05
 """Volume of a part of a scene, by the largest one's, below which it is no lumen of its own."""
 
-LISTED = 12
+MOST_LISTED = 12
 """Parts that a message lists."""
 
 _UNIT_WORD = re.compile(r"[^\W\d_][^\W\d]*")
@@ -287,7 +287,7 @@ def _choose(
     inside = [_clean(part.name) for part in left if _reaches(tract, part)]
     if not inside:
         return tract
-    listed = ", ".join(f"'{name}'" for name in inside[:LISTED])
+    listed = ", ".join(f"'{name}'" for name in inside[:MOST_LISTED])
     message = f"parts left out reach into the lumen: {listed}; the scope may cross them"
     return replace(tract, findings=(*tract.findings, Finding("parts-cross", "warning", message)))
 
@@ -295,7 +295,7 @@ def _choose(
 def _take_all(parts: list[Part], source: str, found: list[Finding], *, repair: bool) -> Tract:
     """Unite parts that meet, take small ones for obstacles, refuse parts apart."""
     largest = max(part.volume for part in parts)
-    main = [part for part in parts if part.volume >= SMALL * largest]
+    main = [part for part in parts if part.volume >= SMALL_SHARE * largest]
     if len(main) > 1:
         group, overlapping = _group(main)
         if group.max() > 0:
@@ -304,7 +304,7 @@ def _take_all(parts: list[Part], source: str, found: list[Finding], *, repair: b
                 f"example --part '{main[0].name}'; it has {_list_names(parts)}"
             )
         if overlapping:
-            small = [part for part in parts if part.volume < SMALL * largest]
+            small = [part for part in parts if part.volume < SMALL_SHARE * largest]
             if small:
                 message = (
                     f"small parts taken for wall where they meet the lumen: {_list_names(small)}"
@@ -373,8 +373,8 @@ def _find_parts(parts: list[Part], part: PartNames, source: str) -> list[int]:
 
 
 def _list_names(parts: Sequence[Part]) -> str:
-    shown = [f"'{_clean(part.name)}' ({show_volume(part.volume)})" for part in parts[:LISTED]]
-    more = f" and {len(parts) - LISTED} more" if len(parts) > LISTED else ""
+    shown = [f"'{_clean(part.name)}' ({show_volume(part.volume)})" for part in parts[:MOST_LISTED]]
+    more = f" and {len(parts) - MOST_LISTED} more" if len(parts) > MOST_LISTED else ""
     return ", ".join(shown) + more
 
 

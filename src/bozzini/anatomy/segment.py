@@ -20,34 +20,34 @@ from .frame import find_axis
 from .labels import Runs, Volume, Voxels, check_affine, drop_axes, measure_voxel
 from .tract import Finding, Point, count_noun, show_volume, to_point
 
-TISSUE = -300.0
+TISSUE_HU = -300.0
 """Above this a voxel is body or table [HU]."""
 
-AIR = -500.0
+AIR_HU = -500.0
 """Below this a voxel is gas or lung [HU]."""
 
-LUNG = -930.0
+LUNG_HU = -930.0
 """A body of air whose median lies above this is lung: its air is mixed with tissue [HU]."""
 
-LUNG_VOLUME = 100e3
+LUNG_VOLUME_MM3 = 100e3
 """Smallest lung [mm^3]."""
 
-TAGGED = 150.0
+TAGGED_HU = 150.0
 """Fluid above this differs from tissue [HU]."""
 
-MUSCLE = 40.0
+MUSCLE_HU = 40.0
 """The wall beside fluid [HU]."""
 
-SHARE = 0.6
+WALL_SHARE = 0.6
 """Where the wall lies beside fluid: this part of the way from tissue to the fluid's brightness."""
 
-LEVEL_AREA = 25.0
+LEVEL_AREA_MM2 = 25.0
 """Smallest level between gas and fluid [mm^2]."""
 
-DEPTH = 3
+MIXED_VOXELS = 3
 """Voxels from gas down to fluid, between which the image shows a mixture of both."""
 
-NEAR = 5.0
+NEAR_MM = 5.0
 """Largest distance of a seed from gas [mm]."""
 
 MOST_SEGMENTS = 200
@@ -287,13 +287,13 @@ def _find_body(ct: Voxels, slices: int, source: str, progress: Progress) -> Mask
     """
     from scipy import ndimage
 
-    tissue = ct > TISSUE
+    tissue = ct > TISSUE_HU
     core = tissue.copy()
     for one, other in _list_neighbours(tissue, core):
         np.logical_and(other, one, out=other)
     numbers, sizes = _label(core)
     if len(sizes) < 2:
-        raise GeometryError(f"{source} has no tissue above {TISSUE:g} HU")
+        raise GeometryError(f"{source} has no tissue above {TISSUE_HU:g} HU")
     np.equal(numbers, int(sizes.argmax()), out=core)
     del numbers
     body: Mask = core.copy()
@@ -323,11 +323,11 @@ def _list_neighbours(mask: Mask, other: Mask) -> Iterator[tuple[Mask, Mask]]:
 
 
 def _find_lungs(ct: Voxels, body: Mask, voxel: float) -> Mask:
-    numbers, sizes = _label(body & (ct < AIR))
+    numbers, sizes = _label(body & (ct < AIR_HU))
     lungs = np.zeros(ct.shape, dtype=bool)
-    for number in np.flatnonzero(sizes * voxel >= LUNG_VOLUME):
+    for number in np.flatnonzero(sizes * voxel >= LUNG_VOLUME_MM3):
         part = numbers == number
-        if float(np.median(ct[part])) > LUNG:
+        if float(np.median(ct[part])) > LUNG_HU:
             lungs |= part
     return lungs
 
@@ -344,7 +344,7 @@ def _find_fluid(
     Down is the direction, of the six along the axes, with the largest such levels. Fluid grows
     from a level through voxels lower than it that are nearer to its own brightness than to tissue.
     """
-    bright = body & (ct > TAGGED)
+    bright = body & (ct > TAGGED_HU)
     fluid = np.zeros(gas.shape, dtype=bool)
     best: tuple[float, int, int, list[NDArray[np.int64]]] = (0.0, 0, 1, [])
     places = np.argwhere(gas)
@@ -358,8 +358,8 @@ def _find_fluid(
     total, axis, sign, levels = best
     if not levels:
         message = (
-            f"no level of gas over fluid brighter than {TAGGED:g} HU was found: nothing is bridged "
-            f"(fluid without contrast medium cannot be distinguished from the wall)"
+            f"no level of gas over fluid brighter than {TAGGED_HU:g} HU was found: nothing is "
+            f"bridged (fluid without contrast medium cannot be distinguished from the wall)"
         )
         found.append(Finding("fluid-none", "warning", message))
         return fluid
@@ -367,16 +367,16 @@ def _find_fluid(
     image, below = _turn(ct, axis, sign), _turn(bright, axis, sign)
     for level in levels:
         i, j, k = level.T
-        deep = np.stack([below[i + step, j, k] for step in range(1, DEPTH + 1)])
+        deep = np.stack([below[i + step, j, k] for step in range(1, MIXED_VOXELS + 1)])
         first = deep.argmax(axis=0) + 1
-        for step in range(1, DEPTH):
+        for step in range(1, MIXED_VOXELS):
             between = step < first
             target[i[between] + step, j[between], k[between]] = True
         top = int(i.min()) + 1
-        own = float(np.median(image[i + DEPTH, j, k]))
-        cut = max(TAGGED, MUSCLE + SHARE * (own - MUSCLE))
+        own = float(np.median(image[i + MIXED_VOXELS, j, k]))
+        cut = max(TAGGED_HU, MUSCLE_HU + WALL_SHARE * (own - MUSCLE_HU))
         numbers, _ = _label(np.ascontiguousarray(inside[top:] & (image[top:] > cut)))
-        seeds = numbers[i + DEPTH - top, j, k]
+        seeds = numbers[i + MIXED_VOXELS - top, j, k]
         target[top:] |= np.isin(numbers, np.setdiff1d(seeds, 0))
     what = count_noun(len(levels), "level")
     message = f"{what} of {total:.0f} mm^2 between gas and bright fluid bridged"
@@ -395,12 +395,12 @@ def _find_levels(
     """Return the voxels of gas above each flat level, in the axes of `_turn`."""
     size = gas.shape[axis]
     height = places[:, axis] if sign > 0 else size - 1 - places[:, axis]
-    bottom = places[height < size - DEPTH]
+    bottom = places[height < size - MIXED_VOXELS]
     step = np.zeros(3, dtype=np.int64)
     step[axis] = sign
     bottom = bottom[~gas[tuple((bottom + step).T)]]
     wet = np.zeros(len(bottom), dtype=bool)
-    for depth in range(1, DEPTH + 1):
+    for depth in range(1, MIXED_VOXELS + 1):
         wet |= bright[tuple((bottom + depth * step).T)]
     if not wet.any():
         return []
@@ -415,14 +415,14 @@ def _find_levels(
     high, low = np.full(count, -1), np.full(count, size)
     np.maximum.at(high, numbers, voxels[:, 0])
     np.minimum.at(low, numbers, voxels[:, 0])
-    flat = (high - low <= 1) & (np.bincount(numbers) * face >= LEVEL_AREA)
+    flat = (high - low <= 1) & (np.bincount(numbers) * face >= LEVEL_AREA_MM2)
     return [voxels[numbers == at] for at in np.flatnonzero(flat)]
 
 
 def _find_seeded(
     runs: Runs, numbers: NDArray[np.int64], axes: NDArray[np.float64], seeds: ArrayLike
 ) -> NDArray[np.int64]:
-    """Return the components nearest to points, each within `NEAR`."""
+    """Return the components nearest to points, each within `NEAR_MM`."""
     points = np.atleast_2d(check_points("seeds", seeds))
     places = np.linalg.solve(axes[:3, :3], (points - axes[:3, 3]).T).T
     i, j = runs.split_rows()
@@ -432,11 +432,11 @@ def _find_seeded(
         nearest = np.stack([i, j, along], axis=1)
         distance = np.linalg.norm((nearest - place) @ axes[:3, :3].T, axis=1)
         at = int(distance.argmin())
-        if distance[at] > NEAR:
+        if distance[at] > NEAR_MM:
             text = ", ".join(f"{value:g}" for value in point)
             raise InputError(
                 f"seed ({text}) mm lies {distance[at]:.1f} mm from the nearest gas that is not "
-                f"lung: it must lie within {NEAR:g} mm"
+                f"lung: it must lie within {NEAR_MM:g} mm"
             )
         wanted.append(int(numbers[at]))
     return np.unique(wanted)

@@ -34,19 +34,19 @@ from .tract import (
     report_handles,
 )
 
-FLAT = 1e-6
+FLAT_SHARE = 1e-6
 """Smallest side of the box around a surface, by its longest, that is not flat."""
 
-HOLLOW = 1e-9
+HOLLOW_SHARE = 1e-9
 """Smallest volume, by the cube of the longest side, that is not zero."""
 
-WELD = 1e-5
+WELD_SHARE = 1e-5
 """Distance, by the longest side, within which the corners of an open surface are welded."""
 
-REPAIR_WELD = 1e-3
+REPAIR_WELD_SHARE = 1e-3
 """The same with `repair`."""
 
-MOST_OPEN = 0.3
+MOST_OPEN_SHARE = 0.3
 """Largest area of the holes of an open sheet, by its own, that are ends to be capped."""
 
 MOST_DEVIATION = 0.5
@@ -109,7 +109,7 @@ def tract_from_surface(
     if len(triangles) == 0:
         raise GeometryError(f"{source} encloses no volume: all its triangles are flat")
     extent = np.ptp(points[triangles].reshape(-1, 3), axis=0)
-    if extent.min() <= FLAT * extent.max():
+    if extent.min() <= FLAT_SHARE * extent.max():
         sides = " x ".join(f"{side:.3g}" for side in extent)
         raise GeometryError(f"{source} encloses no volume: it is flat, {sides} mm")
     if _count_open(triangles):
@@ -134,7 +134,7 @@ def tract_from_surface(
     parts = resolve_parts(PartSet(points, triangles, part), wall, found)
     points, triangles = parts.points, _orient(parts.points, parts.wall, found)
     size = float(np.ptp(points[triangles].reshape(-1, 3), axis=0).max())
-    if abs(_mesh.measure_volume(points, triangles)) <= HOLLOW * size**3:
+    if abs(_mesh.measure_volume(points, triangles)) <= HOLLOW_SHARE * size**3:
         raise GeometryError(f"{source} encloses no volume: its two sides lie on each other")
     triangles = np.concatenate((triangles, parts.bodies))
     found += _check_topology(points, triangles)
@@ -219,7 +219,7 @@ def _cap_sheet(
     number = sum(len(hole.edges) for hole in sheet.holes)
     holes = count_noun(len(sheet.holes), "hole")
     what = f"{source} is open: {number} boundary edges in {holes}"
-    if area > MOST_OPEN * sheet.area:
+    if area > MOST_OPEN_SHARE * sheet.area:
         hole = sheet.holes[0]
         raise GeometryError(
             f"{what}, near {name_place(hole.point)} mm, of {100 * area / sheet.area:.0f} % of its "
@@ -269,7 +269,8 @@ def _close(
     points: Vertices, triangles: Faces, size: float, found: list[Finding], *, repair: bool
 ) -> tuple[Vertices, Faces]:
     """Weld nearly equal corners, then fill holes of three or four edges."""
-    for tolerance in (WELD * size, REPAIR_WELD * size) if repair else (WELD * size,):
+    for share in (WELD_SHARE, REPAIR_WELD_SHARE) if repair else (WELD_SHARE,):
+        tolerance = share * size
         before = _count_open(triangles)
         welded, kept = _mesh.weld(points, triangles, tolerance=tolerance)
         kept = _mesh.drop_degenerate(kept)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..errors import BozziniError, FileFormatError, InputError, MissingExtraError
 from .files import PathLike, check_file, explain, has_suffix, quiet_libraries, read_label_table
 from .labels import (
-    LISTED,
+    MOST_LISTED,
     Labels,
     Volume,
     Voxels,
@@ -51,10 +51,10 @@ if TYPE_CHECKING:
 Compression = Literal["gzip", "zlib"] | None
 
 MOST_VOXELS = 1 << 31
-MOST_HEADER = 1 << 24
+MOST_HEADER_BYTES = 1 << 24
 """Bytes of a header with all its extensions."""
 
-INFLATION = 1040
+LARGEST_INFLATION = 1040
 """A deflate stream grows at most by this factor (1032 by its format)."""
 
 _SCALE_TO_MM = {"mm": 1.0, "meter": 1000.0, "micron": 0.001}
@@ -123,7 +123,7 @@ def _read_nifti_header(stream: BinaryIO, path: PathLike) -> tuple[Nifti1Header, 
     if bytes(header["magic"].tobytes())[:3] not in (b"n+1", b"n+2"):
         raise FileFormatError(f"{path} is not a NIfTI volume: it is not of one file (.nii)")
     offset = float(header["vox_offset"])
-    if not (size + 4 <= offset <= MOST_HEADER and offset == int(offset)):
+    if not (size + 4 <= offset <= MOST_HEADER_BYTES and offset == int(offset)):
         raise FileFormatError(f"{path} is damaged: its voxels begin at byte {offset:g}")
     extensions = stream.read(int(offset) - size)
     if len(extensions) < int(offset) - size:
@@ -192,7 +192,7 @@ def _read_nrrd_header(handle: BinaryIO, path: PathLike) -> tuple[dict[str, str],
     """Return the fields (``key: value``) and the key/value pairs (``key:=value``)."""
     fields: dict[str, str] = {}
     pairs: dict[str, str] = {}
-    while line := handle.readline(MOST_HEADER):
+    while line := handle.readline(MOST_HEADER_BYTES):
         text = line.decode("utf-8", "replace").rstrip("\r\n")
         if not text:
             return fields, pairs
@@ -253,7 +253,7 @@ def _read_nrrd_space(
 def _list_segments(pairs: dict[str, str]) -> tuple[tuple[str, int, int], ...]:
     """Return name, label and layer of each segment of a Slicer segmentation."""
     found = []
-    for number in range(MOST_HEADER):
+    for number in range(MOST_HEADER_BYTES):
         name = pairs.get(f"Segment{number}_Name", pairs.get(f"Segment{number}_ID"))
         if name is None:
             break
@@ -279,7 +279,7 @@ def read_metaimage(path: PathLike) -> Volume:
     with _open(path, "MetaImage") as handle:
         fields: dict[str, str] = {}
         while "elementdatafile" not in fields:
-            line = handle.readline(MOST_HEADER)
+            line = handle.readline(MOST_HEADER_BYTES)
             key, sign, value = line.decode("utf-8", "replace").partition("=")
             if not sign:
                 raise FileFormatError(f"{path} is not a MetaImage volume: no ElementDataFile")
@@ -396,7 +396,7 @@ class _Layout:
                 f"{path} states the shape {self.shape}: {count:.3g} voxels, at most "
                 f"{MOST_VOXELS:.3g} are read"
             )
-        if size > (INFLATION * length + 1024 if self.packed else length):
+        if size > (LARGEST_INFLATION * length + 1024 if self.packed else length):
             raise FileFormatError(
                 f"{path} is truncated or damaged: its header states {size} bytes of voxels, the "
                 f"file has {length} bytes{' compressed' if self.packed else ''}"
@@ -445,10 +445,10 @@ _READERS: dict[tuple[str, ...], Callable[[PathLike], Volume]] = {
 
 LABEL_SUFFIXES = tuple(suffix for suffixes in _READERS for suffix in suffixes)
 
-SAME = 1e-3
+SAME_PLACE_MM = 1e-3
 """Largest difference of the places of two masks' voxels [mm]."""
 
-UNEVEN = 0.02
+LARGEST_UNEVENNESS = 0.02
 """Largest departure of a distance between slices from their mean, by that mean."""
 
 
@@ -540,7 +540,7 @@ def _read_masks(folder: Path, masks: dict[str, Path], labels: Labels | None) -> 
     names = list(masks)
     if labels is None and len(names) > 1:
         shown = [name for name in names if is_digestive(name)] or names
-        listed = [f"{name} ({_measure_mask(masks[name])})" for name in shown[:LISTED]]
+        listed = [f"{name} ({_measure_mask(masks[name])})" for name in shown[:MOST_LISTED]]
         raise InputError(
             f"{folder} has {len(names)} masks: choose those that are lumen by name (--labels), or "
             f"all of them (--labels all): {_list_some(listed, len(names))}"
@@ -575,7 +575,7 @@ def _find_masks(folder: Path, names: list[str], labels: Labels) -> list[str]:
     for label in [labels] if isinstance(labels, str) else labels:
         same = [name for name in names if normalise(name) == normalise(str(label))]
         if not same:
-            shown = sorted(names, key=lambda name: not is_digestive(name))[:LISTED]
+            shown = sorted(names, key=lambda name: not is_digestive(name))[:MOST_LISTED]
             raise InputError(
                 f"{folder} has no mask named '{label}': it has {_list_some(shown, len(names))}"
             )
@@ -597,7 +597,7 @@ def _check_same_grid(one: Volume, other: Volume, folder: Path) -> None:
     shape = np.array(one.array.shape[:3])
     corners = np.array([[0, 0, 0, 1], [*shape, 1], [shape[0], 0, 0, 1], [0, shape[1], 0, 1]])
     apart = np.abs(corners @ (one.affine - other.affine).T).max()
-    if other.array.shape[:3] != one.array.shape[:3] or apart > SAME:
+    if other.array.shape[:3] != one.array.shape[:3] or apart > SAME_PLACE_MM:
         raise FileFormatError(
             f"{folder}: {one.source} and {other.source} do not have the same voxels: shapes "
             f"{one.array.shape} and {other.array.shape}, up to {apart:.3g} mm apart"
@@ -715,7 +715,7 @@ def _check_slices(
     steps = np.diff(origins, axis=0)
     mean = steps.mean(axis=0)
     length = float(np.linalg.norm(mean))
-    if length < 1e-6 or np.abs(steps - mean).max() > UNEVEN * length:
+    if length < 1e-6 or np.abs(steps - mean).max() > LARGEST_UNEVENNESS * length:
         lengths = np.linalg.norm(steps, axis=1)
         raise FileFormatError(
             f"{folder}: its {len(origins)} slices are not evenly spaced, {lengths.min():.3g} to "

@@ -15,6 +15,7 @@ import click
 from ..continuum import CONTINUUM_MODELS
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError
+from ..io.records import Plain
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -100,7 +101,7 @@ def spell_option(name: str) -> str:
 def _make_option(name: str) -> Callable[[Any], Any]:
     item, models = OPTIONS[name]
     known, default = item.metadata["quantity"], item.default
-    given: dict[str, Any] = {"help": known.help}
+    given: Plain = {"help": known.help}
     if len(models) < len(CONTINUUM_MODELS.own):
         given["help"] = f"{', '.join(models)}: {known.help}"
         if isinstance(default, (int, str)):
@@ -229,7 +230,7 @@ def make_model(
 # Results as plain values, as text, and as files.
 
 
-def describe_robot(robot: ContinuumRobot) -> dict[str, Any]:
+def describe_robot(robot: ContinuumRobot) -> Plain:
     """Return a robot as plain values, lengths in mm, angles in rad, stiffnesses in N mm^2."""
     return {"length_mm": robot.length, "radius_mm": robot.radius, **robot.to_dict()}
 
@@ -249,7 +250,7 @@ def format_place(place: Any) -> str:
     return ", ".join(f"{value:z.3f}" for value in place)
 
 
-def format_bends(robot: RobotDesign, rows: list[dict[str, Any]]) -> str:
+def format_bends(robot: RobotDesign, rows: list[Plain]) -> str:
     """Return the bends of sections for people; a straight one has no direction."""
     lines = []
     for k, row in enumerate(rows):
@@ -469,7 +470,7 @@ def compare_command(
         robot, parse_displacements(robot, displacement), given["tolerance"]
     )
     shapes: dict[str, Shape] = {}
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, Plain] = {}
     for name in CONTINUUM_MODELS:
         rows[name] = {"refused": False, "converged": False, "reason": ""}
         try:
@@ -520,7 +521,7 @@ def _measure_time(model: ContinuumModel, displacements: Floats) -> float:
     return statistics.median(runs)
 
 
-def _describe_model(shape: Shape, seconds: float) -> dict[str, Any]:
+def _describe_model(shape: Shape, seconds: float) -> Plain:
     """Return what a comparison holds of a model's shape."""
     plain = shape.to_dict()
     row = {
@@ -536,7 +537,7 @@ def _describe_model(shape: Shape, seconds: float) -> dict[str, Any]:
     }
 
 
-def _add_differences(rows: Mapping[str, dict[str, Any]], shapes: Mapping[str, Shape]) -> None:
+def _add_differences(rows: Mapping[str, Plain], shapes: Mapping[str, Shape]) -> None:
     """Add to each row how far its tip is from the reference's, and how far it looks aside."""
     import numpy as np
 
@@ -549,9 +550,7 @@ def _add_differences(rows: Mapping[str, dict[str, Any]], shapes: Mapping[str, Sh
             row["direction_from_rod_rad"] = math.atan2(aside, float(ours[:3, 2] @ theirs[:3, 2]))
 
 
-def _list_columns(
-    rows: Mapping[str, dict[str, Any]], shapes: Mapping[str, Shape]
-) -> dict[str, list[Any]]:
+def _list_columns(rows: Mapping[str, Plain], shapes: Mapping[str, Shape]) -> dict[str, list[Any]]:
     fields = ("tip_from_rod_mm", "direction_from_rod_rad", "time_s", "residual_mm", "iterations")
     places = zip(*(rows[name]["tip_mm"] for name in shapes), strict=True)
     tips = {f"tip_{axis}_mm": list(place) for axis, place in zip("xyz", places, strict=True)}
@@ -562,7 +561,7 @@ def _list_columns(
     }
 
 
-def _format_comparison(robot: ContinuumRobot, rows: Mapping[str, dict[str, Any]]) -> str:
+def _format_comparison(robot: ContinuumRobot, rows: Mapping[str, Plain]) -> str:
     head = ["model", "tip [mm]", "from the rod [mm]", "[deg]", "time [ms]", "residual [mm]"]
     lines, missing = [], []
     for name, row in rows.items():

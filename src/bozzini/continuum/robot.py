@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections import Counter
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from ..checks import check_array, check_integer
 from ..errors import InputError
 from ..io.records import Plain, load_record, read_record, save_record, write_record
 from .checks import Floats, check_items, check_text
-from .section import ROUND_OFF_MM, Section, Tendon
+from .section import ROUND_OFF_MM, Helix, Section, Tendon
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ class RobotDesign:
         sections = check_items("a robot's sections", self.sections, Section)
         if not sections:
             raise InputError("a robot needs at least 1 section, got none")
+        ends = np.cumsum([section.length for section in sections]).tolist()
+        sections = tuple(map(_resolve_helices, sections, ends))
         object.__setattr__(self, "sections", sections)
         for what, names in (
             ("tendons", [tendon.name for section in sections for tendon in section.tendons]),
@@ -249,6 +252,17 @@ def check_robot(robot: object) -> None:
     """Raise `InputError` unless `robot` is one."""
     if not isinstance(robot, RobotDesign):
         raise InputError(f"robot is of type {type(robot).__name__}: it must be a ContinuumRobot")
+
+
+def _resolve_helices(section: Section, end: float) -> Section:
+    """Return a section whose helices are knots; without an end of their own they end at `end`."""
+    tendons = tuple(
+        dataclasses.replace(tendon, angle=tendon.angle.knots(end))
+        if isinstance(tendon.angle, Helix)
+        else tendon
+        for tendon in section.tendons
+    )
+    return section if tendons == section.tendons else dataclasses.replace(section, tendons=tendons)
 
 
 def _end(tendon: Tendon) -> float:

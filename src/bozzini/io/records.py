@@ -35,7 +35,7 @@ from typing import (
     get_type_hints,
 )
 
-from ..checks import Quantity, check_integer, list_quantities, show_value
+from ..checks import Quantity, list_quantities, show_value
 from ..errors import FileFormatError, InputError
 from ..results import to_plain
 from ..units import parse_quantity
@@ -103,7 +103,7 @@ def write_record(record: Any) -> Plain:
     return written
 
 
-def _is_legal(known: Quantity | None, plain: object, record: Any) -> bool:
+def _is_legal(known: Quantity | None, plain: object, record: object) -> bool:
     """Whether a default is a legal number, and not one that stands for none given."""
     if known is None or not isinstance(plain, (int, float)):
         return False
@@ -209,7 +209,7 @@ def parse_yaml(text: str) -> object:
         raise InputError(f"not YAML{where}: {problem}") from None
 
 
-def format_yaml(data: Mapping[str, Any]) -> str:
+def format_yaml(data: Mapping[str, object]) -> str:
     """Return plain data as YAML with its fields in order."""
     import yaml
 
@@ -220,7 +220,7 @@ def format_yaml(data: Mapping[str, Any]) -> str:
     )
 
 
-def _take_pairs(pairs: list[tuple[str, Any]], lines: list[int] | None = None) -> Plain:
+def _take_pairs(pairs: list[tuple[str, object]], lines: list[int] | None = None) -> Plain:
     found: Plain = {}
     for index, (key, value) in enumerate(pairs):
         if key in found:
@@ -283,7 +283,7 @@ def _converter() -> Converter:
 
     converter = Converter()
 
-    def read_list(data: Any, kind: Any) -> Any:
+    def read_list(data: object, kind: Any) -> Any:
         members = get_args(kind)
         count = None if members[-1] is Ellipsis else len(members)
         if not isinstance(data, (list, tuple)) or count not in (None, len(data)):
@@ -299,7 +299,7 @@ def _converter() -> Converter:
                 raise
         return tuple(items)
 
-    def read_union(data: Any, kind: Any) -> Any:
+    def read_union(data: object, kind: Any) -> Any:
         """Choose by what the data is: nothing, a mapping, a list, or a plain value."""
         if data is None and type(None) in get_args(kind):
             return None
@@ -346,7 +346,7 @@ def _make_reader(record: Any, converter: Converter) -> _Reader:
     ]
 
     def read_field(kind: Any, optional: bool) -> _Reader:
-        def read(data: Any, _: Any) -> Any:
+        def read(data: object, _: object) -> Any:
             try:
                 return converter.structure(data, kind)
             except InputError as error:
@@ -368,7 +368,7 @@ def _make_reader(record: Any, converter: Converter) -> _Reader:
     build = make_dict_structure_fn(record, converter, **readers)  # type: ignore[arg-type]
     names = ", ".join(fields)
 
-    def read_record_fields(data: Any, _: Any) -> Any:
+    def read_record_fields(data: object, _: object) -> Any:
         if not isinstance(data, Mapping):
             raise InputError(f" is {show_value(data)}: it must hold the fields {names}")
         for key in data:
@@ -394,49 +394,49 @@ def _annotate(kind: Any, known: Quantity) -> Any:
     return functools.reduce(operator.or_, members) if _is_union(kind) else kind
 
 
-def _is_quantity(kind: Any) -> bool:
-    return get_origin(kind) is Annotated and isinstance(kind.__metadata__[0], Quantity)
+def _is_quantity(kind: object) -> bool:
+    return get_origin(kind) is Annotated and isinstance(get_args(kind)[1], Quantity)
 
 
-def _is_union(kind: Any) -> bool:
+def _is_union(kind: object) -> bool:
     return get_origin(kind) in (Union, types.UnionType)
 
 
-def _read_quantity(data: Any, kind: Any) -> float:
+def _read_quantity(data: object, kind: Any) -> float:
     known: Quantity = kind.__metadata__[0]
     if known.whole:
         return known.check("", data)
     if data is None or isinstance(data, (bool, list, tuple, Mapping)):
         article = "an" if known.kind[0] in "aeiou" else "a"
         raise InputError(f" is {show_value(data)}: it must be {article} {known.kind}")
-    number = parse_quantity(data, known.kind)
+    number = parse_quantity(data, known.kind)  # type: ignore[arg-type]  # it checks itself
     return number if callable(known.low) or callable(known.high) else known.check("", number)
 
 
 _PLAIN_NUMBER = Quantity(kind="dimensionless", help="A number.")
 
 
-def _read_number(data: Any, _: Any) -> float:
+def _read_number(data: object, _: object) -> float:
     return _read_quantity(data, Annotated[float, _PLAIN_NUMBER])
 
 
-def _read_count(data: Any, _: Any) -> int:
-    return check_integer("", data, low=-sys.maxsize, high=sys.maxsize)
+def _read_count(data: object, _: object) -> int:
+    return int(Quantity(whole=True, low=-sys.maxsize, high=sys.maxsize).check("", data))
 
 
-def _read_text(data: Any, _: Any) -> str:
+def _read_text(data: object, _: object) -> str:
     if not isinstance(data, str):
         raise InputError(f" is {show_value(data)}: it must be text")
     return data
 
 
-def _read_truth(data: Any, _: Any) -> bool:
+def _read_truth(data: object, _: object) -> bool:
     if not isinstance(data, bool):
         raise InputError(f" is {show_value(data)}: it must be true or false")
     return data
 
 
-def _read_choice(data: Any, kind: Any) -> Any:
+def _read_choice(data: object, kind: Any) -> Any:
     if data not in get_args(kind):
         raise InputError(f" is {show_value(data)}: choose one of {', '.join(get_args(kind))}")
     return data

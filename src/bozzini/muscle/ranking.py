@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
@@ -98,15 +99,40 @@ def list_columns(rows: Sequence[dict[str, object]]) -> dict[str, list[object]]:
     return {name: [row.get(name) for row in rows] for name in names}
 
 
-def _draw_bars(ax: Axes | None, scores: Sequence[ModelScore]) -> Axes:
-    axes = take_axes(ax, x="root mean square error [mm]", y="")
-    axes.barh([score.name for score in scores], [score.rmse for score in scores])
-    axes.invert_yaxis()
-    return axes
+class ScoredModels(Result):
+    """Models with scores on the same measurements, and those without an answer."""
+
+    refusals: dict[str, str]
+
+    @abstractmethod
+    def _list_scores(self) -> Sequence[ModelScore]:
+        """The scores, the best first."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether a model has an answer."""
+        return bool(self._list_scores())
+
+    @property
+    def reason(self) -> str:
+        """Why models have none, the first reason; empty if all have."""
+        return next(iter(self.refusals.values()), "")
+
+    @property
+    def residual(self) -> float:
+        """Smallest root mean square of all models [mm]; infinite without any."""
+        return min((score.rmse for score in self._list_scores()), default=math.inf)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the models' root mean squares as bars, the best first, and return the axes."""
+        axes, scores = take_axes(ax, x="root mean square error [mm]", y=""), self._list_scores()
+        axes.barh([score.name for score in scores], [score.rmse for score in scores])
+        axes.invert_yaxis()
+        return axes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison(Result):
+class Comparison(ScoredModels):
     """Scores of models on the same measurements, the nearest first.
 
     Parameters
@@ -129,28 +155,12 @@ class Comparison(Result):
         lines += [f"{name}: no answer: {reason}" for name, reason in self.refusals.items()]
         return "\n".join(lines)
 
-    @property
-    def converged(self) -> bool:
-        """Whether a model has an answer."""
-        return bool(self.scores)
-
-    @property
-    def reason(self) -> str:
-        """Why models have none, the first reason; empty if all have."""
-        return next(iter(self.refusals.values()), "")
-
-    @property
-    def residual(self) -> float:
-        """Smallest root mean square of all models [mm]; infinite without any."""
-        return min((score.rmse for score in self.scores), default=math.inf)
-
     def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model."""
         return list_columns([score.describe() for score in self.scores])
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the models' root mean squares as bars, and return the axes."""
-        return _draw_bars(ax, self.scores)
+    def _list_scores(self) -> Sequence[ModelScore]:
+        return self.scores
 
 
 def compare_models(
@@ -371,7 +381,7 @@ class RankedModel:
     parameters : int
         How many were fitted.
     aicc, bic : float
-        Criteria of `bozzini.muscle.information`. A root mean square below 1e-9 of the largest
+        Criteria by `compute_aicc` and `compute_bic`. A root mean square below 1e-9 of the largest
         contraction counts as that: among models that fit exactly the fewest parameters win.
         `aicc` is infinite with fewer than `parameters` + 3 rows.
     weight : float
@@ -443,7 +453,7 @@ class RankedModel:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ranking(Result):
+class Ranking(ScoredModels):
     """Models fitted to the same measurements, the best first.
 
     Parameters
@@ -514,21 +524,6 @@ class Ranking(Result):
         lines += [f"{name}: not fitted: {reason}" for name, reason in self.refusals.items()]
         return "\n".join(lines)
 
-    @property
-    def converged(self) -> bool:
-        """Whether a model could be fitted."""
-        return bool(self.models)
-
-    @property
-    def reason(self) -> str:
-        """Why models could not, the first reason; empty if all could."""
-        return next(iter(self.refusals.values()), "")
-
-    @property
-    def residual(self) -> float:
-        """Smallest root mean square of all models [mm]; infinite without any."""
-        return min((entry.score.rmse for entry in self.models), default=math.inf)
-
     def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model, the best first."""
         rows = [entry.describe() for entry in self.models]
@@ -539,9 +534,8 @@ class Ranking(Result):
             ]
         )
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the models' root mean squares as bars, the best first, and return the axes."""
-        return _draw_bars(ax, [entry.score for entry in self.models])
+    def _list_scores(self) -> Sequence[ModelScore]:
+        return [entry.score for entry in self.models]
 
 
 _FOLDS = 5

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
+from ..numeric.roots import bisect
 from .style import (
     AMBER,
     BLUE,
@@ -76,7 +77,7 @@ def draw_phases(
     for axes, top in ((left, near), (right, pressure)):
         over = np.linspace(lowest, top, _FINE)
         state = model.solve(over, load, direction=direction)
-        line = np.asarray(state.contraction, dtype=np.float64)
+        line = state.contraction
         phases = np.where(state.in_contact, np.where(line < 0.0, 1, 2), 0)
         for phase, low, high in _list_phases(model, over, phases, load, direction):
             if phase < 2:
@@ -103,17 +104,16 @@ def _list_phases(
     ends = [float(over[0])]
     changes = np.flatnonzero(np.diff(phases))
     for index in changes:
-        low, high = float(over[index]), float(over[index + 1])
+        end = float(over[index + 1])
         if 0 in phases[[index, index + 1]]:
-            touches = phases[index + 1] > 0
-            for _ in range(50):
-                middle = 0.5 * (low + high)
-                state = model.solve(middle, load, direction=direction)
-                if bool(state.in_contact) == touches:
-                    high = middle
-                else:
-                    low = middle
-        ends.append(high)
+            side = 1.0 if phases[index + 1] > 0 else -1.0
+
+            def touch(at: float, side: float = side) -> float:
+                state = model.solve(at, load, direction=direction)
+                return side if bool(state.in_contact) else -side
+
+            end = bisect(touch, float(over[index]), end)
+        ends.append(end)
     ends.append(float(over[-1]))
     kinds = phases[np.append(changes, len(phases) - 1)].tolist()
     return list(zip(kinds, ends[:-1], ends[1:], strict=True))
@@ -155,7 +155,7 @@ def draw_contraction(
     over = np.linspace(lowest, pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         line = model.contraction(over, load, direction=direction)
-        axes.plot(1e3 * over, np.asarray(line, dtype=np.float64), label=name, **style)
+        axes.plot(1e3 * over, line, label=name, **style)
     axes.axhline(0.0, color=INK, linewidth=0.8)
     axes.set(xlabel=_PRESSURE, ylabel=_CONTRACTION, xlim=(0.0, 1e3 * pressure))
     axes.set_title(f"load {load:g} N", fontsize=10, loc="left")
@@ -190,14 +190,16 @@ def draw_force(
     InputError
         If there is no pressure, or the model has no answer.
     """
-    levels = _take_levels(pressures)
+    levels = np.unique(check_array("pressures", pressures))
+    if not len(levels):
+        raise InputError("there are 0 pressures to draw: give 1 or more")
     check_integer("count", count, low=2)
     axes = take_panel(ax)
     shades = np.linspace(0.25, 1.0, len(levels))
     for level, shade in zip(levels, shades, strict=True):
         free = max(0.0, float(model.contraction(float(level), direction=direction)))
         over = np.linspace(0.0, free, count)
-        force = np.asarray(model.force(float(level), over, direction=direction), dtype=np.float64)
+        force = model.force(float(level), over, direction=direction)
         axes.plot(
             over, force, color=BLUE, alpha=float(shade), linewidth=1.6,
             label=f"{1e3 * level:.0f} kPa",
@@ -235,8 +237,7 @@ def draw_braid_angle(
     over = np.geomspace(max(1e-4 * pressure, lowest), pressure, _FINE)
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         state = model.solve(over, load, direction=direction)
-        angle = np.asarray(state.braid_angle, dtype=np.float64)
-        axes.semilogx(1e3 * over, np.degrees(angle), label=name, **style)
+        axes.semilogx(1e3 * over, np.degrees(state.braid_angle), label=name, **style)
     axes.axhline(LOCKING_ANGLE, color=INK, linewidth=1.0, linestyle=(0, (1, 1.5)))
     axes.text(
         0.01, LOCKING_ANGLE, f"locking, {LOCKING_ANGLE:.2f}°", va="bottom", fontsize=9, color=INK,
@@ -320,13 +321,6 @@ def _draw_lines(
             over, line = pressure[order], line[order]
         axes.plot(1e3 * over, line, **{**style, "label": label})
         label = None
-
-
-def _take_levels(pressures: ArrayLike) -> NDArray[np.float64]:
-    levels = np.unique(check_array("pressures", pressures))
-    if not len(levels):
-        raise InputError("there are 0 pressures to draw: give 1 or more")
-    return levels
 
 
 def _list_styles(names: Collection[object]) -> list[Look]:

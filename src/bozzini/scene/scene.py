@@ -79,8 +79,12 @@ def prepare_tract(surface: tuple[ArrayLike, ArrayLike], *, max_faces: int) -> Tr
     if len(vertices) == 3 * len(faces):  # a loose set of triangles
         mesh.merge_vertices()
     if len(mesh.faces) > max_faces:
+        from fast_simplification import simplify
+
         # Quadric edge collapse (Garland and Heckbert, SIGGRAPH 1997).
-        mesh = mesh.simplify_quadric_decimation(face_count=max_faces)
+        faces = mesh.faces.astype(np.int32)
+        points, faces, *_ = simplify(mesh.vertices, faces, target_count=max_faces)
+        mesh = trimesh.Trimesh(np.asarray(points), np.asarray(faces), process=False)
     flat = mesh.area_faces == 0.0
     if flat.all():
         raise InputError(f"surface has {len(flat)} faces, all of zero area: it must have area")

@@ -309,7 +309,8 @@ class InsertionStudy(Result):
     @property
     def residual(self) -> float:
         """Largest error of the clearance between the nodes of the grid [mm]."""
-        return float(self.plan.meta["field"]["clearance_error_mm"])
+        field = self.plan.field
+        return 0.0 if field is None else field.clearance_error or 0.0
 
     def to_dict(self) -> Json:
         """Return the summary: what ``--json`` prints and ``summary.json`` holds."""

@@ -1,6 +1,6 @@
 """Hysteresis: operators with memory, which a muscle model carries or which are fitted to loops.
 
-`Hysteresis` is what a model asks for; the operators of the thesis's section 2.2.10 are beside.
+`Hysteresis` is what a model asks for; the operators are those of the thesis's section 2.2.10.
 """
 
 from __future__ import annotations

@@ -20,12 +20,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from types import ModuleType
 from typing import Any
 
 from numba import carray, cfunc, njit, types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 
-from ..model import NUMBERS_LIMIT
+from ..model import NUMBERS_LIMIT, CompiledMuscle
 
 PULLS, SLACK, NO_ANSWER, RIGID = 0, 1, 2, 3
 """Codes of ``start``: it pulls; it is longer than the section; no answer; no response to a load.
@@ -78,6 +79,16 @@ def compile_pull(function: Callable[..., int]) -> int:
 def compile_pressure(function: Callable[..., int]) -> int:
     """Return the address of a compiled ``pressure``."""
     return int(_compile(function, _PRESSURE).address)
+
+
+def compile_model(kernels: ModuleType, numbers: tuple[float, ...]) -> CompiledMuscle:
+    """Return a model from its numbers and a module with ``start``, ``pull`` and ``pressure``."""
+    return CompiledMuscle(
+        numbers=numbers,
+        start=compile_start(kernels.start),
+        pull=compile_pull(kernels.pull),
+        pressure=compile_pressure(kernels.pressure),
+    )
 
 
 def _call(signature):

@@ -36,146 +36,34 @@ PAST_LOCKING = 0.35
 """Cosine of the braid angle at which a muscle with friction ends."""
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
-    """A muscle as the kernels take it; all methods take float arrays of one shape.
-
-    The last two of `design`, see `kernels`, are the legal stretches; `active` is the length that
-    contracts [mm]. With `tapered` the ends are trellis nets.
-    """
-
-    design: tuple[float, ...]
-    active: float
-    tapered: bool
-
-    @classmethod
-    def of(cls, muscle: Muscle, *, tapered: bool) -> Equilibrium:
-        """Return a muscle's equilibria."""
-        cosine, sine = math.cos(muscle.braid_angle), math.sin(muscle.braid_angle)
-        shear = float(muscle.modulus) / 6.0
-        crossing = 8.0 * math.pi / 3.0 * muscle.braid_radius * cosine / sine
-        design = (
-            cosine,
-            sine,
-            float(muscle.braid_radius),
-            float(muscle.inner_radius) ** 2,
-            float(muscle.outer_radius) ** 2,
-            math.log(muscle.outer_radius / muscle.inner_radius),
-            shear * (1.0 - float(muscle.mooney_ratio)),
-            shear * float(muscle.mooney_ratio),
-            crossing * float(muscle.friction_length),
-        )
-        low = locked = 1.0 / (math.sqrt(3.0) * cosine)
-        if muscle.friction_length > 0.0:
-            low = kernels.find_closed_bore(design, locked, PAST_LOCKING / cosine)
-        high = kernels.find_closed_bore(design, 1.0, 1.0 / cosine)
-        return cls((*design, float(low), float(high)), float(muscle.active_length), tapered)
-
-    @property
-    def stretches(self) -> tuple[float, float]:
-        """The legal stretches."""
-        return self.design[9], self.design[10]
-
-    def find(
-        self, pressures: Floats, loads: Floats, signs: Floats
-    ) -> tuple[Floats, NDArray[np.int64]]:
-        """Return the stretches under loads and the iterations, or raise `InputError`.
-
-        One that did not converge took `kernels.MAX_ITERATIONS`.
-        """
-        stretches = np.empty(pressures.shape)
-        iterations = np.empty(pressures.shape, dtype=np.int64)
-        code, index = kernels.find_stretches(
-            self.design,
-            pressures.ravel(),
-            loads.ravel(),
-            signs.ravel(),
-            stretches.reshape(-1),
-            iterations.reshape(-1),
-        )
-        if code != kernels.CONVERGED:
-            pressure, sign = float(pressures.flat[index]), float(signs.flat[index])
-            low, high = (
-                kernels.find_force(self.design, pressure, stretch, sign)[0]
-                for stretch in self.stretches
-            )
-            raise InputError(
-                f"{name_at('load', loads, index)} is {loads.flat[index]:g} N: at a pressure of "
-                f"{pressure:g} MPa it must lie in [{max(0.0, low):.6g}, {high:.6g}] N, above "
-                "which the braid squeezes the bore shut"
-            )
-        return stretches, iterations
-
-    def place(self, pressures: Floats, contractions: Floats, signs: Floats) -> Floats:
-        """Return the stretches at given contractions, or raise an error."""
-        low, high = self.stretches
-        if not self.tapered:
-            return np.clip(1.0 - contractions / self.active, low, high)
-        stretches = np.empty(pressures.shape)
-        code, index = end_kernels.find_ended_stretches(
-            self.design,
-            self.active,
-            pressures.ravel(),
-            contractions.ravel(),
-            signs.ravel(),
-            stretches.reshape(-1),
-        )
-        if code != kernels.CONVERGED:
-            name = name_at("contraction", contractions, index)
-            if code == kernels.STOPPED:
-                raise ConvergenceError(
-                    f"no taper of the energy model at {name} = {contractions.flat[index]:g} mm: "
-                    f"{describe_stop(kernels.MAX_ITERATIONS)}"
-                )
-            raise InputError(
-                f"{name} is {contractions.flat[index]:g} mm: with trellis ends at a pressure of "
-                f"{pressures.flat[index]:g} MPa it must be at most the free contraction, or 0 mm "
-                "below the dead band"
-            )
-        return np.clip(stretches, low, high)
-
-    def shorten(self, pressures: Floats, stretches: Floats) -> Floats:
-        """Return the contractions at given stretches of the cylinder."""
-        contraction = self.active * (1.0 - stretches)
-        if self.tapered:
-            contraction = contraction + 2.0 * self.measure_ends(pressures, stretches)[0]
-        return np.asarray(contraction)
-
-    def evaluate(self, pressures: Floats, stretches: Floats, signs: Floats) -> Floats:
-        """Return pull, its slope in the stretch, contact pressure and swell, (4, ...)."""
-        out = np.empty((4, *pressures.shape))
-        kernels.find_forces(
-            self.design, pressures.ravel(), stretches.ravel(), signs.ravel(), out.reshape(4, -1)
-        )
-        return out
-
-    def measure_wall(self, stretches: Floats, swells: Floats) -> Floats:
-        """Return the strain energy of the wall [N mm]."""
-        energy = np.empty(stretches.shape)
-        kernels.fill_energies(self.design, stretches.ravel(), swells.ravel(), energy.reshape(-1))
-        return 2.0 * math.pi * self.active * energy
-
-    def measure_ends(self, pressures: Floats, stretches: Floats) -> Floats:
-        """Return by how much an end is shorter, holds less and has more potential, (3, ...)."""
-        out = np.zeros((3, *pressures.shape))
-        if not self.tapered:
-            return out
-        code, index = end_kernels.fill_ends(
-            self.design, pressures.ravel(), stretches.ravel(), out.reshape(3, -1)
-        )
-        if code != kernels.CONVERGED:
-            raise InputError(
-                f"{name_at('pressure', pressures, index)} is {pressures.flat[index]:g} MPa: "
-                "friction leaves the tapered ends no tension; it must be less, or the ends 'none'"
-            )
-        return out
-
-
 Ends = Literal["none", "trellis"]
 ENDS: tuple[Ends, ...] = get_args(Ends)
 
 PRESSURE_LIMIT = 1e4
 """Largest legal pressure [MPa]: a limit of the arithmetic, far above what a muscle can bear."""
+
+
+def pack_design(muscle: Muscle) -> tuple[float, ...]:
+    """Return a muscle as the kernels take it; the last two are the legal stretches."""
+    cosine, sine = math.cos(muscle.braid_angle), math.sin(muscle.braid_angle)
+    shear = float(muscle.modulus) / 6.0
+    crossing = 8.0 * math.pi / 3.0 * muscle.braid_radius * cosine / sine
+    design = (
+        cosine,
+        sine,
+        float(muscle.braid_radius),
+        float(muscle.inner_radius) ** 2,
+        float(muscle.outer_radius) ** 2,
+        math.log(muscle.outer_radius / muscle.inner_radius),
+        shear * (1.0 - float(muscle.mooney_ratio)),
+        shear * float(muscle.mooney_ratio),
+        crossing * float(muscle.friction_length),
+    )
+    low = locked = 1.0 / (math.sqrt(3.0) * cosine)
+    if muscle.friction_length > 0.0:
+        low = kernels.find_closed_bore(design, locked, PAST_LOCKING / cosine)
+    high = kernels.find_closed_bore(design, 1.0, 1.0 / cosine)
+    return (*design, float(low), float(high))
 
 
 @dataclass(frozen=True)
@@ -229,7 +117,7 @@ class EnergyMuscle(MuscleModel):
     muscle: Muscle
     ends: Ends = field(default="none", kw_only=True)
     hysteresis: Hysteresis | None = field(default=None, kw_only=True)
-    _equilibrium: Equilibrium = field(init=False, repr=False, compare=False)
+    _design: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     name = "energy"
     fit_fields: ClassVar[tuple[str, ...]] = ("modulus", "dead_length")
@@ -246,25 +134,24 @@ class EnergyMuscle(MuscleModel):
         check_hysteresis(self.hysteresis)
         if self.ends not in ENDS:
             raise InputError(f"ends is '{self.ends}': it must be one of {list(ENDS)}")
-        tapered = self.ends == "trellis"
-        if tapered and self.muscle.active_length < 6.0 * self.taper_length:
+        if self._tapered and self.muscle.active_length < 6.0 * self.taper_length:
             raise InputError(
                 f"muscle active length is {self.muscle.active_length:g} mm: with trellis ends it "
                 f"must be at least {6.0 * self.taper_length:g} mm, for two tapers"
             )
-        object.__setattr__(self, "_equilibrium", Equilibrium.of(self.muscle, tapered=tapered))
+        object.__setattr__(self, "_design", pack_design(self.muscle))
+
+    @property
+    def _tapered(self) -> bool:
+        return self.ends == "trellis"
 
     @property
     def compiled(self) -> CompiledMuscle | None:
         """The equations without friction as compiled functions; None with trellis ends."""
         if self.ends != "none" or not is_as_defined(self, EnergyMuscle):
             return None
-        return CompiledMuscle(
-            numbers=(*self._equilibrium.design, self.muscle.active_length),
-            start=interface.compile_start(kernels.start),
-            pull=interface.compile_pull(kernels.pull),
-            pressure=interface.compile_pressure(kernels.pressure),
-        )
+        numbers = (*self._design, self.muscle.active_length)
+        return interface.compile_model(kernels, numbers)
 
     @property
     def taper_length(self) -> float:
@@ -282,7 +169,7 @@ class EnergyMuscle(MuscleModel):
         Trellis ends of a small braid angle shorten by more than their share of a locked cylinder;
         with them the second is the length that contracts, and the free contraction is the limit.
         """
-        low, high = self._equilibrium.stretches
+        low, high = self._design[9:]
         active = self.muscle.active_length
         shortest = 0.0 if self.ends == "trellis" else low
         return active * (1.0 - high), active * (1.0 - shortest)
@@ -292,8 +179,8 @@ class EnergyMuscle(MuscleModel):
     ) -> Floats:
         """Return the pull of the muscle."""
         pressures, contractions, signs = self._take(pressure, "contraction", contraction, direction)
-        stretches = self._equilibrium.place(pressures, contractions, signs)
-        return np.asarray(self._equilibrium.evaluate(pressures, stretches, signs)[0])
+        stretches = self._place(pressures, contractions, signs)
+        return np.asarray(self._evaluate(pressures, stretches, signs)[0])
 
     def stiffness(
         self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
@@ -305,14 +192,14 @@ class EnergyMuscle(MuscleModel):
         the taper is a finite difference, good to about 1e-6.
         """
         pressures, contractions, signs = self._take(pressure, "contraction", contraction, direction)
-        stretches = self._equilibrium.place(pressures, contractions, signs)
-        slope = self._equilibrium.evaluate(pressures, stretches, signs)[1]
+        stretches = self._place(pressures, contractions, signs)
+        slope = self._evaluate(pressures, stretches, signs)[1]
         length_slope = np.full(slope.shape, self.muscle.active_length)
         if self.ends == "trellis":
             # Towards the free length only: on the other side the braid may come loose.
             step = 1e-4 * np.maximum(1.0 - stretches, 0.0)
             here, near, far = (
-                self._equilibrium.measure_ends(pressures, stretches + k * step)[0] for k in range(3)
+                self._measure_ends(pressures, stretches + k * step)[0] for k in range(3)
             )
             moved = step > 0.0
             length_slope[moved] -= (4.0 * near - 3.0 * here - far)[moved] / step[moved]
@@ -324,7 +211,7 @@ class EnergyMuscle(MuscleModel):
         """Return the contraction under a load."""
         pressures, loads, signs = self._take(pressure, "load", load, direction)
         stretches = self._demand(pressures, loads, signs)
-        return self._equilibrium.shorten(pressures, stretches)
+        return self._shorten(pressures, stretches)
 
     def solve(
         self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
@@ -334,9 +221,9 @@ class EnergyMuscle(MuscleModel):
         Where the solver stops short of its tolerance, `MuscleState.converged` is false.
         """
         pressures, loads, signs = self._take(pressure, "load", load, direction)
-        stretches, iterations = self._equilibrium.find(pressures, loads, signs)
-        contraction = self._equilibrium.shorten(pressures, stretches)
-        pull, _, contact, _ = self._equilibrium.evaluate(pressures, stretches, signs)
+        stretches, iterations = self._find(pressures, loads, signs)
+        contraction = self._shorten(pressures, stretches)
+        pull, _, contact, _ = self._evaluate(pressures, stretches, signs)
         return self._report(
             contraction,
             braid_angle=np.asarray(np.arccos(stretches * math.cos(self.muscle.braid_angle))),
@@ -356,7 +243,7 @@ class EnergyMuscle(MuscleModel):
         It is ``-d potential / d pressure`` at the equilibrium.
         """
         pressures, _, stretches, swells = self._settle(pressure, load)
-        ends = self._equilibrium.measure_ends(pressures, stretches)[1]
+        ends = self._measure_ends(pressures, stretches)[1]
         return np.asarray(self._measure_bore(swells) - 2.0 * ends)
 
     def potential(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
@@ -366,8 +253,8 @@ class EnergyMuscle(MuscleModel):
         """
         pressures, loads, stretches, swells = self._settle(pressure, load)
         length = self.muscle.active_length * stretches + self.muscle.dead_length
-        wall = self._equilibrium.measure_wall(stretches, swells)
-        ends = self._equilibrium.measure_ends(pressures, stretches)[2]
+        wall = self._measure_wall(stretches, swells)
+        ends = self._measure_ends(pressures, stretches)[2]
         work = pressures * self._measure_bore(swells) + loads * length
         return np.asarray(wall - work + 2.0 * ends)
 
@@ -379,7 +266,7 @@ class EnergyMuscle(MuscleModel):
         """
         if self.muscle.gap == 0.0:
             return 0.0
-        design = self._equilibrium.design
+        design = self._design
         stretch = kernels.find_contact(design)
         swell = kernels.braid_swell(design, stretch)[0]
         shear = design[6] / stretch + design[7] * stretch
@@ -402,12 +289,12 @@ class EnergyMuscle(MuscleModel):
         """Pressures and loads, stretches and swells at equilibrium."""
         pressures, loads, signs = self._take(pressure, "load", load, None)
         stretches = self._demand(pressures, loads, signs)
-        terms = self._equilibrium.evaluate(pressures, stretches, signs)
+        terms = self._evaluate(pressures, stretches, signs)
         return pressures, loads, stretches, terms[3]
 
     def _demand(self, pressures: Floats, loads: Floats, signs: Floats) -> Floats:
         """Stretches at equilibrium, all converged."""
-        stretches, iterations = self._equilibrium.find(pressures, loads, signs)
+        stretches, iterations = self._find(pressures, loads, signs)
         demand_convergence(pressures, iterations, kernels.MAX_ITERATIONS, model=self.name)
         return stretches
 
@@ -415,3 +302,97 @@ class EnergyMuscle(MuscleModel):
         """Volume of the bore of a cylinder [mm^3]."""
         area = math.pi * (self.muscle.inner_radius**2 + swells)
         return np.asarray(self.muscle.active_length * area)
+
+    def _find(
+        self, pressures: Floats, loads: Floats, signs: Floats
+    ) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the stretches under loads and the iterations, or raise `InputError`.
+
+        One that did not converge took `kernels.MAX_ITERATIONS`.
+        """
+        stretches = np.empty(pressures.shape)
+        iterations = np.empty(pressures.shape, dtype=np.int64)
+        code, index = kernels.find_stretches(
+            self._design,
+            pressures.ravel(),
+            loads.ravel(),
+            signs.ravel(),
+            stretches.reshape(-1),
+            iterations.reshape(-1),
+        )
+        if code != kernels.CONVERGED:
+            pressure, sign = float(pressures.flat[index]), float(signs.flat[index])
+            low, high = (
+                kernels.find_force(self._design, pressure, stretch, sign)[0]
+                for stretch in self._design[9:]
+            )
+            raise InputError(
+                f"{name_at('load', loads, index)} is {loads.flat[index]:g} N: at a pressure of "
+                f"{pressure:g} MPa it must lie in [{max(0.0, low):.6g}, {high:.6g}] N, above "
+                "which the braid squeezes the bore shut"
+            )
+        return stretches, iterations
+
+    def _place(self, pressures: Floats, contractions: Floats, signs: Floats) -> Floats:
+        """Return the stretches at given contractions, or raise an error."""
+        low, high = self._design[9:]
+        if not self._tapered:
+            return np.clip(1.0 - contractions / self.muscle.active_length, low, high)
+        stretches = np.empty(pressures.shape)
+        code, index = end_kernels.find_ended_stretches(
+            self._design,
+            self.muscle.active_length,
+            pressures.ravel(),
+            contractions.ravel(),
+            signs.ravel(),
+            stretches.reshape(-1),
+        )
+        if code != kernels.CONVERGED:
+            name = name_at("contraction", contractions, index)
+            if code == kernels.STOPPED:
+                raise ConvergenceError(
+                    f"no taper of the energy model at {name} = {contractions.flat[index]:g} mm: "
+                    f"{describe_stop(kernels.MAX_ITERATIONS)}"
+                )
+            raise InputError(
+                f"{name} is {contractions.flat[index]:g} mm: with trellis ends at a pressure of "
+                f"{pressures.flat[index]:g} MPa it must be at most the free contraction, or 0 mm "
+                "below the dead band"
+            )
+        return np.clip(stretches, low, high)
+
+    def _shorten(self, pressures: Floats, stretches: Floats) -> Floats:
+        """Return the contractions at given stretches of the cylinder."""
+        contraction = self.muscle.active_length * (1.0 - stretches)
+        if self._tapered:
+            contraction = contraction + 2.0 * self._measure_ends(pressures, stretches)[0]
+        return np.asarray(contraction)
+
+    def _evaluate(self, pressures: Floats, stretches: Floats, signs: Floats) -> Floats:
+        """Return pull, its slope in the stretch, contact pressure and swell, (4, ...)."""
+        out = np.empty((4, *pressures.shape))
+        kernels.find_forces(
+            self._design, pressures.ravel(), stretches.ravel(), signs.ravel(), out.reshape(4, -1)
+        )
+        return out
+
+    def _measure_wall(self, stretches: Floats, swells: Floats) -> Floats:
+        """Return the strain energy of the wall [N mm]."""
+        energy = np.empty(stretches.shape)
+        kernels.fill_energies(self._design, stretches.ravel(), swells.ravel(), energy.reshape(-1))
+        return 2.0 * math.pi * self.muscle.active_length * energy
+
+    def _measure_ends(self, pressures: Floats, stretches: Floats) -> Floats:
+        """Return by how much an end is shorter, holds less and has more potential, (3, ...)."""
+        out = np.zeros((3, *pressures.shape))
+        if not self._tapered:
+            return out
+        code, index = end_kernels.fill_ends(
+            self._design, pressures.ravel(), stretches.ravel(), out.reshape(3, -1)
+        )
+        if code != kernels.CONVERGED:
+            raise InputError(
+                f"{name_at('pressure', pressures, index)} is {pressures.flat[index]:g} MPa: "
+                "friction leaves the tapered ends no tension; it must be less, or the ends 'none'"
+            )
+        return out

@@ -192,12 +192,7 @@ class ThesisMuscle(MuscleModel):
             ANGLE_LIMIT,
             self.load_stiffness if self.takes_load else 0.0,
         )
-        return CompiledMuscle(
-            numbers=numbers,
-            start=interface.compile_start(kernels.start),
-            pull=interface.compile_pull(kernels.pull),
-            pressure=interface.compile_pressure(kernels.pressure),
-        )
+        return interface.compile_model(kernels, numbers)
 
     @property
     def load_stiffness(self) -> float:
