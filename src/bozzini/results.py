@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 from .units import add_unit
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
 Json = dict[str, Any]
 """Values by name that JSON takes."""
@@ -42,7 +44,7 @@ class Result:
         reason: Any
         residual: Any
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the result as plain values, which JSON takes; not finite numbers are None.
 
         Fields made by `measured` have their units in their names.
@@ -70,7 +72,7 @@ class Result:
             if not isinstance(value, (dict, list))
         }
 
-    def list_measured(self) -> dict[str, Any]:
+    def list_measured(self) -> Json:
         """Return the fields that have a unit as columns, a value of the batch each row."""
         import numpy
 
@@ -100,7 +102,7 @@ class ClosedForm(Result):
     residual = 0.0
 
 
-def list_coordinates(name: str, points: Any) -> dict[str, Any]:
+def list_coordinates(name: str, points: NDArray[np.float64]) -> Json:
     """Return points (..., k) [mm] as columns, such as ``tip_x_mm``; k is 2 or 3."""
     flat = points.reshape(-1, points.shape[-1])
     start = f"{name}_" if name else ""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..results import Json
 from ..study.options import FitOptions, PathOptions, ReadOptions
 from ._tract_options import list_given, read_with_options, report_study, tract_options
 from .common import (
@@ -249,7 +250,7 @@ def show_command(
     size = " x ".join(f"{value:.0f}" for value in high - low)
     content = f"{count} {data['kind']}"
     text = f"{source}: {content} in {size} mm"
-    under: dict[str, Any] = {}
+    under: Json = {}
     if over is not None:
         study = _cut_sections(over, reading, options, answer, 10.0)
         under = {"field": study.field, "line": study.line}

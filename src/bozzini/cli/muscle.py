@@ -12,6 +12,7 @@ import click
 
 from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
+from ..results import Json
 from ._muscle_options import (
     FIELDS,
     DataRequest,
@@ -182,7 +183,7 @@ def curve_command(
     check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
     model = asked.build(pressure=pressure)
     held = 0.0 if load is None else load
-    line: dict[str, Any] = {"direction": asked.direction}
+    line: Json = {"direction": asked.direction}
     if kind != "force":
         line |= {"load": held, "lowest": _find_lowest(model, pressure, held, asked.direction)}
     columns = _compute_curve(model, kind, pressure, rows, line)

@@ -26,7 +26,7 @@ from ..checks import Quantity, check_number, check_points, name_at, quantity
 from ..duct.centreline import Centreline
 from ..errors import FileFormatError, InputError
 from ..io.files import write_atomically
-from ..results import Result, take_axes, to_plain
+from ..results import Json, Result, take_axes, to_plain
 from ..units import add_unit
 from .certify import Certificate
 from .planners import PlannerOptions
@@ -519,9 +519,9 @@ class Plan(Result):
         return self.introducer
 
     @property
-    def meta(self) -> dict[str, Any]:
+    def meta(self) -> Json:
         """What the file states beside the arrays, as JSON takes it."""
-        record: dict[str, Any] = {**self.more}
+        record: Json = {**self.more}
         for name, value in (("wall", self.wall), ("findings", list(self.findings))):
             if value:
                 record[name] = value

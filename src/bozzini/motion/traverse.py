@@ -27,6 +27,7 @@ from ..duct.field import SampledField
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
+from ..results import Json
 from .space import find_passage
 
 Reals = NDArray[np.floating[Any]]
@@ -549,7 +550,7 @@ class LinkLimits:
 
     def describe(self) -> dict[str, object]:
         """Return JSON-able values; infinite numbers stay infinite."""
-        known: dict[str, Any] = {**describe_fields(self), "link_low_by": self.link_low_by}
+        known: Json = {**describe_fields(self), "link_low_by": self.link_low_by}
         return {
             name: value.tolist() if isinstance(value, np.ndarray) else value
             for name, value in known.items()

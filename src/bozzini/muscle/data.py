@@ -14,7 +14,7 @@ import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number
 from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
 from ..io.files import write_text
+from ..results import Json
 from ..units import parse_quantity
 
 if TYPE_CHECKING:
@@ -594,7 +595,7 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
                 check_length(where, length, muscle.braid.strand_length)
                 value = muscle.length - length if name == "length" else value
             numbers["contraction" if name == "length" else name].append(value)
-    given: dict[str, Any] = {
+    given: Json = {
         name: np.array(values) for name, values in {**numbers, **words}.items() if values
     }
     return Measurements(**given, ignored=ignored, numbers=np.array(sheet.numbers, dtype=np.int64))

@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,7 @@ from ...continuum.coupling import coupling_matrix
 from ...continuum.robot import check_robot
 from ...errors import FileFormatError, InputError, MissingExtraError
 from ...io.files import write_atomically, write_text
-from ...results import Result, take_axes
+from ...results import Json, Result, take_axes
 from .executed import ArcCertificate, place_bodies
 
 if TYPE_CHECKING:
@@ -265,7 +265,7 @@ class Actuation(Result):
             self.robot, self.bends, self.base_advance, self.frame, times=times, chords=chords
         )
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Return the robot's part of ``summary.json``: plain JSON types."""
         angle = np.linalg.norm(self.bends, axis=2)
         step, section = np.unravel_index(int(np.argmax(angle)), angle.shape)
@@ -441,7 +441,7 @@ def load_actuation(path: Path) -> Actuation:
             record = json.loads(str(data["record"]))
             if not isinstance(record, dict) or record.get("format") != ACTUATION_FORMAT:
                 raise FileFormatError(f"{path} is not an actuation of format {ACTUATION_FORMAT!r}")
-            arrays: dict[str, Any] = {name: data[name] for name in ARRAYS}
+            arrays: Json = {name: data[name] for name in ARRAYS}
         texts = {key: record[key] for key in ("status", "reason_code", "reason", "meta")}
         return Actuation(
             robot=ContinuumRobot.from_dict(record["robot"]),

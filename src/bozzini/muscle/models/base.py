@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import broadcast, check_array, check_range, name_at, refuse_first
 from ...errors import BozziniError, InputError
 from ...numeric import roots as numeric_roots
+from ...results import Json
 from ..design import Braid, Muscle
 from ..hysteresis import Hysteresis
 from ..model import (
@@ -509,7 +510,7 @@ class CatalogueModel(ExplicitModel):
         return guess
 
     @property
-    def keywords(self) -> dict[str, Any]:
+    def keywords(self) -> Json:
         """Parameters, choices and laws of this model, as its constructor takes them."""
         return dict(self._given)
 
