@@ -117,7 +117,7 @@ def test_what_is_wrong_is_said():
 
 def test_fitted_shapes_and_sections_are_results_with_a_picture():
     fit = run_fit(make_labels(), FitOptions(max_error=2.0, start=START, end=END))
-    assert fit.converged is fit.fitted.reached
+    assert fit.converged is fit.fitted.converged
     assert fit.residual == fit.fitted.report.outside_bound
     assert 0.0 < fit.clearance_min <= -fit.field.signed_distance(fit.line.points).min()
     axes = fit.plot()
