@@ -18,7 +18,7 @@ import click
 from ..checks import Quantity
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
-from ..results import Result, to_plain
+from ..results import Json, Result, to_plain
 from ..units import INTERNAL_UNITS, parse_quantity, parse_vector
 
 # Tables and files of results: for people, as CSV, and whether a file may be written.
@@ -83,7 +83,9 @@ EXIT_NEGATIVE = 1
 EXIT_BAD_INPUT = 2
 """The input or the usage is wrong; one line on stderr names it."""
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+Command = Callable[..., Any]
+"""A function that click runs, with what it takes as keywords."""
+_Function = TypeVar("_Function", bound=Command)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -115,11 +117,13 @@ def force_option(function: _Function) -> _Function:
 class _Parsed(_AnyType):
     """A value that a function reads from text; its `BozziniError` is an error of usage."""
 
-    def __init__(self, name: str, parse: Callable[[str], Any]) -> None:
+    def __init__(self, name: str, parse: Callable[[str], object]) -> None:
         self.name = name
         self.parse = parse
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> object:
         """Return what the text stands for; a default that is no text is returned as it is."""
         if not isinstance(value, str):
             return value
@@ -203,8 +207,8 @@ class EndType(_Parsed):
 
 
 def gather(
-    argument: str, make: Callable[..., Any], *options: Callable[[Any], Any]
-) -> Callable[[_Function], _Function]:
+    argument: str, make: Command, *options: Callable[[Command], Command]
+) -> Callable[[Command], Command]:
     """Return a decorator that adds options whose values arrive together, as one argument.
 
     Parameters
@@ -217,7 +221,7 @@ def gather(
         Decorators of click, in the order of the help text.
     """
 
-    def decorate(function: Any) -> Any:
+    def decorate(function: Command) -> Command:
         def probe() -> None: ...
 
         for option in options:
@@ -225,7 +229,7 @@ def gather(
         names = [str(item.name) for item in probe.__click_params__]  # type: ignore[attr-defined]
 
         @wraps(function)
-        def run(**values: Any) -> Any:
+        def run(**values: object) -> object:
             return function(
                 **{argument: make(**{name: values.pop(name) for name in names})}, **values
             )
@@ -239,7 +243,7 @@ def gather(
 
 def options_of(
     kind: type, argument: str, *, leave_out: Sequence[str] = ()
-) -> Callable[[_Function], _Function]:
+) -> Callable[[Command], Command]:
     """Return a decorator that adds an option for each field of a dataclass.
 
     Type, unit, legal words, default and help of an option are those of the field: of the
@@ -260,12 +264,12 @@ def options_of(
     return gather(argument, kind, *options)
 
 
-def _make_option(item: dataclasses.Field[Any]) -> Callable[[Any], Any]:
+def _make_option(item: dataclasses.Field[Any]) -> Callable[[Command], Command]:
     """Return the option of a dataclass's field that carries a `Quantity`."""
     known: Quantity = item.metadata["quantity"]
     default = item.default
     flag = f"--{(known.option or item.name).replace('_', '-')}"
-    given: dict[str, Any] = {"help": known.help}
+    given: Json = {"help": known.help}
     if known.kind == "flag":
         return click.option(flag, item.name, is_flag=True, **given)
     if known.words:
@@ -311,7 +315,7 @@ class Answer:
         """Return a progress bar, or nothing to see if ``--quiet`` was given."""
         return progress_bar(quiet=self.quiet)
 
-    def give(self, result: Mapping[str, Any] | Result, text: str) -> None:
+    def give(self, result: Mapping[str, object] | Result, text: str) -> None:
         """Write the answer on stdout."""
         emit(result, as_json=self.as_json, text=text)
 
@@ -339,7 +343,7 @@ class Answer:
 
 def answer_options(
     *suffixes: str, quiet: bool = True, name: str = "--out", **out: Any
-) -> Callable[[_Function], _Function]:
+) -> Callable[[Command], Command]:
     """Return a decorator that adds ``--json`` and the other options of an answer.
 
     It arrives as the argument ``answer``.
@@ -363,7 +367,7 @@ def answer_options(
             check_target(answer.out, suffixes, force=answer.force)
         return answer
 
-    options: list[Any] = []
+    options: list[Callable[[Command], Command]] = []
     if suffixes:
         out.setdefault("help", "A picture.")
     if out:
@@ -373,7 +377,7 @@ def answer_options(
     return gather("answer", make, *options)
 
 
-def clean_json(value: Any) -> Any:
+def clean_json(value: object) -> object:
     """Return `value` made of plain JSON types; a number that is not finite becomes None.
 
     Raises
@@ -384,11 +388,11 @@ def clean_json(value: Any) -> Any:
     return to_plain(value, unknown=_refuse_json)
 
 
-def _refuse_json(value: Any) -> NoReturn:
+def _refuse_json(value: object) -> NoReturn:
     raise TypeError(f"a {type(value).__name__} has no JSON form")
 
 
-def write_json(result: Mapping[str, Any] | Result) -> None:
+def write_json(result: Mapping[str, object] | Result) -> None:
     """Write `result` on stdout as one JSON object.
 
     It is ASCII where stdout is not UTF-8, and where the name of a file is not: a byte of it is
@@ -403,7 +407,7 @@ def write_json(result: Mapping[str, Any] | Result) -> None:
     click.echo(text)
 
 
-def emit(result: Mapping[str, Any] | Result, *, as_json: bool, text: str) -> None:
+def emit(result: Mapping[str, object] | Result, *, as_json: bool, text: str) -> None:
     """Write a command's result on stdout: one JSON object, or text for people.
 
     Parameters

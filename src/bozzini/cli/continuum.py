@@ -20,6 +20,7 @@ from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
+    Command,
     QuantityType,
     VectorType,
     answer_options,
@@ -98,7 +99,7 @@ def spell_option(name: str) -> str:
     return "--" + (known.option or name).replace("_", "-")
 
 
-def _make_option(name: str) -> Callable[[Any], Any]:
+def _make_option(name: str) -> Callable[[Command], Command]:
     item, models = OPTIONS[name]
     known, default = item.metadata["quantity"], item.default
     given: Plain = {"help": known.help}

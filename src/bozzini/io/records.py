@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from cattrs import Converter
 
 Plain = dict[str, Any]
-_Reader = Callable[[Any, Any], Any]
+_Reader = Callable[[object, object], Any]
 
 _Record = TypeVar("_Record")
 
@@ -236,7 +236,7 @@ def _yaml_loader() -> Any:
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-        def compose_node(self, parent: object, index: object) -> Any:
+        def compose_node(self, parent: object, index: object) -> object:
             # A few lines of references to references can stand for more than fits in memory.
             if self.check_event(yaml.AliasEvent):
                 event = self.peek_event()
@@ -283,7 +283,7 @@ def _converter() -> Converter:
 
     converter = Converter()
 
-    def read_list(data: object, kind: object) -> Any:
+    def read_list(data: object, kind: object) -> object:
         members = get_args(kind)
         count = None if members[-1] is Ellipsis else len(members)
         if not isinstance(data, (list, tuple)) or count not in (None, len(data)):
@@ -299,7 +299,7 @@ def _converter() -> Converter:
                 raise
         return tuple(items)
 
-    def read_union(data: object, kind: object) -> Any:
+    def read_union(data: object, kind: object) -> object:
         """Choose by what the data is: nothing, a mapping, a list, or a plain value."""
         if data is None and type(None) in get_args(kind):
             return None
@@ -346,7 +346,7 @@ def _make_reader(record: Any, converter: Converter) -> _Reader:
     ]
 
     def read_field(kind: Any, optional: bool) -> _Reader:
-        def read(data: object, _: object) -> Any:
+        def read(data: object, _: object) -> object:
             try:
                 return converter.structure(data, kind)
             except InputError as error:
@@ -368,7 +368,7 @@ def _make_reader(record: Any, converter: Converter) -> _Reader:
     build = make_dict_structure_fn(record, converter, **readers)  # type: ignore[arg-type]
     names = ", ".join(fields)
 
-    def read_record_fields(data: object, _: object) -> Any:
+    def read_record_fields(data: object, _: object) -> object:
         if not isinstance(data, Mapping):
             raise InputError(f" is {show_value(data)}: it must hold the fields {names}")
         for key in data:
@@ -436,7 +436,7 @@ def _read_truth(data: object, _: object) -> bool:
     return data
 
 
-def _read_choice(data: object, kind: object) -> Any:
+def _read_choice(data: object, kind: object) -> object:
     if data not in get_args(kind):
         raise InputError(f" is {show_value(data)}: choose one of {', '.join(get_args(kind))}")
     return data
