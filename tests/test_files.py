@@ -393,7 +393,7 @@ def test_directory_without_permission_is_refused_at_once(closing_place: Path) ->
     source = Path(bozzini.__file__).resolve().parents[1]
     shutil.copytree(source / "bozzini", closing_place / "bozzini", ignore=_compiled)
     code = (
-        "import sys; from bozzini.errors import OutputError; from bozzini import files\n"
+        "import sys; from bozzini.errors import OutputError; from bozzini.io import files\n"
         "for name, force in (('out', False), ('deep/out', False), ('result', True)):\n"
         "    try: files.check_new_directory('closed/' + name, force=force)\n"
         "    except OutputError as error: print(error)\n"

@@ -204,6 +204,7 @@ def check_proof(plan: SavedPlan, distance: Distance) -> None:
         assert proved <= found.min() + 1e-6
 
 
+@pytest.mark.slow
 def test_plan_from_the_surface_against_its_triangles(
     surface_plan: SavedPlan, stl: Distance
 ) -> None:

@@ -273,6 +273,7 @@ def plan(source: Path, out: Path, *options: str) -> Plan:
     return Plan.load(out / "plan.npz")
 
 
+@pytest.mark.slow
 def test_a_plan_that_needed_the_finer_grid_is_certified_on_it_and_not_without(
     capsys: CAPTURE, tmp_path: Path
 ) -> None:

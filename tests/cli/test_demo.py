@@ -51,6 +51,7 @@ def test_the_input_is_on_record(demo: tuple[Path, int, dict[str, Any]]) -> None:
     assert "phantom" in summary["seconds"]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_plan_and_another_seed_another(
     demo: tuple[Path, int, dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,6 +61,7 @@ def test_a_body_too_wide_is_a_negative_answer(tracts: Tracts) -> None:
     assert "Traceback" not in result.output
 
 
+@pytest.mark.slow
 def test_shapes_from_a_file(tmp_path: Path) -> None:
     centres = np.stack([np.linspace(0, 40, 13), np.zeros(13), np.zeros(13)], axis=1)
     file = save_shapes(RoundCones(centres, np.full(13, 6.0)), tmp_path / "tube.json")

@@ -122,6 +122,7 @@ def test_segment_keeps_lengths_and_reaches_the_bound_of_each_bar_alone(seed: int
         assert turn == pytest.approx(2.0 * math.asin(abs(sines[k])), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_no_segment_of_the_optimisation_turns_less() -> None:
     converged = 0
     for seed in range(12):

@@ -279,6 +279,7 @@ def lump(random, count, *, snap):
     return trimesh.util.concatenate([*parts, body, sheet])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("snap", [False, True])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
 def test_every_node_agrees_with_winding_number_and_exact_distance(seed, snap):

@@ -286,6 +286,7 @@ def test_costs_and_lengths_are_those_of_a_plain_search():
     assert (steps * middle).sum() == pytest.approx(sparse.search(places[5])[way[-1]])
 
 
+@pytest.mark.slow
 def test_the_line_is_that_of_a_plain_search(monkeypatch):
     field = build_field(make_phantom(seed=1).to_labels(voxel=2.0))
     # Voxels leave ways of equal cost, and which is taken is chance: make them differ a little.

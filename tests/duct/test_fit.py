@@ -267,6 +267,7 @@ def test_shapes_stay_inside(kind, monkeypatch):
     assert fitted.report.clearance_loss[-1] <= 0.5 + 1e-6
 
 
+@pytest.mark.slow
 def test_super_ellipsoids_lose_no_more_room_than_allowed_where_large_ones_would(monkeypatch):
     """A tight bend: large ones cut the corner, and their number is free."""
     monkeypatch.setattr(candidates, "OTHERS", 4)
@@ -281,6 +282,7 @@ def test_super_ellipsoids_lose_no_more_room_than_allowed_where_large_ones_would(
     assert counts[0] > counts[1]
 
 
+@pytest.mark.slow
 def test_super_ellipsoids_that_lose_too_much_room_have_not_reached_it(monkeypatch):
     monkeypatch.setattr(candidates, "OTHERS", 4)
     monkeypatch.setattr(candidates, "STRETCH_MM", 12.0)
@@ -373,6 +375,7 @@ def stomach(upper_gi_dir):
     return mesh_from_mask(tract.mask, tract.affine), field, find_centreline(field)
 
 
+@pytest.mark.slow
 def test_cones_of_the_real_tract_stay_inside(stomach):
     mesh, field, line = stomach
     fitted = fit_duct(mesh, line, ShapeFitOptions(max_error=0.5, pieces=60), draft=field)

@@ -150,6 +150,7 @@ def test_every_duct_with_a_wall_to_move_is_here():
     assert movable - set(DUCTS) == {Duct, PackedDuct, Shape, PointCloud, Eroded, Without}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(DUCTS), ids=lambda kind: kind.__name__)
 def test_room_is_made_within_reach_of_the_lumen_only(kind):
     duct = DUCTS[kind]()

@@ -156,6 +156,7 @@ def test_a_lone_peg_is_never_overlooked(seed):
         assert certificate.clearance >= least - 1.2 - tolerance
 
 
+@pytest.mark.slow
 def test_a_lone_peg_is_never_overlooked_by_links_at_rest():
     random = np.random.default_rng(0)
     share = np.linspace(0.0, 1.0, 400)

@@ -59,6 +59,7 @@ def test_the_scope_passes_certified(human, diameter, link):
     assert human.wall.clearance(points).min() - 0.5 * diameter >= proved - 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("link", [8.0, 20.0])
 def test_nine_millimetres_are_refused_and_pass_when_inflated(human, link):
     plan = human.plan(9.0, link)

@@ -52,6 +52,7 @@ def count_in_septum(joints: np.ndarray, gap: float) -> int:
     return int(np.count_nonzero(near & (body[..., 2] < DEPTH - 15.0) & (body[..., 2] > 0.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gap", "inflation", "link"), [(2.0, 4.0, 20.0), (1.0, 3.0, 12.0)])
 @pytest.mark.parametrize("method", ["best", "follow"])
 def test_no_motion_passes_through_the_wall_between_two_limbs(gap, inflation, link, method):

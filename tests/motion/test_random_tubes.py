@@ -24,6 +24,7 @@ def test_a_planted_passage_is_found_and_certified(seed):
     assert tube.wall.clearance(points).min() - tube.scope.radius >= proved - 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 112))
 def test_a_pinched_tube_is_refused_at_the_pinch(seed):
     tube = plant(seed, pinched=True, spare=1.2, grid=1.0)

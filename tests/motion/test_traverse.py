@@ -221,6 +221,7 @@ def test_side_loops_are_not_taken_for_sections() -> None:
     assert limits.link_high == math.inf or limits.link_high >= 40.0
 
 
+@pytest.mark.slow
 def test_the_human_tract(upper_gi_dir: Path) -> None:
     from bozzini.anatomy import read_tract
     from bozzini.duct import build_field, find_centreline
@@ -239,6 +240,7 @@ def test_the_human_tract(upper_gi_dir: Path) -> None:
     assert slim.link_high >= limits.link_high * 0.98
 
 
+@pytest.mark.slow
 def test_diameters_are_bracketed() -> None:
     bend = Bend(radius=30, half_width=13, body_radius=5)
     duct, line = bend_duct(30.0, 13.0, math.pi, 120.0, inset=16.0)

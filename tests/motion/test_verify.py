@@ -107,6 +107,7 @@ def check_damage(case, plans, random, count, folder):
     return accepted
 
 
+@pytest.mark.slow
 def test_damaged_plans_are_not_accepted(case, plan, there_and_back, tmp_path):
     assert judge(plan, case, tmp_path) and find_wrong(plan, case.wall) == ""
     accepted = check_damage(case, [plan, there_and_back], np.random.default_rng(3), 120, tmp_path)

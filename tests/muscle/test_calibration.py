@@ -143,6 +143,7 @@ COVERED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COVERED)
 def test_intervals_hold_the_truth_in_90_to_99_percent_of_200_draws(name):
     """From a start far from the truth. Of 1000 draws it is 93 to 97 %, see the guide."""

@@ -47,6 +47,7 @@ def test_the_limits_are_a_result_with_a_reason_a_table_and_a_picture(tight):
     assert tight.plot(axes) is axes and axes.get_ylabel() == "length of a link [mm]"
 
 
+@pytest.mark.slow
 def test_that_no_link_passes_is_a_bound_of_the_diameter(tight, monkeypatch):
     """Where the search of diameters itself proves less, the proof about links counts."""
     real = traverse.find_diameter_limits

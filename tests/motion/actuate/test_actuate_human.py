@@ -32,6 +32,7 @@ def plan_for(human, robot, **options):
     return insert(field, line, scope=scope, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("section", "radius", "count", "bend"), [(20.0, 2.5, 17, 80.0), (30.0, 2.0, 12, 120.0)]
 )
