@@ -20,7 +20,7 @@ from benchmarks.ring import (
     settle,
 )
 from bozzini.duct import Centreline, SampledField
-from bozzini.motion import Introducer, Scope
+from bozzini.motion import FreeSpace, Introducer, Scope
 from bozzini.motion.kernels.chain import duct_value, place_tail
 from bozzini.motion.thesis import move_by_thesis
 from bozzini.numeric.polylines import measure_arc_length, resample_polyline
@@ -130,18 +130,13 @@ def bench_forty_links_two_thousand_steps(benchmark: Any) -> None:
     introducer = Introducer.at_start(line, bore=9.0, along=12.5)
     motion = benchmark.pedantic(
         move_by_thesis,
-        args=(field, line),
-        kwargs={
-            "scope": scope,
-            "introducer": introducer,
-            "links": 40,
-            "head_step": line.length / 2000.0,
-        },
+        args=(FreeSpace(field, line, introducer), scope),
+        kwargs={"links": 40, "head_step": line.length / 2000.0},
         rounds=9,
         warmup_rounds=1,
     )
     took = benchmark.stats.stats.median
-    assert motion.status == "complete"
+    assert not motion.reason_code
     assert motion.joints.shape[0] >= 2000
     assert motion.joints.shape[1] == 41
     share = np.mean(np.abs(field.signed_distance(motion.joints[:, 1:]) + scope.radius) < 1e-6)
