@@ -78,6 +78,9 @@ class Registry(Mapping[str, type[T]]):
             )
         return kind
 
+    def __contains__(self, name: object) -> bool:  # without importing it
+        return name in self.own or name in self.plugins
+
     def __iter__(self) -> Iterator[str]:
         yield from self.own
         yield from self.plugins

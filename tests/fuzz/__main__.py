@@ -74,6 +74,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "effector trace circle": (2, "--radius 4mm --points 6"),
     "effector study sweep": (2, "--vary offset=3mm:5mm:3"),
     "effector study least-pressure": (2, "--between offset=3mm:4mm --deflection 8mm"),
+    "continuum models": (1, ""),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
     "continuum compare": (3, "<robot --displacement T1=1mm"),

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.errors import FileFormatError, InputError, OutputError
-from bozzini.motion import Plan, Scope, verify_plan
+from bozzini.motion import Certificate, Introducer, Plan, Scope, verify_plan
+from bozzini.motion.plan import read_record
 
 
 def make_plan(steps=4, count=3, **changes):
@@ -143,3 +144,18 @@ def test_a_plan_is_a_result_with_a_table_and_a_picture():
         assert "head_arc_length_mm" in plan._repr_html_()
         axes = plan.plot()
         assert plan.plot(axes) is axes and "clearance" in axes.get_ylabel()
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "place"),
+    [
+        (Introducer, {"entry_mm": "abc"}, "entry_mm"),
+        (Introducer, {"entry_mm": 5}, "entry_mm"),
+        (Introducer, {"entry_mm": [0.0, 0.0, 0.0], "outward": {}}, "outward"),
+        (Certificate, {"place_mm": "abc"}, "place_mm"),
+        (Certificate, {"place_mm": []}, "place_mm"),
+    ],
+)
+def test_a_place_that_is_none_is_refused(kind, given, place):
+    with pytest.raises(InputError, match=rf"^part\.{place} is "):
+        read_record(kind, given, "part")

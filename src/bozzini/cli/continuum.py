@@ -299,7 +299,7 @@ def models_command(answer: Answer) -> None:
         kind = CONTINUUM_MODELS[name]
         point = CONTINUUM_MODELS.plugins.get(name)
         rows[name] = {
-            "summary": (kind.__doc__ or "").strip().splitlines()[0],
+            "summary": next(iter((kind.__doc__ or "").strip().splitlines()), ""),
             "package": "bozzini" if point is None else point.value,
         }
     text = format_rows(

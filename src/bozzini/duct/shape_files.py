@@ -231,9 +231,9 @@ def _build(kind: type[Duct], items: Sequence[Plain], options: Plain) -> Duct:
 @cache
 def _make_pieces(kind: type[Duct]) -> Any:
     """Return the record of a file's pieces: by the columns of a class, or its fields."""
-    columns: list[Any] = [
-        (key, _find_type(form, getattr(kind, "dim", 3))) for key, (_, form) in kind.columns.items()
-    ]
+    dim = getattr(kind, "dim", 3)
+    size = dim if isinstance(dim, int) else 3
+    columns: list[Any] = [(key, _find_type(form, size)) for key, (_, form) in kind.columns.items()]
     if not columns:
         own = [item for item in fields(kind) if item.init and item.name not in OPTIONS]  # type: ignore[arg-type]
         columns = [(i.name, Any) if _is_needed(i) else (i.name, Any, None) for i in own]

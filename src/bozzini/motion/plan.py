@@ -305,6 +305,10 @@ def _read_value(item: dataclasses.Field[object], value: object, where: str) -> o
         return int(number) if known.whole else number
     if read is None:  # of a certificate: numbers, truth, text and a place
         plain = (bool, int, float, str)
+        if "NDArray" in str(item.type) and not (isinstance(value, list) and value):
+            raise InputError(f"{where} is {_show(value)}: it must be a list of numbers")
+        if item.type == "str" and not isinstance(value, str):
+            raise InputError(f"{where} is {_show(value)}: it must be a text")
         if isinstance(value, list):
             return check_points(where, value, dim=len(value))
         if isinstance(item.default, plain) and not isinstance(value, type(item.default)):

@@ -29,6 +29,12 @@ from .space import FreeSpace, grid_of
 HEAD_STEP_MIN_MM = 1e-3
 """Least step of the head."""
 
+LINK_ROUND_OFF_MM = 1e-4
+"""Links of a planner's motion keep the scope's length within this."""
+
+END_MM = 1e-3
+"""A motion ends this near to the end of its route, or states why not."""
+
 LINKS_MAX = 10_000
 """A scope has at most as many links."""
 
@@ -144,11 +150,36 @@ class Planner(ABC):
         advise = options.advise and not short
         asked = dataclasses.replace(options, advise=advise)
         motion = self.move(space, scope, asked, progress=progress)
+        self._check_motion(motion, scope, options)
         if short and not motion.reason_code and motion.refusal is None:
             motion = dataclasses.replace(motion, refusal=_explain_short(scope, line))
         plan = finish_plan(space, motion, scope=scope, options=options, asked=self.name)
         progress("certify", 1.0)
         return plan
+
+    def _check_motion(self, motion: Motion, scope: Scope, options: PlannerOptions) -> None:
+        """Raise `InputError` for a motion that is none of this scope, or ends for no reason."""
+        joints, heads = np.asarray(motion.joints), np.asarray(motion.head_arc_length)
+        if joints.ndim != 3 or heads.shape != joints.shape[:1] or joints.shape[1] < 2:
+            raise InputError(
+                f"the planner {self.name} gave joints of shape {joints.shape} for {heads.shape} "
+                "arc lengths of the head: it must give (steps, joints, dim) and (steps,)"
+            )
+        if not (np.isfinite(joints).all() and np.isfinite(heads).all()):
+            raise InputError(f"the planner {self.name} gave places that are not finite")
+        links = np.linalg.norm(np.diff(joints, axis=1), axis=2)
+        off = float(np.abs(links - scope.link_length).max())
+        if off > LINK_ROUND_OFF_MM:
+            raise InputError(
+                f"the planner {self.name} gave links {off:.3g} mm off {scope.link_length:g} mm: "
+                f"they must keep that within {LINK_ROUND_OFF_MM:g} mm"
+            )
+        end = options.route[-1] * float(measure_arc_length(np.asarray(motion.path))[-1])
+        if not (motion.reason_code or motion.refusal) and abs(heads[-1] - end) > END_MM:
+            raise InputError(
+                f"the planner {self.name} stopped with the head at {heads[-1]:.1f} mm of "
+                f"{end:.1f} mm: it must state why"
+            )
 
     def check(self, scope: Scope, options: PlannerOptions) -> None:
         """Raise `InputError` for any option that is not legal for every tract."""

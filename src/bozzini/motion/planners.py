@@ -34,6 +34,9 @@ class _OwnPlanners(Mapping[str, type[object]]):
         kind: type[object] = EntryPoint(name, self.places[name], GROUP).load()
         return kind
 
+    def __contains__(self, name: object) -> bool:  # without importing it
+        return name in self.places
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.places)
 

@@ -562,8 +562,9 @@ def run_insertion(
         with _clock(times, "compare"):
             others = [name for name in PLANNERS if name != "best"]
             for other in others:
-                plain = PlannerOptions(head_step=options.head_step)
-                chosen = plain if other == "thesis" else options.motion
+                unset = dict.fromkeys(getattr(PLANNERS[other], "ignored", ()))
+                plain = {name: getattr(PlannerOptions(), name) for name in unset}
+                chosen = replace(options.motion, **plain)
                 comparison.append(
                     plan_insertion(field, line, scope=scope, method=other, options=chosen)
                 )

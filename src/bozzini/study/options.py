@@ -57,7 +57,7 @@ class ReadOptions:
         If the organ is unknown.
     """
 
-    labels: tuple[int | str, ...] | None = quantity(
+    labels: Sequence[int | str] | None = quantity(
         "labels", "Labels that are lumen, by number or name: 1,2,colon; or all.", default=None
     )
     part: tuple[str, ...] = quantity(
@@ -84,6 +84,8 @@ class ReadOptions:
     )
 
     def __post_init__(self) -> None:
+        if isinstance(self.labels, str):  # "all", or one name
+            object.__setattr__(self, "labels", (self.labels,))
         check_fields(self)
 
     def read(self, source: str | os.PathLike[str]) -> LabelTract | SurfaceTract:

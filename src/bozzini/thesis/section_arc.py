@@ -1,7 +1,7 @@
 """Closed forms of arcs whose length is free: to a place, along a direction, through joints.
 
 A section that may change its length reaches every place except straight behind its start. For
-fixed lengths see `bozzini.continuum.section_inverse` and `bozzini.continuum.inverse`.
+fixed lengths see `bozzini.continuum.inverse` and `bozzini.continuum.inverse`.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from ...numeric.kernels.rotations import fill_quaternion_rotation, find_turn, tu
 # Numba kernels of the Kirchhoff rod's curvature under the tensions of its tendons and a moment.
 #
 # It is the minimum of ``1/2 u K u + sum T_k |t_k(u)| - m u`` with ``t_k = e_z + u x r_k + r_k'``,
-# see `_rod_kernels`.
+# see below.
 
 FOUND = 1e-15
 """Curvature [1/mm] that is round-off."""

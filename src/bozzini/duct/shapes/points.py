@@ -197,7 +197,7 @@ class PointCloud(Duct):
     The wall lies somewhere in balls of radius `spacing` about the samples, so these are taken for
     it: inside, the distance is that to the nearest sample less the spacing (and 4e-6 of it). It
     is exact to the balls, and never more than the distance to the wall. Places that the balls do
-    not part no wall parts; which these are is found from the samples' Delaunay cells (`_cloud`).
+    not part no wall parts; which these are is found from the samples' Delaunay cells.
     So with seeds nothing is inside that a wall parts from all of them. Normals only name the
     side. `kind` is "bound".
 
