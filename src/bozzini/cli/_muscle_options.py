@@ -115,7 +115,9 @@ model_option = option(
     default="energy",
 )
 direction_option = option(
-    "--direction", "Which way it came, for friction (default: neither).", ("inflating", "deflating")
+    "--direction",
+    "Whether the pressure rises or falls, for friction (default: neither).",
+    ("inflating", "deflating"),
 )
 
 

@@ -331,7 +331,7 @@ def pose_command(
     """Find the shape of a robot under tendon displacements.
 
     Exit code 0: there is one; 1: there is none, which tendon or section stops it and by how much
-    is said, and nothing is written; 2: bad input.
+    is reported, and nothing is written; 2: bad input.
     """
     from ..plot.continuum import draw_shape
 
@@ -387,7 +387,7 @@ def reach_command(
 
     The sections are arcs; the tendons have to be parallel to the backbone.
 
-    Exit code 0: reached; 1: not reached, the nearest that was found and the reason are said; 2:
+    Exit code 0: reached; 1: not reached, the nearest that was found and the reason are reported; 2:
     bad input.
     """
     from ..plot.continuum import draw_shape
@@ -463,7 +463,7 @@ def compare_command(
     Tips are compared with that of the rod, the reference. Loads go to the rod alone: the others
     have none. Times are of one call after the first, the median of several.
 
-    Exit code 0: every model that takes this robot has a shape; 1: one has none, and why is said;
+    Exit code 0: every model that takes this robot has a shape; 1: one has none, with the reason;
     2: bad input.
     """
     from ..plot.continuum import draw_comparison

@@ -680,7 +680,7 @@ def trace_command() -> None:
 
 @trace_command.command("line")
 @option("--from start X,Y", "Where it begins.", _PLACE, required=True)
-@option("--to end X,Y", "Where it ends.", _PLACE, required=True)
+@option("--to end X,Y", "Last point of the line.", _PLACE, required=True)
 @option("--points", "Targets, both ends included.", default=51)
 @cubic_option
 @effector_options

@@ -535,7 +535,7 @@ def _read_soft_wall(
 # Methods side by side: one record of numbers for each.
 
 METHOD_NAMES = {
-    "tube": "tube (default)",
+    "tube": "tube",
     "follow": "follow the leader",
     "thesis": "thesis, section 5.3",
 }
