@@ -96,7 +96,7 @@ def test_show_tells_the_sections_of_a_tract(duct, tracts, tmp_path):
     # The voxels are 1.5 mm.
     assert np.median(told["inscribed_radius_mm"]) == pytest.approx(8.0, abs=1.2)
     assert np.median(told["area_mm2"]) == pytest.approx(np.pi * 64.0, rel=0.15)
-    assert "<svg" in picture.read_text()
+    assert "<svg" in picture.read_text(encoding="utf-8")
 
 
 def test_shapes_are_shown_over_their_tract(duct, tracts, cones, tmp_path):
