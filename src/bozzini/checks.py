@@ -350,7 +350,7 @@ def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> 
             continue
         words = known.label or prefix + name.replace("_", " ")
         value, default = getattr(item, name), defaults[name]
-        if known.words and not isinstance(value, (tuple, list)) and value not in known.words:
+        if known.words and not isinstance(value, tuple) and value not in known.words:
             raise InputError(f"{words} is {value!r}: it must be one of {', '.join(known.words)}")
         if known.words or known.kind not in INTERNAL_UNITS:
             continue

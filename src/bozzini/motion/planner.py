@@ -32,9 +32,6 @@ HEAD_STEP_MIN_MM = 1e-3
 LINK_ROUND_OFF_MM = 1e-4
 """Links of a planner's motion keep the scope's length within this."""
 
-END_MM = 1e-3
-"""A motion ends this near to the end of its route, or states why not."""
-
 LINKS_MAX = 10_000
 """A scope has at most as many links."""
 
@@ -175,7 +172,7 @@ class Planner(ABC):
                 f"they must keep that within {LINK_ROUND_OFF_MM:g} mm"
             )
         end = options.route[-1] * float(measure_arc_length(np.asarray(motion.path))[-1])
-        if not (motion.reason_code or motion.refusal) and abs(heads[-1] - end) > END_MM:
+        if not (motion.reason_code or motion.refusal) and abs(heads[-1] - end) > scope.link_length:
             raise InputError(
                 f"the planner {self.name} stopped with the head at {heads[-1]:.1f} mm of "
                 f"{end:.1f} mm: it must state why"
