@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from ..checks import list_quantities
 from ..errors import InputError
 from ..muscle.design import Muscle
 from .common import (
+    ModelType,
     QuantityType,
     gather,
 )
@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from ..muscle.data import Measurements
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
-
-    _NameType = click.ParamType[str]  # generic in newer versions of click only
-else:
-    _NameType = click.ParamType
 
 CHOICES = {"ends": ("energy", ("none", "trellis")), "load_path": ("thesis", ("none", "bulk"))}
 """Choices that have an option of their own: the model, and the words; the first is the default.
@@ -87,31 +83,10 @@ def model_options(function: _Function) -> _Function:
     return option("--ends", "Taper of the energy model (default: none).", ends)(function)
 
 
-class ModelType(_NameType):
-    """The name of a muscle model, of this package or of the catalogue."""
-
-    name = "name"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> str:
-        """Return the name if there is such a model."""
-        kinds = list_kinds()
-        if value not in kinds:
-            self.fail(f"there is no model '{value}': choose one of {', '.join(kinds)}", param, ctx)
-        return str(value)
-
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
-        """Return the names that begin so."""
-        return [CompletionItem(name) for name in list_kinds() if name.startswith(incomplete)]
-
-
 model_option = option(
     "--model model_name",
     "The model: energy, thesis, or one that 'bozzini muscle models' lists.",
-    ModelType(),
+    ModelType(lambda: list_kinds()),
     default="energy",
 )
 direction_option = option(

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from ..checks import Quantity
 from ..errors import BozziniError, InputError
@@ -146,6 +147,42 @@ class QuantityType(_Parsed):
         super().__init__(kind, lambda text: parse_quantity(text, kind))
 
 
+class ModelType(_AnyType):
+    """The name of a model, of this package or of another one.
+
+    Parameters
+    ----------
+    find_models : callable
+        Returns the models by name; called when one is asked for.
+    show : bool
+        Whether the help text lists the names.
+    """
+
+    name = "name"
+
+    def __init__(self, find_models: Callable[[], Mapping[str, object]], show: bool = False) -> None:
+        self.find_models, self.show = find_models, show
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str | None:
+        """Return the names for the help."""
+        return f"[{'|'.join(self.find_models())}]" if self.show else None
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
+        """Return the name if there is such a model."""
+        models = self.find_models()
+        if value not in models:
+            self.fail(f"there is no model '{value}': choose one of {', '.join(models)}", param, ctx)
+        return str(value)
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Return the names that begin so."""
+        return [CompletionItem(name) for name in self.find_models() if name.startswith(incomplete)]
+
+
 class VectorType(_Parsed):
     """Comma-separated quantities, such as ``12mm,-5mm,0``, passed on as a tuple of floats.
 
@@ -272,16 +309,9 @@ def _make_option(item: dataclasses.Field[Any]) -> Callable[[Command], Command]:
     given: Json = {"help": known.help}
     if known.kind == "flag":
         return click.option(flag, item.name, is_flag=True, **given)
-    if known.words:
-        given["type"] = click.Choice(known.words)
-    elif known.whole:
-        given["type"] = int
-    elif known.kind in INTERNAL_UNITS:
-        given["type"] = QuantityType(known.kind)
-        if default is not None:
-            default = f"{default:g}{known.unit}"
-    else:
-        given["type"] = _TYPES[known.kind]
+    given["type"] = choose_type(known)
+    if isinstance(given["type"], QuantityType) and default is not None:
+        default = f"{default:g}{known.unit}"
     if isinstance(default, tuple):
         return click.option(flag, item.name, multiple=True, **given)
     if default is not None:
@@ -289,7 +319,16 @@ def _make_option(item: dataclasses.Field[Any]) -> Callable[[Command], Command]:
     return click.option(flag, item.name, **given)
 
 
-_TYPES = {
+def choose_type(known: Quantity) -> _AnyType | type:
+    """Return click's type for a field that carries a `Quantity`."""
+    if known.words:
+        return click.Choice(known.words)
+    if known.whole:
+        return int
+    return QuantityType(known.kind) if known.kind in INTERNAL_UNITS else _TYPES[known.kind]
+
+
+_TYPES: dict[str, _AnyType | type] = {
     "text": str,
     "labels": LabelsType(),
     "end": EndType(),

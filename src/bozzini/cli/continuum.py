@@ -15,24 +15,23 @@ import click
 from ..continuum import CONTINUUM_MODELS
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError
-from ..io.records import Plain
+from ..results import Json
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
     Command,
+    ModelType,
     QuantityType,
     VectorType,
     answer_options,
-    format_csv,
+    choose_type,
     format_rows,
     gather,
     run_exit,
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ..continuum import (
         ContinuumInverse,
         ContinuumModel,
@@ -102,44 +101,21 @@ def spell_option(name: str) -> str:
 def _make_option(name: str) -> Callable[[Command], Command]:
     item, models = OPTIONS[name]
     known, default = item.metadata["quantity"], item.default
-    given: Plain = {"help": known.help}
+    given: Json = {"help": known.help}
     if len(models) < len(CONTINUUM_MODELS.own):
         given["help"] = f"{', '.join(models)}: {known.help}"
         if isinstance(default, (int, str)):
             given["help"] += f"  [default: {default}]"
     else:
         given |= {"default": TYPED_TOLERANCE, "show_default": True}
-    if known.words:
-        given["type"] = click.Choice(known.words)
-    elif known.whole:
-        given["type"] = int
-    elif isinstance(default, tuple):
+    if isinstance(default, tuple):
         given |= {"type": VectorType(known.kind), "metavar": "X,Y,Z"}
     else:
-        given["type"] = QuantityType(known.kind)
+        given["type"] = choose_type(known)
     return click.option(spell_option(name), name, **given)
 
 
 model_options = gather("given", dict, *map(_make_option, OPTIONS))
-
-
-class ModelType(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions only
-    """The name of a model, of this package or of another one."""
-
-    name = "name"
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """Return the names for the help."""
-        return f"[{'|'.join(CONTINUUM_MODELS)}]"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> str:
-        """Return the name if there is such a model."""
-        if value not in CONTINUUM_MODELS:
-            known = ", ".join(CONTINUUM_MODELS)
-            self.fail(f"there is no model '{value}': choose one of {known}", param, ctx)
-        return str(value)
 
 
 def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
@@ -233,19 +209,9 @@ def make_model(
 # Results as plain values, as text, and as files.
 
 
-def describe_robot(robot: ContinuumRobot) -> Plain:
+def describe_robot(robot: ContinuumRobot) -> Json:
     """Return a robot as plain values, lengths in mm, angles in rad, stiffnesses in N mm^2."""
     return {"length_mm": robot.length, "radius_mm": robot.radius, **robot.to_dict()}
-
-
-def write_result(answer: Answer, columns: Mapping[str, object], draw: Callable[[], Figure]) -> None:
-    """Write a table or a picture to ``--out``, if that was given."""
-    from ..io.files import write_text
-
-    if answer.out is not None and answer.out.suffix.lower() == ".csv":
-        write_text(answer.out, format_csv(columns))
-    else:
-        answer.draw(draw)
 
 
 def format_place(place: Any) -> str:
@@ -253,7 +219,7 @@ def format_place(place: Any) -> str:
     return ", ".join(f"{value:z.3f}" for value in place)
 
 
-def format_bends(robot: RobotDesign, rows: list[Plain]) -> str:
+def format_bends(robot: RobotDesign, rows: list[Json]) -> str:
     """Return the bends of sections for people; a straight one has no direction."""
     lines = []
     for k, row in enumerate(rows):
@@ -314,7 +280,7 @@ def models_command(answer: Answer) -> None:
 @click.option(
     "--model",
     "model_name",
-    type=ModelType(),
+    type=ModelType(lambda: CONTINUUM_MODELS, show=True),
     help="By default arc for parallel tendons, energy for others, rod under loads.",
 )
 @model_options
@@ -347,7 +313,7 @@ def pose_command(
     if not shape.converged:
         answer.give(result, f"no shape by the {model.name} model: {shape.reason}")
         run_exit(EXIT_NEGATIVE)
-    write_result(answer, shape.list_columns(), lambda: draw_shape(shape))
+    answer.write(shape.list_columns(), lambda: draw_shape(shape))
     lines = [f"{model.name}: {format_shape(robot, result)}", *(f"note: {line}" for line in notes)]
     answer.give(result | {"file": answer.out}, "\n".join(lines))
 
@@ -405,8 +371,7 @@ def reach_command(
     if needed is not None:
         result["reason"] += f"; a section of {needed:.6g} mm would reach it"
     if found.success:
-        write_result(
-            answer,
+        answer.write(
             found.list_columns(),
             lambda: draw_shape(found.shape(), target=target, direction=direction),
         )
@@ -473,7 +438,7 @@ def compare_command(
         robot, parse_displacements(robot, displacement), given["tolerance"]
     )
     shapes: dict[str, Shape] = {}
-    rows: dict[str, Plain] = {}
+    rows: dict[str, Json] = {}
     for name in CONTINUUM_MODELS:
         rows[name] = {"refused": False, "converged": False, "reason": ""}
         try:
@@ -495,8 +460,7 @@ def compare_command(
         notes.append("tendons stretch in the energy and the rod model only")
     reference = REFERENCE if REFERENCE in shapes else None
     if shapes:
-        write_result(
-            answer,
+        answer.write(
             _list_columns(rows, shapes),
             lambda: draw_comparison(shapes, reference=reference),
         )
@@ -524,7 +488,7 @@ def _measure_time(model: ContinuumModel, displacements: Floats) -> float:
     return statistics.median(runs)
 
 
-def _describe_model(shape: Shape, seconds: float) -> Plain:
+def _describe_model(shape: Shape, seconds: float) -> Json:
     """Return what a comparison holds of a model's shape."""
     plain = shape.to_dict()
     row = {
@@ -540,7 +504,7 @@ def _describe_model(shape: Shape, seconds: float) -> Plain:
     }
 
 
-def _add_differences(rows: Mapping[str, Plain], shapes: Mapping[str, Shape]) -> None:
+def _add_differences(rows: Mapping[str, Json], shapes: Mapping[str, Shape]) -> None:
     """Add to each row how far its tip is from the reference's, and how far it looks aside."""
     import numpy as np
 
@@ -553,7 +517,7 @@ def _add_differences(rows: Mapping[str, Plain], shapes: Mapping[str, Shape]) -> 
             row["direction_from_rod_rad"] = math.atan2(aside, float(ours[:3, 2] @ theirs[:3, 2]))
 
 
-def _list_columns(rows: Mapping[str, Plain], shapes: Mapping[str, Shape]) -> dict[str, list[Any]]:
+def _list_columns(rows: Mapping[str, Json], shapes: Mapping[str, Shape]) -> dict[str, list[Any]]:
     fields = ("tip_from_rod_mm", "direction_from_rod_rad", "time_s", "residual_mm", "iterations")
     places = zip(*(rows[name]["tip_mm"] for name in shapes), strict=True)
     tips = {f"tip_{axis}_mm": list(place) for axis, place in zip("xyz", places, strict=True)}
@@ -564,7 +528,7 @@ def _list_columns(rows: Mapping[str, Plain], shapes: Mapping[str, Shape]) -> dic
     }
 
 
-def _format_comparison(robot: ContinuumRobot, rows: Mapping[str, Plain]) -> str:
+def _format_comparison(robot: ContinuumRobot, rows: Mapping[str, Json]) -> str:
     head = ["model", "tip [mm]", "from the rod [mm]", "[deg]", "time [ms]", "residual [mm]"]
     lines, missing = [], []
     for name, row in rows.items():
@@ -670,9 +634,7 @@ def workspace_command(robot_file: Path, answer: Answer, **asked: Any) -> None:
                 f"{len(robot.sections)} section(s) have {freedoms} freedoms, a place with a "
                 f"direction needs {FREEDOMS}: the directions at one place have no area"
             )
-    write_result(
-        answer, found.list_columns(), lambda: draw_workspace(found.map, length=robot.length)
-    )
+    answer.write(found.list_columns(), lambda: draw_workspace(found.map, length=robot.length))
     result = found.to_dict() | {
         "count": count,
         "seed": seed,

@@ -16,7 +16,6 @@ from ..results import Json
 from ._muscle_options import (
     FIELDS,
     DataRequest,
-    ModelType,
     Request,
     check_fields,
     check_friction,
@@ -37,6 +36,7 @@ from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
+    ModelType,
     answer_options,
     emit,
     format_csv,
@@ -432,7 +432,7 @@ rank_options = gather(
 @option(
     "--model model_names",
     "A model to compare; can be repeated (default: fit and rank all, see 'models').",
-    ModelType(),
+    ModelType(list_kinds),
     multiple=True,
 )
 @rank_options

@@ -21,9 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number
 from ..errors import GeometryError, InputError
-from ..io.records import Plain
 from ..numeric.roots import find_between
-from ..results import Result, to_plain
+from ..results import Json, Result, to_plain
 from .arc import ArcModel, arc_frames
 from .checks import FARTHEST, Floats, check_directions, check_frame, check_places, check_values
 from .coupling import BendLimits, find_limits
@@ -178,7 +177,7 @@ class ContinuumInverse(Result):
             raise GeometryError(self.reason)
         return self
 
-    def to_dict(self) -> Plain:
+    def to_dict(self) -> Json:
         """Return the result as plain values, units in the names."""
         moved = zip(self.robot.tendon_names, self.displacements, strict=True)
         plain = to_plain(
@@ -199,7 +198,7 @@ class ContinuumInverse(Result):
         )
         return dict(plain)
 
-    def list_columns(self) -> Plain:
+    def list_columns(self) -> Json:
         """Return the columns of `to_frame`: the displacement of each tendon."""
         return {"tendon": self.robot.tendon_names, "displacement_mm": self.displacements}
 

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer
 from ..errors import InputError
-from ..io.records import Plain, load_record, read_record, save_record, write_record
+from ..io.records import load_record, read_record, save_record, write_record
+from ..results import Json
 from .checks import Floats, check_items, check_text
 from .section import ROUND_OFF_MM, Helix, Section, Tendon
 
@@ -179,7 +180,7 @@ class RobotDesign:
         return np.append(inner.ravel(), discs[-1])
 
     @classmethod
-    def from_dict(cls, fields: Plain) -> Self:
+    def from_dict(cls, fields: Json) -> Self:
         """Build a robot from plain data, as a YAML file holds it (see `from_yaml`).
 
         Raises
@@ -189,7 +190,7 @@ class RobotDesign:
         """
         return read_record(fields, cls, name="robot")
 
-    def to_dict(self) -> Plain:
+    def to_dict(self) -> Json:
         """Return the robot as plain data that `from_dict` reads."""
         data = write_record(self)
         for section in data["sections"]:

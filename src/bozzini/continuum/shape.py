@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
-from ..io.records import Plain
-from ..results import Result, take_axes, to_plain
+from ..results import Json, Result, take_axes, to_plain
 from .checks import Floats
 from .robot import RobotDesign
 
@@ -156,7 +155,7 @@ class Shape(Result):
         require_all(self.converged, self.reason)
         return self
 
-    def to_dict(self) -> Plain:
+    def to_dict(self) -> Json:
         """Return the shapes as plain values, units in the names.
 
         Unless all have converged there are no places, only reasons and displacements.

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number
 from ..errors import InputError
-from ..io.records import Plain
 from ..progress import Progress, no_progress
-from ..results import Result, take_axes, to_plain
+from ..results import Json, Result, take_axes, to_plain
 from .arc import displacements_for, jacobian
 from .checks import FARTHEST, Floats, check_cell, check_places, check_values
 from .coupling import find_limits, require_arcs
@@ -605,7 +604,7 @@ class ContinuumWorkspace(Result):
         """Chance that one more shape falls in a cell that is not known."""
         return 1.0 - self.volume.coverage
 
-    def to_dict(self) -> Plain:
+    def to_dict(self) -> Json:
         """Return the workspace as plain values, units in the names."""
         place, share = self.map.most_directions
         travel, volume = self.travel, self.volume

@@ -17,7 +17,8 @@ import numpy as np
 from ..checks import Quantity, quantity, show_value
 from ..errors import FileFormatError, InputError
 from ..io.files import check_new_file, write_text
-from ..io.records import Plain, format_yaml, load_data, read_record
+from ..io.records import format_yaml, load_data, read_record
+from ..results import Json
 from .base import Duct, Form
 from .shapes import SHAPES
 
@@ -147,7 +148,7 @@ def load_shapes_file(path: str | os.PathLike[str]) -> ShapesFile:
         raise FileFormatError(f"{source}: {error}") from None
 
 
-def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> Plain:
+def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> Json:
     """Return shapes as plain data; `fit` and `note` as for `save_shapes`.
 
     Raises
@@ -159,7 +160,7 @@ def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> Plain:
     kind = str(getattr(duct, "name", ""))
     if kind not in SHAPES or SHAPES[kind] is not type(duct):
         raise InputError(f"a {type(duct).__name__} has no file form: {', '.join(SHAPES)} have")
-    data: Plain = {"format": FORMAT, "version": VERSION, "kind": kind, "units": "mm"}
+    data: Json = {"format": FORMAT, "version": VERSION, "kind": kind, "units": "mm"}
     stated = {name for name in OPTIONS if name in _list_fields(type(duct))}
     data |= {key: _to_plain(getattr(duct, key)) for key in OPTIONS if key in stated}
     data |= {name: text for name, text in (("fit", fit), ("note", note)) if text}
@@ -200,19 +201,19 @@ def _read_file(data: object) -> ShapesFile:
     _check_fit(record.fit)
     if not record.shapes:
         raise InputError("shapes is []: it must be a list of 1 or more")
-    given = cast(Plain, data)
+    given = cast(Json, data)
     options = {name: getattr(record, name) for name in OPTIONS if name in given}
     shapes = _build(SHAPES[record.kind], given["shapes"], options)
     return ShapesFile(shapes=shapes, fit=record.fit, note=record.note)
 
 
-def _build(kind: type[Duct], items: Sequence[Plain], options: Plain) -> Duct:
+def _build(kind: type[Duct], items: Sequence[Json], options: Json) -> Duct:
     """Return the shapes of one kind from the pieces of a file."""
     for name in options:
         if name not in _list_fields(kind):
             raise InputError(f"{name} is given: a {kind.__name__} has none")
     pieces = read_record({"shapes": items}, _make_pieces(kind)).shapes
-    given: Plain = {}
+    given: Json = {}
     if not kind.columns:
         if len(items) != 1:
             raise InputError(f"shapes has {len(items)} items: a {kind.__name__} has 1")
@@ -285,7 +286,7 @@ def _check_fit(fit: str) -> None:
         raise InputError(f"fit is {show_value(fit)}: it must be one of {', '.join(FITS)}")
 
 
-def _format_json(data: Plain) -> str:
+def _format_json(data: Json) -> str:
     """Return JSON with one shape a line."""
     head = json.dumps({key: value for key, value in data.items() if key != "shapes"}, indent=2)
     rows = ",\n".join(f"    {json.dumps(shape)}" for shape in data["shapes"])

@@ -37,14 +37,13 @@ from typing import (
 
 from ..checks import Quantity, list_quantities, show_value
 from ..errors import FileFormatError, InputError
-from ..results import to_plain
+from ..results import Json, to_plain
 from ..units import parse_quantity
 from .files import write_text
 
 if TYPE_CHECKING:
     from cattrs import Converter
 
-Plain = dict[str, Any]
 _Reader = Callable[[object, object], Any]
 
 _Record = TypeVar("_Record")
@@ -87,14 +86,14 @@ def read_record(data: object, record: type[_Record], *, name: str = "") -> _Reco
         raise kind(words) from None
 
 
-def write_record(record: Any) -> Plain:
+def write_record(record: Any) -> Json:
     """Return a record as plain data that `read_record` reads.
 
     Quantities that are legal are always there, other fields where they differ from their default.
     Numbers that are not finite are None.
     """
     known = list_quantities(record.__class__)
-    written: Plain = {}
+    written: Json = {}
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
         plain = _write_value(value)
@@ -220,8 +219,8 @@ def format_yaml(data: Mapping[str, object]) -> str:
     )
 
 
-def _take_pairs(pairs: list[tuple[str, object]], lines: list[int] | None = None) -> Plain:
-    found: Plain = {}
+def _take_pairs(pairs: list[tuple[str, object]], lines: list[int] | None = None) -> Json:
+    found: Json = {}
     for index, (key, value) in enumerate(pairs):
         if key in found:
             where = f"line {lines[index]}: " if lines else ""
@@ -246,7 +245,7 @@ def _yaml_loader() -> Any:
                 )
             return super().compose_node(parent, index)
 
-        def construct_once(self, node: Any) -> Plain:
+        def construct_once(self, node: Any) -> Json:
             pairs = [
                 (self.construct_object(key, deep=True), self.construct_object(value, deep=True))
                 for key, value in node.value

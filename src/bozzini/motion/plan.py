@@ -44,6 +44,9 @@ FILE_SIZE_MAX = 2**31
 COORDINATE_MAX_MM = 1e6
 """Largest length or coordinate in a plan file."""
 
+LENGTH_ROUND_OFF_MM = 1e-4
+"""How far a link may be off its length."""
+
 ROUND_OFF_MM = 1e-3
 """How far a file may be off what it claims, by rounding."""
 

@@ -20,7 +20,7 @@ from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .measures import measure_motion
-from .plan import Candidate, FieldSummary, Plan
+from .plan import LENGTH_ROUND_OFF_MM, Candidate, FieldSummary, Plan
 from .planners import PLANNERS, PlannerOptions
 from .refusal import Refusal
 from .scope import Scope
@@ -28,9 +28,6 @@ from .space import FreeSpace, grid_of
 
 HEAD_STEP_MIN_MM = 1e-3
 """Least step of the head."""
-
-LINK_ROUND_OFF_MM = 1e-4
-"""Links of a planner's motion keep the scope's length within this."""
 
 LINKS_MAX = 10_000
 """A scope has at most as many links."""
@@ -166,10 +163,10 @@ class Planner(ABC):
             raise InputError(f"the planner {self.name} gave places that are not finite")
         links = np.linalg.norm(np.diff(joints, axis=1), axis=2)
         off = float(np.abs(links - scope.link_length).max())
-        if off > LINK_ROUND_OFF_MM:
+        if off > LENGTH_ROUND_OFF_MM:
             raise InputError(
                 f"the planner {self.name} gave links {off:.3g} mm off {scope.link_length:g} mm: "
-                f"they must keep that within {LINK_ROUND_OFF_MM:g} mm"
+                f"they must keep that within {LENGTH_ROUND_OFF_MM:g} mm"
             )
         end = options.route[-1] * float(measure_arc_length(np.asarray(motion.path))[-1])
         if not (motion.reason_code or motion.refusal) and abs(heads[-1] - end) > scope.link_length:

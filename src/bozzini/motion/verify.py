@@ -20,13 +20,10 @@ from ..progress import Progress, no_progress
 from ..results import to_plain
 from .certify import BUDGET, TOLERANCE_MM, Certificate, certify_motion
 from .measures import measure_angles, measure_body
-from .plan import ROUND_OFF_MM, Plan, TractInput
+from .plan import LENGTH_ROUND_OFF_MM, ROUND_OFF_MM, Plan, TractInput
 from .planners import PLANNERS
 from .recheck import Recheck, Tube, Wall, recheck_motion, surface_wall, voxel_wall
 from .space import FreeSpace, grid_of
-
-LENGTH_ROUND_OFF_MM = 1e-4
-"""How far a link may be off its length."""
 
 CLAIM_ROUND_OFF_MM = 1e-6
 """How far a claimed clearance may lie above the one proved anew."""

@@ -562,8 +562,8 @@ def run_insertion(
         with _clock(times, "compare"):
             others = [name for name in PLANNERS if name != "best"]
             for other in others:
-                unset = dict.fromkeys(getattr(PLANNERS[other], "ignored", ()))
-                plain = {name: getattr(PlannerOptions(), name) for name in unset}
+                ignored = getattr(PLANNERS[other], "ignored", ())
+                plain = {name: getattr(PlannerOptions(), name) for name in ignored}
                 chosen = replace(options.motion, **plain)
                 comparison.append(
                     plan_insertion(field, line, scope=scope, method=other, options=chosen)

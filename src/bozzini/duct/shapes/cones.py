@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...checks import check_number
 from ...errors import InputError
+from ..base import Shape
 from ..checks import (
     check_counts,
     check_radii,
@@ -23,8 +24,32 @@ from .base import ShapeUnion
 Floats = NDArray[np.float64]
 
 
+class _Balls(Shape):
+    """What unions of balls share."""
+
+    centres: NDArray[np.float64]
+    radii: NDArray[np.float64]
+
+    columns = {"centre": ("centres", "lengths"), "radius": ("radii", "length")}
+    exact_outside = True
+
+    def __post_init__(self) -> None:
+        centres = freeze_places("centres", self.centres, self.dim)
+        radii = freeze_array("radii", self.radii, ())
+        check_counts(len(centres), {"radii": radii})
+        check_radii(radii)
+        check_wall(self.inflation, self.wall_error)
+        set_fields(self, centres=centres, radii=radii)
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, dim) corners of the box around the balls [mm]."""
+        reach = (self.radii + self.inflation)[:, None]
+        return np.stack([(self.centres - reach).min(axis=0), (self.centres + reach).max(axis=0)])
+
+
 @dataclass(frozen=True, eq=False)
-class Circles(ShapeUnion):
+class Circles(_Balls, ShapeUnion):
     """The union of discs: what `without` takes away from a planar duct.
 
     Parameters
@@ -44,8 +69,8 @@ class Circles(ShapeUnion):
     Notes
     -----
     ``|x - c| - r`` of the nearest disc: exact outside, and inside a lower bound of the depth,
-    exact in one disc. Eq. 5.14's ``|x - c|^2 - r^2`` is an area. The discs need not hang
-    together.
+    exact in one disc. Eq. 5.14's ``|x - c|^2 - r^2`` is an area. The discs need not be
+    connected.
     """
 
     centres: NDArray[np.float64]
@@ -55,22 +80,6 @@ class Circles(ShapeUnion):
     name = "circles"
     code = 2
     dim = 2
-    columns = {"centre": ("centres", "lengths"), "radius": ("radii", "length")}
-    exact_outside = True
-
-    def __post_init__(self) -> None:
-        centres = freeze_places("centres", self.centres, 2)
-        radii = freeze_array("radii", self.radii, ())
-        check_counts(len(centres), {"radii": radii})
-        check_radii(radii)
-        check_wall(self.inflation, self.wall_error)
-        set_fields(self, centres=centres, radii=radii)
-
-    @property
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, 2) corners of the box around the discs [mm]."""
-        reach = (self.radii + self.inflation)[:, None]
-        return np.stack([(self.centres - reach).min(axis=0), (self.centres + reach).max(axis=0)])
 
     def guard_links(self, length: float, *, radius: float = 0.0) -> Circles:
         """Return discs so much larger that no link between joints outside them cuts the old ones.
@@ -105,7 +114,7 @@ class Circles(ShapeUnion):
 
 
 @dataclass(frozen=True, eq=False)
-class RoundCones(ShapeUnion):
+class RoundCones(_Balls, ShapeUnion):
     """The hulls of each two consecutive balls of a chain: a tube of changing radius.
 
     Parameters
@@ -139,23 +148,6 @@ class RoundCones(ShapeUnion):
     code = 14
     joined = True
     dim = 3
-    columns = {"centre": ("centres", "lengths"), "radius": ("radii", "length")}
-    exact_outside = True
-
-    def __post_init__(self) -> None:
-        centres = freeze_places("centres", self.centres, 3)
-        radii = freeze_array("radii", self.radii, ())
-        check_counts(len(centres), {"radii": radii})
-        check_radii(radii)
-        check_wall(self.inflation, self.wall_error)
-        set_fields(self, centres=centres, radii=radii)
-
-    @property
-    def bounds(self) -> NDArray[np.float64]:
-        """(2, 3) corners of the box around the tube [mm]."""
-        reach = (self.radii + self.inflation)[:, None]
-        low, high = (self.centres - reach).min(axis=0), (self.centres + reach).max(axis=0)
-        return np.stack([low, high])
 
     def erode(self, clearance: float) -> RoundCones:
         """Return the tube of all places with at least `clearance` mm to the wall.
