@@ -198,7 +198,9 @@ def load_log(path: str | Path) -> pandas.DataFrame:
         raise InputError(f"{path}: this is no Parquet file: {str(error).splitlines()[0]}") from None
     missing = [name for name in LOG_COLUMNS if name not in table]
     if missing or not len(table):
-        raise InputError(f"{path}: this is no log of a rig: it lacks {missing[0] if missing else 'rows'}")
+        raise InputError(
+            f"{path}: this is no log of a rig: it lacks {missing[0] if missing else 'rows'}"
+        )
     return table
 
 
@@ -266,10 +268,12 @@ class Host:
         """
         self.send(SetPoint((0.0, 0.0, 0.0)))
         self.command(Arm())
+        self._wait_for(State.ARMED)
 
     def disarm(self) -> None:
         """Vent all muscles."""
         self.command(Disarm())
+        self._wait_for(State.DISARMED)
 
     def clear(self) -> None:
         """Leave the fault state.
@@ -280,6 +284,7 @@ class Host:
             If the cause, or pressure, is still present.
         """
         self.command(Clear())
+        self._wait_for(State.DISARMED)
 
     def command(self, command: Command) -> None:
         """Send a command and wait for the answer.
@@ -332,6 +337,14 @@ class Host:
         if loop.error is not None:
             raise loop.error
         return loop.finish()
+
+    def _wait_for(self, state: State) -> None:
+        """Wait until the telemetry shows a state that the board has agreed to."""
+        end = self.link.now + ANSWER_LIMIT
+        while self.telemetry is None or self.telemetry.state is not state:
+            if self.link.now > end:
+                raise InputError(f"the board does not become {state.name}{self.describe_state()}")
+            self._pause()
 
     def describe_state(self) -> str:
         """Return the board's state for a message, empty if it is not known."""
@@ -429,7 +442,9 @@ class _Loop:
             behind = now - due
             self.late += behind > 0.5 * host.period
             self.done += 1
-            skipped = min(int((link.now - begin) / host.period) - self.done + 1, self.count - self.done)
+            skipped = min(
+                int((link.now - begin) / host.period) - self.done + 1, self.count - self.done
+            )
             if skipped > 1:  # periods that are over already are not made up for
                 self.late += skipped - 1
                 self.done += skipped - 1

@@ -133,14 +133,18 @@ class SerialLink:
         try:
             return bytes(self._port.read(self._port.in_waiting))
         except OSError as error:  # of pyserial, too
-            raise InputError(f"port is {self._port.port}: the connection is lost: {error}") from None
+            raise InputError(
+                f"port is {self._port.port}: the connection is lost: {error}"
+            ) from None
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
         try:
             self._port.write(data)
         except OSError as error:
-            raise InputError(f"port is {self._port.port}: the connection is lost: {error}") from None
+            raise InputError(
+                f"port is {self._port.port}: the connection is lost: {error}"
+            ) from None
 
     def close(self) -> None:
         """Close the port."""
@@ -162,7 +166,9 @@ def emulated_port(*options: str) -> Iterator[str]:
         If the emulated rig does not start; its message is passed on.
     """
     command = [sys.executable, "-m", "bozzini", "rig", "emulate", *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as rig:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as rig:
         try:
             line = rig.stdout.readline() if rig.stdout else ""
             if not line:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_array, check_integer, check_number
-from ..errors import InputError, MissingExtraError
 from ..effector.steering import Stick
+from ..errors import InputError, MissingExtraError
 
 
 class StickSource(Protocol):
@@ -147,4 +147,3 @@ def _open_gamepad(index: int) -> Any:
     if index >= count:
         raise InputError(f"gamepad is {index}: there are {count}, counted from 0")
     return pygame.joystick.Joystick(index)
-
