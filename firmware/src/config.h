@@ -29,16 +29,18 @@
 
 /* ---- Valves ------------------------------------------------------------------------------ */
 #define BZ_PWM_COUNTS 800 /* [counts] of one PWM period: 16 MHz / 800 = 20 kHz */
-#define BZ_JUMP 252       /* [counts] to cross the dead zone of a valve, 31.5 % (assumed) */
+#define BZ_JUMP 257       /* [counts] to cross dead zone and half the play of a valve, 32.1 % (assumed) */
 
 /* ---- Pressure controller ------------------------------------------------------------------ */
 #define BZ_SETPOINT_MAX 8270    /* [hPa] 827 kPa, largest legal set-point */
 #ifndef BZ_SLEW
 #define BZ_SLEW 20              /* [hPa/ms] largest rate of the reference, 2 kPa/ms */
 #endif
-#define BZ_KP 7                 /* [counts/hPa / 256] proportional */
+#define BZ_KP 60                /* [counts/hPa / 256] proportional */
 #define BZ_KI 4                 /* [counts/(hPa ms) / 4096] integral */
-#define BZ_KFF 22               /* [counts ms/hPa / 16] feed-forward of the reference's rate */
+#define BZ_KFF 30               /* [counts ms/hPa / 16] feed-forward of the reference's rate */
+#define BZ_BLEED_HPA 7000u      /* [hPa] absolute pressure at which the gains hold for the bleed valve */
+#define BZ_ATMOSPHERE_HPA 1013u /* [hPa] absolute pressure of the surroundings */
 #define BZ_ERROR_DEAD 20        /* [hPa] error below which both valves stay shut */
 #define BZ_ERROR_INTEGRAL 200   /* [hPa] error above which nothing is integrated */
 #define BZ_INTEGRAL_MAX 60l     /* [counts] */

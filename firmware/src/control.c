@@ -22,6 +22,15 @@ static void drive(bz_muscle *muscle, int16_t command) {
     muscle->bleed = command < 0 ? (uint16_t)size : 0;
 }
 
+/* The bleed valve's flow is in proportion to the absolute pressure: the lower that is, the more
+ * must the valve open for the same rate of pressure. */
+static int16_t scale_bleed(int16_t command, int16_t pressure) {
+    uint16_t above = pressure > 0 ? (uint16_t)pressure : 0;
+    uint16_t eighths = 8u * BZ_BLEED_HPA / (above + BZ_ATMOSPHERE_HPA);
+    int32_t scaled = (int32_t)command * eighths / 8;
+    return scaled < -BZ_PWM_COUNTS ? -BZ_PWM_COUNTS : (int16_t)scaled;
+}
+
 /* Integrate a small error about a reference at rest.  While the reference moves, an integral would
  * only store the lag and give it back as overshoot. */
 static void integrate(bz_muscle *muscle, int16_t error) {
@@ -36,7 +45,7 @@ static void integrate(bz_muscle *muscle, int16_t error) {
 void bz_control(bz_muscle *muscle) {
     int16_t step = clamp((int16_t)((int16_t)muscle->setpoint - muscle->reference), BZ_SLEW);
     int16_t forward = (int16_t)(step * BZ_KFF / 16);
-    int16_t error, size;
+    int16_t error, size, command;
 
     muscle->reference = (int16_t)(muscle->reference + step);
     if (muscle->reference == 0) { /* nothing is asked for: bleed valve open */
@@ -59,5 +68,6 @@ void bz_control(bz_muscle *muscle) {
         integrate(muscle, error);
     }
     /* |error| < 20 000 hPa and |forward| <= 800, so the sum stays within 16 bit. */
-    drive(muscle, (int16_t)((int32_t)error * BZ_KP / 256 + forward + muscle->integral / 4096));
+    command = (int16_t)((int32_t)error * BZ_KP / 256 + forward + muscle->integral / 4096);
+    drive(muscle, command < 0 && !muscle->feedforward_left ? scale_bleed(command, muscle->pressure) : command);
 }
