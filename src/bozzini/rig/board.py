@@ -147,7 +147,9 @@ class NativeBoard(CompiledBoard):
     """
 
     def __init__(self, *, is_test_build: bool = False, sources: Path | None = None) -> None:
-        super().__init__(build("native-test.so" if is_test_build else "native.so", sources), "bz_native")
+        super().__init__(
+            build("native-test.so" if is_test_build else "native.so", sources), "bz_native"
+        )
         self._find("run", None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p)
         self._handle = self._find("new", ctypes.c_void_p)()
         self.set_voltages((0.5, 0.5, 0.5, 4.0, 2.5, 2.5))

@@ -212,7 +212,9 @@ class SetPoint(Command):
         for value in self.pressures:
             check_number("pressure", value, low=0.0, high=SETPOINT_MAX, unit="MPa")
         if len(self.feedforward) not in (0, 3):
-            raise InputError(f"feedforward has {len(self.feedforward)} values: it must have 3 or none")
+            raise InputError(
+                f"feedforward has {len(self.feedforward)} values: it must have 3 or none"
+            )
         for value in self.feedforward:
             check_number("feedforward", value, low=-1.0, high=1.0)
 
