@@ -1,4 +1,4 @@
-"""The emulated chip: converter, outputs, timing, repeatability, and agreement with the native board."""
+"""The emulated chip: converter, outputs, timing, repeatability; and the native board beside it."""
 
 from __future__ import annotations
 
