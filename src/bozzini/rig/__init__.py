@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from .board import NativeBoard
 from .cosimulation import Board, Cosimulation, CosimulationRecord
+from .demo import FaultResponses, StepResponses, run_faults, run_steps
+from .emulate import emulate_rig, emulated_port, serve
 from .emulator import EmulatedBoard, EmulationError
 from .firmware import ToolchainError
 from .host import Host, HostRun, load_log
-from .link import Link, LockstepLink, SerialLink, emulated_port
+from .link import Link, LockstepLink, SerialLink
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
 from .pneumatics import ATMOSPHERE, Orifice
 from .stick import BoardStick, GamepadStick, ScriptedStick, StickSource
@@ -23,6 +25,7 @@ __all__ = [
     "EmulatedBoard",
     "EmulationError",
     "Fault",
+    "FaultResponses",
     "GamepadStick",
     "Host",
     "HostRun",
@@ -34,8 +37,13 @@ __all__ = [
     "PlantDesign",
     "ScriptedStick",
     "SerialLink",
+    "StepResponses",
     "StickSource",
     "ToolchainError",
+    "emulate_rig",
     "emulated_port",
     "load_log",
+    "run_faults",
+    "run_steps",
+    "serve",
 ]

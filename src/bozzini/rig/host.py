@@ -70,6 +70,8 @@ class HostRun(Result):
         When the run began (UTC).
     period : float
         Period asked for [s].
+    link_start : float
+        When it began by the clock of the link [s].
     ticks : (n,) ndarray
         When the periods really began [s].
     late : int
@@ -84,6 +86,7 @@ class HostRun(Result):
 
     rows: list[Json] = field(repr=False)
     start: datetime
+    link_start: float
     period: float
     ticks: Floats = field(repr=False)
     late: int
@@ -324,16 +327,22 @@ class Host:
         InputError
             If the duration is not legal, or the board refuses to arm.
         """
+        try:
+            return self.run_armed(control, duration, progress=progress)
+        finally:
+            self.send(Disarm())
+
+    def run_armed(
+        self, control: Control, duration: float, *, progress: Progress = no_progress
+    ) -> HostRun:
+        """Do as `run` does, but leave the board armed: it vents 0.1 s after the end."""
         span = check_number("duration", duration, low=0.0, low_open=True, high=86400.0, unit="s")
         self.arm()
         loop = _Loop(self, control, span)
-        try:
-            if self.link.real_time:
-                loop.run_beside(progress)
-            else:
-                loop.run(progress)
-        finally:
-            self.send(Disarm())
+        if self.link.real_time:
+            loop.run_beside(progress)
+        else:
+            loop.run(progress)
         if loop.error is not None:
             raise loop.error
         return loop.finish()
@@ -399,6 +408,7 @@ class _Loop:
         self.reason = ""
         self.error: BaseException | None = None
         self.done = 0
+        self.begin = 0.0
         self.stop = threading.Event()
         self.before = _count_losses(host)
         self.start = datetime.now(UTC)
@@ -424,7 +434,7 @@ class _Loop:
     def run(self, progress: Progress) -> None:
         """Run all periods, or up to a fault."""
         host, link = self.host, self.host.link
-        begin = link.now
+        begin = self.begin = link.now
         command = SetPoint((0.0, 0.0, 0.0))
         while self.done < self.count and not self.stop.is_set():
             due = begin + self.done * host.period
@@ -456,6 +466,7 @@ class _Loop:
         return HostRun(
             rows=self.rows,
             start=self.start,
+            link_start=self.begin,
             period=self.host.period,
             ticks=np.array(self.ticks),
             late=self.late,
