@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,13 +12,17 @@ from numpy.typing import NDArray
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .cosimulation import Cosimulation
-from .host import Host, HostRun
+from .host import Host, HostRun, describe_faults
 from .link import LockstepLink
 from .plant import Fault
 from .protocol import SetPoint, State, Telemetry
+from .steering import Steering
+from .stick import BoardStick, ScriptedStick
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from ..effector import Effector
 
 Floats = NDArray[np.float64]
 
@@ -26,6 +30,8 @@ STEPS = ((0.6, 0.3, 0.1), (0.1, 0.6, 0.8))
 """Set-points of the three muscles [MPa], one second each."""
 STEP_TIME = 1.0
 """Time between two steps [s]."""
+VOLTS_PER_COUNT = 5.0 / 1024.0
+"""Of the board's converter [V]."""
 VENTED = 0.02
 """Gauge pressure below which a muscle counts as vented [MPa]."""
 
@@ -161,6 +167,62 @@ def judge_step(pressures: Floats, wanted: Floats, period: float) -> Floats:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class CircleRun(HostRun):
+    """A run in which a stick went in circles."""
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw where the tip was wanted and where it was, seen along the axis."""
+        axes = take_axes(ax, x="x [mm]", y="y [mm]", equal=True)
+        table = self.to_frame()
+        axes.plot(table["target_x_mm"], table["target_y_mm"], "--", label="target")
+        axes.plot(table["tip_x_mm"], table["tip_y_mm"], label="tip, from measured pressures")
+        axes.legend(frameon=False)
+        return axes
+
+
+def run_circle(
+    rig: Cosimulation,
+    effector: Effector,
+    *,
+    frequency: float = 0.5,
+    duration: float = 6.0,
+    period: float = 0.01,
+    progress: Progress = no_progress,
+) -> CircleRun:
+    """Let the stick wired to the board go in circles, and steer the tip by it.
+
+    Parameters
+    ----------
+    rig : Cosimulation
+        The board and the plant.
+    effector : Effector
+        The end-effector that the muscles bend.
+    frequency : float
+        Turns a second [Hz].
+    duration, period : float
+        Of the run and of the host [s].
+    progress : callable
+        Is called with how far it is.
+
+    Raises
+    ------
+    InputError
+        If a value is not legal, or the board does not arm.
+    """
+    script = ScriptedStick.circle(frequency, duration)
+    steering = Steering(effector, BoardStick())
+    host = Host(LockstepLink(rig), period=period)
+    host.connect()
+
+    def control(time: float, board: Telemetry) -> tuple[SetPoint, Json]:
+        rig.plant.stick_voltages = script.read(time, script.readings[0]) * VOLTS_PER_COUNT
+        return steering(time, board)
+
+    run = host.run(control, duration, progress=progress)
+    return CircleRun(**{f.name: getattr(run, f.name) for f in fields(run)})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FaultResponses(Result):
     """What the board did about faults, a row for each.
 
@@ -173,9 +235,9 @@ class FaultResponses(Result):
     vent_time : (n,) ndarray
         From the fault to the command to vent [s]; NaN if it never came.
     empty_time : (n,) ndarray
-        From the fault until all muscles are below 20 kPa [s]; NaN if not within a second.
+        From the fault until all muscles are below `VENTED` [s]; NaN if not within `WATCHED`.
     peak, left : (n,) ndarray
-        Largest pressure after the fault, and that after one second [MPa].
+        Largest pressure after the fault, and that at the end [MPa].
     time, pressures : (n, m), (n, m, 3) ndarray
         Time since the fault [s] and pressures in the muscles [MPa].
     """
@@ -230,9 +292,12 @@ FAULTS: dict[str, tuple[Fault, ...]] = {
     "sensor open": (Fault("sensor open", 0),),
     "sensor short": (Fault("sensor short", 0),),
     "fill valve stuck": (Fault("valve stuck", 0, 0.84),),
-    "leak": (Fault("leak", 0, 0.05),),
+    "burst": (Fault("leak", 0, 1.0),),
 }
 """The faults of the demonstration, by name."""
+
+WATCHED = 2.0
+"""How long a rig is watched after a fault [s]."""
 
 HELD = (0.5, 0.5, 0.5)
 """Set-points at which a fault strikes [MPa]."""
@@ -276,9 +341,7 @@ def run_faults(
 def _strike(
     rig: Cosimulation, name: str, faults: tuple[Fault, ...]
 ) -> tuple[str, float, float, float, float, Floats, Floats]:
-    """Return what a rig reports and does in the second after a fault."""
-    from .host import describe_faults
-
+    """Return what a rig reports and does after a fault."""
     link = LockstepLink(rig)
     host = Host(link)
     host.connect()
@@ -286,10 +349,10 @@ def _strike(
     begin = link.now
     rig.plant.set_faults(*faults)
     before = len(link.records)
-    while link.now < begin + 1.0:
+    while link.now < begin + WATCHED:
         link.wait(link.now + host.period)
         host.receive()
-        if name != SILENCE and host.telemetry and host.telemetry.state is State.ARMED:
+        if name != SILENCE and host.state is State.ARMED:
             host.send(SetPoint(HELD))
     records = link.records[before:]
     time = np.concatenate([record.time for record in records]) - begin
@@ -299,7 +362,7 @@ def _strike(
     full = np.flatnonzero((pressures > VENTED).any(axis=1))
     never = full.size and full[-1] == len(time) - 1
     return (
-        describe_faults(host.telemetry.faults) if host.telemetry else "",
+        describe_faults(host.faults),
         float(time[vented[0]]) if vented.size else np.nan,
         np.nan if never else float(time[full[-1]]) if full.size else 0.0,
         float(pressures.max()),
