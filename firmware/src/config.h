@@ -36,6 +36,7 @@
 #ifndef BZ_SLEW
 #define BZ_SLEW 20              /* [hPa/ms] largest rate of the reference, 2 kPa/ms */
 #endif
+#define BZ_SLEW_SHAPED 100      /* [hPa/ms] the same while a feed-forward from the host holds */
 #define BZ_KP 60                /* [counts/hPa / 256] proportional */
 #define BZ_KI 4                 /* [counts/(hPa ms) / 4096] integral */
 #define BZ_KFF 30               /* [counts ms/hPa / 16] feed-forward of the reference's rate */

@@ -43,8 +43,10 @@ static void integrate(bz_muscle *muscle, int16_t error) {
 }
 
 void bz_control(bz_muscle *muscle) {
-    int16_t step = clamp((int16_t)((int16_t)muscle->setpoint - muscle->reference), BZ_SLEW);
-    int16_t forward = (int16_t)(step * BZ_KFF / 16);
+    uint8_t is_shaped = muscle->feedforward_left > 0; /* the host plans the way of the pressure */
+    int16_t limit = is_shaped ? BZ_SLEW_SHAPED : BZ_SLEW;
+    int16_t step = clamp((int16_t)((int16_t)muscle->setpoint - muscle->reference), limit);
+    int16_t forward = is_shaped ? muscle->feedforward : (int16_t)(step * BZ_KFF / 16);
     int16_t error, size, command;
 
     muscle->reference = (int16_t)(muscle->reference + step);
@@ -52,10 +54,7 @@ void bz_control(bz_muscle *muscle) {
         bz_vent(muscle);
         return;
     }
-    if (muscle->feedforward_left) {
-        muscle->feedforward_left--;
-        forward = muscle->feedforward;
-    }
+    if (is_shaped) muscle->feedforward_left--;
     error = (int16_t)(muscle->reference - muscle->pressure);
     size = error < 0 ? (int16_t)-error : error;
     if (forward == 0 && size <= BZ_ERROR_DEAD) { /* spare the valves: hysteresis would hunt */
@@ -67,7 +66,9 @@ void bz_control(bz_muscle *muscle) {
     } else if (size < BZ_ERROR_INTEGRAL) {
         integrate(muscle, error);
     }
-    /* |error| < 20 000 hPa and |forward| <= 800, so the sum stays within 16 bit. */
-    command = (int16_t)((int32_t)error * BZ_KP / 256 + forward + muscle->integral / 4096);
-    drive(muscle, command < 0 && !muscle->feedforward_left ? scale_bleed(command, muscle->pressure) : command);
+    /* |error| < 20 000 hPa and |forward| <= 800, so the sums stay within 16 bit. */
+    command = (int16_t)((int32_t)error * BZ_KP / 256 + muscle->integral / 4096);
+    if (!is_shaped) command = (int16_t)(command + forward);
+    if (command < 0) command = scale_bleed(command, muscle->pressure);
+    drive(muscle, is_shaped ? (int16_t)(command + forward) : command);
 }

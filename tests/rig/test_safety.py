@@ -206,7 +206,7 @@ def test_reference_follows_no_faster_than_the_slew_limit(board):
     """At a constant pressure the fill duty rises with the reference until it is at rest."""
     host = Host(board)
     host.arm()
-    target = (0.4, 0.4, 0.4)
+    target = (0.2, 0.2, 0.2)
     duty = host.run(300, target)[:, 0]
     host.send(GetConfiguration())
     host.run(4, target)
@@ -264,9 +264,11 @@ def test_feedforward_of_the_host_replaces_the_boards_own_for_20_ms(board):
     host.voltages[:3] = to_voltage(0.1)
     host.run(80, hold)
     assert np.all(host.duties[-1] == 0.0)
+    host.ask(GetConfiguration())
+    configuration = next(frame for frame in host.frames if hasattr(frame, "jump"))
+    jump = configuration.jump / configuration.pwm_counts
     host.send(SetPoint(hold, (0.1, -0.05, 0.0)))
     duties = host.run(40)
-    jump = 252 / 800
     assert duties[5] == pytest.approx([jump + 0.1, 0, 0, 0, jump + 0.05, 0], abs=2e-3)
     assert 19 <= np.count_nonzero(duties[:, 0] > 0.1) <= 22
     assert np.all(duties[-1] == 0.0)

@@ -599,18 +599,17 @@ class _Loop:
         """Run all periods, or up to a fault."""
         host, link = self.host, self.host.link
         begin = self.begin = link.now
-        command = SetPoint((0.0, 0.0, 0.0))
         while self.done < self.count and not self.stop.is_set():
             due = begin + self.done * host.period
             link.wait(due)
             now = link.now
             host.receive()
-            host.send(command)
             told = host.telemetry
             if told is None or told.state is not State.ARMED:
                 self.reason = f"the board has left ARMED{host.describe_state()}"
                 return
             command, more = self.control(now - begin, told)
+            host.send(command)
             self.ticks.append(now - begin)
             self.rows.append(_list_columns(now - begin, command, told) | more)
             behind = now - due

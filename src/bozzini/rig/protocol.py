@@ -472,6 +472,8 @@ class Configuration(Frame):
         Gains [counts/MPa, counts/(MPa s), counts s/MPa].
     error_dead : float
         Error below which the valves stay shut [MPa].
+    shaped_slew_rate : float
+        Largest rate of the reference while a feed-forward from the host holds [MPa/s].
     """
 
     version: int
@@ -494,8 +496,9 @@ class Configuration(Frame):
     integral: float
     forward: float
     error_dead: float
+    shaped_slew_rate: float
 
-    layout: ClassVar[struct.Struct] = struct.Struct("<BBI17H")
+    layout: ClassVar[struct.Struct] = struct.Struct("<BBI18H")
 
     @classmethod
     def unpack(cls, sequence: int, payload: bytes) -> Configuration:
@@ -503,7 +506,7 @@ class Configuration(Frame):
         version, is_test, build_id, *values = cls.layout.unpack(payload)
         units = (1, _HPA, _HPA, _HPA, 1e3 * _HPA, 1e-3, 1e-3, 1e-3, _HPA, _HPA, 1e-3)
         scaled = [value * unit for value, unit in zip(values, units, strict=False)]
-        pwm_counts, jump, proportional, integral, forward, error_dead = values[len(units) :]
+        pwm_counts, jump, proportional, integral, forward, dead, shaped = values[len(units) :]
         return cls(
             sequence,
             version,
@@ -515,7 +518,8 @@ class Configuration(Frame):
             proportional=proportional / 256 / _HPA,
             integral=integral / 4096 / _HPA / 1e-3,
             forward=forward / 16 * 1e-3 / _HPA,
-            error_dead=error_dead * _HPA,
+            error_dead=dead * _HPA,
+            shaped_slew_rate=shaped * 1e3 * _HPA,
         )
 
 
