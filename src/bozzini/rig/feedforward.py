@@ -20,8 +20,12 @@ Floats = NDArray[np.float64]
 LINE_DELAY = 3e-3
 """From a measurement through the host to the opening that answers it [s], without the waiting:
 frames both ways and two ticks of the board."""
-APPROACH_TIME = 0.01
+APPROACH_TIME = 0.007
 """Within this time the predicted pressure approaches its set-point exponentially [s]."""
+FAR, NEAR = 10e-3, 4e-3
+"""Distances from the set-point at which a move begins and at which it is left to the board [MPa]."""
+SMALLEST_REFERENCE = 1e-4
+"""Above 0 [MPa], at which the board opens the bleed valve."""
 CORRECTION_SHARE = 0.3
 """Of the difference between measurement and model, taken over from each telemetry."""
 OPENINGS = 12
@@ -71,7 +75,6 @@ class Feedforward:
         given = most if rate is None else rate
         self.rate = check_number("rate", given, low=0.0, low_open=True, high=most, unit="MPa/s")
         self.period = check_number("period", period, low=1e-3, high=0.05, unit="s")
-        self.limit = SETPOINT_MAX
         self._dead = board.error_dead
         self._jump = board.jump / board.pwm_counts
         self._half_play = 0.5 * design.valve_hysteresis
@@ -86,6 +89,8 @@ class Feedforward:
         self._channels = np.zeros((MUSCLES, kernels.CHANNEL_COLUMNS))
         self._supply = np.zeros(kernels.SUPPLY_COLUMNS)
         self._duty = np.zeros(2 * MUSCLES)
+        self._is_moving = np.zeros(MUSCLES, dtype=bool)
+        self._target = np.zeros(MUSCLES)
         self._past: deque[tuple[float, Floats]] = deque(maxlen=64)
         self._offset = math.inf
         self._heard = -math.inf
@@ -106,33 +111,45 @@ class Feedforward:
         self._follow(time, board)
         stops = self._predict_stops()
         rest = stops[:, 0]
-        move = target - rest
+        away = target - rest
+        self._is_moving = np.abs(away) > np.where(self._is_moving, NEAR, FAR)
         most = self.rate * self.period
-        goal = rest + np.clip(
-            move * -math.expm1(-self.period / APPROACH_TIME), -most, most
-        )
-        duty = np.zeros(2 * MUSCLES)
-        for k in range(MUSCLES):
-            if abs(move[k]) > self._dead:
-                fills = move[k] > 0.0
-                column = slice(0, OPENINGS + 1) if fills else np.r_[0, OPENINGS + 1 : 2 * OPENINGS + 1]
-                reached = stops[k, column] if fills else -stops[k, column]
-                aim = goal[k] if fills else -goal[k]
-                found = float(np.interp(aim, reached, self._tries))
-                if found < self._tries[1]:  # the board gives the jump or nothing
-                    found = self._tries[1] if 2.0 * found > self._tries[1] else 0.0
-                duty[k if fills else MUSCLES + k] = found
-        reference = np.where(duty[:MUSCLES] + duty[MUSCLES:] > 0.0, 0.0, move)
+        share = -math.expm1(-self.period / APPROACH_TIME)
+        move = np.clip(np.where(self._is_moving, share * away, target - self._target), -most, most)
+        self._target = target
+        duty = self._find_duties(stops, rest + move)
         middle = self._channels.copy()
         self._advance(middle, self._supply.copy(), duty, self._volumes, 0.5 * self.period)
-        reference = np.clip(reference + middle[:, kernels.SENSOR], 1e-4, self.limit)
-        reference = np.where((target == 0.0) & (np.abs(move) <= self._dead), 0.0, reference)
-        duty[MUSCLES:] = np.where(reference == 0.0, 1.0, duty[MUSCLES:])
+        # What is not left to the valves is left to the board, at rest with a reference at rest.
+        reference = middle[:, kernels.SENSOR] + np.where(self._is_moving, 0.0, away - move)
+        is_held = ~self._is_moving & (np.abs(reference - target) < self._dead)
+        reference = np.where(is_held, target, reference)
+        reference = np.clip(reference, SMALLEST_REFERENCE, SETPOINT_MAX)
+        is_empty = (target == 0.0) & ~self._is_moving
+        reference[is_empty] = 0.0  # the board opens the bleed valve
+        duty[:MUSCLES][is_empty], duty[MUSCLES:][is_empty] = 0.0, 1.0
         self._duty = duty
-        share = np.maximum(duty - self._jump, 0.0)
+        beyond = np.maximum(duty - self._jump, 0.0)
         return SetPoint(
-            tuple(reference.tolist()), tuple((share[:MUSCLES] - share[MUSCLES:]).tolist())
+            tuple(reference.tolist()), tuple((beyond[:MUSCLES] - beyond[MUSCLES:]).tolist())
         )
+
+    def _find_duties(self, stops: Floats, goal: Floats) -> Floats:
+        """Return the duties (6,) that let the pressures come to rest at a goal [MPa]."""
+        duty = np.zeros(2 * MUSCLES)
+        for k, (row, end) in enumerate(zip(stops, goal, strict=True)):
+            if end == row[0]:
+                continue
+            if end > row[0]:
+                index, reached = k, row[: OPENINGS + 1]
+            else:
+                index, end = MUSCLES + k, -end
+                reached = -np.delete(row, slice(1, OPENINGS + 1))
+            found = float(np.interp(end, reached, self._tries))
+            if found < self._tries[1]:  # the board gives the jump or nothing
+                found = self._tries[1] if 2.0 * found > self._tries[1] else 0.0
+            duty[index] = found
+        return duty
 
     def _follow(self, time: float, board: Telemetry) -> None:
         """Move the model on to a time, and correct it by the telemetry."""
@@ -159,6 +176,7 @@ class Feedforward:
 
     def _start(self, board: Telemetry) -> None:
         """Put the model at the state that the telemetry shows."""
+        self._target = np.array(board.pressures)
         channels = self._channels
         channels[:, kernels.SENSOR] = board.pressures
         channels[:, [kernels.LINE, kernels.MUSCLE]] = np.array(board.pressures)[:, None] + ATMOSPHERE
