@@ -55,6 +55,7 @@ void bz_control(bz_muscle *muscle) {
         return;
     }
     if (is_shaped) muscle->feedforward_left--;
+    if (forward > 0 && muscle->pressure > BZ_SETPOINT_MAX) forward = 0; /* whatever the host wants */
     error = (int16_t)(muscle->reference - muscle->pressure);
     size = error < 0 ? (int16_t)-error : error;
     if (forward == 0 && size <= BZ_ERROR_DEAD) { /* spare the valves: hysteresis would hunt */
