@@ -27,7 +27,10 @@ TICK = 1e-3
 
 _BUFFER = 1 << 16
 
-_SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
+CType = Any
+"""A type of ctypes, which has no public name for them all, or a function of a library."""
+
+_SIGNATURES: dict[str, tuple[CType, tuple[CType, ...]]] = {
     "free": (None, (ctypes.c_void_p,)),
     "reset": (None, (ctypes.c_void_p,)),
     "set_voltages": (None, (ctypes.c_void_p, ctypes.c_void_p)),
@@ -56,13 +59,13 @@ class CompiledBoard:
             self._find(verb, result, *arguments)
         self._handle: int | None = None
 
-    def _find(self, verb: str, result: Any, *arguments: Any) -> Any:
+    def _find(self, verb: str, result: CType, *arguments: CType) -> CType:
         """Return a function of the library, with its types set."""
         function = getattr(self._library, f"{self._prefix}_{verb}")
         function.restype, function.argtypes = result, arguments
         return function
 
-    def _call(self, verb: str, *arguments: Any) -> Any:
+    def _call(self, verb: str, *arguments: CType) -> CType:
         if self._handle is None:
             raise InputError("the board is closed")
         return getattr(self._library, f"{self._prefix}_{verb}")(self._handle, *arguments)

@@ -501,21 +501,28 @@ class Configuration(Frame):
     def unpack(cls, sequence: int, payload: bytes) -> Configuration:
         """Return the configuration of a payload."""
         version, is_test, build_id, *values = cls.layout.unpack(payload)
-        units = (1, _HPA, _HPA, _HPA, 1e3 * _HPA, 1e-3, 1e-3, 1e-3, _HPA, _HPA, 1e-3)
-        scaled = [value * unit for value, unit in zip(values, units, strict=False)]
-        pwm_counts, jump, proportional, integral, forward, error_dead = values[len(units) :]
         return cls(
-            sequence,
-            version,
-            bool(is_test),
-            build_id,
-            *scaled,
-            pwm_counts=pwm_counts,
-            jump=jump,
-            proportional=proportional / 256 / _HPA,
-            integral=integral / 4096 / _HPA / 1e-3,
-            forward=forward / 16 * 1e-3 / _HPA,
-            error_dead=error_dead * _HPA,
+            sequence=sequence,
+            version=version,
+            is_test_build=bool(is_test),
+            build_id=build_id,
+            tick_rate=values[0],
+            setpoint_max=values[1] * _HPA,
+            arm_max=values[2] * _HPA,
+            overpressure=values[3] * _HPA,
+            slew_rate=values[4] * _HPA / 1e-3,
+            host_timeout=values[5] * 1e-3,
+            sensor_low=values[6] * 1e-3,
+            sensor_high=values[7] * 1e-3,
+            sensor_span=values[8] * _HPA,
+            tracking_error=values[9] * _HPA,
+            tracking_time=values[10] * 1e-3,
+            pwm_counts=values[11],
+            jump=values[12],
+            proportional=values[13] / 256 / _HPA,
+            integral=values[14] / 4096 / _HPA / 1e-3,
+            forward=values[15] / 16 * 1e-3 / _HPA,
+            error_dead=values[16] * _HPA,
         )
 
 
