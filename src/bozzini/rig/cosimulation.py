@@ -144,9 +144,7 @@ class Cosimulation:
         span = check_number("duration", duration, low=self.period, high=1e5, unit="s")
         count = round(span / self.period)
         if abs(count * self.period - span) > 1e-6 * self.period:
-            raise InputError(
-                f"duration is {span:g} s: it must be a multiple of {self.period:g} s"
-            )
+            raise InputError(f"duration is {span:g} s: it must be a multiple of {self.period:g} s")
         board, plant = self.board, self.plant
         time, reservoir = np.empty(count), np.empty(count)
         pressures, lines, contractions = np.empty((3, count, MUSCLES))
