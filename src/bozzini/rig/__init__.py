@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from .cosimulation import Board, Cosimulation, CosimulationRecord
+from .curves import PressureCurve, read_curve, take_curve
+from .identify import CurveFit, Identification, identify_fill, identify_leak
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
 from .pneumatics import ATMOSPHERE, Orifice
 
@@ -13,8 +15,15 @@ __all__ = [
     "Chamber",
     "Cosimulation",
     "CosimulationRecord",
+    "CurveFit",
     "Fault",
+    "Identification",
     "Orifice",
     "Plant",
     "PlantDesign",
+    "PressureCurve",
+    "identify_fill",
+    "identify_leak",
+    "read_curve",
+    "take_curve",
 ]

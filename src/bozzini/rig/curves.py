@@ -117,6 +117,8 @@ def read_curve(
         If the values are no curve.
     """
     path = Path(path)
+    if not path.is_file():
+        raise FileFormatError(f"cannot read {path}: there is no such file")
     if path.suffix.lower() == ".csv":
         import pandas
 
@@ -256,13 +258,14 @@ def _make_curve(
     timed: bool = False,
 ) -> PressureCurve:
     notes: list[str] = []
+    values, highest = pressure.astype(np.float64), float(np.max(pressure, initial=0.0))
     if valve is not None:
         shut = valve == np.min(valve)
         if shut.all():
             raise InputError(f"{name}: the valve never moves, so that no leak begins")
-        time, pressure = time[shut], pressure[shut]
-        notes.append(f"{int(shut.sum())} rows with the valve shut, of {shut.size}")
-    times, values = time.astype(np.float64), pressure.astype(np.float64)
+        time, values = time[shut], values[shut]
+        notes.append(f"only the {int(shut.sum())} rows with the valve shut are used")
+    times = time.astype(np.float64)
     if times.size and not (np.isfinite(times).all() and np.isfinite(values).all()):
         raise InputError(f"{name} has values that are not finite (NaN or infinite)")
     step = float(np.median(np.diff(times))) if times.size > 1 else 0.0
@@ -270,11 +273,10 @@ def _make_curve(
         times = 1e-3 * times
         notes.append("times are whole numbers far apart: taken in ms")
     if unit == COUNTS:
-        low, high = float(pressure.min()), float(pressure.max())
-        if high <= low:
-            raise InputError(f"{name}: all readings are {low:g}")
-        values = supply * values / high
-        notes.append(f"readings are counts: {high:g} taken for {1e3 * supply:g} kPa, 0 for 0 kPa")
+        if not highest > 0.0:
+            raise InputError(f"{name}: no reading is above 0")
+        values = supply * values / highest
+        notes.append(f"counts: {highest:g}, the highest, taken for {1e3 * supply:g} kPa, 0 for 0")
     else:
         values = values * _find_factor(name, unit, "pressure")
     return PressureCurve(name=name, time=times, pressure=values, notes=tuple(notes))
