@@ -27,7 +27,7 @@ __all__ = [
     "Disarm",
     "Echo",
     "EchoReply",
-    "Fault",
+    "Trip",
     "Frame",
     "FrameReader",
     "GetConfiguration",
@@ -37,7 +37,7 @@ __all__ = [
     "State",
     "Telemetry",
     "TelemetryInterval",
-    "Warning_",
+    "Notice",
     "decode_cobs",
     "decode_reply",
     "encode",
@@ -78,7 +78,7 @@ class State(IntEnum):
     FAULT = 3
 
 
-class Fault(IntFlag):
+class Trip(IntFlag):
     """Why the board has left `State.ARMED`; several may come together."""
 
     NONE = 0
@@ -90,7 +90,7 @@ class Fault(IntFlag):
     TRACKING = 32
 
 
-class Warning_(IntFlag):  # noqa: N801 - Warning is Python's own
+class Notice(IntFlag):
     """What the board reports without a trip."""
 
     NONE = 0
@@ -324,7 +324,7 @@ class Telemetry(Frame):
 
     Attributes
     ----------
-    state, faults, warnings : State, Fault, Warning_
+    state, faults, warnings : State, Trip, Notice
         State, all faults since the last `Clear`, and warnings now.
     is_supply_open : bool
         Whether the supply valve is energised.
@@ -354,8 +354,8 @@ class Telemetry(Frame):
     """
 
     state: State
-    faults: Fault
-    warnings: Warning_
+    faults: Trip
+    warnings: Notice
     is_supply_open: bool
     acknowledged: int
     reset_cause: int
@@ -384,8 +384,8 @@ class Telemetry(Frame):
         return cls(
             sequence=sequence,
             state=State(state),
-            faults=Fault(faults),
-            warnings=Warning_(warnings),
+            faults=Trip(faults),
+            warnings=Notice(warnings),
             is_supply_open=bool(supply),
             acknowledged=acknowledged,
             reset_cause=cause,
