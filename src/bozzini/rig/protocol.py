@@ -468,8 +468,12 @@ class Configuration(Frame):
         Error [MPa] that trips when it lasts [s].
     pwm_counts, jump : int
         Counts of the PWM period, and to cross a valve's dead zone.
-    proportional, integral, forward : float
-        Gains [counts/MPa, counts/(MPa s), counts s/MPa].
+    fill_time, bleed_time : float
+        Volume over area and speed of the flow through an open valve [s].
+    loop_time : float
+        Time in which an error is to decay [s].
+    integral : float
+        Gain of the integral [counts/(MPa s)].
     error_dead : float
         Error below which the valves stay shut [MPa].
     """
@@ -490,12 +494,13 @@ class Configuration(Frame):
     tracking_time: float
     pwm_counts: int
     jump: int
-    proportional: float
+    fill_time: float
+    bleed_time: float
+    loop_time: float
     integral: float
-    forward: float
     error_dead: float
 
-    layout: ClassVar[struct.Struct] = struct.Struct("<BBI17H")
+    layout: ClassVar[struct.Struct] = struct.Struct("<BBI18H")
 
     @classmethod
     def unpack(cls, sequence: int, payload: bytes) -> Configuration:
@@ -519,10 +524,11 @@ class Configuration(Frame):
             tracking_time=values[10] * 1e-3,
             pwm_counts=values[11],
             jump=values[12],
-            proportional=values[13] / 256 / _HPA,
-            integral=values[14] / 4096 / _HPA / 1e-3,
-            forward=values[15] / 16 * 1e-3 / _HPA,
-            error_dead=values[16] * _HPA,
+            fill_time=values[13] * 1e-3,
+            bleed_time=values[14] * 1e-3,
+            loop_time=values[15] * 1e-3,
+            integral=values[16] / 4096 / _HPA / 1e-3,
+            error_dead=values[17] * _HPA,
         )
 
 
