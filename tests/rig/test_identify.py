@@ -236,11 +236,30 @@ def check_halves(curves, identify, limit):
         yield [fit.curve.name for fit in checked if not fit.converged]
 
 
+def extend_line(curve, share):
+    """Error of the time to 90 % by a straight line through the last tenth of a beginning."""
+    levels = np.array([0.05, share - 0.1, share, 0.9])
+    smooth = np.maximum.accumulate(curve.pressure)
+    end = np.median(curve.pressure[-4:])
+    times = np.interp(smooth[0] + levels * (end - smooth[0]), smooth, curve.time)
+    line = times[2] + (times[2] - times[1]) * (0.9 - share) / 0.1
+    return (line - times[0]) / (times[3] - times[0]) - 1.0
+
+
 def test_measured_fills_carry_over_within_ten_per_cent(festo10_dir) -> None:
     curves = [read_curve(path) for path in sorted((festo10_dir / "fill").glob("*.mat"))]
     refused = list(check_halves(curves, identify_fill, 0.10))
     # The third steps to 450 kPa in 30 ms and then falls: its transducer is before a restriction.
     assert refused == [[], ["Experiment3Fill.mat"]]
+
+
+def test_law_predicts_better_than_a_straight_line(festo10_dir) -> None:
+    numbers = (1, 2, 4, 5, 6, 8)
+    curves = [read_curve(festo10_dir / f"fill/Experiment{k}Fill.mat") for k in numbers]
+    checks = identify_fill(curves[::2]).check(curves[1::2], share=0.7).checks
+    errors = [abs(fit.time_error) for fit in checks]
+    lines = [abs(extend_line(curve, 0.7)) for curve in curves[1::2]]
+    assert np.mean(errors) < 0.5 * np.mean(lines)
 
 
 def test_measured_leaks_carry_over_within_ten_per_cent(festo10_dir) -> None:

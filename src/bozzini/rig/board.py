@@ -41,20 +41,12 @@ _SIGNATURES: dict[str, tuple[CType, tuple[CType, ...]]] = {
 
 
 class CompiledBoard:
-    """A board in a compiled library. As a context manager it is freed at the end.
-
-    Attributes
-    ----------
-    supply_duty : float
-        Share of the last `run` for which the supply valve was energised.
-    """
+    """A board in a compiled library. As a context manager it is freed at the end."""
 
     def __init__(self, library: Path, prefix: str) -> None:
-        self.supply_duty = 0.0
         self._library = ctypes.CDLL(str(library))
         self._prefix = prefix
         self._buffer = ctypes.create_string_buffer(_BUFFER)
-        self._mean = np.empty(OUTPUTS)
         for verb, (result, arguments) in _SIGNATURES.items():
             self._find(verb, result, *arguments)
         self._handle: int | None = None
@@ -125,10 +117,6 @@ class CompiledBoard:
         if getattr(self, "_handle", None) is not None:
             self.close()
 
-    def _take_mean(self) -> NDArray[np.float64]:
-        self.supply_duty = float(self._mean[-1])
-        return self._mean[:-1].copy()
-
 
 class NativeBoard(CompiledBoard):
     """The firmware's protocol, control and safety code compiled for this computer.
@@ -167,8 +155,8 @@ class NativeBoard(CompiledBoard):
 
         Returns
         -------
-        (6,) ndarray
-            Duties averaged over the time: fill valves 1 to 3, bleed valves 1 to 3.
+        (7,) ndarray
+            Duties averaged over the time: fill valves 1 to 3, bleed valves 1 to 3, supply valve.
 
         Raises
         ------
@@ -178,5 +166,6 @@ class NativeBoard(CompiledBoard):
         ticks = round(check_number("duration", duration, low=TICK, high=1e5, unit="s") / TICK)
         if abs(ticks * TICK - duration) > 1e-6 * TICK:
             raise InputError(f"duration is {duration:g} s: it must be whole milliseconds")
-        self._call("run", ticks, self._mean.ctypes.data)
-        return self._take_mean()
+        duties = np.empty(OUTPUTS)
+        self._call("run", ticks, duties.ctypes.data)
+        return duties

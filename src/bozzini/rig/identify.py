@@ -15,6 +15,7 @@ from ..checks import check_number
 from ..errors import InputError
 from ..results import Result, measured, take_axes
 from .curves import PressureCurve
+from .kernels import fill as kernels
 from .pneumatics import ATMOSPHERE, NOZZLE_RATIO, NOZZLE_SPEED, Floats, Orifice
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ SHARE = 0.9
 LEAST_CHANGE = 0.01
 """Smallest change of pressure that is a fill or a leak [MPa]."""
 GRID = 240
-"""Pressures at which the time of a law is computed."""
+"""Pressures at which the time of a leak is computed."""
 POINTS = 160
 """Points of a curve that are fitted; longer ones are averaged to so many."""
 USED_SPAN = 3.0
@@ -102,6 +103,16 @@ _LAWS: dict[str, tuple[str, ...]] = {
 _SHARED = ("critical ratio", "droop", "growth", "growth pressure", "growth width")
 
 
+_FILL_NUMBERS = {name: 0.0 for name in _OWN} | {
+    "critical ratio": NOZZLE_RATIO,
+    "droop": 0.0,
+    "growth": 0.0,
+    "growth pressure": 0.0,
+    "growth width": 1.0,
+}
+"""What a fill has where its law has no such constant, in the order of the kernel."""
+
+
 def regulated_flow(ratio: Floats, critical: float, droop: float) -> Floats:
     """Return the flow of an orifice behind a regulator, over its choked flow without droop.
 
@@ -109,45 +120,7 @@ def regulated_flow(ratio: Floats, critical: float, droop: float) -> Floats:
     ``ratio`` is the pressure behind it over the supply's, both absolute. Choked that is linear in
     ``w``; on the ellipse of ISO 6358 it is a quadratic equation.
     """
-    b, d = critical, droop
-    rest = (1.0 - b) ** 2
-    first = rest * (1.0 - d**2) + (b * d) ** 2
-    second = 2.0 * d * (rest + b * (ratio - b))
-    third = np.minimum((ratio - b) ** 2 - rest, 0.0)
-    root = np.sqrt(np.maximum(second**2 - 4.0 * first * third, 0.0))
-    choked = 1.0 / (1.0 + d)
-    ellipse = -2.0 * third / np.maximum(second + root, 1e-12)
-    return np.asarray(np.where(ratio <= b * choked, choked, np.minimum(ellipse, choked)))
-
-
-def _trace_fill(law: str, given: Mapping[str, float]) -> tuple[Floats, Floats]:
-    """Return times [s] and gauge pressures [MPa] at the transducer along a fill."""
-    start, supply = given["start"], given["supply"]
-    droop = 0.0 if law == "orifice" else given["droop"]
-    whole = supply + ATMOSPHERE
-    # Closer together towards the supply, which is approached ever more slowly.
-    share = 1.0 - np.linspace(1.0, 0.01, GRID) ** 3
-    pressure = start + (supply - start) * share
-    ratio = (pressure + ATMOSPHERE) / whole
-    flow = regulated_flow(ratio, given.get("critical ratio", NOZZLE_RATIO), droop)
-    slope = 1.0 / np.maximum(flow, 1e-9)
-    if law == "growing":
-        slope = slope * _find_capacity(pressure, given)
-    steps = 0.5 * (slope[1:] + slope[:-1]) * np.diff(pressure) / whole
-    time = given["delay"] + given["time constant"] * np.concatenate([[0.0], np.cumsum(steps)])
-    if law == "upstream":
-        pressure = whole * (1.0 - droop * flow) - ATMOSPHERE
-    before = [time[0] - 1e-9]
-    return np.concatenate([before, time]), np.concatenate([[start], pressure])
-
-
-def _find_capacity(pressure: Floats, given: Mapping[str, float]) -> Floats:
-    """Return ``d(p V)/dp`` over the grown volume, of a volume that grows along a logistic."""
-    width, growth = given["growth width"], given["growth"]
-    away = np.clip((pressure - given["growth pressure"]) / width, -60.0, 60.0)
-    grown = 1.0 / (1.0 + np.exp(-away))
-    rate = growth * grown * (1.0 - grown) / width
-    return np.asarray((1.0 + growth * grown + (pressure + ATMOSPHERE) * rate) / (1.0 + growth))
+    return np.asarray(kernels.regulated_flows(np.asarray(ratio, np.float64), critical, droop))
 
 
 def _trace_leak(law: str, given: Mapping[str, float]) -> tuple[Floats, Floats]:
@@ -164,11 +137,12 @@ def _trace_leak(law: str, given: Mapping[str, float]) -> tuple[Floats, Floats]:
 
 
 def _predict(law: str, given: Mapping[str, float], time: Floats) -> Floats:
-    """Return the gauge pressures of a law [MPa]."""
-    if law not in LEAK_LAWS:
-        return np.asarray(np.interp(time, *_trace_fill(law, given)))
-    settling = given["settling"] * np.exp(-time / given["settling time"])
-    return np.asarray(np.interp(time, *_trace_leak(law, given)) + settling)
+    """Return the gauge pressures of a law at rising times [MPa]."""
+    if law in LEAK_LAWS:
+        settling = given["settling"] * np.exp(-time / given["settling time"])
+        return np.asarray(np.interp(time, *_trace_leak(law, given)) + settling)
+    numbers = tuple(given.get(name, rest) for name, rest in _FILL_NUMBERS.items())
+    return np.asarray(kernels.fill(numbers, law == "upstream", ATMOSPHERE, time))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -517,7 +491,7 @@ def _set_limits(shape: _Shape, law: str) -> dict[str, _Constant]:
     start = _Constant("start", "MPa", shape.start, shape.start - 0.03, shape.start + 0.03, 0.005)
     if law in LEAK_LAWS:
         drop = math.log((shape.start + ATMOSPHERE) / (shape.end + ATMOSPHERE))
-        own = {
+        own: dict[str, tuple[float, ...]] = {
             "time constant": (math.log(far / drop), math.log(1e-3 * far), math.log(1e6 * far), 0.3),
             "settling time": (math.log(0.05 * far), math.log(step), math.log(0.3 * far), 0.5),
         }
@@ -526,7 +500,7 @@ def _set_limits(shape: _Shape, law: str) -> dict[str, _Constant]:
     else:
         own = {
             "delay": (shape.early, -span, shape.early + 0.3 * span + step, 0.05 * span + step),
-            "time constant": (*(math.log(k * span) for k in (0.5, 1e-3, 50.0)), 0.5),
+            "time constant": (*np.log(span * np.array([0.5, 1e-3, 50.0])), 0.5),
             "supply": (shape.end, 0.9 * shape.end, 1.5 * shape.end + 0.01, 0.01),
         }
     limits = {
@@ -610,16 +584,16 @@ def _solve(
         parts += [np.array([(v - means[n][0]) / means[n][1]]) for n, v in pairs if n in means]
         return np.concatenate(parts)
 
-    best = None
+    tried = []
     for shift in _list_starts(law, names):
         begin = np.clip(first + shift, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
         found = least_squares(
             excess, begin, bounds=(low, high), x_scale=scale, loss="soft_l1", max_nfev=120, **_STOP
         )
-        if best is None or found.cost < best.cost:
-            best = found
-        if _root_mean_square(find_residuals(best.x)) < NEGLIGIBLE * shape.change:
+        tried.append(found)
+        if _root_mean_square(find_residuals(found.x)) < NEGLIGIBLE * shape.change:
             break
+    best = min(tried, key=lambda found: found.cost)
     values = np.asarray(best.x)
     residuals = find_residuals(values)
     noise = float(np.mean(residuals**2)) * weight**2
