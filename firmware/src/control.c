@@ -22,15 +22,6 @@ static void drive(bz_muscle *muscle, int16_t command) {
     muscle->bleed = command < 0 ? (uint16_t)size : 0;
 }
 
-/* The bleed valve's flow is in proportion to the absolute pressure: the lower that is, the more
- * must the valve open for the same rate of pressure. */
-static int16_t scale_bleed(int16_t command, int16_t pressure) {
-    uint16_t above = pressure > 0 ? (uint16_t)pressure : 0;
-    uint16_t eighths = 8u * BZ_BLEED_HPA / (above + BZ_ATMOSPHERE_HPA);
-    int32_t scaled = (int32_t)command * eighths / 8;
-    return scaled < -BZ_PWM_COUNTS ? -BZ_PWM_COUNTS : (int16_t)scaled;
-}
-
 /* Integrate a small error about a reference at rest.  While the reference moves, an integral would
  * only store the lag and give it back as overshoot. */
 static void integrate(bz_muscle *muscle, int16_t error) {
@@ -42,12 +33,40 @@ static void integrate(bz_muscle *muscle, int16_t error) {
     if (muscle->integral < -BZ_INTEGRAL_MAX * 4096) muscle->integral = -BZ_INTEGRAL_MAX * 4096;
 }
 
-void bz_control(bz_muscle *muscle) {
+/* The square root of a value below 2^26, to within 16: nine bits are enough here. */
+static uint16_t find_root(uint32_t value) {
+    uint16_t root = 0;
+    value >>= 8;
+    for (uint16_t bit = 0x100u; bit; bit >>= 1) {
+        uint16_t larger = root | bit;
+        if ((uint32_t)larger * larger <= value) root = larger;
+    }
+    return (uint16_t)(root << 4);
+}
+
+/* The counts beyond the dead zone that give a rate of the pressure, in hPa/ms / 256.
+ *
+ * An open valve changes the pressure at the rate p1 phi / BZ_FILL_TIME (or BZ_BLEED_TIME).  With p1 and p2 the absolute
+ * pressures before and behind it, p1 phi is p1 where the flow is choked (p2 < p1 / 2) and
+ * 2 sqrt(p2 (p1 - p2)) otherwise: ISO 6358 with a critical pressure ratio of 0.5. */
+static int16_t invert_flow(int32_t rate, int16_t pressure, int16_t reservoir) {
+    uint16_t inside = (uint16_t)(pressure > -BZ_ATMOSPHERE ? pressure + BZ_ATMOSPHERE : 0);
+    uint16_t before = rate < 0 ? inside : (uint16_t)(reservoir + BZ_ATMOSPHERE);
+    uint16_t behind = rate < 0 ? BZ_ATMOSPHERE : inside;
+    uint16_t drop = before > behind ? (uint16_t)(before - behind) : 0, drive = before;
+    if (behind > drop) drive = (uint16_t)(2u * find_root((uint32_t)behind * drop));
+    if (drive < BZ_DRIVE_MIN) drive = BZ_DRIVE_MIN;
+    rate *= (rate < 0 ? BZ_BLEED_TIME : BZ_FILL_TIME) * (BZ_PWM_COUNTS - BZ_JUMP) / 256;
+    return (int16_t)(rate / drive);
+}
+
+void bz_control(bz_muscle *muscle, int16_t reservoir) {
     uint8_t is_shaped = muscle->feedforward_left > 0; /* the host plans the way of the pressure */
     int16_t limit = is_shaped ? BZ_SLEW_SHAPED : BZ_SLEW;
     int16_t step = clamp((int16_t)((int16_t)muscle->setpoint - muscle->reference), limit);
-    int16_t forward = is_shaped ? muscle->feedforward : (int16_t)(step * BZ_KFF / 16);
+    int16_t forward = is_shaped ? muscle->feedforward : 0;
     int16_t error, size, command;
+    int32_t rate;
 
     muscle->reference = (int16_t)(muscle->reference + step);
     if (muscle->reference == 0) { /* nothing is asked for: bleed valve open */
@@ -58,8 +77,8 @@ void bz_control(bz_muscle *muscle) {
     if (forward > 0 && muscle->pressure > BZ_SETPOINT_MAX) forward = 0; /* whatever the host wants */
     error = (int16_t)(muscle->reference - muscle->pressure);
     size = error < 0 ? (int16_t)-error : error;
-    if (forward == 0 && size <= BZ_ERROR_DEAD) { /* spare the valves: hysteresis would hunt */
-        drive(muscle, 0);
+    if (step == 0 && forward == 0 && size <= BZ_ERROR_DEAD) {
+        drive(muscle, 0); /* spare the valves: hysteresis would hunt */
         return;
     }
     if (step != 0) {
@@ -67,9 +86,10 @@ void bz_control(bz_muscle *muscle) {
     } else if (size < BZ_ERROR_INTEGRAL) {
         integrate(muscle, error);
     }
-    /* |error| < 20 000 hPa and |forward| <= 800, so the sums stay within 16 bit. */
-    command = (int16_t)((int32_t)error * BZ_KP / 256 + muscle->integral / 4096);
-    if (!is_shaped) command = (int16_t)(command + forward);
-    if (command < 0) command = scale_bleed(command, muscle->pressure);
-    drive(muscle, is_shaped ? (int16_t)(command + forward) : command);
+    rate = (int32_t)error * (256 / BZ_LOOP_TIME);
+    if (!is_shaped) rate += (int32_t)step * 256;
+    if (rate > BZ_RATE_MAX * 256) rate = BZ_RATE_MAX * 256;
+    if (rate < -BZ_RATE_MAX * 256) rate = -BZ_RATE_MAX * 256;
+    command = (int16_t)(invert_flow(rate, muscle->pressure, reservoir) + muscle->integral / 4096);
+    drive(muscle, (int16_t)(command + forward));
 }

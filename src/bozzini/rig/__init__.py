@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from .board import NativeBoard
 from .cosimulation import Board, Cosimulation, CosimulationRecord
+from .curves import PressureCurve, read_curve, take_curve
 from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
 from .emulate import emulate_rig, emulated_port, serve
 from .emulator import EmulatedBoard, EmulationError
 from .firmware import ToolchainError
 from .host import Host, HostRun, Replay, load_log, replay_log
+from .identify import CurveFit, Identification, identify_fill, identify_leak
 from .link import Link, LockstepLink, SerialLink
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
 from .pneumatics import ATMOSPHERE, Orifice
@@ -25,6 +27,7 @@ __all__ = [
     "CircleRun",
     "Cosimulation",
     "CosimulationRecord",
+    "CurveFit",
     "EmulatedBoard",
     "EmulationError",
     "Fault",
@@ -32,12 +35,14 @@ __all__ = [
     "GamepadStick",
     "Host",
     "HostRun",
+    "Identification",
     "Link",
     "LockstepLink",
     "NativeBoard",
     "Orifice",
     "Plant",
     "PlantDesign",
+    "PressureCurve",
     "Replay",
     "ScriptedStick",
     "SelfTest",
@@ -49,11 +54,15 @@ __all__ = [
     "check_board",
     "emulate_rig",
     "emulated_port",
+    "identify_fill",
+    "identify_leak",
     "load_log",
     "make_stick",
+    "read_curve",
     "replay_log",
     "run_circle",
     "run_faults",
     "run_steps",
     "serve",
+    "take_curve",
 ]

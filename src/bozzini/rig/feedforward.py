@@ -88,6 +88,7 @@ class Feedforward:
         )
         self._channels = np.zeros((MUSCLES, kernels.CHANNEL_COLUMNS))
         self._supply = np.zeros(kernels.SUPPLY_COLUMNS)
+        self._supply[kernels.SUPPLY_SPOOL] = 1.0
         self._duty = np.zeros(2 * MUSCLES)
         self._is_moving = np.zeros(MUSCLES, dtype=bool)
         self._target = np.zeros(MUSCLES)
@@ -179,7 +180,9 @@ class Feedforward:
         self._target = np.array(board.pressures)
         channels = self._channels
         channels[:, kernels.SENSOR] = board.pressures
-        channels[:, [kernels.LINE, kernels.MUSCLE]] = np.array(board.pressures)[:, None] + ATMOSPHERE
+        channels[:, [kernels.LINE, kernels.MUSCLE]] = (
+            np.array(board.pressures)[:, None] + ATMOSPHERE
+        )
         channels[:, kernels.FILL_SPOOL] = board.fill
         channels[:, kernels.BLEED_SPOOL] = board.bleed
         for spool, play in (
@@ -210,5 +213,12 @@ class Feedforward:
         if count > 0:
             faults = np.tile([-1.0, 0.0, 1.0], (len(channels), 1))
             kernels.advance(
-                channels, supply, duty, faults, volumes, self._packed, count, span / count
+                channels,
+                supply,
+                np.append(duty, 1.0),  # the supply valve is open
+                faults,
+                volumes,
+                self._packed,
+                count,
+                span / count,
             )
