@@ -42,7 +42,7 @@
 #define BZ_FILL_TIME 50l
 #define BZ_BLEED_TIME 50l
 #define BZ_LOOP_TIME 16l        /* [ms] in which an error is to decay; a divisor of 256 */
-#define BZ_RATE_MAX 100l        /* [hPa/ms] largest rate that the controller asks for */
+#define BZ_RATE_MAX 250l        /* [hPa/ms] largest rate that the controller asks for */
 #define BZ_KI 4                 /* [counts/(hPa ms) / 4096] integral */
 #define BZ_ERROR_DEAD 20        /* [hPa] error below which both valves stay shut */
 #define BZ_ERROR_INTEGRAL 200   /* [hPa] error above which nothing is integrated */
@@ -57,7 +57,7 @@
 #define BZ_SCAN_TICKS 5           /* [ms] without a complete measurement: trip */
 #define BZ_SILENCE_TICKS 100u     /* [ms] without a valid set-point frame: trip */
 #define BZ_TRACKING_ERROR 1000    /* [hPa] error that must not last (leak, burst, blocked line) */
-#define BZ_TRACKING_TICKS 1000u   /* [ms] in a row: trip */
+#define BZ_TRACKING_TICKS 300u    /* [ms] in a row: trip */
 #define BZ_BOOT_TICKS 10          /* [ms] of measurements before the board leaves BOOT */
 #define BZ_RESERVOIR_LOW 8270     /* [hPa] below: warning, the largest set-point is out of reach */
 #define BZ_WATCHDOG_MS 17u        /* [ms] WDTO_15MS, as long as the watchdog takes at most */
