@@ -97,6 +97,17 @@ def test_fill_valve_stuck_open_trips(toolchain):
         assert 0.5 < loop.plant.pressures[0] < 0.75
 
 
+def test_fill_valve_stuck_open_below_the_pressure_limit_trips_too(toolchain):
+    with EmulatedBoard() as board:
+        loop = Loop(board).arm()
+        loop.run(0.3, (0.3, 0.3, 0.1))
+        loop.plant.set_faults(Fault("valve stuck", 0, 0.84))
+        record = loop.run(0.7)
+        assert 300 <= find_vent(record.duty) <= 330
+        assert loop.telemetry.faults == Trip.TRACKING
+        assert record.pressures[-1].max() < 0.02
+
+
 def test_sensor_fault_on_the_plant_vents_all(toolchain):
     for kind in ("sensor open", "sensor short"):
         with EmulatedBoard() as board:
@@ -114,6 +125,6 @@ def test_leak_and_burst_trip(toolchain):
         loop = Loop(board).arm()
         loop.run(0.3, (0.5, 0.3, 0.3))
         loop.plant.set_faults(Fault("leak", 0, 0.3))
-        record = loop.run(1.4)
+        record = loop.run(0.8)
         assert np.array_equal(record.duty[-1], VENTED)
         assert loop.telemetry.faults == Trip.TRACKING
