@@ -18,8 +18,6 @@ from bozzini.rig import (
     GamepadStick,
     Host,
     LockstepLink,
-    NativeBoard,
-    Plant,
     ScriptedStick,
     SerialLink,
     Steering,
@@ -34,8 +32,8 @@ from bozzini.rig import (
 )
 from bozzini.rig import host as host_module
 from bozzini.rig.plant import CHAMBER_POINTS, CHAMBER_PRESSURE, Chamber, Fault
-from bozzini.rig.protocol import SetPoint, State
 from bozzini.rig.protocol import Fault as Cause
+from bozzini.rig.protocol import SetPoint, State
 
 pytestmark = pytest.mark.usefixtures("toolchain")
 

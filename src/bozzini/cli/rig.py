@@ -257,13 +257,20 @@ def selftest_command(port: str | None, board: Any, answer: Answer) -> None:
 
 @command.command("flash")
 @option("--port PORT", "Of the board, such as /dev/ttyACM0.", required=True)
+@option(
+    "--programmer NAME",
+    "Of avrdude: wiring for the boot loader of an Arduino Mega; usbasp, avrispmkii and others for "
+    "ISP, which keeps the latched fault after a watchdog reset.",
+    default="wiring",
+)
 @option("--run run", "Run the command, instead of showing it.", is_flag=True)
 @answer_options(quiet=False)
-def flash_command(port: str, run: bool, answer: Answer) -> None:
+def flash_command(port: str, programmer: str, run: bool, answer: Answer) -> None:
     """Build the firmware and show the command that writes it to a board; --run runs it."""
     from ..rig.firmware import build
 
-    words = f"avrdude -p atmega2560 -c wiring -b 115200 -D -P {shlex.quote(port)}"
+    words = f"avrdude -p atmega2560 -c {shlex.quote(programmer)} -P {shlex.quote(port)}"
+    words += " -b 115200 -D" if programmer == "wiring" else ""
     line = f"{words} -U flash:w:{shlex.quote(str(build('firmware.hex')))}:i"
     answer.give({"command": line, "run": run}, line)
     if not run:
