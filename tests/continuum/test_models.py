@@ -101,7 +101,7 @@ def test_inverse_takes_a_place_a_pose_and_a_curve() -> None:
     shape = ROBOT.forward(PULLED)
     for target, solve in ((shape.tip, solve_tip), (shape.points[1:], solve_curve)):
         found = ROBOT.inverse(target, tolerance=0.01)
-        assert found.success
+        assert found.converged
         assert found.bends.tolist() == solve(ROBOT, target, tolerance=0.01).bends.tolist()
     found = ROBOT.inverse(shape.tip_frame, starts=8)
     assert found.bends.tolist() == solve_pose(ROBOT, shape.tip_frame, starts=8).bends.tolist()

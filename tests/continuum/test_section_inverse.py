@@ -120,7 +120,7 @@ def test_largest_ratio_is_largest() -> None:
 def test_fixed_section_reaches_its_surface(length: float, angle: float, plane: float) -> None:
     bend = angle * np.array([math.cos(plane), math.sin(plane)])
     result = solve_section(length, end_frame(length, bend)[:3, 3])
-    assert result.success and result.reason == ""
+    assert result.converged and result.reason == ""
     np.testing.assert_allclose(end_frame(length, result.bend)[:3, 3], result.tip, atol=1e-9)
     np.testing.assert_allclose(result.needed_length, length, rtol=1e-6)
 
@@ -142,7 +142,7 @@ def test_fixed_section_gives_the_nearest_place(
         aside, along = chord * math.sin(half), chord * math.cos(half)
         tip = (aside * math.cos(plane), aside * math.sin(plane), along)
         assert result.residual <= math.dist(tip, point) + 1e-9
-    if not result.success:
+    if not result.converged:
         assert f"{result.residual:.6g} mm from the target" in result.reason
 
 
@@ -160,7 +160,7 @@ def test_the_needed_length_leads_to_the_target(aside: float, along: float) -> No
 @pytest.mark.parametrize("hair", [0.0, 5e-324, 1e-300, 1e-12])
 def test_straight_behind_no_length_is_named(hair: float) -> None:
     result = solve_section(30.0, (hair, 0.0, -20.0))
-    assert math.isinf(result.needed_length) and not result.success
+    assert math.isinf(result.needed_length) and not result.converged
     assert "which an arc of" not in result.reason
     # The nearest tip is the same as without the hair.
     assert math.isclose(result.residual, solve_section(30.0, (0.0, 0.0, -20.0)).residual)

@@ -264,7 +264,7 @@ def test_whole_floats_are_whole_numbers():
     one, two = (package.workspace(EFFECTOR, directions=n, samples=n) for n in (24.0, 24))
     assert np.array_equal(one.boundary, two.boundary)
     found = package.optimise_design(EFFECTOR, 12.0, bounds={"offset": (3.0, 4.0)}, grid=2.0)
-    assert found.success
+    assert found.converged
 
 
 def test_results_are_built_by_keyword_only():

@@ -102,6 +102,11 @@ def test_steering_by_a_cubic_says_what_its_pressures_do():
     away = np.linalg.norm(posed.lateral_vector - exact.delivered, axis=-1)
     assert cubic.residual == pytest.approx(away)
     assert 0.0 < cubic.residual.max() < 1.0 and cubic.residual[2] == 0.0
+    # A cubic that misses has not converged, and gives by how much.
+    assert exact.converged.tolist() == [True, True, True, False]
+    assert cubic.settled.all() and cubic.converged.tolist() == [False, False, True, False]
+    assert str(cubic.reason[0]) == f"the cubics miss the target by {away[0]:.3g} mm"
+    assert cubic.reason[3] == exact.reason[3]
 
 
 def test_cubics_of_another_muscle_or_design_are_refused():

@@ -55,6 +55,9 @@ def test_a_line_that_leaves_the_workspace_says_where() -> None:
     assert inside[0] and not inside[-1]
     assert np.array_equal(inside, np.sort(inside)[::-1])  # once out, it stays out
     assert trace.error[inside].max() < 1e-9 < trace.error[~inside].min()
+    assert trace.converged.tolist() == inside.tolist() and trace.settled.all()
+    lost = f"{int((~inside).sum())} target(s) out of reach, by up to {trace.largest_error:.3g} mm"
+    assert trace.reason == lost
     # Outside, the tip stays at the edge in the direction of the target.
     assert trace.achieved[~inside] == pytest.approx(
         np.broadcast_to(trace.achieved[-1], trace.achieved[~inside].shape)
@@ -122,6 +125,9 @@ def test_steering_by_cubics_is_off_by_about_their_error() -> None:
     inside = np.all((used == 0.0) | (used > cubics["R"].lateral_range[0]), axis=1)
     assert inside.any()
     assert exact.largest_error < 1e-9 < trace.error[inside].max()
+    assert exact.converged.all() and exact.reason == ""
+    assert trace.settled.all() and not trace.converged.all()
+    assert "missed by the cubics" in trace.reason
     assert trace.error[inside].max() <= 2.0 * max(c.largest_error for c in cubics.values())
 
 

@@ -360,23 +360,26 @@ def reach_command(
 
     robot = read_robot(robot_file, arcs_for="reach")
     found = robot.inverse(target, direction=direction, starts=starts, smallest_bends=smallest_bends)
-    needed = None if found.success else _find_needed_length(robot, target)
-    result = found.to_dict() | {
+    needed = None if found.converged else _find_needed_length(robot, target)
+    result = found.to_dict()
+    result |= {
+        "success": found.converged,
+        "converged": result.pop("settled"),
         "target_mm": target,
         "direction": direction,
         "needed_length_mm": needed,
         "robot": describe_robot(robot),
-        "file": answer.out if found.success else None,
+        "file": answer.out if found.converged else None,
     }
     if needed is not None:
         result["reason"] += f"; a section of {needed:.6g} mm would reach it"
-    if found.success:
+    if found.converged:
         answer.write(
             found.list_columns(),
             lambda: draw_shape(found.shape(), target=target, direction=direction),
         )
     answer.give(result, _format_reach(found, result["reason"]))
-    if not found.success:
+    if not found.converged:
         run_exit(EXIT_NEGATIVE)
 
 
@@ -387,14 +390,14 @@ def _find_needed_length(robot: ContinuumRobot, target: tuple[float, ...]) -> flo
     if len(robot.sections) != 1:
         return None
     alone = solve_section(robot.sections[0].length, target)
-    known = not alone.success and math.isfinite(alone.needed_length)
+    known = not alone.converged and math.isfinite(alone.needed_length)
     return alone.needed_length if known else None
 
 
 def _format_reach(found: ContinuumInverse, reason: str) -> str:
     place, result = format_place(found.tip), found.to_dict()
     head = f"reached: tip at {place} mm, {found.iterations} iterations in {found.starts} start(s)"
-    if not found.success:
+    if not found.converged:
         head = f"not reached: {reason}\nnearest: tip at {place} mm"
     moved = [[name, f"{value:z.4f}"] for name, value in result["displacements_mm"].items()]
     return "\n".join(
@@ -402,7 +405,7 @@ def _format_reach(found: ContinuumInverse, reason: str) -> str:
             head,
             format_bends(found.robot, result["sections"]),
             format_rows(["tendon", "displacement [mm]"], moved),
-            *([f"limit: {line}" for line in found.at_limits] if found.success else []),
+            *([f"limit: {line}" for line in found.at_limits] if found.converged else []),
         ]
     )
 

@@ -405,7 +405,8 @@ def reach_command(target: tuple[float, ...], asked: EffectorRequest, answer: Ans
     result = {
         "target_mm": target,
         "reachable": bool(found.reachable),
-        **_pick(found, "delivered_mm reason converged residual_mm iterations"),
+        "converged": bool(found.settled),
+        **_pick(found, "delivered_mm reason residual_mm iterations"),
         **_pick(posed, "tip_mm holder_tip_mm"),
         "muscles": muscles,
         **asked.describe(),
@@ -413,12 +414,12 @@ def reach_command(target: tuple[float, ...], asked: EffectorRequest, answer: Ans
     }
     x, y = (float(value) for value in found.delivered)
     line = f"reached: tip at {x:.3f}, {y:.3f} mm"
-    if not bool(found.converged):
+    if not bool(found.settled):
         line = f"not solved: {found.reason}"
     elif not bool(found.reachable):
         wanted = f"{target[0]:g}, {target[1]:g} mm"
         line = f"out of reach: {wanted}; delivered {x:.3f}, {y:.3f} mm: {found.reason}"
-    done = bool(found.reachable) and bool(found.converged)
+    done = bool(found.converged)
     _give(result, answer=answer, text=f"{line}\n{_format_muscles(muscles)}", done=done)
 
 
@@ -744,7 +745,7 @@ def _show_trace(found: Trace, asked: EffectorRequest, answer: Answer) -> None:
             f"{answer.out}: {reached} of {count} targets in reach, largest error there "
             f"{found.reachable_error:.3g} mm"
         )
-    described, converged = asked.describe(), bool(found.converged.all())
+    described, settled = asked.describe(), bool(found.settled.all())
     result = {
         "kind": found.kind,
         "pressure_map": found.pressure_map,
@@ -752,7 +753,7 @@ def _show_trace(found: Trace, asked: EffectorRequest, answer: Answer) -> None:
         "targets": count,
         "reachable": reached,
         "complete": found.complete,
-        "converged": converged,
+        "converged": settled,
         "largest_error_mm": found.reachable_error,
         "largest_distance_mm": found.largest_error,
         "columns": columns,
@@ -765,9 +766,9 @@ def _show_trace(found: Trace, asked: EffectorRequest, answer: Answer) -> None:
             f"{count - reached} of {count} targets are out of reach, the farthest by "
             f"{found.largest_error:.3g} mm"
         )
-    if not converged:
-        notes.append(f"not converged at {int((~found.converged).sum())} of {count} targets")
-    _give(result, answer=answer, text=text, notes=notes, done=found.complete and converged)
+    if not settled:
+        notes.append(f"not converged at {int((~found.settled).sum())} of {count} targets")
+    _give(result, answer=answer, text=text, notes=notes, done=found.complete and settled)
 
 
 @command.group("study")
@@ -868,7 +869,8 @@ def least_command(
         )
     changes = {name_column(name): value for name, value in found.changes.items()}
     result = {
-        **_pick(found, "success reason deflection_mm"),
+        "success": found.converged,
+        **_pick(found, "reason deflection_mm"),
         "changes": changes,
         **_pick(found, "pressure_MPa pressure_before_MPa evaluations infeasible"),
         **asked.describe(found.effector),
@@ -878,9 +880,9 @@ def least_command(
     if found.pressure_before > 0.0:
         text += f"; before {1e3 * found.pressure_before:.2f} kPa"
     text += f"\nnote: {found.reason}" if found.reason else ""
-    if not found.success:
+    if not found.converged:
         text = f"no design: {found.reason}"
-    _give(result, answer=answer, text=text, done=found.success)
+    _give(result, answer=answer, text=text, done=found.converged)
 
 
 def _parse_range(item: str) -> tuple[str, tuple[float, float]]:

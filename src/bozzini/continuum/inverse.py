@@ -117,7 +117,7 @@ class InverseOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContinuumInverse(Result):
-    """What an inverse found; where it did not succeed, the nearest it found.
+    """What an inverse found; where the target is not met, the nearest that was found.
 
     Parameters
     ----------
@@ -129,10 +129,11 @@ class ContinuumInverse(Result):
         Displacements of the tendons for them [mm].
     tip_frame : (4, 4) ndarray
         Frame of the tip at these bends [mm].
-    success : bool
-        Whether all that was asked for is met within the tolerances.
     converged : bool
-        Whether the solver succeeded, or settled where no small change of the bends does better.
+        Whether the target is met within the tolerances, by bends that the tendons hold.
+    settled : bool
+        Whether the solver came to an end: at the target, or where no small change of the bends
+        does better.
     iterations : int
         Steps of all starts together.
     starts : int
@@ -144,15 +145,15 @@ class ContinuumInverse(Result):
     at_limits : tuple of str
         Limits of sections and tendons that the bends lie at, a sentence each.
     reason : str
-        Why it did not succeed, and by how much; empty on success.
+        Why the target is not met, and by how much; empty where `converged`.
     """
 
     robot: RobotDesign
     bends: Floats
     displacements: Floats
     tip_frame: Floats
-    success: bool
     converged: bool
+    settled: bool
     iterations: int
     starts: int
     residual: float
@@ -166,14 +167,14 @@ class ContinuumInverse(Result):
         return np.asarray(self.tip_frame[:3, 3])
 
     def require(self) -> ContinuumInverse:
-        """Return this result if it succeeded.
+        """Return this result if the target is met.
 
         Raises
         ------
         GeometryError
             With the reason.
         """
-        if not self.success:
+        if not self.converged:
             raise GeometryError(self.reason)
         return self
 
@@ -182,8 +183,8 @@ class ContinuumInverse(Result):
         moved = zip(self.robot.tendon_names, self.displacements, strict=True)
         plain = to_plain(
             {
-                "success": self.success,
                 "converged": self.converged,
+                "settled": self.settled,
                 "reason": self.reason,
                 "tip_mm": self.tip,
                 "tip_direction": self.tip_frame[:3, 2],
@@ -280,8 +281,8 @@ class Search:
             bends=bends,
             displacements=displacements,
             tip_frame=arc_frames(robot, bends, arc_length=[robot.length])[0],
-            success=bool(met) and not reason,
-            converged=settled,
+            converged=bool(met) and not reason,
+            settled=settled,
             iterations=int(steps),
             starts=int(tried),
             residual=float(far),
@@ -507,7 +508,7 @@ class SectionResult:
         ``(theta cos(phi), theta sin(phi))`` [rad].
     tip : (3,) ndarray
         Where the tip is then [mm]: the target, or the nearest place on the reachable surface.
-    success : bool
+    converged : bool
         Whether that is the target, within the tolerance.
     residual : float
         Its distance from the target [mm].
@@ -515,12 +516,12 @@ class SectionResult:
         Length of the arc through the target [mm]; infinite if there is none, or none shorter
         than 1e9 mm, as straight behind the start.
     reason : str
-        Why it did not succeed; empty on success.
+        Why the target is not met; empty where `converged`.
     """
 
     bend: Floats
     tip: Floats
-    success: bool
+    converged: bool
     residual: float
     needed_length: float
     reason: str
@@ -620,7 +621,7 @@ def solve_section(
     return SectionResult(
         bend=angle * plane,
         tip=tip,
-        success=miss <= tolerance,
+        converged=miss <= tolerance,
         residual=miss,
         needed_length=needed,
         reason=reason,

@@ -480,7 +480,7 @@ def measure_dexterity(
     ways = spread_directions(directions)
     reached = np.zeros(directions, dtype=bool)
     for index, way in enumerate(ways):
-        reached[index] = solve_tip(robot, target, direction=way, starts=starts).success
+        reached[index] = solve_tip(robot, target, direction=way, starts=starts).converged
         progress("directions", (index + 1) / directions)
     return Dexterity(place=target, directions=ways, reached=reached)
 

@@ -353,8 +353,9 @@ class EffectorInverse(ProjectedInverse, Result):
     residual : (...) float
         By how much a muscle's equations miss its displacement, the largest, to first order [mm].
         Of cubics: how far `delivered` is from what was asked of the muscles.
-    converged : (...) bool
-        Whether `residual` is at most 1e-6 mm; of cubics, whether that of the exact inverse is.
+    settled : (...) bool
+        Whether the equations were solved, for the target or for what is given in its place:
+        `residual` is at most 1e-6 mm; of cubics, that of the exact inverse is.
     iterations : (...) int
         Steps of all solvers together.
     reach : Reach
@@ -367,14 +368,19 @@ class EffectorInverse(ProjectedInverse, Result):
     contraction: Floats = measured("mm")
     force: Floats = measured("N")
     residual: Floats = measured("mm")
-    converged: NDArray[np.bool_]
+    settled: NDArray[np.bool_]
     iterations: NDArray[np.int64]
     reach: Reach
     pressure_map: Literal["exact", "cubic"] = "exact"
 
     @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Whether the target is met: it is in reach, and `residual` is at most 1e-6 mm."""
+        return self.reachable & self.settled & (self.residual <= TOLERANCE)
+
+    @property
     def reason(self) -> NDArray[np.str_]:
-        """Why a target is not reached, one sentence each; empty where it is reached."""
+        """Why a target is not met, and by how much, one sentence each; empty where `converged`."""
         lines = [self._explain(index) for index in range(self.code.size)]
         return np.array(lines, dtype=np.str_).reshape(self.code.shape)
 
@@ -382,10 +388,11 @@ class EffectorInverse(ProjectedInverse, Result):
         code = int(self.code.flat[index])
         x, y = self.target.reshape(-1, 2)[index]
         residual = float(self.residual.flat[index])
-        if not self.converged.flat[index]:
+        if not self.settled.flat[index]:
             return f"not converged: a displacement is missed by {residual:.3g} mm"
         if code == kernels.REACHED:
-            return ""
+            missed = residual > TOLERANCE
+            return f"the cubics miss the target by {residual:.3g} mm" if missed else ""
         known = self.reach
         size = math.hypot(x, y)
         goes = f"the target is {size:.4g} mm away, {self.share.flat[index] * size:.4g} mm are given"
@@ -464,7 +471,7 @@ def solve_inverse(effector: Section, target: ArrayLike) -> EffectorInverse:
         contraction=contractions.reshape(*shape, count),
         force=found.displacements / effector.packed.compliance,
         residual=residual,
-        converged=np.asarray(residual <= TOLERANCE),
+        settled=np.asarray(residual <= TOLERANCE),
         iterations=iterations.reshape(shape),
         reach=known,
     )

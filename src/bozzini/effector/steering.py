@@ -23,6 +23,7 @@ from ..errors import InputError
 from ..results import Result, list_coordinates, take_axes
 from .equilibrium import balance
 from .inverse import (
+    TOLERANCE,
     EffectorInverse,
     find_reach,
     find_sectors,
@@ -319,8 +320,8 @@ class Trace(Result):
         Whether the target lies in the workspace.
     error : (n,) float
         Distance of `achieved` from `targets` [mm], whether these are in reach or not.
-    converged : (n,) bool
-        Whether inverse and pose were found, in reach or not.
+    settled : (n,) bool
+        Whether inverse and pose were solved, for the target or for what is given in its place.
     pressure_map : {"exact", "cubic"}
         Where the pressures come from.
     """
@@ -335,7 +336,7 @@ class Trace(Result):
     holder_tip: NDArray[np.float64]
     reachable: NDArray[np.bool_]
     error: NDArray[np.float64]
-    converged: NDArray[np.bool_]
+    settled: NDArray[np.bool_]
     pressure_map: Literal["exact", "cubic"]
 
     @property
@@ -354,9 +355,23 @@ class Trace(Result):
         return bool(self.reachable.all())
 
     @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Whether the target is met, to 2e-6 mm: each of two muscles may miss its part by half."""
+        return self.reachable & self.settled & (self.error <= 2.0 * TOLERANCE)
+
+    @property
     def reason(self) -> str:
-        """How many targets are out of reach; empty if none is."""
-        return "" if self.complete else f"{int((~self.reachable).sum())} target(s) out of reach"
+        """How many targets are not met, why, and by how much; empty if all are."""
+        kinds = {
+            "out of reach": ~self.reachable,
+            "not solved": self.reachable & ~self.settled,
+            "missed by the cubics": self.reachable & self.settled & ~self.converged,
+        }
+        return "; ".join(
+            f"{int(which.sum())} target(s) {kind}, by up to {self.error[which].max():.3g} mm"
+            for kind, which in kinds.items()
+            if which.any()
+        )
 
     @property
     def residual(self) -> NDArray[np.float64]:
@@ -426,7 +441,7 @@ def trace_path(
         holder_tip=np.asarray(posed.holder_tip),
         reachable=inverse.reachable,
         error=np.hypot(*(achieved - wanted).T),
-        converged=np.asarray(inverse.converged & (posed.converged | posed.saturated)),
+        settled=np.asarray(inverse.settled & (posed.converged | posed.saturated)),
         pressure_map="exact" if cubics is None else "cubic",
     )
 
@@ -643,6 +658,6 @@ def _use_cubics(
         force=posed.force,
         delivered=posed.lateral_vector,
         residual=np.hypot(away[..., 0], away[..., 1]),
-        converged=np.asarray(exact.converged & (posed.converged | posed.saturated)),
+        settled=np.asarray(exact.settled & (posed.converged | posed.saturated)),
         pressure_map="cubic",
     )

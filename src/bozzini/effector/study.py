@@ -391,17 +391,17 @@ class Optimum(Result):
 
     Attributes
     ----------
-    success : bool
+    converged : bool
         Whether there is a design within the bounds that reaches the deflection at or below its
         pressure limit.
     reason : str
-        Why not; or, with success, which bounds it lies on; empty if none.
+        Why not; or, where `converged`, which bounds it lies on; empty if none.
     effector : Effector
         With the best design, or the one given if none reaches the deflection.
     changes : dict
         Its parameters.
     pressure : float
-        Pressure that every muscle alone needs [MPa]; without success the least that was found,
+        Pressure that every muscle alone needs [MPa]; unless `converged` the least that was found,
         above the limit, or 0 if no design reaches the deflection at any.
     pressure_before : float
         The same of the design given [MPa]; 0 if that does not reach the deflection.
@@ -414,7 +414,7 @@ class Optimum(Result):
         pressure limit.
     """
 
-    success: bool
+    converged: bool
     reason: str
     effector: Effector
     changes: Changes
@@ -425,13 +425,8 @@ class Optimum(Result):
     infeasible: int
 
     @property
-    def converged(self) -> bool:
-        """Whether a design was found, `success`."""
-        return self.success
-
-    @property
     def residual(self) -> float:
-        """Pressure above the limit [MPa]; 0 with success."""
+        """Pressure above the limit [MPa]; 0 where `converged`."""
         return max(0.0, self.pressure - self.effector.design.pressure_limit)
 
 
@@ -552,7 +547,7 @@ def optimise_design(
     success, reason = _judge(search, box)
     found = search.best < _WORST
     return Optimum(
-        success=success,
+        converged=success,
         reason=reason,
         effector=search.best_effector,
         changes=search.best_changes,
