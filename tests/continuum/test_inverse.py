@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
 from bozzini.continuum.arc import arc_frames, displacements_for, jacobian
 from bozzini.continuum.coupling import find_limits
 from bozzini.continuum.inverse import (
@@ -28,7 +29,7 @@ from bozzini.continuum.kernels.inverse import (
     make_work,
     step_inside,
 )
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import GeometryError
 from bozzini.numeric.kernels.linear_algebra import factor_cholesky
 
 
@@ -381,7 +382,7 @@ def test_reasons_name_distance_and_limits() -> None:
     assert "200 mm from the base, out of reach of a backbone of 54 mm" in far.reason
     assert f"{far.residual:.6g} mm from the target" in far.reason
     assert "section 2 is at 57.3 deg, its largest bend" in far.reason
-    with pytest.raises(GeometryError, match="out of reach"):
+    with pytest.raises(GeometryError, match=re.escape(far.reason)):
         far.require()
     held = solve_tip(make_robot(2, travel=(-1.0, 1.0)), (30.0, 0.0, 20.0))
     assert "is at the end of its travel, " in held.reason
@@ -401,11 +402,6 @@ def test_only_a_target_that_is_met_has_converged() -> None:
     assert f"{far.residual:.6g} mm from the target" in far.reason
     alone, beyond = (solve_section(30.0, (0.0, 0.0, z)) for z in (30.0, 31.0))
     assert alone.converged and not beyond.converged and math.isclose(beyond.residual, 1.0)
-
-
-def test_travel_that_leaves_no_shape_is_an_error() -> None:
-    with pytest.raises(GeometryError, match=r"no legal shape.*'s1t1' in \[1, 3\] mm"):
-        solve_tip(make_robot(2, travel=(1.0, 3.0)), (0.0, 0.0, 50.0))
 
 
 # --- robots that cannot bend every way -------------------------------------------------------
@@ -442,14 +438,6 @@ def test_cables_that_cannot_push_are_only_pulled(seed: int) -> None:
     assert not back.converged and "is about to go slack" in back.reason
     rods = make_robot(2, tendons=2, spread=math.pi, turn=0.0, max_bend=2.0, pushes=True)
     assert solve_tip(rods, target * (-1.0, -1.0, 1.0)).converged
-
-
-def test_robots_that_are_not_parallel_are_refused() -> None:
-    helix = Tendon(name="turning", offset=2.0, angle=Helix(turns=1.0), end=30.0)
-    robot = ContinuumRobot((Section(length=30.0, radius=2.5, tendons=(helix,)),))
-    with pytest.raises(GeometryError, match="'turning'.*the inverse.*bend in arcs") as caught:
-        solve_tip(robot, (0.0, 0.0, 30.0))
-    assert "take the energy" not in str(caught.value)  # they have no inverse
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e-13, 1.0, 1e300])
@@ -514,56 +502,3 @@ def test_weights_pull_the_curve() -> None:
     ]
     assert miss[1][0] < miss[0][0] < miss[2][0]
     assert miss[2][1] < miss[0][1] < miss[1][1]
-
-
-# --- wrong inputs ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda r: solve_tip(r.sections[0], (1, 2, 3)), "robot is of type Section"),
-        (lambda r: solve_tip(r, (1.0, 2.0)), r"target has shape \(2,\): it must be \(3,\)"),
-        (lambda r: solve_tip(r, (1.0, 2.0, math.nan)), "target has values that are not finite"),
-        (lambda r: solve_tip(r, "abc"), "target is 'abc': it must be a number or an array"),
-        (lambda r: solve_tip(r, (1, 2, 3), direction=(0, 0, 0)), "direction is .*not be zero"),
-        (lambda r: solve_tip(r, (1, 2, 3), initial=[[0, 0]]), r"initial has shape \(1, 2\)"),
-        (lambda r: solve_tip(r, (1, 2, 3), starts=0), r"starts is 0: it must lie in \[1, 256\]"),
-        (lambda r: solve_tip(r, (1, 2, 3), tolerance=0.0), "tolerance is 0 mm"),
-        (lambda r: solve_pose(r, np.eye(3)), r"target has shape \(3, 3\)"),
-        (
-            lambda r: solve_pose(r, np.diag([1.0, 1.0, -1.0, 1.0])),
-            "no frame: its axes are left-handed",
-        ),
-        (
-            lambda r: solve_pose(r, np.diag([1.0, 1.0, 1.0, 2.0])),
-            r"its last row is \[0.0, 0.0, 0.0, 2",
-        ),
-        (
-            lambda r: solve_tip(r, ["30", "0", "60"]),
-            "target is .'30', '0', '60'.: it must be a num",
-        ),
-        (lambda r: solve_tip(r, [True, False, True]), "it must be a number or an array of numbers"),
-        (
-            lambda r: solve_tip(r, (1e200, 0, 1e200)),
-            r"value 1e\+200 mm: it must lie in \[-1e\+09, 1",
-        ),
-        (
-            lambda r: solve_tip(r, (1, 2, 3), initial=np.full((2, 2), 1e300)),
-            "initial has the value",
-        ),
-        (lambda r: solve_curve(r, [[0, 0, 1e200]]), r"points has the value 1e\+200 mm"),
-        (
-            lambda r: solve_pose(r, np.diag([2.0, 2.0, 2.0, 1.0])),
-            "orthonormal by 3: by 1e-06 they may",
-        ),
-        (lambda r: solve_curve(r, np.zeros((0, 3))), r"points has shape \(0, 3\)"),
-        (lambda r: solve_curve(r, [[0, 0, 99.0]]), r"spans \[99, 99\] mm.*\[0, 54\] mm"),
-        (lambda r: solve_curve(r, [[0, 0, 9.0]], weights=[-1]), "weights has -1"),
-        (lambda r: solve_curve(r, [[0, 0, 9.0]], arc_length=[1, 2]), "arc_length has shape"),
-    ],
-)
-def test_wrong_inputs_get_one_line(call: object, words: str) -> None:
-    with pytest.raises(InputError, match=words) as caught:
-        call(make_robot(2))  # type: ignore[operator]  # a lambda of the table
-    assert "\n" not in str(caught.value)

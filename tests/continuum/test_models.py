@@ -112,20 +112,6 @@ def test_inverse_takes_a_place_a_pose_and_a_curve() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: ROBOT.forward({"t": 1.0}), "no tendon 't': those of robot 'robot' are t00"),
-        (lambda: ROBOT.forward(PULLED, model="pcc"), "no model 'pcc': choose one of arc, linkage"),
-        (lambda: ROBOT.forward(PULLED, steps=20), "arc model has no option 'steps'"),
-        (lambda: ROBOT.inverse(np.eye(4), direction=(0, 0, 1)), "direction goes with a place"),
-    ],
-)
-def test_what_a_robot_does_not_take_is_named(call: object, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        call()  # type: ignore[operator]
-
-
 def test_results_are_plain_values_tables_and_pictures() -> None:
     shape, found = ROBOT.forward(PULLED), ROBOT.inverse([10.0, 5.0, 75.0])
     space = ROBOT.workspace(200)
@@ -138,5 +124,3 @@ def test_results_are_plain_values_tables_and_pictures() -> None:
     assert space.to_dict()["reach_mm"] == space.volume.reach
     for result in (shape, found, space, ROBOT):
         assert isinstance(result.plot(), Axes)
-    with pytest.raises(InputError, match="batch"):
-        batch.plot()

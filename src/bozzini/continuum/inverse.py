@@ -19,9 +19,8 @@ from typing import TYPE_CHECKING, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number
+from ..checks import check_integer, check_number
 from ..errors import GeometryError, InputError
-from ..numeric.roots import find_between
 from ..results import Json, Result, to_plain
 from .arc import ArcModel, arc_frames
 from .checks import FARTHEST, Floats, check_directions, check_frame, check_places, check_values
@@ -491,13 +490,6 @@ def solve_curve(
 # Inverse of one section of fixed length and constant curvature.
 
 
-STEEPEST_BEND = 2.331122370414423
-"""Bend at which the tip is furthest aside [rad]: the root of ``tan(theta / 2) = theta``."""
-
-LARGEST_RATIO = (1.0 - math.cos(STEEPEST_BEND)) / STEEPEST_BEND
-"""Largest distance aside over length that an arc reaches, 0.7246."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SectionResult:
     """What the inverse of one section of fixed length found.
@@ -525,45 +517,6 @@ class SectionResult:
     residual: float
     needed_length: float
     reason: str
-
-
-def bend_for_ratio(ratio: ArrayLike) -> Floats:
-    """Return the bend whose tip is aside by ``ratio`` times the section's length.
-
-    It solves ``(1 - cos(theta)) / theta = ratio`` on ``[0, 2.331]``, where the ratio grows up to
-    0.7246; beyond, more bend brings the tip back.
-
-    Parameters
-    ----------
-    ratio : array_like, shape (...)
-        Distance from the axis over the length of the section.
-
-    Returns
-    -------
-    (...) ndarray
-        Bend [rad].
-
-    Raises
-    ------
-    InputError
-        If a ratio is outside ``[0, 0.7246]``.
-    """
-    wanted = check_array("ratio", ratio)
-    if not np.all((wanted >= 0.0) & (wanted <= LARGEST_RATIO)):
-        bad = wanted[~((wanted >= 0.0) & (wanted <= LARGEST_RATIO))].flat[0]
-        raise InputError(
-            f"ratio of distance aside to length is {bad:g}: "
-            f"it must lie in [0, {LARGEST_RATIO:.6g}], which an arc can reach"
-        )
-    flat = wanted.ravel()
-
-    def excess(index: NDArray[np.intp], bend: Floats) -> Floats:
-        return np.asarray(np.sin(0.5 * bend) * np.sinc(0.5 * bend / math.pi) - flat[index])
-
-    found = find_between(excess, np.zeros_like(flat), np.full_like(flat, STEEPEST_BEND))
-    # Not found are the ends: ratios too small for a relative tolerance, and the largest one.
-    ends = np.where(flat < 0.5 * LARGEST_RATIO, 2.0 * flat, STEEPEST_BEND)
-    return np.where(np.isnan(found), ends, found).reshape(wanted.shape)
 
 
 def solve_section(

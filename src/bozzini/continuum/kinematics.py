@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Unpack
@@ -124,13 +125,14 @@ class ContinuumRobot(RobotDesign):
         """Return a model of this robot, with its options; see `forward`."""
         name = name or self.choose_model(options)
         if name not in CONTINUUM_MODELS:
-            known = ", ".join(CONTINUUM_MODELS)
-            raise InputError(f"there is no model '{name}': choose one of {known}")
+            listed = ", ".join(CONTINUUM_MODELS)
+            raise InputError(f"there is no model '{name}': choose one of {listed}")
         kind = CONTINUUM_MODELS[name]
+        known = [field.name for field in dataclasses.fields(kind) if field.name != "robot"]
         for option in options:
-            if option not in kind.__dataclass_fields__:
-                known = ", ".join(field for field in kind.__dataclass_fields__ if field != "robot")
-                raise InputError(f"the {name} model has no option '{option}': it has {known}")
+            if option not in known:
+                listed = ", ".join(known)
+                raise InputError(f"the {name} model has no option '{option}': it has {listed}")
         return kind(self, **options)
 
     def choose_model(self, options: Mapping[str, object]) -> str:
