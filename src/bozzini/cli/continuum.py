@@ -25,10 +25,12 @@ from .common import (
     QuantityType,
     VectorType,
     answer_options,
-    choose_type,
     format_rows,
     gather,
+    make_option,
+    parse_pairs,
     run_exit,
+    spell_option,
 )
 
 if TYPE_CHECKING:
@@ -92,27 +94,18 @@ def _list_options() -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
 OPTIONS = _list_options()
 
 
-def spell_option(name: str) -> str:
-    """Return how the command line calls an option."""
-    known = OPTIONS[name][0].metadata["quantity"]
-    return "--" + (known.option or name).replace("_", "-")
-
-
 def _make_option(name: str) -> Callable[[Command], Command]:
+    """Return the option of a field of some models, whose default is left to the model."""
     item, models = OPTIONS[name]
     known, default = item.metadata["quantity"], item.default
-    given: Json = {"help": known.help}
-    if len(models) < len(CONTINUUM_MODELS.own):
-        given["help"] = f"{', '.join(models)}: {known.help}"
-        if isinstance(default, (int, str)):
-            given["help"] += f"  [default: {default}]"
-    else:
-        given |= {"default": TYPED_TOLERANCE, "show_default": True}
+    if len(models) == len(CONTINUUM_MODELS.own):
+        return make_option(item, default=TYPED_TOLERANCE)
+    other: Json = {"help": f"{', '.join(models)}: {known.help}", "default": None}
+    if isinstance(default, (int, str)):
+        other["help"] += f"  [default: {default}]"
     if isinstance(default, tuple):
-        given |= {"type": VectorType(known.kind), "metavar": "X,Y,Z"}
-    else:
-        given["type"] = choose_type(known)
-    return click.option(spell_option(name), name, **given)
+        other |= {"type": VectorType(known.kind), "metavar": "X,Y,Z", "multiple": False}
+    return make_option(item, show_default=False, **other)
 
 
 model_options = gather("given", dict, *map(_make_option, OPTIONS))
@@ -133,26 +126,11 @@ def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
     return robot
 
 
-def parse_displacements(robot: ContinuumRobot, text: str) -> Floats:
+def read_displacements(robot: ContinuumRobot, text: str) -> Floats:
     """Return ``NAME=LENGTH,...`` as displacements of all tendons [mm], shape (t,)."""
-    from ..units import parse_quantity
-
-    found: dict[str, float] = {}
-    for part in text.split(","):
-        name, mark, value = (word.strip() for word in part.partition("="))
-        if not (name and mark and value):
-            raise InputError(
-                f"--displacement has the part '{part.strip()}': it must be NAME=LENGTH, such as "
-                "T1=2mm,T2=-1mm"
-            )
-        if name not in robot.tendon_names:
-            raise InputError(
-                f"--displacement names '{name}': the tendons of robot '{robot.name}' are "
-                f"{', '.join(robot.tendon_names) or 'none'}"
-            )
-        if name in found:
-            raise InputError(f"--displacement names '{name}' more than once: give each once")
-        found[name] = parse_quantity(value, "length")
+    names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
+    example = "T1=2mm,T2=-1mm"
+    found = parse_pairs("--displacement", text, "length", example=example, names=names, owner=owner)
     return robot.order_displacements(found)
 
 
@@ -190,16 +168,16 @@ def make_model(
     if name == "arc":
         known -= {"between"}  # its stations are for pictures only
     for option in set(options) - known if strict else ():
-        others = [other for other in OPTIONS[option][1] if other != name]
-        raise InputError(
-            f"{spell_option(option)} is not for the {name} model: it is for {' and '.join(others)}"
-        )
+        item, models = OPTIONS[option]
+        others = " and ".join(other for other in models if other != name)
+        raise InputError(f"{spell_option(item)} is not for the {name} model: it is for {others}")
     options = {option: value for option, value in options.items() if option in known}
     for load in LOADS:
         if load in options and "tendon_stiffness" not in options:
             raise InputError(
-                f"{spell_option(load)} needs --tendon-stiffness, EA of the tendons, such as 1e4N "
-                "(steel wire of 0.25 mm): tendons that do not stretch lock the backbone's twist"
+                f"{spell_option(OPTIONS[load][0])} needs --tendon-stiffness, EA of the tendons, "
+                "such as 1e4N (steel wire of 0.25 mm): tendons that do not stretch lock the "
+                "backbone's twist"
             )
     if name == "arc":
         options["between"] = DRAWN
@@ -303,7 +281,7 @@ def pose_command(
 
     robot = read_robot(robot_file)
     displacements, notes = make_consistent(
-        robot, parse_displacements(robot, displacement), given["tolerance"]
+        robot, read_displacements(robot, displacement), given["tolerance"]
     )
     model = make_model(model_name, robot, given)
     shape = model.shape(displacements)
@@ -438,7 +416,7 @@ def compare_command(
 
     robot = read_robot(robot_file)
     displacements, notes = make_consistent(
-        robot, parse_displacements(robot, displacement), given["tolerance"]
+        robot, read_displacements(robot, displacement), given["tolerance"]
     )
     shapes: dict[str, Shape] = {}
     rows: dict[str, Json] = {}

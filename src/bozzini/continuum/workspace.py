@@ -116,19 +116,6 @@ class TendonTravel:
         """Length of travel of each tendon [mm]."""
         return self.high - self.low
 
-    @property
-    def exceeded(self) -> tuple[str, ...]:
-        """A sentence for each tendon that needs more than its drive allows."""
-        words = []
-        for index, name in enumerate(self.names):
-            low, high = self.allowed[index]
-            if self.low[index] < low or self.high[index] > high:
-                words.append(
-                    f"tendon '{name}' needs [{self.low[index]:.4g}, {self.high[index]:.4g}] mm: "
-                    f"its travel is [{low:g}, {high:g}] mm"
-                )
-        return tuple(words)
-
 
 def sample_workspace(
     robot: RobotDesign, count: int = 20_000, *, seed: int = 0, bend_cap: float = math.pi

@@ -21,6 +21,7 @@ from ..checks import (
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle import preset as muscle_preset
+from ..results import Json
 
 BEAM_FACTORS = (2.0, 3.0)
 """``k`` of the tip's deflection ``M L**2 / (k EI)`` under an end moment: derived, as printed."""
@@ -250,7 +251,7 @@ class EffectorDesign:
                 raise InputError(f"an effector has no field '{name}': its fields are {names}")
         return dataclasses.replace(self, **changes)
 
-    def describe(self) -> dict[str, object]:
+    def to_dict(self) -> Json:
         """Return the design as plain values, with units in the names."""
         fields = {k: v for k, v in describe_fields(self).items() if "diameter" not in k}
         return {

@@ -12,7 +12,7 @@ from ..checks import check_number
 from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.roots import MAX_ITERATIONS, polish
-from ..results import Result, measured, take_axes
+from ..results import Json, Result, measured, take_axes
 from .kernels import balance as kernels
 from .linkage import describe_end, lateral_deflection
 from .section import Section
@@ -77,7 +77,7 @@ def settle_muscles(effector: Section, pressures: Floats) -> Settled:
     return Settled(out[0], out[1], out[2], iterations, codes)
 
 
-def describe(effector: Section, code: int, contraction: float, residual: float) -> str:
+def explain_equilibrium(effector: Section, code: int, contraction: float, residual: float) -> str:
     """Return why an equilibrium is none, or "" if it is one."""
     peak = effector.packed.peak
     if code == kernels.SATURATED:
@@ -87,6 +87,14 @@ def describe(effector: Section, code: int, contraction: float, residual: float) 
     if code == kernels.STOPPED:
         return f"not converged: {residual:.3g} N is left over at {contraction:g} mm of contraction"
     return ""
+
+
+def list_muscles(names: tuple[str, ...], **columns: NDArray[np.generic]) -> Json:
+    """Return what is known of each muscle (..., m) as plain values, by the muscles' names."""
+    return {
+        name: {key: values[..., k].tolist() for key, values in columns.items()}
+        for k, name in enumerate(names)
+    }
 
 
 def _settle_model(
@@ -184,6 +192,11 @@ class Balance(Result):
     reason: NDArray[np.str_]
     table: Floats
 
+    def list_steps(self) -> list[dict[str, float]]:
+        """Return `table` of a single pressure as rows, units in the names."""
+        names = ("force_N", "contraction_mm", "lateral_mm", "next_force_N")
+        return [dict(zip(names, row, strict=True)) for row in self.table.tolist()]
+
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each pressure."""
         return self.list_measured()
@@ -255,7 +268,7 @@ def balance(
     settled = settle_muscles(effector, cases).select(place, shape)
     codes = settled.code
     reasons = [
-        describe(effector, int(code), float(x), float(left))
+        explain_equilibrium(effector, int(code), float(x), float(left))
         for code, x, left in zip(
             codes.flat, settled.contraction.flat, settled.residual.flat, strict=True
         )

@@ -14,9 +14,9 @@ from ..checks import check_array, check_number, check_points, check_range
 from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.roots import polish
-from ..results import Result, list_coordinates, measured, take_axes
+from ..results import Json, Result, list_coordinates, measured, take_axes
 from .design import EffectorDesign
-from .equilibrium import settle_muscles
+from .equilibrium import list_muscles, settle_muscles
 from .kernels import inverse as kernels
 from .kernels.balance import SATURATED
 from .linkage import describe_end, lateral_slope
@@ -414,6 +414,17 @@ class EffectorInverse(ProjectedInverse, Result):
         if all(known.saturated[k] for k in full):
             most = f"the backbone's largest deflection, {known.peak_reason}"
         return f"muscle {who} is at {most}: {goes}"
+
+    def to_dict(self) -> Json:
+        """Return the inverse as plain values, units in the names, ``muscles`` by theirs."""
+        muscles = list_muscles(
+            self.reach.names,
+            pressure_MPa=self.pressures,
+            displacement_mm=self.displacements,
+            contraction_mm=self.contraction,
+            force_N=self.force,
+        )
+        return super().to_dict() | {"muscles": muscles}
 
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each target."""

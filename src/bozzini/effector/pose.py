@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points
 from ..errors import GeometryError, InputError
-from ..results import Result, list_coordinates, measured, take_axes
-from .equilibrium import Settled, describe, settle_muscles
+from ..results import Json, Result, list_coordinates, measured, take_axes
+from .equilibrium import Settled, explain_equilibrium, list_muscles, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
 from .linkage import describe_end, refuse_open
@@ -186,6 +186,17 @@ class EffectorPose(Result):
         """By how much the deflection falls short of what the pulls ask for [mm]."""
         return np.asarray(self.demanded_lateral - self.lateral)
 
+    def to_dict(self) -> Json:
+        """Return the poses as plain values, units in the names, ``muscles`` by theirs."""
+        muscles = list_muscles(
+            self.names,
+            pressure_MPa=self.pressures,
+            contraction_mm=self.contraction,
+            force_N=self.force,
+            iterations=self.iterations,
+        )
+        return super().to_dict() | {"muscles": muscles}
+
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each pose."""
         columns = {
@@ -330,7 +341,8 @@ def _explain(
         parts = []
         for j, name in enumerate(effector.design.names):
             code = int(settled.code[i, j])
-            cause = describe(effector, code, settled.contraction[i, j], settled.residual[i, j])
+            known = code, settled.contraction[i, j], settled.residual[i, j]
+            cause = explain_equilibrium(effector, *known)
             if cause:
                 parts.append(f"muscle {name} {cause}")
         if beyond[i]:

@@ -20,7 +20,7 @@ from ..checks import (
     quantity,
 )
 from ..errors import InputError
-from ..results import Result, list_coordinates, take_axes
+from ..results import Json, Result, list_coordinates, take_axes, to_plain
 from .equilibrium import balance
 from .inverse import (
     TOLERANCE,
@@ -81,7 +81,7 @@ class CubicFit:
     rms_error: float
     largest_error: float
 
-    def describe(self) -> dict[str, object]:
+    def to_dict(self) -> Json:
         """Return the cubic as plain values, with units in the names."""
         return {
             "coefficients": self.coefficients.tolist(),
@@ -377,6 +377,23 @@ class Trace(Result):
     def residual(self) -> NDArray[np.float64]:
         """Distance from the targets [mm], `error`."""
         return self.error
+
+    def to_dict(self) -> Json:
+        """Return the path as plain values, `list_columns` among them; units in the names."""
+        return {
+            "kind": self.kind,
+            "pressure_map": self.pressure_map,
+            "targets": len(self.targets),
+            "reachable": int(self.reachable.sum()),
+            "complete": self.complete,
+            "converged": self.converged.tolist(),
+            "settled": self.settled.tolist(),
+            "reason": self.reason,
+            "residual": self.residual.tolist(),
+            "largest_error_mm": self.reachable_error,
+            "largest_distance_mm": self.largest_error,
+            "columns": to_plain(self.list_columns()),
+        }
 
     def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns of `to_frame`, a row for each target."""

@@ -16,7 +16,7 @@ from ..checks import Quantity, check_integer, check_number, list_quantities
 from ..errors import BozziniError, InputError
 from ..muscle import Muscle
 from ..progress import Progress, no_progress
-from ..results import Result, measured, take_axes
+from ..results import Json, Result, measured, take_axes, to_plain
 from ..units import add_unit
 from .design import EffectorDesign, PlacedMuscle
 from .effector import Effector
@@ -176,6 +176,19 @@ class Sweep(Result):
     def reason(self) -> str:
         """Why no design is feasible, the first reason; empty if one is."""
         return "" if self.feasible or not self.rows else self.rows[0].reason
+
+    def to_dict(self) -> Json:
+        """Return the designs as plain values: `list_columns`, and how many are feasible."""
+        return {
+            "parameters": list(self.parameters),
+            "deflection_mm": self.deflection,
+            "designs": len(self.rows),
+            "feasible": len(self.feasible),
+            "converged": self.converged,
+            "reason": self.reason,
+            "residual": self.residual,
+            "columns": to_plain(self.list_columns()),
+        }
 
     def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each design."""
@@ -428,6 +441,11 @@ class Optimum(Result):
     def residual(self) -> float:
         """Pressure above the limit [MPa]; 0 where `converged`."""
         return max(0.0, self.pressure - self.effector.design.pressure_limit)
+
+    def to_dict(self) -> Json:
+        """Return the design as plain values; units are in the names, those of the changes too."""
+        changes = {name_column(name): to_plain(value) for name, value in self.changes.items()}
+        return super().to_dict() | {"changes": changes, "effector": self.effector.design.to_dict()}
 
 
 class _Search:

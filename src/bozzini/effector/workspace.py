@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_points
 from ..errors import InputError
-from ..results import ClosedForm, list_coordinates, measured, take_axes
+from ..results import ClosedForm, Json, list_coordinates, measured, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .inverse import Reach, Sectors, find_reach, solve_inverse, split, take_place
@@ -82,6 +82,16 @@ class Workspace(ClosedForm):
     def reason(self) -> str:  # type: ignore[override]
         """Which directions no two muscles cover; empty if none."""
         return self.reach.sectors.describe_gaps(self.reach.names)
+
+    def to_dict(self) -> Json:
+        """Return the workspace as plain values, units in the names, muscles by theirs."""
+        known = self.reach
+        return super().to_dict() | {
+            "amplitudes_mm": dict(zip(known.names, known.amplitudes.tolist(), strict=True)),
+            "saturated": dict(zip(known.names, known.saturated.tolist(), strict=True)),
+            "largest_deflection_mm": known.peak,
+            "gaps": self.reason,
+        }
 
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`: the boundary."""
