@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 
@@ -402,6 +403,16 @@ def test_only_a_target_that_is_met_has_converged() -> None:
     assert f"{far.residual:.6g} mm from the target" in far.reason
     alone, beyond = (solve_section(30.0, (0.0, 0.0, z)) for z in (30.0, 31.0))
     assert alone.converged and not beyond.converged and math.isclose(beyond.residual, 1.0)
+
+
+def test_the_end_of_a_travel_at_rest_is_no_slack() -> None:
+    robot = make_robot(1)
+    first, *others = robot.sections[0].tendons
+    held = dataclasses.replace(first, travel=(0.0, math.inf))
+    section = dataclasses.replace(robot.sections[0], tendons=(held, *others))
+    found = solve_tip(ContinuumRobot((section,)), (-15.0, 0.0, 20.0))
+    assert found.at_limits == ("tendon 's1t1' is at the end of its travel, 0 mm",)
+    assert not found.converged and np.allclose(found.displacements[0], 0.0, atol=1e-6)
 
 
 # --- robots that cannot bend every way -------------------------------------------------------

@@ -44,27 +44,27 @@ if TYPE_CHECKING:
     from ..continuum.checks import Floats
     from ..continuum.robot import RobotDesign
 
-STRAIGHT = 1e-6
+STRAIGHT_BEND_RAD = 1e-6
 """Bend that counts as none in words [rad]."""
 
-DRAWN = 3
+STATIONS_BETWEEN_DISCS = 3
 """Stations between two discs of the arc model, for smooth pictures."""
 
 ROUND_OFF_MM = 1e-9
 """Contradiction between displacements that is none [mm]."""
 
-REFERENCE = "rod"
+REFERENCE_MODEL = "rod"
 """The model with which the others are compared."""
 
 TYPED_TOLERANCE = "1um"
 """How far displacements that are typed may miss being consistent; it is what all models take."""
 
-LONGEST = 0.3
+TIMING_LIMIT_S = 0.3
 """Time spent on measuring the time of one model [s]."""
 
 MOST_RUNS = 25
 
-FREEDOMS = 5
+NEEDED_FREEDOMS = 5
 """Of a place with a direction."""
 
 # Options: a robot, displacements of its tendons, and what its models take.
@@ -180,7 +180,7 @@ def make_model(
                 "backbone's twist"
             )
     if name == "arc":
-        options["between"] = DRAWN
+        options["between"] = STATIONS_BETWEEN_DISCS
     return robot.model(name, **options)
 
 
@@ -202,7 +202,7 @@ def format_bends(robot: RobotDesign, rows: list[Json]) -> str:
     lines = []
     for k, row in enumerate(rows):
         angle, towards = math.degrees(row["bend_rad"]), math.degrees(row["direction_rad"])
-        shown = f"{towards:z.2f}" if row["bend_rad"] > STRAIGHT else "-"
+        shown = f"{towards:z.2f}" if row["bend_rad"] > STRAIGHT_BEND_RAD else "-"
         lines.append([robot.section_label(k), f"{angle:z.2f}", shown])
     return format_rows(["section", "bend [deg]", "towards [deg]"], lines)
 
@@ -433,13 +433,13 @@ def compare_command(
             shapes[name] = shape
             rows[name] |= _describe_model(shape, _measure_time(model, displacements))
     if all(row["refused"] for row in rows.values()):
-        raise GeometryError(str(rows[REFERENCE]["reason"]))
+        raise GeometryError(str(rows[REFERENCE_MODEL]["reason"]))
     _add_differences(rows, shapes)
     if any(given.get(name) is not None for name in LOADS):
         notes.append("only the rod bears the load: the others are without")
     if given["tendon_stiffness"] is not None:
         notes.append("tendons stretch in the energy and the rod model only")
-    reference = REFERENCE if REFERENCE in shapes else None
+    reference = REFERENCE_MODEL if REFERENCE_MODEL in shapes else None
     if shapes:
         answer.write(
             _list_columns(rows, shapes),
@@ -462,7 +462,7 @@ def compare_command(
 def _measure_time(model: ContinuumModel, displacements: Floats) -> float:
     runs: list[float] = []
     begin = time.perf_counter()
-    while not runs or (len(runs) < MOST_RUNS and time.perf_counter() - begin < LONGEST):
+    while not runs or (len(runs) < MOST_RUNS and time.perf_counter() - begin < TIMING_LIMIT_S):
         start = time.perf_counter()
         model.shape(displacements)
         runs.append(time.perf_counter() - start)
@@ -491,8 +491,8 @@ def _add_differences(rows: Mapping[str, Json], shapes: Mapping[str, Shape]) -> N
 
     for name, row in rows.items():
         row["tip_from_rod_mm"] = row["direction_from_rod_rad"] = None
-        if name in shapes and REFERENCE in shapes:
-            ours, theirs = shapes[name].tip_frame, shapes[REFERENCE].tip_frame
+        if name in shapes and REFERENCE_MODEL in shapes:
+            ours, theirs = shapes[name].tip_frame, shapes[REFERENCE_MODEL].tip_frame
             row["tip_from_rod_mm"] = float(np.linalg.norm(ours[:3, 3] - theirs[:3, 3]))
             aside = float(np.linalg.norm(np.cross(ours[:3, 2], theirs[:3, 2])))
             row["direction_from_rod_rad"] = math.atan2(aside, float(ours[:3, 2] @ theirs[:3, 2]))
@@ -610,10 +610,10 @@ def workspace_command(robot_file: Path, answer: Answer, **asked: Any) -> None:
                 robot, place, directions=asked["directions"], progress=progress
             )
         freedoms = 2 * len(robot.sections)
-        if freedoms < FREEDOMS:
+        if freedoms < NEEDED_FREEDOMS:
             notes.append(
                 f"{len(robot.sections)} section(s) have {freedoms} freedoms, a place with a "
-                f"direction needs {FREEDOMS}: the directions at one place have no area"
+                f"direction needs {NEEDED_FREEDOMS}: the directions at one place have no area"
             )
     answer.write(found.list_columns(), lambda: draw_workspace(found.map, length=robot.length))
     result = found.to_dict() | {

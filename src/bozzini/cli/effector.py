@@ -319,7 +319,7 @@ def pose_command(
     _write_pose(effector, found, tables, answer)
     keys = (
         "tip_mm holder_tip_mm direction lateral_mm lateral_vector_mm azimuth_rad "
-        "demanded_lateral_mm saturated converged reason length_error_mm muscles"
+        "demanded_lateral_mm saturated reason length_error_mm muscles"
     )
     picked = _pick(found, keys)
     described = asked.describe()
@@ -327,6 +327,7 @@ def pose_command(
         "method": method,
         "model": described["model"],
         **picked,
+        "converged": bool(found.settled),
         "design": described["design"],
         "file": answer.out,
     }
@@ -339,7 +340,7 @@ def pose_command(
         }
     parts = ["\n".join([*_describe_pose(found), _format_muscles(picked["muscles"])])]
     parts += [_format_table(name, pressures[name], table) for name, table in tables.items()]
-    done = bool(found.converged) and not bool(found.saturated)
+    done = bool(found.converged)
     _give(result, answer=answer, text="\n\n".join(parts), notes=list(notes.values()), done=done)
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
+from .coupling import BendSolution, ParallelModel
 from .energy import EnergyModel
 from .inverse import (
     ContinuumInverse,
     InverseOptions,
+    SectionResult,
     solve_curve,
     solve_pose,
     solve_section,
@@ -21,6 +23,12 @@ from .section import Helix, Section, Tendon
 from .shape import Shape
 from .workspace import (
     ContinuumWorkspace,
+    Dexterity,
+    DexterityMap,
+    Manipulability,
+    TendonTravel,
+    WorkspaceSample,
+    WorkspaceVolume,
     manipulability,
     measure_dexterity,
     measure_workspace,
@@ -30,18 +38,27 @@ from .workspace import (
 __all__ = [
     "CONTINUUM_MODELS",
     "ArcModel",
+    "BendSolution",
     "ContinuumInverse",
     "ContinuumModel",
     "ContinuumRobot",
     "ContinuumWorkspace",
+    "Dexterity",
+    "DexterityMap",
     "EnergyModel",
     "Helix",
     "InverseOptions",
     "LinkageModel",
+    "Manipulability",
+    "ParallelModel",
     "RodModel",
     "Section",
+    "SectionResult",
     "Shape",
     "Tendon",
+    "TendonTravel",
+    "WorkspaceSample",
+    "WorkspaceVolume",
     "arc_frames",
     "bend_vectors",
     "displacements_for",

@@ -21,9 +21,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_integer, check_number
 from ..errors import GeometryError, InputError
-from ..results import Json, Result, to_plain
+from ..results import Json, Result, measured, to_plain
 from .arc import ArcModel, arc_frames
-from .checks import FARTHEST, Floats, check_directions, check_frame, check_places, check_values
+from .checks import (
+    MAX_COORDINATE_MM,
+    Floats,
+    check_directions,
+    check_frame,
+    check_places,
+    check_values,
+)
 from .coupling import BendLimits, find_limits
 from .kernels.inverse import REACHED, SETTLED, improve, move_inside, rank_starts, search
 from .robot import RobotDesign
@@ -35,7 +42,7 @@ if TYPE_CHECKING:
 
 # Bends from which the inverse starts, in closed form or evenly spread.
 
-CANDIDATES = 256
+START_CANDIDATES = 256
 """Sets of bends among which starts are chosen."""
 
 
@@ -66,8 +73,8 @@ def guess_bends(robot: RobotDesign, places: Floats, along: Floats) -> Floats:
 
 @functools.lru_cache(maxsize=32)
 def spread_bends(sections: int) -> Floats:
-    """Return `CANDIDATES` sets of bends, the same ones each time, evenly in discs of radius 1."""
-    draws = np.random.default_rng(20).random((CANDIDATES, sections, 2))
+    """Return sets of bends, the same ones each time, drawn evenly in discs of radius 1."""
+    draws = np.random.default_rng(20).random((START_CANDIDATES, sections, 2))
     angle = 2.0 * math.pi * draws[..., 0]
     unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return np.asarray(np.sqrt(draws[..., 1:]) * unit)
@@ -75,14 +82,14 @@ def spread_bends(sections: int) -> Floats:
 
 # The search behind the inverse: starts, the kernels' goal, and what is said of the result.
 
-PLANS = np.array([[60, 12, 0], [600, 601, 1]])
+STAGES = np.array([[60, 12, 0], [600, 601, 1]])
 """Most steps, steps in which the cost must fall by a tenth, and whether to use second
 derivatives: of each start, and of the best one at last."""
 
-FINE = 0.01
+SOLVER_TOLERANCE_SHARE = 0.01
 """Share of the tolerance at which the solver stops."""
 
-SMALL = (1e-3, 1e-5, 1e-7)
+BEND_WEIGHTS = (1e-3, 1e-5, 1e-7)
 """Weights of the bends against the miss, in parts of the squared length, one after the other."""
 
 Goal = tuple[Floats, NDArray[np.int64], Floats, Floats, Floats, Floats, float, float]
@@ -247,7 +254,7 @@ class Search:
 
     def run(self, options: InverseOptions, *, starts: int) -> ContinuumInverse:
         """Search, with `starts` starts unless the options have another number."""
-        count = check_integer("starts", options.get("starts", starts), low=1, high=CANDIDATES)
+        count = check_integer("starts", options.get("starts", starts), low=1, high=START_CANDIDATES)
         near, aside = (
             check_number(name, options.get(name, 1e-6), low=0.0, low_open=True, unit=unit)  # type: ignore[arg-type]
             for name, unit in (("tolerance", "mm"), ("angle_tolerance", "rad"))
@@ -255,10 +262,12 @@ class Search:
         bounds = self.limits.kernel
         if not move_inside(bounds, np.zeros_like(self.guess)):
             raise self.limits.explain_empty()
-        tolerances = FINE * np.array([near, aside])
+        tolerances = SOLVER_TOLERANCE_SHARE * np.array([near, aside])
         bends = np.zeros_like(self.guess)
         tries = self._make_starts(options.get("initial"), count)
-        code, steps, tried, _, far, off = search(self.goal, bounds, tries, tolerances, PLANS, bends)
+        code, steps, tried, _, far, off = search(
+            self.goal, bounds, tries, tolerances, STAGES, bends
+        )
         met = far <= near and off <= aside
         if options.get("smallest_bends", False) and met:
             smaller, distance, angle, more = self._shrink(bends, tolerances)
@@ -312,10 +321,10 @@ class Search:
         """Follow the goal with a falling weight on the bends."""
         trial, steps = bends.copy(), 0
         distance, angle = math.inf, math.inf
-        for share in (*SMALL, 0.0):
+        for share in (*BEND_WEIGHTS, 0.0):
             goal = (*self.goal[:-1], share * self.limits.robot.length**2)
             _, took, _, distance, angle = improve(
-                goal, self.limits.kernel, trial, tolerances, PLANS[1]
+                goal, self.limits.kernel, trial, tolerances, STAGES[1]
             )
             steps += took
         return trial, distance, angle, steps
@@ -491,7 +500,7 @@ def solve_curve(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SectionResult:
+class SectionResult(Result):
     """What the inverse of one section of fixed length found.
 
     Parameters
@@ -511,11 +520,11 @@ class SectionResult:
         Why the target is not met; empty where `converged`.
     """
 
-    bend: Floats
-    tip: Floats
+    bend: Floats = measured("rad")
+    tip: Floats = measured("mm")
     converged: bool
-    residual: float
-    needed_length: float
+    residual: float = measured("mm")
+    needed_length: float = measured("mm")
     reason: str
 
 
@@ -548,7 +557,7 @@ def solve_section(
     InputError
         If a value has another shape or is outside its range.
     """
-    check_number("length", length, low=0.0, high=FARTHEST, low_open=True, unit="mm")
+    check_number("length", length, low=0.0, high=MAX_COORDINATE_MM, low_open=True, unit="mm")
     check_number("max_bend", max_bend, low=0.0, high=2.0 * math.pi, low_open=True, unit="rad")
     check_number("tolerance", tolerance, low=0.0, low_open=True, unit="mm")
     x, y, z = (float(value) for value in check_values("target", target, (3,), unit="mm"))
@@ -589,7 +598,7 @@ def _aside(length: float, angle: float) -> tuple[float, float]:
 
 
 def _needed_length(across: float, along: float) -> float:
-    """Return the length of the arc to a place in the plane; infinite beyond `FARTHEST`."""
+    """Return the length of the arc to a place in the plane; infinite beyond `MAX_COORDINATE_MM`."""
     away = math.hypot(across, along)
     # The chord is the arc's length by sin(half) / half, and sin(half) is across / away.
     half = math.atan2(across, along)
@@ -597,7 +606,7 @@ def _needed_length(across: float, along: float) -> float:
         return away if away > 0.0 else math.inf
     sine = across / away
     length = away * half / sine if sine > 0.0 else math.inf
-    return length if length <= FARTHEST else math.inf
+    return length if length <= MAX_COORDINATE_MM else math.inf
 
 
 def _nearest_bend(length: float, across: float, along: float, most: float) -> float:

@@ -103,7 +103,7 @@ def evaluate_profile(profile: Profile, places: Floats, interpolation: str) -> tu
     return knots[piece, 1] + slopes[piece] * (places - knots[piece, 0]), slopes[piece]
 
 
-# A tendon: where it runs in the robot's cross-sections, and where it ends.
+# A tendon: its path through the robot's cross-sections.
 
 ROUND_OFF_MM = 1e-9
 """Length that is round-off [mm]."""
@@ -298,7 +298,7 @@ def _check_span(name: str, knots: Knots, end: float) -> None:
         )
 
 
-DISCS = 10
+DEFAULT_DISCS = 10
 """Discs of a section whose discs are not given."""
 
 POISSON_RATIO = 0.3
@@ -371,7 +371,7 @@ class Section:
         for name, value in (
             ("torsional_stiffness", torsion),
             ("disc_positions", places),
-            ("discs", self.discs or len(places) or DISCS),
+            ("discs", self.discs or len(places) or DEFAULT_DISCS),
             ("tendons", check_items("section tendons", self.tendons, Tendon)),
             ("name", check_text("section name", self.name)),
         ):

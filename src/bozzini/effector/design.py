@@ -26,7 +26,7 @@ from ..results import Json
 BEAM_FACTORS = (2.0, 3.0)
 """``k`` of the tip's deflection ``M L**2 / (k EI)`` under an end moment: derived, as printed."""
 
-_SAME_ANGLE = 1e-9
+_SAME_ANGLE_RAD = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +193,7 @@ class EffectorDesign:
             for other in muscles[:i]:
                 if other.name == placed.name:
                     raise InputError(f"two muscles are called '{placed.name}': names must differ")
-                if abs(math.remainder(placed.angle - other.angle, math.tau)) <= _SAME_ANGLE:
+                if abs(math.remainder(placed.angle - other.angle, math.tau)) <= _SAME_ANGLE_RAD:
                     raise InputError(
                         f"muscles {other.name} and {placed.name} are both at {placed.angle:g} rad "
                         f"({math.degrees(placed.angle):g} deg): angles must differ"

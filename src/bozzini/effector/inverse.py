@@ -20,14 +20,14 @@ from .equilibrium import list_muscles, settle_muscles
 from .kernels import inverse as kernels
 from .kernels.balance import SATURATED
 from .linkage import describe_end, lateral_slope
-from .section import PackedEffector, Section
+from .model import EffectorModel, PackedEffector
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
 
-HALF_TURN = math.pi - 1e-9
+UNCOVERED_GAP_RAD = math.pi - 1e-9
 """Gap from which two muscles no longer cover the directions between them [rad]."""
 
 
@@ -80,7 +80,7 @@ def find_sectors(design: EffectorDesign) -> Sectors:
         order=order,
         angles=angles,
         gaps=gaps,
-        covered=gaps < HALF_TURN,
+        covered=gaps < UNCOVERED_GAP_RAD,
         cosines=np.cos(angles),
         sines=np.sin(angles),
     )
@@ -267,7 +267,7 @@ class Reach:
 _KNOWN: WeakKeyDictionary[PackedEffector, Reach] = WeakKeyDictionary()
 
 
-def find_reach(effector: Section) -> Reach:
+def find_reach(effector: EffectorModel) -> Reach:
     """Return how far each muscle alone takes the tip; computed once for an effector.
 
     It is what it does at the pressure limit, which is the most as long as more pressure contracts
@@ -334,7 +334,7 @@ def _measure(model: MuscleModel, pressure: Floats, contraction: Floats, force: F
     return miss
 
 
-TOLERANCE = 1e-6
+MISS_TOLERANCE_MM = 1e-6
 """Miss up to which a pressure counts as converged [mm]; a linkage that ends is that steep."""
 
 
@@ -376,7 +376,7 @@ class EffectorInverse(ProjectedInverse, Result):
     @property
     def converged(self) -> NDArray[np.bool_]:
         """Whether the target is met: it is in reach, and `residual` is at most 1e-6 mm."""
-        return self.reachable & self.settled & (self.residual <= TOLERANCE)
+        return self.reachable & self.settled & (self.residual <= MISS_TOLERANCE_MM)
 
     @property
     def reason(self) -> NDArray[np.str_]:
@@ -391,7 +391,7 @@ class EffectorInverse(ProjectedInverse, Result):
         if not self.settled.flat[index]:
             return f"not converged: a displacement is missed by {residual:.3g} mm"
         if code == kernels.REACHED:
-            missed = residual > TOLERANCE
+            missed = residual > MISS_TOLERANCE_MM
             return f"the cubics miss the target by {residual:.3g} mm" if missed else ""
         known = self.reach
         size = math.hypot(x, y)
@@ -443,7 +443,7 @@ class EffectorInverse(ProjectedInverse, Result):
         return axes
 
 
-def solve_inverse(effector: Section, target: ArrayLike) -> EffectorInverse:
+def solve_inverse(effector: EffectorModel, target: ArrayLike) -> EffectorInverse:
     """Return the pressures that bring the backbone's end to lateral targets.
 
     The inverse of `pose` by superposition, exact and by roots in one unknown each: (4.13) gives the
@@ -482,14 +482,14 @@ def solve_inverse(effector: Section, target: ArrayLike) -> EffectorInverse:
         contraction=contractions.reshape(*shape, count),
         force=found.displacements / effector.packed.compliance,
         residual=residual,
-        settled=np.asarray(residual <= TOLERANCE),
+        settled=np.asarray(residual <= MISS_TOLERANCE_MM),
         iterations=iterations.reshape(shape),
         reach=known,
     )
 
 
 def solve_displacements(
-    effector: Section, displacements: Floats, *, limit: float
+    effector: EffectorModel, displacements: Floats, *, limit: float
 ) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
     """Return contractions, pressures (n, m), residuals and iterations (n,) of displacements (n, m).
 
@@ -528,7 +528,7 @@ def solve_displacements(
 
 
 def _find_miss(
-    effector: Section, index: int, contractions: Floats, pressures: Floats, left_over: Floats
+    effector: EffectorModel, index: int, contractions: Floats, pressures: Floats, left_over: Floats
 ) -> Floats:
     """What `kernels.measure_left_over` is, of any model that leaves over a pull [N]."""
     packed = effector.packed

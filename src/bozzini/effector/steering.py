@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..results import Json, Result, list_coordinates, take_axes, to_plain
 from .equilibrium import balance
 from .inverse import (
-    TOLERANCE,
+    MISS_TOLERANCE_MM,
     EffectorInverse,
     find_reach,
     find_sectors,
@@ -33,8 +33,8 @@ from .inverse import (
     take_place,
     take_targets,
 )
+from .model import EffectorModel
 from .pose import pose
-from .section import Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -146,7 +146,9 @@ class CubicFit:
         return np.asarray(first + pressure * (second + pressure * (third + pressure * fourth)))
 
 
-def fit_cubic(effector: Section, name: str, *, start: float = 0.0, samples: int = 200) -> CubicFit:
+def fit_cubic(
+    effector: EffectorModel, name: str, *, start: float = 0.0, samples: int = 200
+) -> CubicFit:
     """Fit a cubic to the deflection by one muscle, in least squares.
 
     Parameters
@@ -245,7 +247,7 @@ def check_cubics(
             )
 
 
-def check_fit(cubics: Mapping[str, CubicFit], effector: Section) -> None:
+def check_fit(cubics: Mapping[str, CubicFit], effector: EffectorModel) -> None:
     """Raise `InputError` unless the cubics were fitted to this effector's muscles.
 
     Looked at is the deflection at the last pressure of each fit.
@@ -263,7 +265,7 @@ def check_fit(cubics: Mapping[str, CubicFit], effector: Section) -> None:
             )
 
 
-def _find_limit(effector: Section, name: str) -> tuple[float, bool]:
+def _find_limit(effector: EffectorModel, name: str) -> tuple[float, bool]:
     """Return the pressure up to which the deflection grows, and whether the backbone ends it."""
     place = effector.design.index(name)
     known = find_reach(effector)
@@ -357,7 +359,7 @@ class Trace(Result):
     @property
     def converged(self) -> NDArray[np.bool_]:
         """Whether the target is met, to 2e-6 mm: each of two muscles may miss its part by half."""
-        return self.reachable & self.settled & (self.error <= 2.0 * TOLERANCE)
+        return self.reachable & self.settled & (self.error <= 2.0 * MISS_TOLERANCE_MM)
 
     @property
     def reason(self) -> str:
@@ -413,7 +415,7 @@ class Trace(Result):
 
 
 def trace_path(
-    effector: Section,
+    effector: EffectorModel,
     targets: ArrayLike,
     *,
     cubics: Mapping[str, CubicFit] | None = None,
@@ -458,13 +460,13 @@ def trace_path(
         holder_tip=np.asarray(posed.holder_tip),
         reachable=inverse.reachable,
         error=np.hypot(*(achieved - wanted).T),
-        settled=np.asarray(inverse.settled & (posed.converged | posed.saturated)),
+        settled=np.asarray(inverse.settled & (posed.settled | posed.saturated)),
         pressure_map="exact" if cubics is None else "cubic",
     )
 
 
 def trace_line(
-    effector: Section,
+    effector: EffectorModel,
     start: ArrayLike,
     end: ArrayLike,
     *,
@@ -494,7 +496,7 @@ def trace_line(
 
 
 def trace_circle(
-    effector: Section,
+    effector: EffectorModel,
     radius: float,
     *,
     centre: ArrayLike = (0.0, 0.0),
@@ -591,7 +593,7 @@ class Stick:
         return np.asarray(travel / np.where(size > 0.0, size, 1.0) * beyond + 0.0)
 
 
-def find_stick_scale(effector: Section, *, amplitudes: ArrayLike | None = None) -> float:
+def find_stick_scale(effector: EffectorModel, *, amplitudes: ArrayLike | None = None) -> float:
     """Return the deflection of a full stick [mm]: the largest one of the projected workspace.
 
     ``max(A_i, |A_i e_i + A_j e_j|)`` over the muscles and the sectors (thesis 4.6), at most the
@@ -619,7 +621,7 @@ def find_stick_scale(effector: Section, *, amplitudes: ArrayLike | None = None) 
 
 
 def steer(
-    effector: Section,
+    effector: EffectorModel,
     raw: ArrayLike,
     *,
     stick: Stick | None = None,
@@ -662,7 +664,7 @@ def steer(
 
 
 def _use_cubics(
-    effector: Section, exact: EffectorInverse, cubics: Mapping[str, CubicFit]
+    effector: EffectorModel, exact: EffectorInverse, cubics: Mapping[str, CubicFit]
 ) -> EffectorInverse:
     check_fit(cubics, effector)
     pressures = look_up_pressures(cubics, effector.design.names, exact.displacements)
@@ -675,6 +677,6 @@ def _use_cubics(
         force=posed.force,
         delivered=posed.lateral_vector,
         residual=np.hypot(away[..., 0], away[..., 1]),
-        settled=np.asarray(exact.settled & (posed.converged | posed.saturated)),
+        settled=np.asarray(exact.settled & (posed.settled | posed.saturated)),
         pressure_map="cubic",
     )

@@ -20,7 +20,7 @@ from ..results import Json, Result, measured, take_axes, to_plain
 from ..units import add_unit
 from .design import EffectorDesign, PlacedMuscle
 from .effector import Effector
-from .inverse import TOLERANCE, find_reach, solve_displacements
+from .inverse import MISS_TOLERANCE_MM, find_reach, solve_displacements
 from .workspace import workspace
 
 if TYPE_CHECKING:
@@ -301,21 +301,21 @@ def find_needed_pressure(effector: Effector, deflection: float) -> float:
     names = effector.design.names
     moves = wanted * np.eye(len(names))
     # The thesis's muscle contracts less again at several MPa: below the limit first.
-    for limit in (effector.design.pressure_limit, _HIGHEST_PRESSURE):
+    for limit in (effector.design.pressure_limit, _HIGHEST_PRESSURE_MPA):
         _, pressures, residual, _ = solve_displacements(effector, moves, limit=limit)
         needed = pressures.diagonal()
-        failed = np.flatnonzero(~(residual <= TOLERANCE) | ~(needed > 0.0))
+        failed = np.flatnonzero(~(residual <= MISS_TOLERANCE_MM) | ~(needed > 0.0))
         if not failed.size:
             break
     if failed.size:
         raise InputError(
             f"deflection is {wanted:g} mm: muscle {names[failed[0]]} does not reach it at any "
-            f"pressure up to {_HIGHEST_PRESSURE:g} MPa"
+            f"pressure up to {_HIGHEST_PRESSURE_MPA:g} MPa"
         )
     return float(needed.max())
 
 
-_HIGHEST_PRESSURE = 10.0
+_HIGHEST_PRESSURE_MPA = 10.0
 """Pressure up to which one is looked for [MPa]: the largest that a design may have as limit."""
 
 
@@ -392,9 +392,9 @@ def _try_design(effector: Effector, changes: Changes, deflection: float) -> Swee
 MOST_GRID_DESIGNS = 10_000
 """Designs that a grid may have."""
 
-_WORST = 1e3
+_INFEASIBLE_MPA = 1e3
 """What a design that does not reach the deflection counts as [MPa]: above all others."""
-_BEYOND = 100.0
+_ABOVE_LIMIT_MPA = 100.0
 """What is added to a pressure above the design's limit [MPa]."""
 
 
@@ -455,7 +455,7 @@ class _Search:
         self.effector = effector
         self.deflection = deflection
         self.names = names
-        self.best = _WORST
+        self.best = _INFEASIBLE_MPA
         self.best_changes: Changes = {}
         self.best_effector = effector
         self.evaluations = 0
@@ -471,12 +471,12 @@ class _Search:
         except BozziniError as error:
             self.infeasible += 1
             self.last_reason = str(error)
-            return _WORST
+            return _INFEASIBLE_MPA
         limit = tried.design.pressure_limit
         if needed > limit:
             # Worse than any that is legal, and the less so the nearer it is.
             self.infeasible += 1
-            needed += _BEYOND
+            needed += _ABOVE_LIMIT_MPA
         if needed < self.best:
             self.best, self.best_changes, self.best_effector = needed, changes, tried
         return needed
@@ -547,7 +547,7 @@ def optimise_design(
             values.append(search.measure(point, fixed))
             progress("designs", (number + 0.8 * (index + 1) / len(points)) / len(cases))
         start = int(np.argmin(values))
-        if values[start] < _WORST:
+        if values[start] < _INFEASIBLE_MPA:
             minimize(
                 search.measure,
                 points[start],
@@ -563,13 +563,13 @@ def optimise_design(
             )
         progress("designs", (number + 1) / len(cases))
     success, reason = _judge(search, box)
-    found = search.best < _WORST
+    found = search.best < _INFEASIBLE_MPA
     return Optimum(
         converged=success,
         reason=reason,
         effector=search.best_effector,
         changes=search.best_changes,
-        pressure=(search.best - (0.0 if success else _BEYOND)) if found else 0.0,
+        pressure=(search.best - (0.0 if success else _ABOVE_LIMIT_MPA)) if found else 0.0,
         pressure_before=before,
         deflection=wanted,
         evaluations=search.evaluations,
@@ -608,11 +608,11 @@ def _start_simplex(
 
 
 def _judge(search: _Search, box: NDArray[np.float64]) -> tuple[bool, str]:
-    if search.best >= _WORST:
+    if search.best >= _INFEASIBLE_MPA:
         return False, f"no design within the bounds is feasible; the last: {search.last_reason}"
-    if search.best >= _BEYOND:
+    if search.best >= _ABOVE_LIMIT_MPA:
         limit = search.best_effector.design.pressure_limit
-        least = search.best - _BEYOND
+        least = search.best - _ABOVE_LIMIT_MPA
         return False, f"the least pressure is {least:.4g} MPa, above the limit of {limit:g} MPa"
     on_bound = []
     for name, (low, high) in zip(search.names, box, strict=True):

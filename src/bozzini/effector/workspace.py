@@ -18,7 +18,7 @@ from .equilibrium import settle_muscles
 from .inverse import Reach, Sectors, find_reach, solve_inverse, split, take_place
 from .kernels.inverse import PEAK
 from .linkage import bend, contraction_for_lateral, find_peak, lateral_slope
-from .section import Section
+from .model import EffectorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,7 +109,7 @@ class Workspace(ClosedForm):
         return axes
 
 
-def workspace(effector: Section, *, directions: int = 360, samples: int = 2000) -> Workspace:
+def workspace(effector: EffectorModel, *, directions: int = 360, samples: int = 2000) -> Workspace:
     """Return the workspace of an end-effector.
 
     Parameters
@@ -310,7 +310,9 @@ def passive_stiffness(design: EffectorDesign) -> float:
     return 3.0 * design.rigidity / design.backbone_length**3
 
 
-def tip_stiffness(effector: Section, pressures: ArrayLike | Mapping[str, ArrayLike]) -> Floats:
+def tip_stiffness(
+    effector: EffectorModel, pressures: ArrayLike | Mapping[str, ArrayLike]
+) -> Floats:
     """Return the lateral stiffness of the tip (..., 2, 2) [N/mm] at constant pressures.
 
     A lateral force ``f`` at the tip deflects the section, as a beam, by ``s f`` with
@@ -354,7 +356,7 @@ def tip_stiffness(effector: Section, pressures: ArrayLike | Mapping[str, ArrayLi
 
 
 def tip_force(
-    effector: Section, direction: ArrayLike, *, lateral: ArrayLike = (0.0, 0.0)
+    effector: EffectorModel, direction: ArrayLike, *, lateral: ArrayLike = (0.0, 0.0)
 ) -> TipForce:
     """Return the largest force that the tip exerts in a direction while something holds it.
 
@@ -413,7 +415,7 @@ def tip_force(
     )
 
 
-def _measure_pulls(effector: Section, contraction: Floats) -> Floats:
+def _measure_pulls(effector: EffectorModel, contraction: Floats) -> Floats:
     """Pull of each muscle at the pressure limit and contractions (m,) [N], 0 if it is slack."""
     limit = effector.design.pressure_limit
     pulls = np.zeros(len(effector.models))
