@@ -88,6 +88,8 @@ def test_forward_chooses_the_model_and_takes_names() -> None:
     assert ROBOT.forward(PULLED).tip.tolist() == ArcModel(ROBOT).shape(PULLED).tip.tolist()
     named = dict(zip(ROBOT.tendon_names, PULLED, strict=True))
     assert ROBOT.forward(named).tip.tolist() == ROBOT.forward(PULLED).tip.tolist()
+    several = {name: [value, 0.5 * value] for name, value in named.items()}
+    assert ROBOT.forward(several).tip.tolist() == ROBOT.forward([PULLED, 0.5 * PULLED]).tip.tolist()
     batch = ROBOT.forward([PULLED, 0.5 * PULLED], model="energy", segment="channel")
     channel = EnergyModel(ROBOT, segment="channel")
     assert batch.tip.tolist() == channel.shape([PULLED, 0.5 * PULLED]).tip.tolist()
@@ -122,5 +124,8 @@ def test_results_are_plain_values_tables_and_pictures() -> None:
     assert batch.to_dict()["sections"][1]["bend_rad"] == pytest.approx([np.hypot(*BENDS[1])] * 2)
     assert found.to_frame()["displacement_mm"].tolist() == found.displacements.tolist()
     assert space.to_dict()["reach_mm"] == space.volume.reach
+    assert shape == shape and shape != ROBOT.forward(PULLED)  # noqa: PLR0124  # by identity
+    for result in (shape, found, space):
+        assert {"converged", "reason"} <= set(result.to_dict())
     for result in (shape, found, space, ROBOT):
         assert isinstance(result.plot(), Axes)

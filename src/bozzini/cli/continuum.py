@@ -616,7 +616,8 @@ def workspace_command(robot_file: Path, answer: Answer, **asked: Any) -> None:
                 f"direction needs {NEEDED_FREEDOMS}: the directions at one place have no area"
             )
     answer.write(found.list_columns(), lambda: draw_workspace(found.map, length=robot.length))
-    result = found.to_dict() | {
+    verdict = ("converged", "reason", "residual")  # the answer has the coverage for them
+    result = {name: value for name, value in found.to_dict().items() if name not in verdict} | {
         "count": count,
         "seed": seed,
         "directions_at": looked and {"place_mm": looked.place, "share": looked.share},

@@ -29,7 +29,7 @@ RANK_RATIO = 1e-9
 """Ratio of singular values below which directions count as one."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BendSolution:
     """Bends of the sections under tendon displacements.
 

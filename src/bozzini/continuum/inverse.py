@@ -254,6 +254,10 @@ class Search:
 
     def run(self, options: InverseOptions, *, starts: int) -> ContinuumInverse:
         """Search, with `starts` starts unless the options have another number."""
+        known = InverseOptions.__annotations__
+        for name in options:
+            if name not in known:
+                raise InputError(f"the inverse has no option '{name}': it has {', '.join(known)}")
         count = check_integer("starts", options.get("starts", starts), low=1, high=START_CANDIDATES)
         near, aside = (
             check_number(name, options.get(name, 1e-6), low=0.0, low_open=True, unit=unit)  # type: ignore[arg-type]

@@ -164,7 +164,7 @@ def write_reasons(shape: tuple[int, ...], reasons: dict[tuple[int, ...], str]) -
     return array
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BendMeasure:
     """Angles through which the sections of shapes bend, and how tightly.
 

@@ -21,7 +21,7 @@ STATION_TOLERANCE_MM = 1e-6
 """Distance at which a station counts as the place of a disc [mm]."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Shape(Result):
     """Shapes of a robot, one for each set of displacements. The base frame is the identity.
 

@@ -404,7 +404,7 @@ def manipulability(
     GeometryError
         If the tendons are not parallel.
     """
-    if part not in PARTS:
+    if part not in tuple(PARTS):
         raise InputError(f"part is {part!r}: choose one of {tuple(PARTS)}")
     scale = check_number(
         "turn_length",
@@ -600,6 +600,9 @@ class ContinuumWorkspace(Result):
         travel, volume = self.travel, self.volume
         plain = to_plain(
             {
+                "converged": self.converged,
+                "reason": self.reason,
+                "residual": self.residual,
                 "reach_mm": volume.reach,
                 "hull_mm3": volume.hull,
                 "occupied_mm3": volume.occupied,
