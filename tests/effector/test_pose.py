@@ -21,7 +21,7 @@ from bozzini.effector import (
     place_curve,
     pose,
 )
-from bozzini.errors import BozziniError, InputError
+from bozzini.errors import BozziniError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 from tests.effector.models import SpringMuscle
 from tests.effector.reference import turn
@@ -200,27 +200,6 @@ def test_pressures_by_name():
     by_place = pose(EFFECTOR, [[0.5, 0.0, 0.2], [0.5, 0.0, 0.3]])
     assert np.array_equal(by_name.pressures, by_place.pressures)
     assert np.array_equal(by_name.tip, by_place.tip)
-
-
-@pytest.mark.parametrize(
-    ("pressures", "message"),
-    [
-        ([0.1, 0.1], r"pressures has shape \(2,\): it must be \(..., 3\)"),
-        (0.1, r"pressures has shape \(\)"),
-        ([0.1, 0.9, 0.1], r"pressure of muscle G is 0.9 MPa: it must lie in \[0, 0.827\] MPa"),
-        ([[0.0, 0.0, 0.0], [0.0, 0.0, math.nan]], "pressure of muscle B is nan MPa"),
-        ({"R": -0.1}, "pressure of muscle R is -0.1 MPa"),
-        ({"X": 0.1}, r"no muscle 'X': choose one of \['R', 'G', 'B'\]"),
-        ({"R": [0.1, 0.2], "G": [0.1, 0.2, 0.3]}, "arrays of one shape"),
-        ("R", "must be a number or an array"),
-    ],
-)
-def test_refused_pressures(pressures, message):
-    with pytest.raises(InputError, match=message) as caught:
-        pose(EFFECTOR, pressures)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match="method is 'sum'"):
-        pose(EFFECTOR, [0.0, 0.0, 0.0], method="sum")
 
 
 @settings(max_examples=100)

@@ -12,7 +12,6 @@ from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
 from bozzini.effector.study import change_design, find_needed_pressure, optimise_design, sweep
 from bozzini.effector.workspace import workspace
-from bozzini.errors import BozziniError
 
 DESIGN = effector_preset("prototype")
 EFFECTOR = Effector(DESIGN)
@@ -48,19 +47,6 @@ def test_changes() -> None:
     assert changed.angles == pytest.approx([0.0, 2.0, 4.0])
     assert all(p.muscle.length == 60.0 and p.muscle.braid_angle == 0.5 for p in changed.muscles)
     assert change_design(DESIGN, {}) == DESIGN
-    for wrong in (
-        {"length": 50.0, "backbone_length": 50.0},
-        {"angles": [1.0]},
-        {"angles": 3.0},
-        {"colour": 1},
-        {"muscle.colour": 1},
-        {"length": None},
-        {"angles": None},
-        {"muscles": (1, 2)},
-        None,
-    ):
-        with pytest.raises(BozziniError):
-            change_design(DESIGN, wrong)
 
 
 def test_muscles_can_be_changed_with_their_length() -> None:
