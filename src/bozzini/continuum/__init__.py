@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
-from .coupling import BendSolution, ParallelModel
+from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .energy import EnergyModel
 from .inverse import (
     ContinuumInverse,
@@ -61,6 +61,8 @@ __all__ = [
     "WorkspaceVolume",
     "arc_frames",
     "bend_vectors",
+    "check_displacements",
+    "coupling_matrix",
     "displacements_for",
     "jacobian",
     "manipulability",

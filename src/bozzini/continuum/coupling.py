@@ -58,7 +58,13 @@ class BendSolution:
 
 
 def check_displacements(robot: RobotDesign, displacements: ArrayLike) -> Floats:
-    """Return displacements as a finite array of shape (..., t), or raise `InputError`."""
+    """Return displacements as a finite array of shape (..., t) [mm].
+
+    Raises
+    ------
+    InputError
+        If there is not one finite displacement for each tendon.
+    """
     count = len(robot.tendons)
     array = check_array("displacements", displacements)
     if array.ndim == 0 or array.shape[-1] != count:
@@ -75,6 +81,13 @@ def check_displacements(robot: RobotDesign, displacements: ArrayLike) -> Floats:
 
 def coupling_matrix(robot: RobotDesign, *, model: str = "arc") -> Floats:
     """Return the matrix from bends to displacements, shape (t, 2 m) [mm/rad].
+
+    Parameters
+    ----------
+    robot : RobotDesign
+        A robot of parallel tendons.
+    model : str
+        Model that messages name.
 
     Raises
     ------

@@ -23,7 +23,7 @@ ArcLength = Annotated[float, ARC_LENGTH]
 
 Knots = tuple[tuple[ArcLength, float], ...]
 
-INTERPOLATION = Literal["linear", "cubic"]
+Interpolation = Literal["linear", "cubic"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,9 @@ def _is_row(given: object) -> TypeGuard[Sequence[object]]:
     return isinstance(given, Sequence) and not isinstance(given, str)
 
 
-def evaluate_profile(profile: Profile, places: Floats, interpolation: str) -> tuple[Floats, Floats]:
+def evaluate_profile(
+    profile: Profile, places: Floats, interpolation: Interpolation
+) -> tuple[Floats, Floats]:
     """Return value and slope at arc lengths inside the knots.
 
     Straight lines between knots, or monotone cubics (Fritsch and Carlson 1980), which never
@@ -155,12 +157,12 @@ class Tendon:
     travel: tuple[float | None, float | None] | None = quantity(
         "length", "Smallest and largest displacement.", default=(-math.inf, math.inf)
     )
-    interpolation: INTERPOLATION = "linear"
+    interpolation: Interpolation = "linear"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
         label, known = f"tendon '{self.name}'", list_quantities(Tendon)
-        legal = get_args(INTERPOLATION)
+        legal = get_args(Interpolation)
         if not isinstance(self.interpolation, str) or self.interpolation not in legal:
             raise InputError(
                 f"{label} interpolation is {self.interpolation!r}: choose one of {legal}"
