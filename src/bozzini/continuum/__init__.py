@@ -18,6 +18,7 @@ from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
+from .robot import RobotDesign
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .shape import Shape
@@ -51,6 +52,7 @@ __all__ = [
     "LinkageModel",
     "Manipulability",
     "ParallelModel",
+    "RobotDesign",
     "RodModel",
     "Section",
     "SectionResult",
