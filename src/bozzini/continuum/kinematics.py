@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
@@ -75,7 +76,8 @@ class ContinuumRobot(RobotDesign):
         """
         if isinstance(displacements, Mapping):
             displacements = self.order_displacements(displacements)
-        return self.model(model, **options).shape(displacements)
+        chosen = self._default_model if model is None and not options else None
+        return (chosen or self.model(model, **options)).shape(displacements)
 
     def inverse(
         self,
@@ -123,6 +125,10 @@ class ContinuumRobot(RobotDesign):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the robot at rest, and return the axes."""
         return self.forward(np.zeros(len(self.tendons))).plot(ax)
+
+    @cached_property
+    def _default_model(self) -> ContinuumModel:
+        return self.model()
 
     def model(self, name: str | None = None, **options: Any) -> ContinuumModel:
         """Return a model of this robot, with its options; see `forward`."""
