@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bozzini.checks import check_fields, quantity
+from bozzini.checks import quantity
 from bozzini.continuum.coupling import ParallelModel
 from bozzini.duct.base import Shape
 from bozzini.motion import Motion, Planner, move_free_chain
@@ -47,10 +47,6 @@ class Ring(Shape):
 
     radius: float = quantity("length", "From the axis to the middle of the tube.", low=1.0)
     tube: float = quantity("length", "Radius of the tube.", low=0.0, low_open=True)
-
-    def __post_init__(self):
-        """Check the numbers."""
-        check_fields(self)
 
     @property
     def bounds(self):

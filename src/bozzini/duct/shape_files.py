@@ -14,11 +14,12 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
-from ..checks import Quantity, quantity, show_value
+from ..checks import Quantity, list_quantities, quantity, show_value
 from ..errors import FileFormatError, InputError
 from ..io.files import check_new_file, write_text
 from ..io.records import format_yaml, load_data, read_record
 from ..results import Json
+from ..units import INTERNAL_UNITS, parse_quantity
 from .base import Duct, Form
 from .shapes import SHAPES
 
@@ -217,7 +218,11 @@ def _build(kind: type[Duct], items: Sequence[Json], options: Json) -> Duct:
     if not kind.columns:
         if len(items) != 1:
             raise InputError(f"shapes has {len(items)} items: a {kind.__name__} has 1")
-        given = {key: value for key, value in vars(pieces[0]).items() if key in items[0]}
+        given = {
+            key: _read_units(value, _find_kind(kind, key), f"shapes[0].{key}")
+            for key, value in vars(pieces[0]).items()
+            if key in items[0]
+        }
     for key, (name, form) in kind.columns.items():
         table = np.array([getattr(piece, key) for piece in pieces])
         given[name] = np.swapaxes(table, 1, 2) if form == "axes" else table
@@ -240,6 +245,32 @@ def _make_pieces(kind: type[Duct]) -> Any:
         columns = [(i.name, Any) if _is_needed(i) else (i.name, Any, None) for i in own]
     piece = make_dataclass("Piece", columns, kw_only=True)
     return make_dataclass("Pieces", [("shapes", tuple[piece, ...])])  # type: ignore[valid-type]
+
+
+def _find_kind(kind: type[Duct], name: str) -> str | tuple[str, ...]:
+    """Return of which kind a field's numbers are, empty where text has no unit."""
+    known = list_quantities(kind).get(name)
+    return kind.unit_kinds.get(name, "") if known is None else known.kind
+
+
+def _read_units(value: object, kind: str | tuple[str, ...], where: str) -> object:
+    """Return numbers, nested as they are, with text such as "10 mm" as the number it stands for."""
+    if isinstance(value, (list, tuple)):
+        row = isinstance(kind, tuple) and len(value) == len(kind) and _is_flat(value)
+        return [
+            _read_units(item, kind[k] if row else kind, f"{where}[{k}]")
+            for k, item in enumerate(value)
+        ]
+    if not isinstance(value, str) or kind not in INTERNAL_UNITS:
+        return value
+    try:
+        return parse_quantity(value, str(kind))
+    except InputError as error:
+        raise type(error)(f"{where}: {error}") from None
+
+
+def _is_flat(values: Sequence[object]) -> bool:
+    return not any(isinstance(item, (list, tuple)) for item in values)
 
 
 def _find_type(form: Form, dim: int) -> Any:

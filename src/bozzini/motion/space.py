@@ -18,15 +18,16 @@ lie on the wall: outside, the distance is exact, and its foot point is one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..duct.base import Duct
+from ..duct.base import Duct, check_duct
 from ..duct.centreline import Centreline, find_clear_path
+from ..duct.checks import set_fields
 from ..duct.field import SampledField
 from ..errors import InputError
 from .scope import Introducer
@@ -265,11 +266,22 @@ class FreeSpace:
         The way from the entry to the goal; only a certificate does without it.
     introducer : Introducer, optional
         The straight tube before the entry.
+
+    Raises
+    ------
+    InputError
+        If `duct` is none, or its signed distance is none: see `bozzini.duct.Duct.sample`.
     """
 
     duct: Duct
     line: Centreline | None = None
     introducer: Introducer | None = None
+    data: object = field(init=False, repr=False)
+    """The duct as compiled code takes it."""
+
+    def __post_init__(self) -> None:
+        check_duct("duct", self.duct)
+        set_fields(self, data=self.duct.pack())
 
     @classmethod
     def at_entry(cls, duct: Duct, line: Centreline, *, along: float) -> FreeSpace:
@@ -289,11 +301,6 @@ class FreeSpace:
         if self.introducer is None:
             raise InputError("this free space has no introducer: give one")
         return self.introducer
-
-    @cached_property
-    def data(self) -> object:
-        """The duct as compiled code takes it."""
-        return self.duct.pack()
 
     @cached_property
     def intro(self) -> NDArray[np.float64]:

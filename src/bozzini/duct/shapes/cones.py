@@ -14,7 +14,6 @@ from ..base import Shape
 from ..checks import (
     check_counts,
     check_radii,
-    check_wall,
     freeze_array,
     freeze_places,
     set_fields,
@@ -38,7 +37,7 @@ class _Balls(Shape):
         radii = freeze_array("radii", self.radii, ())
         check_counts(len(centres), {"radii": radii})
         check_radii(radii)
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         set_fields(self, centres=centres, radii=radii)
 
     @property
