@@ -25,7 +25,6 @@ class PulledPlanner(Planner):
     """
 
     name = "pulled"
-    help = "links are pulled, the wall is ignored"
     ignored = ("angle_limit", "route")
 
     def move(self, space, scope, options, *, progress=no_progress):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,15 @@ def test_a_plan_that_cannot_be_written_leaves_nothing(tmp_path):
 def test_an_inconsistent_plan_is_refused(changes, message):
     with pytest.raises(InputError, match=message):
         make_plan(**changes)
+
+
+@pytest.mark.parametrize("length", [None, 60.0])
+def test_the_scope_is_the_same_in_the_file(tmp_path, length):
+    plan = make_plan()
+    scope = Scope(diameter=5.0, link_length=8.0, length=length)
+    again = Plan.load(replace(plan, scope=scope).save(tmp_path / "plan.npz"))
+    assert again.scope == scope
+    assert ("length_mm" in again.meta["scope"]) == (length is not None)
 
 
 @given(length=st.floats(1.0, 50.0), path=st.floats(1.0, 900.0))

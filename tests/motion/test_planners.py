@@ -28,7 +28,6 @@ class Straight(Planner):
     """Pushes the straight chain in, whatever is in the way."""
 
     name = "straight"
-    help = "a rod"
     ignored = ("slip", "angle_limit", "route")
 
     def move(self, space, scope, options, *, progress=None):
@@ -101,9 +100,14 @@ def test_options_that_a_planner_ignores_must_be_as_by_default(plugins, tubes):
     space = FreeSpace(*tubes["straight"])
     with pytest.raises(InputError, match="'straight' has no slip, angle limit or route: .* best"):
         Straight().plan(space, SCOPE, PlannerOptions(slip=0.5))
-    for step in (0.0, 7.0):
-        with pytest.raises(InputError, match=rf"head step is {step:g} mm: .* \[0.001, 6\] mm"):
-            Straight().plan(space, SCOPE, PlannerOptions(head_step=step))
+    with pytest.raises(InputError, match=r"head step is 7 mm: .* \[0.001, 6\] mm"):
+        Straight().plan(space, SCOPE, PlannerOptions(head_step=7.0))
+
+    class Slipping(Straight):
+        ignored = ("route",)
+
+    with pytest.raises(InputError, match="'straight' has no route: leave it out, or use one of "):
+        Slipping().plan(space, SCOPE, PlannerOptions(slip=0.5, route=(1.0, 0.0)))
 
 
 @pytest.mark.parametrize(

@@ -257,6 +257,25 @@ def test_what_is_wrong_for_any_tract_is_said_before_the_long_work(
         run(labels, **options)
 
 
+@pytest.mark.parametrize(
+    ("inputs", "words"), [({"unit": 3}, "input.unit is 3"), ({"voxel_mm": -1.0}, "voxel_mm is -1")]
+)
+def test_what_a_plan_is_made_from_is_checked_before_the_long_work(
+    labels: LabelTract,
+    monkeypatch: pytest.MonkeyPatch,
+    inputs: dict[str, object],
+    words: str,
+) -> None:
+    monkeypatch.setattr("bozzini.study.insertion.build_field", None)
+    with pytest.raises(InputError, match=words):
+        run(labels, inputs=inputs)
+
+
+@pytest.mark.parametrize("route", [[1.0, 0.0], (1, 0), np.array([1.0, 0.0]), "in-out"])
+def test_a_route_is_a_name_or_any_sequence(route: object) -> None:
+    assert InsertionOptions(route=route).motion.route == (1.0, 0.0)
+
+
 def test_an_implausible_size_is_said_again_where_a_later_stage_fails() -> None:
     finding = Finding("scale", "warning", "the tract is implausibly small: try --unit m")
     with pytest.raises(

@@ -536,11 +536,6 @@ class Plan(Result):
             part = getattr(self, name)
             if part is not None:
                 record[name] = write_record(part)
-        if self.scope is not None:
-            record["scope"] = {
-                "diameter_mm": self.scope.diameter,
-                "link_length_mm": self.scope.link_length,
-            }
         if self.certificate is not None:
             record["certified"] = self.certified
         if self.options is not None:

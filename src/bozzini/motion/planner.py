@@ -21,13 +21,10 @@ from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .measures import measure_motion
 from .plan import LENGTH_ROUND_OFF_MM, Candidate, FieldSummary, Plan
-from .planners import PLANNERS, PlannerOptions
+from .planners import HEAD_STEP_MIN_MM, PLANNERS, PlannerOptions
 from .refusal import Refusal
 from .scope import Scope
 from .space import FreeSpace, grid_of
-
-HEAD_STEP_MIN_MM = 1e-3
-"""Least step of the head."""
 
 LINKS_MAX = 10_000
 """A scope has at most as many links."""
@@ -85,14 +82,11 @@ class Planner(ABC):
     ----------
     name : str
         By which it is chosen.
-    help : str
-        What it does, in a few words.
     ignored : tuple of str
         Fields of `PlannerOptions` that it does not know: they must be as by default.
     """
 
     name: ClassVar[str]
-    help: ClassVar[str] = ""
     ignored: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
@@ -188,9 +182,10 @@ class Planner(ABC):
         default = PlannerOptions()
         if any(getattr(options, name) != getattr(default, name) for name in self.ignored):
             *names, last = (name.replace("_", " ") for name in self.ignored)
+            words = f"{', '.join(names)} or {last}" if names else last
             others = (name for name in PLANNERS if name != self.name)
             raise InputError(
-                f"method '{self.name}' has no {', '.join(names)} or {last}: leave them out, or "
+                f"method '{self.name}' has no {words}: leave {'them' if names else 'it'} out, or "
                 f"use one of {', '.join(others)}"
             )
 

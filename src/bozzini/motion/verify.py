@@ -20,7 +20,7 @@ from ..progress import Progress, no_progress
 from ..results import to_plain
 from .certify import BUDGET, TOLERANCE_MM, Certificate, certify_motion
 from .measures import measure_angles, measure_body
-from .plan import LENGTH_ROUND_OFF_MM, ROUND_OFF_MM, Plan, TractInput
+from .plan import LENGTH_ROUND_OFF_MM, ROUND_OFF_MM, Plan, TractInput, write_record
 from .planners import PLANNERS
 from .recheck import Recheck, Tube, Wall, recheck_motion, surface_wall, voxel_wall
 from .space import FreeSpace, grid_of
@@ -106,7 +106,7 @@ class Verification:
                 "path_length_mm": float(plan.path_arc_length[-1]),
                 "steps": plan.steps,
                 "links": plan.links,
-                "scope": plan.meta.get("scope"),
+                "scope": None if plan.scope is None else write_record(plan.scope),
                 "inflation_mm": None if plan.field is None else plan.inflation,
                 "soft_wall_mm": None if plan.soft_wall is None else plan.displaced,
                 "wall": None if proof is None else proof.wall,

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..checks import check_fields, quantity
-from ..motion.planners import PLANNERS, PlannerOptions
+from ..motion.planners import PLANNERS, PlannerOptions, check_route
 from ..results import Json
 
 if TYPE_CHECKING:
@@ -284,6 +284,11 @@ class InsertionOptions(PathOptions):
         "flag", "Also find the largest diameter and longest link.", default=False
     )
     compare: bool = quantity("flag", "Also plan by the other methods, side by side.", default=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.route, str):
+            object.__setattr__(self, "route", check_route(self.route))
+        super().__post_init__()
 
     @property
     def fractions(self) -> tuple[float, ...]:
