@@ -12,7 +12,7 @@ import numpy as np
 
 from bozzini.checks import quantity
 from bozzini.continuum.coupling import ParallelModel
-from bozzini.duct.base import Shape
+from bozzini.duct.base import DuctShape
 from bozzini.motion import Motion, Planner, move_free_chain
 from bozzini.muscle import Muscle, MuscleModel
 from bozzini.progress import no_progress
@@ -29,7 +29,7 @@ class PulledPlanner(Planner):
 
     def move(self, space, scope, options, *, progress=no_progress):
         """Return the tractrix of the centreline."""
-        line = space.way
+        line = space.centreline
         steps = int(np.ceil(line.length / options.head_step))
         travelled = np.linspace(0.0, line.length, steps + 1)
         heads = [np.interp(travelled, line.arc_length, column) for column in line.points.T]
@@ -39,7 +39,7 @@ class PulledPlanner(Planner):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ring(Shape):
+class Ring(DuctShape):
     """The inside of a torus about the z axis."""
 
     name = "ring"

@@ -11,18 +11,18 @@ import trimesh
 
 from bozzini.checks import quantity
 from bozzini.duct import (
-    SHAPES,
+    DUCT_SHAPES,
     BetweenCurves,
     Centreline,
     Circles,
     ConnectedCylinders,
     ConvexPolyhedra,
     Duct,
+    DuctShape,
     Moved,
     PointCloud,
     Polygon,
     RoundCones,
-    Shape,
     StitchedQuads,
     SuperEllipses,
     SuperEllipsoids,
@@ -62,7 +62,7 @@ TORI = {"torus": Torus(20.0, 5.0), "packed-torus": PackedTorus(20.0, 5.0)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ball(Shape):
+class Ball(DuctShape):
     """A ball, or what goes wrong in a class of one's own."""
 
     radius: float = quantity("length", "Radius.", low=0.0, low_open=True)
@@ -89,10 +89,10 @@ class Ball(Shape):
 def plugins(monkeypatch):
     """Both tori as another package brings them."""
     found = {
-        name: EntryPoint(name, f"tests.duct.torus:{type(duct).__name__}", SHAPES.group)
+        name: EntryPoint(name, f"tests.duct.torus:{type(duct).__name__}", DUCT_SHAPES.group)
         for name, duct in TORI.items()
     }
-    monkeypatch.setitem(SHAPES.__dict__, "plugins", found)
+    monkeypatch.setitem(DUCT_SHAPES.__dict__, "plugins", found)
 
 
 def scatter(duct, count=300):
@@ -101,8 +101,8 @@ def scatter(duct, count=300):
 
 
 def test_every_shape_is_here():
-    assert set(OWN) == set(SHAPES.own)
-    assert all(SHAPES[name] is type(duct) for name, duct in OWN.items())
+    assert set(OWN) == set(DUCT_SHAPES.own)
+    assert all(DUCT_SHAPES[name] is type(duct) for name, duct in OWN.items())
 
 
 @pytest.mark.parametrize("name", [*OWN, *TORI])
@@ -110,7 +110,7 @@ def test_every_shape_is_a_duct_that_is_saved_moved_and_drawn(name, plugins, tmp_
     duct = (OWN | TORI)[name]
     points = scatter(duct)
     value = duct.signed_distance(points)
-    assert isinstance(duct, Duct) and SHAPES[name] is type(duct)
+    assert isinstance(duct, Duct) and DUCT_SHAPES[name] is type(duct)
     assert np.all(duct.clearance_bound(points) <= -value)
     for suffix in ("json", "yaml"):
         same = load(save(duct, tmp_path / f"a.{suffix}"))
@@ -175,8 +175,8 @@ def test_a_file_may_state_every_length_with_its_unit(name):
 
 
 def test_units_of_a_shape_of_another_package_are_its_quantities(monkeypatch):
-    found = {"ball": EntryPoint("ball", f"{__name__}:Ball", SHAPES.group)}
-    monkeypatch.setitem(SHAPES.__dict__, "plugins", found)
+    found = {"ball": EntryPoint("ball", f"{__name__}:Ball", DUCT_SHAPES.group)}
+    monkeypatch.setitem(DUCT_SHAPES.__dict__, "plugins", found)
     data = write_shapes(Ball(radius=4.0))
     data["shapes"] = [{"radius": "0.4 cm"}]
     assert read_shapes(data | {"inflation": "1 mm"}).inflate(1.0).bounds[1].tolist() == [6.0] * 3

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from bozzini.duct import field_from_mask, find_centreline
+from bozzini.duct import PackedDuct, SampledField, field_from_mask, find_centreline
+from bozzini.duct.base import Wrapped
 from bozzini.errors import InputError
 from bozzini.motion import Scope
 from bozzini.numeric.polylines import measure_arc_length
@@ -255,14 +257,21 @@ def test_a_motion_too_large_to_hold_is_refused_at_once(pinched):
     assert plan(length=200.0).links == 25
 
 
-class Refined:
+@dataclass(frozen=True, eq=False)
+class Refined(Wrapped, PackedDuct):
     """A duct with a coarse part for searches, as a refined field has one."""
 
-    def __init__(self, field):
-        self.coarse = field
+    coarse: SampledField
 
-    def __getattr__(self, name):
-        return getattr(self.coarse, name)
+    @property
+    def _inner(self):
+        return self.coarse
+
+    def pack(self):
+        return self.coarse.pack()
+
+    def inflate(self, distance):
+        return Refined(self.coarse.inflate(distance))
 
 
 def test_a_duct_with_a_coarse_part_is_searched_on_it(pinched):

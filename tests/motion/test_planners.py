@@ -32,7 +32,7 @@ class Straight(Planner):
 
     def move(self, space, scope, options, *, progress=None):
         """Return the motion of a rod along the first direction of the line."""
-        tube, line = space.tube, space.way
+        tube, line = space.tube, space.centreline
         depth = np.arange(0.0, min(line.length, 60.0), options.head_step)
         chain = tube.place_chain(scope.count_links(line.length) + 1, scope.link_length)
         joints = chain - depth[:, None, None] * tube.outward

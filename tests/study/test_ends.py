@@ -512,5 +512,5 @@ def test_options_know_every_organ_method_and_shape() -> None:
     assert options.ORGANS == ORGANS
     fields = options.InsertionOptions.__dataclass_fields__
     assert fields["method"].metadata["quantity"].words == tuple(PLANNERS)
-    assert options.SHAPES == KINDS
+    assert options.FITTED_KINDS == KINDS
     assert options.INFLATION_MAX == INFLATION_MAX

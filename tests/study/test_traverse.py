@@ -11,7 +11,7 @@ from bozzini.duct import RoundCones
 from bozzini.duct.shapes.cylinders import ConnectedCylinders
 from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
 from bozzini.errors import InputError
-from bozzini.study import FitOptions, PathOptions, run_fit, run_sections, traverse
+from bozzini.study import PathOptions, TractFitOptions, run_fit, run_sections, traverse
 from bozzini.study.traverse import run_limits
 from tests.study.test_insertion import END, START, make_labels
 
@@ -117,7 +117,7 @@ def test_what_is_wrong_is_said():
 
 
 def test_fitted_shapes_and_sections_are_results_with_a_picture():
-    fit = run_fit(make_labels(), FitOptions(max_error=2.0, start=START, end=END))
+    fit = run_fit(make_labels(), TractFitOptions(max_error=2.0, start=START, end=END))
     assert fit.converged is fit.fitted.converged
     assert fit.residual == fit.fitted.report.outside_bound
     assert 0.0 < fit.clearance_min <= -fit.field.signed_distance(fit.line.points).min()

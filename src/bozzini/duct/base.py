@@ -50,10 +50,10 @@ PLOT_CELLS = 160, 72
 class Duct(ABC):
     """A lumen, as planners see it: a signed distance to its wall, negative inside [mm].
 
-    A shape of one's own derives from this class, or from `Shape`, as a frozen dataclass, and brings
-    `bounds` and `signed_distance`. All else follows, and a shape that knows better overrides it:
-    the clearance bound from the distance, the gradient by differences, and what compiled kernels
-    see from a sampled field, whose error is stated. With kernels of its own it derives from
+    A shape of one's own derives from this class, or from `DuctShape`, as a frozen dataclass, and
+    brings `bounds` and `signed_distance`. All else follows, and a shape that knows better overrides
+    it: the clearance bound from the distance, the gradient by differences, and what compiled
+    kernels see from a sampled field, whose error is stated. With kernels of its own it derives from
     `PackedDuct` too. A class-level `name` is its name in files.
 
     The signed distance changes by at most 1 mm per mm (1-Lipschitz), the interpolant of a sampled
@@ -358,11 +358,6 @@ def check_duct(name: str, duct: object) -> None:
         raise InputError(f"{name} is a {type(duct).__name__}: it must be a duct")
 
 
-def count_dimensions(duct: Duct) -> int:
-    """Return 3, or 2 for a planar duct."""
-    return duct.dim
-
-
 def _list_shifts(dim: int, *, half: bool = False) -> list[tuple[int, ...]]:
     """Return the steps to neighbours in a sheet, or of each pair of opposite ones one."""
     shifts = list(itertools.product((-1, 0, 1), repeat=dim))
@@ -374,7 +369,7 @@ def _list_fields(duct: Duct) -> set[str]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shape(Duct):
+class DuctShape(Duct):
     """A duct that is given by numbers of its own, and not by other ducts.
 
     Parameters

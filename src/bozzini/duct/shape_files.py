@@ -21,7 +21,7 @@ from ..io.records import format_yaml, load_data, read_record
 from ..results import Json
 from ..units import INTERNAL_UNITS, parse_quantity
 from .base import Duct, Form
-from .shapes import SHAPES
+from .shapes import DUCT_SHAPES
 
 VERSION = 1
 """Version of the file format that is written."""
@@ -58,7 +58,7 @@ class ShapesFile:
     Parameters
     ----------
     shapes : Duct
-        Of a class in `SHAPES`.
+        Of a class in `DUCT_SHAPES`.
     fit : str
         How they were fitted to a tract, one of `FITS`; empty if they were not, or that is not
         known. What is proved to pass shapes that are inscribed passes the tract, but for their
@@ -87,7 +87,7 @@ def save_shapes(
     Parameters
     ----------
     duct : Duct
-        Of a class in `SHAPES`.
+        Of a class in `DUCT_SHAPES`.
     path : path-like
         Ends in ``.json``, ``.yaml`` or ``.yml``.
     fit : str
@@ -159,8 +159,8 @@ def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> Json:
     """
     _check_fit(fit)
     kind = str(getattr(duct, "name", ""))
-    if kind not in SHAPES or SHAPES[kind] is not type(duct):
-        raise InputError(f"a {type(duct).__name__} has no file form: {', '.join(SHAPES)} have")
+    if kind not in DUCT_SHAPES or DUCT_SHAPES[kind] is not type(duct):
+        raise InputError(f"a {type(duct).__name__} has no file form: {', '.join(DUCT_SHAPES)} have")
     data: Json = {"format": FORMAT, "version": VERSION, "kind": kind, "units": "mm"}
     stated = {name for name in OPTIONS if name in _list_fields(type(duct))}
     data |= {key: _to_plain(getattr(duct, key)) for key in OPTIONS if key in stated}
@@ -195,16 +195,16 @@ def read_shapes(data: object) -> Duct:
 
 def _read_file(data: object) -> ShapesFile:
     record = read_record(data, _Record, name="the file")
-    if record.kind not in SHAPES:
+    if record.kind not in DUCT_SHAPES:
         raise InputError(
-            f"kind is {show_value(record.kind)}: it must be one of {', '.join(SHAPES)}"
+            f"kind is {show_value(record.kind)}: it must be one of {', '.join(DUCT_SHAPES)}"
         )
     _check_fit(record.fit)
     if not record.shapes:
         raise InputError("shapes is []: it must be a list of 1 or more")
     given = cast(Json, data)
     options = {name: getattr(record, name) for name in OPTIONS if name in given}
-    shapes = _build(SHAPES[record.kind], given["shapes"], options)
+    shapes = _build(DUCT_SHAPES[record.kind], given["shapes"], options)
     return ShapesFile(shapes=shapes, fit=record.fit, note=record.note)
 
 

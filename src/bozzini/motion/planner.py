@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_number
-from ..duct.base import Duct, count_dimensions
+from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .measures import measure_motion
-from .plan import LENGTH_ROUND_OFF_MM, Candidate, FieldSummary, Plan
+from .plan import LENGTH_ROUND_OFF_MM, CandidateMotion, FieldSummary, Plan
 from .planners import HEAD_STEP_MIN_MM, PLANNERS, PlannerOptions
 from .refusal import Refusal
 from .scope import Scope
@@ -56,7 +56,7 @@ class Motion:
         Which planner made it, where a planner chooses between several.
     freedom : float, optional
         Share of the free tube that the joints use.
-    candidates : tuple of Candidate
+    candidates : tuple of CandidateMotion
         The motions that were compared for it.
     """
 
@@ -69,7 +69,7 @@ class Motion:
     certificate: Certificate | None = None
     method: str = ""
     freedom: float | None = None
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[CandidateMotion, ...] = ()
 
 
 class Planner(ABC):
@@ -121,9 +121,9 @@ class Planner(ABC):
         """
         options = options or PlannerOptions()
         self.check(scope, options)
-        line = space.way
+        line = space.centreline
         check_link(scope, line)
-        dim = count_dimensions(space.duct)
+        dim = space.duct.dim
         if line.points.shape[1] != dim:
             raise InputError(
                 f"the centreline's points have shape {line.points.shape}: this duct needs "
@@ -134,7 +134,7 @@ class Planner(ABC):
             space = FreeSpace(space.duct, line.cut(float(scope.length or 0.0)), space.introducer)
         if space.introducer is None:
             space = space.for_link(scope.link_length)
-        check_size(scope, space.way, options)
+        check_size(scope, space.centreline, options)
         advise = options.advise and not short
         asked = dataclasses.replace(options, advise=advise)
         motion = self.move(space, scope, asked, progress=progress)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_number
-from ..duct.base import Duct, count_dimensions
+from ..duct.base import Duct
 from ..duct.field import RefinedField, SampledField, build_field, refine_field
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length
@@ -231,10 +231,10 @@ def verify_plan(
     checks = check_consistency(plan)
     if duct is None:
         return Verification(plan=plan, checks=checks)
-    if plan.joints.shape[2] != count_dimensions(duct):
+    if plan.joints.shape[2] != duct.dim:
         raise InputError(
             f"the plan has {plan.joints.shape[2]} dimensions, the duct has "
-            f"{count_dimensions(duct)}: they must agree"
+            f"{duct.dim}: they must agree"
         )
     progress("certify", 0.0)
     certificate, claimed, tolerance = certify_plan(plan, duct), plan.proved, TOLERANCE_MM

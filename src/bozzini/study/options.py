@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ORGANS = ("upper-tract", "small-bowel", "colon")
 """As `bozzini.anatomy.ORGANS`."""
 
-SHAPES = ("cones", "cylinders", "superellipsoids")
+FITTED_KINDS = ("cones", "cylinders", "superellipsoids")
 """As `bozzini.duct.fitting.fit` knows them."""
 
 ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
@@ -183,7 +183,7 @@ class PathOptions:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FitOptions(PathOptions):
+class TractFitOptions(PathOptions):
     """What shapes are fitted to a tract.
 
     Parameters
@@ -198,7 +198,7 @@ class FitOptions(PathOptions):
     """
 
     kind: str = quantity(
-        "text", "What shapes stand for the lumen.", default="cones", words=SHAPES, option="as"
+        "text", "What shapes stand for the lumen.", default="cones", words=FITTED_KINDS, option="as"
     )
     max_error: float = quantity(
         "length",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...checks import check_number
 from ...errors import InputError
-from ..base import Shape
+from ..base import DuctShape
 from ..checks import (
     check_counts,
     check_radii,
@@ -23,7 +23,7 @@ from .base import ShapeUnion
 Floats = NDArray[np.float64]
 
 
-class _Balls(Shape):
+class _Balls(DuctShape):
     """What unions of balls share."""
 
     centres: NDArray[np.float64]
@@ -58,7 +58,7 @@ class Circles(_Balls, ShapeUnion):
     radii : (n,) float
         Of the discs [mm].
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -123,7 +123,7 @@ class RoundCones(_Balls, ShapeUnion):
     radii : (n,) float
         Of the balls [mm]. Between two centres the radius changes linearly.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------

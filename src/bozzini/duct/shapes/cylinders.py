@@ -59,7 +59,7 @@ class ConnectedCylinders(ShapeUnion):
     radii : (n,) float
         Of the circles [mm].
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import GeometryError, InputError
 from ...numeric.vectors import order_points
-from ..base import SampledField, Shape
+from ..base import DuctShape, SampledField
 from ..checks import check_places, freeze_places, set_fields
 from ..field import MeshWall, field_from_mesh, measure_parts
 
@@ -76,7 +76,7 @@ THIN_MM = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleMesh(Shape):
+class TriangleMesh(DuctShape):
     """The inside of a closed triangle mesh.
 
     Parameters
@@ -86,7 +86,7 @@ class TriangleMesh(Shape):
     faces : (m, 3) int
         Triangles that agree in their turn. Kept outward.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------

@@ -40,7 +40,7 @@ class ConvexPolyhedra(ShapeUnion):
     connected : bool
         Whether pieces that are not all connected are refused.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------

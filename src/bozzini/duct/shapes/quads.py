@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import check_array
 from ...errors import GeometryError, InputError
 from ...numeric.vectors import cross_planar
-from ..base import Kind, PackedDuct, Shape
+from ..base import DuctShape, Kind, PackedDuct
 from ..checks import check_places, freeze_places, set_fields
 from ..packed import ShapesData
 from .base import ShapeUnion
@@ -29,7 +29,7 @@ class Polygon(ShapeUnion):
         In order, either way round [mm]; edge k joins vertices k and k + 1, the last one closes.
         The first vertex may be repeated at the end. Kept counter-clockwise.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -183,7 +183,7 @@ class QuadCoordinates:
 
 
 @dataclass(frozen=True, eq=False)
-class StitchedQuads(Shape, PackedDuct):
+class StitchedQuads(DuctShape, PackedDuct):
     """Convex quadrilaterals, each sharing a rung with the next.
 
     Quad k has the corners ``left[k], left[k + 1], right[k + 1], right[k]``.
@@ -195,7 +195,7 @@ class StitchedQuads(Shape, PackedDuct):
     right : (n + 1, 2) float
         Points along the other: Q [mm].
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------

@@ -89,7 +89,7 @@ class SuperEllipses(ShapeUnion):
     connected : bool
         Whether shapes that are not all connected are refused; obstacles need not.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -300,7 +300,7 @@ class SuperEllipsoids(ShapeUnion):
     connected : bool
         Whether shapes that are not all connected are refused.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
