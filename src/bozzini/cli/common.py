@@ -78,8 +78,9 @@ def describe_classes(registry: Registry[Any]) -> tuple[dict[str, dict[str, str]]
             "summary": next(iter((registry[name].__doc__ or "").strip().splitlines()), ""),
             "package": "bozzini" if point is None else point.value,
         }
+    width = max(map(len, rows))
     lines = [
-        f"{name.ljust(width)}  {{summary}} ({{package}})".format(**rows[name]) for name in rows
+        f"{name.ljust(width)}  {row['summary']} ({row['package']})" for name, row in rows.items()
     ]
     return rows, "\n".join(lines)
 
