@@ -84,6 +84,35 @@ def test_a_model_of_another_package_stands_beside_ours(
         ROBOT.forward(PULLED, model="soft", share=2.0)
 
 
+@dataclass(frozen=True)
+class WrongModel(ContinuumModel):
+    """What goes wrong in a model of one's own."""
+
+    change: str = ""
+
+    name = "wrong"
+
+    def shape(self, displacements: ArrayLike) -> Shape:
+        """Return the shapes of arcs, changed."""
+        commands = check_displacements(self.robot, displacements)
+        right = ArcModel(self.robot).shape(commands)
+        given = {name: getattr(right, name) for name in ("arc_length", "frames", "residual")}
+        if self.change == "nan":
+            given["frames"] = np.where(given["frames"] == 0.0, np.nan, given["frames"])
+        elif self.change:
+            given[self.change] = np.zeros((7, *given[self.change].shape[1:]))
+        return self.make_shape(commands, **given)
+
+
+@pytest.mark.parametrize("field", ["nan", "frames", "residual"])
+def test_shapes_that_a_model_makes_wrongly_are_refused(field: str) -> None:
+    batch = [PULLED, 0.5 * PULLED]
+    assert WrongModel(ROBOT).shape(batch).tip.tolist() == ArcModel(ROBOT).shape(batch).tip.tolist()
+    words = "frames of the model wrong are not finite for" if field == "nan" else f"{field} "
+    with pytest.raises(InputError, match=words):
+        WrongModel(ROBOT, change=field).shape(batch)
+
+
 def test_forward_chooses_the_model_and_takes_names() -> None:
     assert ROBOT.forward(PULLED).tip.tolist() == ArcModel(ROBOT).shape(PULLED).tip.tolist()
     named = dict(zip(ROBOT.tendon_names, PULLED, strict=True))

@@ -19,6 +19,7 @@ from click.shell_completion import CompletionItem
 from ..checks import Quantity
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
+from ..registry import Registry
 from ..results import Json, Result, to_plain
 from ..units import INTERNAL_UNITS, parse_quantity, parse_vector
 
@@ -66,6 +67,22 @@ def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         cells = [line[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in others)]
         lines.append("  ".join(cells).rstrip())
     return "\n".join(lines)
+
+
+def describe_classes(registry: Registry[Any]) -> tuple[dict[str, dict[str, str]], str]:
+    """Return the first line of each class's docstring and its package, by its name; and as text."""
+    rows = {}
+    for name in registry:
+        point = registry.plugins.get(name)
+        rows[name] = {
+            "summary": next(iter((registry[name].__doc__ or "").strip().splitlines()), ""),
+            "package": "bozzini" if point is None else point.value,
+        }
+    width = max(map(len, rows))
+    lines = [
+        f"{name.ljust(width)}  {row['summary']} ({row['package']})" for name, row in rows.items()
+    ]
+    return rows, "\n".join(lines)
 
 
 def _format_cell(cell: Any) -> str:

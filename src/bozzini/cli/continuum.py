@@ -25,6 +25,7 @@ from .common import (
     QuantityType,
     VectorType,
     answer_options,
+    describe_classes,
     format_rows,
     gather,
     make_option,
@@ -238,17 +239,7 @@ def command() -> None:
 @answer_options(quiet=False)
 def models_command(answer: Answer) -> None:
     """List the models, those of other installed packages too."""
-    rows = {}
-    for name in CONTINUUM_MODELS:
-        kind = CONTINUUM_MODELS[name]
-        point = CONTINUUM_MODELS.plugins.get(name)
-        rows[name] = {
-            "summary": next(iter((kind.__doc__ or "").strip().splitlines()), ""),
-            "package": "bozzini" if point is None else point.value,
-        }
-    text = format_rows(
-        ["model", "", ""], [[name, *map(str, row.values())] for name, row in rows.items()]
-    )
+    rows, text = describe_classes(CONTINUUM_MODELS)
     answer.give({"models": rows}, text)
 
 
