@@ -210,7 +210,7 @@ def test_pressures_by_name():
         ([0.1, 0.9, 0.1], r"pressure of muscle G is 0.9 MPa: it must lie in \[0, 0.827\] MPa"),
         ([[0.0, 0.0, 0.0], [0.0, 0.0, math.nan]], "pressure of muscle B is nan MPa"),
         ({"R": -0.1}, "pressure of muscle R is -0.1 MPa"),
-        ({"X": 0.1}, r"no muscle 'X': choose one of \['R', 'G', 'B'\]"),
+        ({"X": 0.1}, r"no muscle 'X': choose one of R, G, B"),
         ({"R": [0.1, 0.2], "G": [0.1, 0.2, 0.3]}, "arrays of one shape"),
         ("R", "must be a number or an array"),
     ],

@@ -119,7 +119,7 @@ def test_the_margin_is_empty():
 
 def test_wrong_inputs():
     field = make_field()
-    with pytest.raises(InputError, match="'oblique'.*'coronal'"):
+    with pytest.raises(InputError, match="'oblique'.*coronal"):
         render_fluoroscopy(field, axis="oblique")
     with pytest.raises(InputError, match="margin"):
         render_fluoroscopy(field, margin=-1.0)

@@ -22,7 +22,7 @@ from .common import (
 if TYPE_CHECKING:
     from ..muscle.data import Measurements
     from ..muscle.model import MuscleModel
-    from ..muscle.models import Card, Parameter
+    from ..muscle.models import Card, ModelRegistry, Parameter
 
 CHOICES = {"ends": ("energy", ("none", "trellis")), "load_path": ("thesis", ("none", "bulk"))}
 """Choices that have an option of their own: the model, and the words; the first is the default.
@@ -96,7 +96,7 @@ direction_option = option(
 )
 
 
-def list_kinds() -> Mapping[str, type[MuscleModel]]:
+def list_kinds() -> ModelRegistry:
     """Return the classes of all models by name."""
     from ..muscle import MODELS
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from ..checks import Quantity
+from ..checks import Quantity, choose
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, to_plain
@@ -171,9 +171,10 @@ class ModelType(_AnyType):
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
         """Return the name if there is such a model."""
-        models = self.find_models()
-        if value not in models:
-            self.fail(f"there is no model '{value}': choose one of {', '.join(models)}", param, ctx)
+        try:
+            choose("model", str(value), self.find_models())
+        except BozziniError as error:
+            self.fail(str(error), param, ctx)
         return str(value)
 
     def shell_complete(

@@ -14,7 +14,7 @@ import click
 
 from ..continuum import CONTINUUM_MODELS
 from ..continuum.kinematics import LOADS
-from ..errors import GeometryError, InputError
+from ..errors import GeometryError, InputError, PluginError
 from ..results import Json
 from .common import (
     EXIT_NEGATIVE,
@@ -260,16 +260,18 @@ def command() -> None:
 @answer_options(quiet=False)
 def models_command(answer: Answer) -> None:
     """List the models, those of other installed packages too."""
-    rows = {}
+    rows, broken = {}, CONTINUUM_MODELS.broken
     for name in CONTINUUM_MODELS:
-        kind = CONTINUUM_MODELS[name]
         point = CONTINUUM_MODELS.plugins.get(name)
+        about = "" if name in broken else (CONTINUUM_MODELS[name].__doc__ or "")
         rows[name] = {
-            "summary": next(iter((kind.__doc__ or "").strip().splitlines()), ""),
+            "summary": next(iter(about.strip().splitlines()), ""),
             "package": "bozzini" if point is None else point.value,
         }
+        if name in broken:
+            rows[name] |= {"summary": f"broken: {broken[name]}", "broken": broken[name]}
     text = format_rows(
-        ["model", "", ""], [[name, *map(str, row.values())] for name, row in rows.items()]
+        ["model", "", ""], [[name, row["summary"], row["package"]] for name, row in rows.items()]
     )
     answer.give({"models": rows}, text)
 
@@ -443,10 +445,10 @@ def compare_command(
         rows[name] = {"refused": False, "converged": False, "reason": ""}
         try:
             model = make_model(name, robot, given, strict=False)
-        except GeometryError as error:  # it does not take such a robot at all
+            shape = model.shape(displacements)
+        except (GeometryError, PluginError) as error:  # it takes no such robot, or is broken
             rows[name] |= {"refused": True, "reason": str(error)}
             continue
-        shape = model.shape(displacements)
         rows[name]["reason"] = str(shape.reason)
         if shape.converged:
             shapes[name] = shape

@@ -79,20 +79,21 @@ def models_command(name: str | None, as_json: bool) -> None:
         own = [key for key in MODELS.own if key not in MODELS.cards]
         counts = count_statuses(cards)
         plugins = {key: point.value for key, point in MODELS.plugins.items()}
+        broken = MODELS.broken
         listed = ", ".join(f"{count} {status}" for status, count in counts.items())
         lines = [
             *_format_cards(cards),
             f"{len(cards)} models of the survey: {listed}; and {' and '.join(own)}, this package's "
             "own",
             *(f"{key}: of the package {place}" for key, place in plugins.items()),
+            *(f"broken: {reason}" for reason in broken.values()),
         ]
         result = {"own": own, "counts": counts, "models": [dataclasses.asdict(c) for c in cards]}
         result |= {"plugins": plugins} if plugins else {}
+        result |= {"broken": broken} if broken else {}
         emit(result, as_json=as_json, text="\n".join(lines))
         return
-    if name not in MODELS:
-        raise InputError(f"there is no model '{name}': choose one of {', '.join(MODELS)}")
-    card = MODELS[name].card
+    card = MODELS.choose(name).card
     if card is None:
         whose = "of another package" if name in MODELS.plugins else "this package's own"
         raise InputError(f"the model {name} is {whose} and has no card: see its documentation")
@@ -460,7 +461,8 @@ def compare_command(
     from ..muscle import compare_models, rank
 
     options = ranked.choose(fit=ranked.fit or not model_names)
-    names = list(dict.fromkeys(model_names) if model_names else list_kinds())
+    broken = {} if model_names else list_kinds().broken
+    names = list(dict.fromkeys(model_names or (n for n in list_kinds() if n not in broken)))
     choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
     check_fields(names, asked.fields)
     constants = parse_settings(names, asked.settings)
@@ -478,7 +480,7 @@ def compare_command(
         "largest_contraction_mm": data.largest_contraction,
     }
     if options is None:
-        models, refusals = {}, {}
+        models, refusals = {}, broken
         for name, make in makes.items():
             try:
                 models[name] = make(asked.muscle)
@@ -496,7 +498,14 @@ def compare_command(
         answered, lines = found.converged, [found.format_table()]
     else:
         with progress_bar() as progress:
-            ranking = rank(data, asked.muscle, models=makes, options=options, progress=progress)
+            ranking = rank(
+                data,
+                asked.muscle,
+                models=makes,
+                refusals=broken,
+                options=options,
+                progress=progress,
+            )
 
         def draw() -> Figure:
             from ..plot.muscle import draw_ranking

@@ -123,10 +123,7 @@ class ContinuumRobot(RobotDesign):
     def model(self, name: str | None = None, **options: Any) -> ContinuumModel:
         """Return a model of this robot, with its options; see `forward`."""
         name = name or self.choose_model(options)
-        if name not in CONTINUUM_MODELS:
-            known = ", ".join(CONTINUUM_MODELS)
-            raise InputError(f"there is no model '{name}': choose one of {known}")
-        kind = CONTINUUM_MODELS[name]
+        kind = CONTINUUM_MODELS.choose(name)
         for option in options:
             if option not in kind.__dataclass_fields__:
                 known = ", ".join(field for field in kind.__dataclass_fields__ if field != "robot")

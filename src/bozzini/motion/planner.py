@@ -7,12 +7,12 @@ import functools
 import platform
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number
+from ..checks import check_number, check_word
 from ..duct.base import Duct, count_dimensions
 from ..duct.centreline import Centreline
 from ..errors import InputError
@@ -153,6 +153,10 @@ class Planner(ABC):
 
     def _check_motion(self, motion: Motion, scope: Scope, options: PlannerOptions) -> None:
         """Raise `InputError` for a motion that is none of this scope, or ends for no reason."""
+        if not isinstance(motion, Motion):
+            raise InputError(
+                f"the planner {self.name} gave a {type(motion).__name__}: it must give a Motion"
+            )
         joints, heads = np.asarray(motion.joints), np.asarray(motion.head_arc_length)
         if joints.ndim != 3 or heads.shape != joints.shape[:1] or joints.shape[1] < 2:
             raise InputError(
@@ -246,14 +250,8 @@ def plan_insertion(
 
 def make_planner(method: str) -> Planner:
     """Return a planner by its name in `bozzini.motion.PLANNERS`."""
-    if method not in PLANNERS:
-        raise InputError(f"method is {method!r}: it must be one of {', '.join(PLANNERS)}")
-    planner = PLANNERS[method]()
-    if not isinstance(planner, Planner):
-        raise InputError(
-            f"the planner {method} is a {type(planner).__name__}: it must be a Planner"
-        )
-    return planner
+    kind = cast(type[Planner], PLANNERS[check_word("method", method, PLANNERS)])
+    return kind()
 
 
 def finish_plan(

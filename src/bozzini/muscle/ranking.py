@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number
+from ..checks import check_array, check_integer, check_number, check_word
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
 from ..results import Result, take_axes
@@ -607,8 +607,8 @@ def rank(
     Returns
     -------
     Ranking
-        Models that cannot be fitted are in `Ranking.refusals`: a law is missing, or the model has
-        no answer for a row.
+        Models that cannot be fitted are in `Ranking.refusals`: a law is missing, the model has no
+        answer for a row, or it is another package's that is broken.
 
     Raises
     ------
@@ -623,8 +623,7 @@ def rank(
     refused = dict(refusals or {})
     if not kinds and not refused:
         raise InputError("there are 0 models to rank: give 1 or more")
-    if criterion not in CRITERIA:
-        raise InputError(f"criterion is {criterion!r}: it must be one of {', '.join(CRITERIA)}")
+    check_word("criterion", criterion, CRITERIA)
     check_integer("seed", seed, low=0)
     check_largest(data)
     parts = _choose_parts(data, folds, seed)
@@ -636,10 +635,10 @@ def rank(
             )
         raise InputError(f"folds is {folds}: to rank by the rows left out it must be 2 or more")
     entries = []
-    for index, (name, kind) in enumerate(kinds.items()):
+    for index, name in enumerate(kinds):
         progress(f"fitting {name}", index / len(kinds))
         try:
-            entries.append(_fit_model(name, kind, muscle, data, options, parts))
+            entries.append(_fit_model(name, kinds[name], muscle, data, options, parts))
         except BozziniError as error:
             refused[name] = str(error)
     progress("fitted", 1.0)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..anatomy.frame import find_axis
-from ..checks import check_number, check_points
-from ..errors import GeometryError, InputError
+from ..checks import check_number, check_points, check_word
+from ..errors import GeometryError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,8 +126,7 @@ def render_fluoroscopy(
     GeometryError
         If the field has no inside.
     """
-    if axis not in VIEWS:
-        raise InputError(f"view is {axis!r}: it must be one of {', '.join(map(repr, VIEWS))}")
+    check_word("view", axis, VIEWS)
     check_number("margin", margin, low=0.0, unit="mm")
     along, right, up = VIEWS[axis]
     # Where the patient's right, front and head lie in the world.

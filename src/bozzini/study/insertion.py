@@ -21,6 +21,7 @@ from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, refine_field
+from ..errors import PluginError
 from ..io.files import new_directory, write_bytes, write_text
 from ..motion import (
     PLANNERS,
@@ -562,12 +563,15 @@ def run_insertion(
         with _clock(times, "compare"):
             others = [name for name in PLANNERS if name != "best"]
             for other in others:
-                ignored = getattr(PLANNERS[other], "ignored", ())
-                plain = {name: getattr(PlannerOptions(), name) for name in ignored}
-                chosen = replace(options.motion, **plain)
-                comparison.append(
-                    plan_insertion(field, line, scope=scope, method=other, options=chosen)
-                )
+                try:
+                    ignored = getattr(PLANNERS[other], "ignored", ())
+                    plain = {name: getattr(PlannerOptions(), name) for name in ignored}
+                    chosen = replace(options.motion, **plain)
+                    comparison.append(
+                        plan_insertion(field, line, scope=scope, method=other, options=chosen)
+                    )
+                except PluginError as error:
+                    findings = (*findings, Finding("plugin", "warning", str(error)))
                 progress("compare", len(comparison) / len(others))
     given: Json = {"source": tract.source, **(inputs or {})}
     for name, place in (("start", places[0]), ("end", places[1])):
