@@ -27,6 +27,10 @@ MUSCLE = Muscle(length=45.0, outer_radius=0.75, inner_radius=0.4, gap=0.05)
 ALL = dict(MODELS)
 RIVALS = ("gaylord-1", "chou", "ferraresi")
 LOADS = ((0.0, 0.15), (0.05, 0.15), (0.0,))
+SLOW = pytest.mark.slow
+QUICK = {"thesis", "gaylord-1", "chou", "ferraresi", "braid-tension", "tondu-lopez"}
+LAWLESS = {name for name, kind in SURVEY.items() if kind.card.laws}
+EACH = [name if name in QUICK | LAWLESS else pytest.param(name, marks=SLOW) for name in ALL]
 
 
 def measure(model, *, noise=0.0, seed=0, options=LOADS):
@@ -76,7 +80,7 @@ def make(name, seed=0):
     raise AssertionError(name)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", EACH)
 def test_data_of_a_model_rank_it_first_or_what_fits_as_well(name):
     try:
         data = measure(make(name))
@@ -100,6 +104,7 @@ def test_data_of_a_model_rank_it_first_or_what_fits_as_well(name):
         assert entry.score.rmse <= least
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["quartic-strain"])
 def test_models_that_follow_any_curve_do_not_hide_the_truth(name):
     """Eight constants come to within 1e-5 mm of a curve, which is not none."""
@@ -113,7 +118,7 @@ def test_models_that_follow_any_curve_do_not_hide_the_truth(name):
     assert first.score.rmse < 1e-9 * data.largest_contraction < second.score.rmse
 
 
-@pytest.mark.parametrize("offset", [0.2, 0.4])
+@pytest.mark.parametrize("offset", [0.2, pytest.param(0.4, marks=SLOW)])
 def test_a_constant_that_tells_only_in_some_places_is_not_held(offset):
     """Without load the dead band matters only if it reaches into the measured pressures."""
     kind = ALL["de-volder"]
@@ -125,6 +130,7 @@ def test_a_constant_that_tells_only_in_some_places_is_not_held(offset):
     assert np.abs(found.residuals).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_a_constant_that_starts_next_to_zero_is_told_all_the_same():
     data = measure(make("meller"))
@@ -132,6 +138,7 @@ def test_a_constant_that_starts_next_to_zero_is_told_all_the_same():
     assert all(np.isfinite(list(found.standard_errors.values())))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0])
 def test_noise_does_not_hide_many_constants(seed):
     """The constants that look nearest by one step of Newton's method have no answer at a row."""
@@ -145,7 +152,10 @@ def test_noise_does_not_hide_many_constants(seed):
 
 @pytest.mark.parametrize(
     ("truth", "name", "spreads"),
-    [("kothera-balance", "hocking-1", ()), ("energy", "itto-b", (0.0, 0.5, 0.5))],
+    [
+        pytest.param("kothera-balance", "hocking-1", (), marks=SLOW),
+        ("energy", "itto-b", (0.0, 0.5, 0.5)),
+    ],
 )
 def test_no_other_start_is_better(truth, name, spreads):
     """On data of another model there are several minima; the guess is one of the starts."""
@@ -194,8 +204,9 @@ def test_a_fold_that_comes_nearer_to_all_rows_is_begun_from(monkeypatch):
     assert best.sigma < spoilt[0].sigma
 
 
-def test_noise_does_not_hide_the_truth():
-    names = ("gaylord-1", "chou", "kothera-balance", "andrikopoulos", "doric", "quadratic-strain")
+@pytest.mark.parametrize("more", [(), pytest.param(("andrikopoulos", "doric"), marks=SLOW)])
+def test_noise_does_not_hide_the_truth(more):
+    names = ("gaylord-1", "chou", "kothera-balance", *more, "quadratic-strain")
     models = {name: MODELS[name] for name in names}
     data = measure(make("kothera-balance"), noise=0.05)
     ranking = rank(data, MUSCLE, models=models)
@@ -216,7 +227,7 @@ def test_noise_does_not_hide_the_truth():
 def test_every_criterion_sorts(criterion, value):
     models = {name: MODELS[name] for name in ("gaylord-1", "chou", "doric", "ferraresi")}
     data = measure(make("chou"), noise=0.05)
-    ranking = rank(data, MUSCLE, models=models, options=RankOptions(criterion=criterion))
+    ranking = rank(data, MUSCLE, models=models, options=RankOptions(criterion=criterion, folds=2))
     values = [getattr(entry, value) for entry in ranking.models]
     assert values == sorted(values)
 
@@ -225,7 +236,9 @@ def test_every_criterion_sorts(criterion, value):
 def ranking():
     names = ("energy", "gaylord-1", "gaylord-2", "chou", "andrikopoulos", "tondu-lopez", "wang")
     data = measure(make("chou"), noise=0.05)
-    return rank(data, MUSCLE, models={name: ALL[name] for name in names})
+    return rank(
+        data, MUSCLE, models={name: ALL[name] for name in names}, options=RankOptions(folds=2)
+    )
 
 
 def test_scores_are_those_of_a_fit_alone(ranking):
@@ -275,19 +288,28 @@ def test_what_the_data_do_not_tell_is_held(ranking):
     assert alone.free == ("largest_contraction",)  # a force of any size is none at all
 
 
-def test_friction_is_fitted_with_both_directions():
+@pytest.fixture(scope="module")
+def both_ways():
+    """Measurements of a muscle with friction, up and down."""
     truth = MODELS["tondu-lopez"](MUSCLE, kappa1=0.0, kappa2=1.1, friction=2e-3)
     pressure = np.tile(np.linspace(0.15, 0.8, 10), 2)
     direction = np.repeat(["inflating", "deflating"], 10)
     contraction = truth.contraction(pressure, 0.1, direction=direction)
-    data = Measurements(pressure=pressure, contraction=contraction, load=0.1, direction=direction)
-    found = calibrate(MODELS["tondu-lopez"], MUSCLE, data)
+    return Measurements(pressure=pressure, contraction=contraction, load=0.1, direction=direction)
+
+
+def test_friction_is_fitted_with_both_directions(both_ways):
+    found = calibrate(MODELS["tondu-lopez"], MUSCLE, both_ways)
     assert found.estimates["friction"] == pytest.approx(2e-3, rel=1e-5)
     assert found.estimates["kappa2"] == pytest.approx(1.1, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_friction_needs_the_constants_that_it_goes_with(both_ways):
     scale = MODELS["davis-caldwell"]
-    lame = calibrate(scale, MUSCLE, data)
+    lame = calibrate(scale, MUSCLE, both_ways)
     assert "strand_poisson_ratio" in lame.held["friction"]
-    whole = calibrate(partial(scale, strand_poisson_ratio=0.4), MUSCLE, data)
+    whole = calibrate(partial(scale, strand_poisson_ratio=0.4), MUSCLE, both_ways)
     assert "friction" in whole.free
     assert whole.sigma < lame.sigma
 
@@ -371,9 +393,9 @@ def test_ranking_tells_its_progress_and_is_the_same_again():
         MUSCLE,
         models=models,
         progress=lambda *now: told.append(now),
-        options=RankOptions(seed=5),
+        options=RankOptions(seed=5, folds=2),
     )
-    other = rank(data, MUSCLE, models=models, options=RankOptions(seed=5))
+    other = rank(data, MUSCLE, models=models, options=RankOptions(seed=5, folds=2))
     assert [fraction for _, fraction in told] == [0.0, 0.5, 1.0]
     assert one.format_table() == other.format_table()
 
@@ -422,7 +444,7 @@ def test_without_any_aicc_it_goes_by_bic_and_says_so(names):
 def test_doubts_are_marked():
     data = measure(make("chou"), noise=0.05)
     models = {"chou": ALL["chou"], "itto-b": ALL["itto-b"]}
-    fine = rank(data, MUSCLE, models=models, options=RankOptions(criterion="cv"))
+    fine = rank(data, MUSCLE, models=models, options=RankOptions(criterion="cv", folds=3))
     assert not fine.notes
     assert not any(entry.doubt for entry in fine.models)
     first, second = fine.models
