@@ -492,7 +492,7 @@ def progress_bar(*, quiet: bool = False, delay: float = 0.5) -> Iterator[Progres
     elif sys.stderr.isatty():
         yield from _show_bar(delay)
     else:
-        yield _LineProgress()
+        yield LineProgress()
 
 
 def _show_bar(delay: float) -> Iterator[Progress]:
@@ -514,7 +514,7 @@ def _show_bar(delay: float) -> Iterator[Progress]:
         yield show
 
 
-class _LineProgress:
+class LineProgress:
     """Progress for a log file: a line at most every `interval` seconds."""
 
     interval = 10.0

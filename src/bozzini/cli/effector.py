@@ -13,12 +13,6 @@ import click
 from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import EffectorDesign
 from ..errors import InputError
-from ._muscle_options import (
-    make_class,
-    model_option,
-    model_options,
-    option,
-)
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -31,6 +25,12 @@ from .common import (
     progress_bar,
     quiet_option,
     run_exit,
+)
+from .muscle_options import (
+    make_class,
+    model_option,
+    model_options,
+    option,
 )
 
 if TYPE_CHECKING:

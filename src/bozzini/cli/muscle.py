@@ -13,7 +13,20 @@ import click
 from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
 from ..results import Json
-from ._muscle_options import (
+from .common import (
+    EXIT_NEGATIVE,
+    PICTURES,
+    Answer,
+    ModelType,
+    answer_options,
+    emit,
+    format_csv,
+    gather,
+    json_option,
+    progress_bar,
+    run_exit,
+)
+from .muscle_options import (
     FIELDS,
     DataRequest,
     Request,
@@ -31,19 +44,6 @@ from ._muscle_options import (
     parse_settings,
     request_options,
     select_choices,
-)
-from .common import (
-    EXIT_NEGATIVE,
-    PICTURES,
-    Answer,
-    ModelType,
-    answer_options,
-    emit,
-    format_csv,
-    gather,
-    json_option,
-    progress_bar,
-    run_exit,
 )
 
 if TYPE_CHECKING:
