@@ -8,10 +8,19 @@ import pytest
 from bozzini.errors import InputError
 from bozzini.muscle.hysteresis import BoucWen, PrandtlIshlinskii
 from bozzini.plot import write_figure
-from bozzini.plot.muscle import draw_fit, draw_loops, fade_loops
+from bozzini.plot.muscle import draw_fit, draw_loops
 
 PLAYS = PrandtlIshlinskii((0.0, 0.1), (0.5, 0.4))
 BOTH = {"plays": PLAYS, "bouc-wen": BoucWen(slope=2.0, alpha=0.9, beta=6.0, gamma=-2.0)}
+
+
+def fade_loops(largest, *, loops=4, count=60):
+    """Return a history of loops from 0 that shrink."""
+    parts = []
+    for loop in range(loops):
+        up = np.linspace(0.0, largest * (1.0 - loop / loops), count)
+        parts += [up[1 if parts else 0 :], up[-2::-1]]
+    return np.concatenate(parts)
 
 
 def test_loops_are_those_of_the_operators(tmp_path):

@@ -523,6 +523,7 @@ class LineProgress:
         self.last = time.monotonic()
 
     def __call__(self, stage: str, fraction: float) -> None:
+        """Write a line if the last one is old."""
         now = time.monotonic()
         if now - self.last >= self.interval:
             self.last = now

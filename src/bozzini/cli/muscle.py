@@ -30,7 +30,6 @@ from .muscle_options import (
     FIELDS,
     DataRequest,
     Request,
-    check_fields,
     check_friction,
     data_options,
     describe_model,
@@ -42,6 +41,7 @@ from .muscle_options import (
     option,
     parse_constant,
     parse_settings,
+    refuse_unused_fields,
     request_options,
     select_choices,
 )
@@ -464,7 +464,7 @@ def compare_command(
     broken = {} if model_names else list_kinds().broken
     names = list(dict.fromkeys(model_names or (n for n in list_kinds() if n not in broken)))
     choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
-    check_fields(names, asked.fields)
+    refuse_unused_fields(names, asked.fields)
     constants = parse_settings(names, asked.settings)
     data = table.read(asked.muscle)
     check_friction(asked.fields, data, free=())

@@ -130,7 +130,7 @@ def select_choices(
     return chosen
 
 
-def check_fields(names: Sequence[str], fields: Mapping[str, float | None]) -> None:
+def refuse_unused_fields(names: Sequence[str], fields: Mapping[str, float | None]) -> None:
     """Refuse a field of the muscle that was given and makes no difference to any of the models."""
     kinds = list_kinds()
     for field, value in fields.items():
@@ -220,7 +220,7 @@ class Request:
 
     def make(self) -> Callable[[Muscle], MuscleModel]:
         """Return what makes the one model, options without effect being refused."""
-        check_fields([self.model_name], self.fields)
+        refuse_unused_fields([self.model_name], self.fields)
         return make_class(
             self.model_name, ends=self.ends, load_path=self.load_path, constants=self.constants
         )
@@ -389,12 +389,14 @@ directed_options = gather(
 def check_friction(
     fields: Mapping[str, float | None], data: Measurements, *, free: tuple[str, ...]
 ) -> None:
+    """Refuse friction without a direction in the data."""
     given = fields.get("friction_length") is not None and "friction_length" not in free
     if given and not (data.direction != "").any():
         raise InputError("--friction-length has no effect: no row of the data has a direction")
 
 
 def note_data(data: Measurements) -> str:
+    """Return what a user should know of the data, as lines."""
     lines = [f"note: {text}\n" for text in data.notes]
     if data.ignored:
         lines.insert(0, f"ignored columns: {', '.join(data.ignored)}\n")

@@ -87,18 +87,6 @@ class Projection:
         result: NDArray[np.float64] = check_points("points", points) @ self.matrix.T
         return result
 
-    def find_pixel(self, points: ArrayLike) -> NDArray[np.int64]:
-        """Return ``(..., 2)`` row and column of the pixel under each world point ``(..., 3)``.
-
-        Points beside the picture give indices outside the image.
-        """
-        place = self.project(points)
-        rows, columns = self.image.shape
-        left, _, _, top = self.extent
-        column = np.floor((place[..., 0] - left) * columns / self.width)
-        row = np.floor((top - place[..., 1]) * rows / self.height)
-        return np.stack([row, column], axis=-1).astype(np.int64)
-
 
 def render_fluoroscopy(
     field: SampledField, *, axis: str = "coronal", margin: float = 10.0

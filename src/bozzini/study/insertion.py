@@ -626,8 +626,10 @@ def _may_profit(plan: Plan, field: SampledField) -> bool:
         return False
     if plan.reason_code not in GRID_CODES:
         return False
-    lack = 0.0 if plan.refusal is None else plan.refusal.needs - plan.refusal.offers
-    return plan.reason_code == "CERTIFICATE_UNRESOLVED" or lack <= field.error
+    if plan.reason_code == "CERTIFICATE_UNRESOLVED" or plan.refusal is None:
+        return True
+    needs, offers = plan.refusal.needs, plan.refusal.offers
+    return needs is None or offers is None or needs - offers <= field.error
 
 
 def _choose_finer(plan: Plan, fine: Plan) -> tuple[Plan, tuple[Finding, ...]]:
