@@ -54,7 +54,15 @@ if TYPE_CHECKING:
     from ..muscle.models import Card, Parameter
     from ..muscle.ranking import Criterion, RankOptions
 
+VERDICT = ("converged", "reason", "residual")
+"""Keys that results have and an answer with models in it has not."""
+
 _WARNED = 3  # so many models, the first, have the warnings of their fits shown
+
+
+def drop(values: Json, *names: str) -> Json:
+    """Return values without some of them."""
+    return {name: value for name, value in values.items() if name not in names}
 
 
 @click.group("muscle")
@@ -326,29 +334,13 @@ def fit_command(
         "ends": choices["ends"],
         "load_path": choices["load_path"],
         "set": asked.constants,
-        "held": found.held,
         "mean": table.take_mean,
         "anyway": anyway,
         "bounds": bounds,
         "rows": len(data),
         "ignored_columns": data.ignored,
         "notes": data.notes,
-        "estimates": {
-            field: {
-                "value": found.estimates[field],
-                "unit": found.units[field],
-                "standard_error": found.standard_errors[field],
-                "interval_95": found.intervals[field],
-            }
-            for field in found.free
-        },
-        "correlations": found.correlations,
-        "condition": found.condition,
-        "sigma_mm": found.sigma,
-        "warnings": found.warnings,
-        "converged": found.converged,
-        "reason": found.reason,
-        "muscle": describe_fields(found.muscle),
+        **drop(found.to_dict(), "residual"),
         "file": answer.out,
     }
     answer.give(result, note_data(data) + found.format_table())
@@ -493,9 +485,8 @@ def compare_command(
 
             return draw_models(found, models)
 
-        entries = [{**score.describe(), "fitted": {}} for score in found.scores]
-        result |= {"models": entries, "refusals": found.refusals}
         answered, lines = found.converged, [found.format_table()]
+        result |= drop(found.to_dict(), *VERDICT)
     else:
         with progress_bar() as progress:
             ranking = rank(
@@ -512,14 +503,7 @@ def compare_command(
 
             return draw_ranking(ranking)
 
-        result |= {
-            "ranked_by": ranking.criterion,
-            "folds": ranking.folds,
-            "seed": ranking.seed,
-            "models": [entry.describe() for entry in ranking.models],
-            "refusals": ranking.refusals,
-            "notes": ranking.notes,
-        }
+        result |= drop(ranking.to_dict(), *VERDICT)
         answered, lines = ranking.converged, [ranking.format_table()]
         for entry in ranking.models[:_WARNED]:
             fit = entry.calibration
