@@ -132,13 +132,27 @@ def trace_plays(inputs: Floats, lower: Floats, upper: Floats) -> Floats:
     )
 
 
-def default_thresholds(inputs: Floats, count: int) -> tuple[float, ...]:
-    """Return thresholds from 0, evenly spaced, up to half the span of the inputs: not included.
+def choose_thresholds(
+    inputs: Floats,
+    given: Sequence[float] | None,
+    count: int,
+    *,
+    counts: tuple[int, int],
+    name: str = "thresholds",
+    from_zero: bool = True,
+) -> tuple[float, ...]:
+    """Return the thresholds of a fit: those given, or evenly spaced ones.
 
-    A play that is wider never moves again once it has been at both ends.
+    These begin at 0, or above it, and stay below half the span of the inputs: a play that is wider
+    never moves again once it has been at both ends.
     """
-    span = float(inputs.max() - inputs.min())
-    return tuple((0.5 * span * np.arange(count) / count).tolist())
+    low, high = counts
+    count = check_integer("count", count, low=low, high=high)
+    if given is None:
+        parts = count + (not from_zero)
+        span = float(inputs.max() - inputs.min())
+        given = (0.5 * span * np.arange(not from_zero, parts) / parts).tolist()
+    return take_ladder(name, given, low_open=name == "yields")
 
 
 @dataclass(frozen=True)
@@ -276,9 +290,7 @@ class PrandtlIshlinskii(PlaySum):
         """
         origin = check_number("origin", origin, low=-LIMIT, high=LIMIT)
         loops = Loops.take(history, response, skip)
-        count = check_integer("count", count, low=1, high=200)
-        ladder = default_thresholds(loops.inputs, count) if thresholds is None else thresholds
-        rungs = take_ladder("thresholds", ladder)
+        rungs = choose_thresholds(loops.inputs, thresholds, count, counts=(1, 200))
         lower, upper = _symmetric_edges(rungs)
         columns = loops.pick(trace_plays(loops.inputs - origin, lower, upper))
         found = fit_linear(
@@ -390,10 +402,8 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
             a0, a1, a2 where they are known; fitted without.
         """
         loops = Loops.take(history, response, skip)
-        count = check_integer("count", count, low=1, high=100)
         inputs = loops.inputs
-        ladder = default_thresholds(inputs, count + 1)[1:] if thresholds is None else thresholds
-        rungs = take_ladder("thresholds", ladder)
+        rungs = choose_thresholds(inputs, thresholds, count, counts=(1, 100), from_zero=False)
         names = ["slope"]
         names += [f"{way}_weights[{i}]" for way in _WAYS for i in range(len(rungs))]
         low, high = min(float(inputs.min()), 0.0), max(float(inputs.max()), 0.0)
@@ -581,10 +591,8 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
             How many, 2 to 200.
         """
         loops = Loops.take(history, response, skip)
-        count = check_integer("count", count, low=2, high=200)
         inputs = loops.inputs
-        ladder = default_thresholds(inputs, count) if thresholds is None else thresholds
-        rungs = take_ladder("thresholds", ladder)
+        rungs = choose_thresholds(inputs, thresholds, count, counts=(2, 200))
         wide = np.array(rungs) > 0.0
         if not wide.any():
             raise InputError(f"thresholds is {list(rungs)}: it must have one above 0")
