@@ -303,21 +303,69 @@ def options_of(
 
 
 def _make_option(item: dataclasses.Field[Any]) -> Callable[[Command], Command]:
-    """Return the option of a dataclass's field that carries a `Quantity`."""
+    """Return the option of a dataclass's field that carries a `Quantity`, with its default."""
     known: Quantity = item.metadata["quantity"]
     default = item.default
-    flag = f"--{(known.option or item.name).replace('_', '-')}"
-    given: Json = {"help": known.help}
-    if known.kind == "flag":
-        return click.option(flag, item.name, is_flag=True, **given)
-    given["type"] = choose_type(known)
-    if isinstance(given["type"], QuantityType) and default is not None:
-        default = f"{default:g}{known.unit}"
+    if known.kind == "flag" or default is None:
+        return quantity_option(item.name, known)
     if isinstance(default, tuple):
-        return click.option(flag, item.name, multiple=True, **given)
-    if default is not None:
-        given |= {"default": default, "show_default": True}
-    return click.option(flag, item.name, **given)
+        return quantity_option(item.name, known, multiple=True)
+    if isinstance(choose_type(known), QuantityType):
+        default = f"{default:g}{known.unit}"
+    return quantity_option(item.name, known, default=default, show_default=True)
+
+
+def spell_flag(name: str, known: Quantity) -> str:
+    """Return how the command line calls a field that carries a `Quantity`."""
+    return "--" + (known.option or name).replace("_", "-")
+
+
+def quantity_option(
+    name: str, known: Quantity, *, flag: str = "", **given: Any
+) -> Callable[[Command], Command]:
+    """Return the option of a field that carries a `Quantity`.
+
+    Parameters
+    ----------
+    name : str
+        The field, which is the argument.
+    known : Quantity
+        Type and help text.
+    flag : str
+        Its name on the command line, if that is another one than the field's.
+    **given
+        For `click.option`; they come before what is known.
+    """
+    kind: Json = {"is_flag": True} if known.kind == "flag" else {"type": choose_type(known)}
+    given = {"help": known.help, **kind, **given}
+    return click.option(flag or spell_flag(name, known), name, **given)
+
+
+def option(
+    declaration: str, help: str, kind: object = None, **more: Any
+) -> Callable[[_Function], _Function]:
+    """Return an option of a command.
+
+    Parameters
+    ----------
+    declaration : str
+        Its name, that of its argument if that is another, and what stands for its value in the help
+        text, in capitals: ``"--to target X,Y"``.
+    help : str
+    kind : object
+        A type of click, a kind of quantity, or a tuple of words to choose from.
+    **more
+        For `click.option`; a default is shown.
+    """
+    flag, *words = declaration.split()
+    names = [word for word in words if word.islower()]
+    metavar = next((word for word in words if not word.islower()), None)
+    taken: object = QuantityType(kind) if isinstance(kind, str) else kind
+    taken = click.Choice(kind) if isinstance(kind, tuple) else taken
+    shown = "default" in more
+    return click.option(
+        flag, *names, type=taken, metavar=metavar, help=help, show_default=shown, **more
+    )
 
 
 def choose_type(known: Quantity) -> _AnyType | type:

@@ -25,10 +25,11 @@ from .common import (
     QuantityType,
     VectorType,
     answer_options,
-    choose_type,
     format_rows,
     gather,
+    quantity_option,
     run_exit,
+    spell_flag,
 )
 
 if TYPE_CHECKING:
@@ -94,14 +95,13 @@ OPTIONS = _list_options()
 
 def spell_option(name: str) -> str:
     """Return how the command line calls an option."""
-    known = OPTIONS[name][0].metadata["quantity"]
-    return "--" + (known.option or name).replace("_", "-")
+    return spell_flag(name, OPTIONS[name][0].metadata["quantity"])
 
 
 def _make_option(name: str) -> Callable[[Command], Command]:
     item, models = OPTIONS[name]
     known, default = item.metadata["quantity"], item.default
-    given: Json = {"help": known.help}
+    given: Json = {}
     if len(models) < len(CONTINUUM_MODELS.own):
         given["help"] = f"{', '.join(models)}: {known.help}"
         if isinstance(default, (int, str)):
@@ -110,9 +110,7 @@ def _make_option(name: str) -> Callable[[Command], Command]:
         given |= {"default": TYPED_TOLERANCE, "show_default": True}
     if isinstance(default, tuple):
         given |= {"type": VectorType(known.kind), "metavar": "X,Y,Z"}
-    else:
-        given["type"] = choose_type(known)
-    return click.option(spell_option(name), name, **given)
+    return quantity_option(name, known, **given)
 
 
 model_options = gather("given", dict, *map(_make_option, OPTIONS))

@@ -22,7 +22,9 @@ from .common import (
     format_csv,
     format_rows,
     gather,
+    option,
     progress_bar,
+    quantity_option,
     quiet_option,
     run_exit,
 )
@@ -30,7 +32,6 @@ from .muscle_options import (
     make_class,
     model_option,
     model_options,
-    option,
 )
 
 if TYPE_CHECKING:
@@ -60,9 +61,7 @@ MUSCLE_COLUMNS = {
 
 def _field_option(name: str, flag: str = "") -> Any:
     """Return the option of a field of a design."""
-    known = FIELDS[name]
-    flag = flag or "--" + name.replace("_", "-")
-    return option(f"{flag} {name}", known.help, int if known.whole else known.kind)
+    return quantity_option(name, FIELDS[name], flag=flag)
 
 
 class EffectorRequest:

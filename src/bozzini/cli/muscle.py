@@ -23,6 +23,7 @@ from .common import (
     format_csv,
     gather,
     json_option,
+    option,
     progress_bar,
     run_exit,
 )
@@ -38,7 +39,6 @@ from .muscle_options import (
     make_class,
     note_data,
     one_model_options,
-    option,
     parse_constant,
     parse_settings,
     refuse_unused_fields,

@@ -17,6 +17,8 @@ from .common import (
     ModelType,
     QuantityType,
     gather,
+    option,
+    quantity_option,
 )
 
 if TYPE_CHECKING:
@@ -36,38 +38,10 @@ FIELDS = list_quantities(Muscle)
 _Function = Callable[..., Any]
 
 
-def option(
-    declaration: str, help: str, kind: object = None, **more: Any
-) -> Callable[[_Function], _Function]:
-    """Return an option of a command.
-
-    Parameters
-    ----------
-    declaration : str
-        Its name, that of its argument if that is another, and what stands for its value in the help
-        text, in capitals: ``"--to target X,Y"``.
-    help : str
-    kind : object
-        A type of click, a kind of quantity, or a tuple of words to choose from.
-    **more
-        For `click.option`; a default is shown.
-    """
-    flag, *words = declaration.split()
-    names = [word for word in words if word.islower()]
-    metavar = next((word for word in words if not word.islower()), None)
-    taken: object = QuantityType(kind) if isinstance(kind, str) else kind
-    taken = click.Choice(kind) if isinstance(kind, tuple) else taken
-    shown = "default" in more
-    return click.option(
-        flag, *names, type=taken, metavar=metavar, help=help, show_default=shown, **more
-    )
-
-
 def design_options(function: _Function) -> _Function:
     """Add the options that make a muscle: ``preset``, and the fields by their names."""
     for name, known in reversed(list(FIELDS.items())):
-        flag = "--" + name.replace("_", "-")
-        function = option(f"{flag} {name}", known.help, known.kind)(function)
+        function = quantity_option(name, known, type=QuantityType(known.kind))(function)
     presets = "thesis-40, thesis-45, thesis-60, effector-45, fitted-45"
     return option("--preset NAME", f"Where the fields begin: {presets}.", default="effector-45")(
         function
@@ -120,13 +94,13 @@ def select_choices(
 ) -> dict[str, dict[str, str]]:
     """Return the choices given, by model; one that none of the models has is refused."""
     chosen: dict[str, dict[str, str]] = {name: {} for name in names}
-    for option, value in (("ends", ends), ("load_path", load_path)):
-        owner, _ = CHOICES[option]
+    for choice, value in (("ends", ends), ("load_path", load_path)):
+        owner, _ = CHOICES[choice]
         if value is None:
             continue
         if owner not in chosen:
-            raise InputError(_describe_unused(f"--{option.replace('_', '-')}", names))
-        chosen[owner][option] = value
+            raise InputError(_describe_unused(f"--{choice.replace('_', '-')}", names))
+        chosen[owner][choice] = value
     return chosen
 
 

@@ -166,9 +166,8 @@ class MaxwellSlip(Operator):
         """
         loops = Loops.take(history, response, skip)
         inputs = loops.inputs
-        rungs = choose_thresholds(
-            inputs, yields, count, counts=(1, 200), name="yields", from_zero=False
-        )
+        ladder = choose_thresholds(inputs, yields, count, counts=(1, 200), from_zero=False)
+        rungs = take_ladder("yields", ladder, low_open=True)
         found = fit_linear(
             loops.pick(kernels.trace_slips(inputs, np.array(rungs))),
             loops.target,

@@ -138,9 +138,8 @@ def choose_thresholds(
     count: int,
     *,
     counts: tuple[int, int],
-    name: str = "thresholds",
     from_zero: bool = True,
-) -> tuple[float, ...]:
+) -> Sequence[float]:
     """Return the thresholds of a fit: those given, or evenly spaced ones.
 
     These begin at 0, or above it, and stay below half the span of the inputs: a play that is wider
@@ -148,11 +147,11 @@ def choose_thresholds(
     """
     low, high = counts
     count = check_integer("count", count, low=low, high=high)
-    if given is None:
-        parts = count + (not from_zero)
-        span = float(inputs.max() - inputs.min())
-        given = (0.5 * span * np.arange(not from_zero, parts) / parts).tolist()
-    return take_ladder(name, given, low_open=name == "yields")
+    if given is not None:
+        return given
+    parts = count + (not from_zero)
+    span = float(inputs.max() - inputs.min())
+    return tuple((0.5 * span * np.arange(not from_zero, parts) / parts).tolist())
 
 
 @dataclass(frozen=True)
@@ -290,7 +289,8 @@ class PrandtlIshlinskii(PlaySum):
         """
         origin = check_number("origin", origin, low=-LIMIT, high=LIMIT)
         loops = Loops.take(history, response, skip)
-        rungs = choose_thresholds(loops.inputs, thresholds, count, counts=(1, 200))
+        ladder = choose_thresholds(loops.inputs, thresholds, count, counts=(1, 200))
+        rungs = take_ladder("thresholds", ladder)
         lower, upper = _symmetric_edges(rungs)
         columns = loops.pick(trace_plays(loops.inputs - origin, lower, upper))
         found = fit_linear(
@@ -403,7 +403,8 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
         """
         loops = Loops.take(history, response, skip)
         inputs = loops.inputs
-        rungs = choose_thresholds(inputs, thresholds, count, counts=(1, 100), from_zero=False)
+        ladder = choose_thresholds(inputs, thresholds, count, counts=(1, 100), from_zero=False)
+        rungs = take_ladder("thresholds", ladder)
         names = ["slope"]
         names += [f"{way}_weights[{i}]" for way in _WAYS for i in range(len(rungs))]
         low, high = min(float(inputs.min()), 0.0), max(float(inputs.max()), 0.0)
@@ -592,7 +593,8 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
         """
         loops = Loops.take(history, response, skip)
         inputs = loops.inputs
-        rungs = choose_thresholds(inputs, thresholds, count, counts=(2, 200))
+        ladder = choose_thresholds(inputs, thresholds, count, counts=(2, 200))
+        rungs = take_ladder("thresholds", ladder)
         wide = np.array(rungs) > 0.0
         if not wide.any():
             raise InputError(f"thresholds is {list(rungs)}: it must have one above 0")
