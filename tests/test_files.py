@@ -412,6 +412,7 @@ def test_directory_without_permission_is_refused_at_once(closing_place: Path) ->
 _compiled = shutil.ignore_patterns("__pycache__")
 
 
+@pytest.mark.slow
 @needs_users
 @pytest.mark.parametrize("with_home", [False, True])
 def test_a_read_only_installation_without_a_home_computes(

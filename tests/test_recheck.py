@@ -214,6 +214,7 @@ def test_plan_from_the_surface_against_its_triangles(
     check_proof(surface_plan, stl)
 
 
+@pytest.mark.slow
 def test_plan_from_labels_against_the_faces_of_the_voxels(
     label_plan: SavedPlan, upper_gi_dir: Path
 ) -> None:
@@ -229,6 +230,7 @@ def test_plan_from_labels_against_the_smoothed_surface(
     assert largest_gap(label_plan, stl) <= stated["clearance_error_mm"] + stated["wall_error_mm"]
 
 
+@pytest.mark.slow
 def test_a_plan_moved_by_more_than_its_error_fails_the_re_check(
     surface_plan: SavedPlan, stl: Distance
 ) -> None:

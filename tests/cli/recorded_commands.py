@@ -72,11 +72,9 @@ effector trace line --from 0,0 --to 9mm,3mm --points 5 --cubic-from 250kPa
 effector study sweep --vary offset=2.75mm:4mm:3 --vary segments=12,15 --deflection 12mm
 effector study least-pressure --between offset=2.75mm:3.5mm --deflection 12mm
 effector study sweep --vary muscle.gap=0mm,9mm
-demo --voxel 4mm --diameter 5mm --out demo
 demo --voxel 4mm --seed -1 --out demo
 plan tube.nii.gz --diameter 5mm --link 8mm --head-step 1mm --organ colon --out way
 plan tube.stl --diameter 5mm --link 8mm --head-step 1mm --organ colon --method tube --out way
-plan tube.stl --diameter 5mm --link 8mm --head-step 1mm --organ colon --method thesis --out way
 plan tube.nii.gz --diameter 18mm --link 8mm --organ colon --out way
 plan tube.nii.gz --diameter 5parsec --out way
 plan tube.nii.gz --diameter 0mm --out way
@@ -104,7 +102,6 @@ duct show cones.json --out cones.svg
 duct show cones.json --over tube.stl
 duct show tube.nii.gz --organ colon --spacing 5mm --out tube.png
 duct show cones.json --reverse
-duct limits tube.stl --organ colon --diameter 6mm --voxel 1.5mm
 duct limits tube.nii.gz --organ colon --diameter 30mm --link 5mm
 duct limits cones.json --labels 1
 continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm,T4=1mm,T5=1mm,T6=-2mm \
@@ -131,7 +128,6 @@ continuum pose converging.yaml --displacement C1=2mm,C2=-3mm,C3=-3mm --model rod
 continuum pose converging.yaml --displacement C1=2mm,C2=-3mm,C3=-3mm --model arc
 continuum pose helical.yaml --displacement H1=2mm,H2=-5mm,H3=-5mm,H4=-5mm
 continuum pose gastroscope.yaml --displacement s17a=2mm,s17b=-1mm,s17c=-1mm
-continuum reach two_sections.yaml --to 30mm,10mm,90mm --out reach.csv
 continuum reach two_sections.yaml --to 30mm,10mm,90mm --direction 1,0,1 --out reach.png
 continuum reach two_sections.yaml --to 20mm,10mm,95mm --smallest-bends --starts 4
 continuum reach two_sections.yaml --to 300mm,0mm,0mm --starts 2
@@ -158,6 +154,10 @@ data fetch nothing --to folder
 """One command a line; ``--json`` is added. Of several, joined by ``&&``, the last is recorded."""
 
 SLOW_COMMANDS = """
+demo --voxel 4mm --diameter 5mm --out demo
+plan tube.stl --diameter 5mm --link 8mm --head-step 1mm --organ colon --method thesis --out way
+duct limits tube.stl --organ colon --diameter 6mm --voxel 1.5mm
+continuum reach two_sections.yaml --to 30mm,10mm,90mm --out reach.csv
 demo --voxel 3mm --diameter 6mm --seed 3 --out demo
 demo --voxel 4mm --diameter 8mm --out demo
 demo --voxel 3mm --robot gastroscope.yaml --diameter 5mm --out demo

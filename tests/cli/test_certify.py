@@ -43,6 +43,7 @@ def certify(capsys: CAPTURE, *arguments: object) -> Outcome:
     return Outcome(code, *capsys.readouterr())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["labels", "surface"])
 def test_a_plan_is_certified_anew_by_both_methods(
     capsys: CAPTURE, plans: dict[str, Path], tracts: Tracts, name: str

@@ -47,6 +47,7 @@ def test_picture(answer) -> None:
     assert answer[1].read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_surface_and_volume_agree(tracts: Tracts, answer) -> None:
     result = run(tracts.surface, "--diameter", "6mm", "--json")
     found, other = json.loads(result.stdout), json.loads(answer[0].stdout)

@@ -193,6 +193,7 @@ def test_every_kind_of_surface_gives_the_same_plan(
     assert outcome.result["wall"] == "triangles of the surface"
 
 
+@pytest.mark.slow
 def test_unit_of_a_surface(tracts: Tracts, run: Run, tmp_path: Path) -> None:
     metres = tracts.mesh.copy()
     metres.apply_scale(1e-3)

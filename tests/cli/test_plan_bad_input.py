@@ -278,6 +278,7 @@ def test_bad_input_is_one_clear_line_and_leaves_nothing(
     assert list_all(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_an_open_surface_is_capped_and_that_is_reported(
     tracts: Tracts, run: Run, tmp_path: Path
 ) -> None:

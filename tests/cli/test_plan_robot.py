@@ -76,6 +76,7 @@ def test_a_missing_robot_is_one_line(run: Run, tracts: Tracts, tmp_path: Path) -
     assert "none.yaml" in found.err and len(found.err.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_the_example_goes_through_the_phantom(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -133,6 +133,7 @@ def test_a_cone_without_its_tip_is_exact_at_its_wall():
     assert np.array_equal((value < 0.0)[near], (exact < 0.0)[near])
 
 
+@pytest.mark.slow
 def test_sign_is_that_of_a_fine_mesh_of_the_wall():
     from bozzini.duct.shapes.mesh import TriangleMesh
 

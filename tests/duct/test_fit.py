@@ -251,6 +251,7 @@ def test_rays_end_at_the_wall():
 # Ducts to shapes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["cones", "cylinders", "superellipsoids"])
 def test_shapes_stay_inside(kind, monkeypatch):
     monkeypatch.setattr(candidates, "OTHERS", 10)
@@ -319,6 +320,7 @@ def test_more_pieces_lose_less():
     assert losses[0] > losses[1] > losses[2]
 
 
+@pytest.mark.slow
 def test_least_squares_goes_through_the_wall_of_a_duct_that_is_not_round():
     oval = SuperEllipsoids(
         np.zeros((1, 3)), np.array([[10.0, 6.0, 40.0]]),

@@ -29,6 +29,7 @@ def make_tract(kind):
     return LabelTract(labels=labels, affine=affine, source="made"), VoxelWall(labels != 0, affine)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["surface", "labels"])
 def test_bounds_hold_and_are_tighter_near_the_line(kind):
     tract, wall = make_tract(kind)
@@ -99,6 +100,7 @@ def test_a_field_of_another_tract_is_refused():
         refine_field(build_field(surface), surface, [[1.0, 2.0, 3.0]], voxel=0.02)
 
 
+@pytest.mark.slow
 def test_tubes_that_coarse_nodes_refuse_are_passed():
     refused = 0
     for seed in range(6):

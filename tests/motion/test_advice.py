@@ -98,6 +98,7 @@ def check_advice(lumen, *, diameter, link, **options):
     return held
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "scope", "code", "kinds"),
     [

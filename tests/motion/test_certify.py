@@ -135,6 +135,7 @@ def test_a_motion_through_the_wall_between_two_clear_steps_is_caught(bend):
     assert 0.0 < certificate.step < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(25))
 def test_a_lone_peg_is_never_overlooked(seed):
     # A wide cave with a few single wall voxels in it, and big moves of long links past them.

@@ -45,6 +45,7 @@ def human(request):
     return request.getfixturevalue(request.param)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("diameter", "link"), [(5.5, 8.0), (5.5, 12.0), (5.5, 20.0), (6.0, 8.0), (6.0, 12.0)]
 )

@@ -65,6 +65,7 @@ def test_no_motion_passes_through_the_wall_between_two_limbs(gap, inflation, lin
         assert plan.reason
 
 
+@pytest.mark.slow
 def test_the_bend_itself_is_passed():
     field, line = make_hairpin(8.0, 2.0)
     plan = insert(field, line, scope=Scope(diameter=4.0, link_length=6.0), head_step=1.0)

@@ -117,6 +117,7 @@ def test_a_narrow_entry_is_named_as_such_and_nothing_moves(narrow_start):
     assert nearly.refusal.needs > offers
 
 
+@pytest.mark.slow
 def test_too_long_a_link_is_named_and_a_shorter_one_fits(hairpin):
     plan = hairpin.plan(5.0, 22.0)
     refusal = plan.refusal
@@ -209,6 +210,7 @@ def plated():
     return field, find_centreline(field, (curve[10], curve[-10])), centre
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("diameter", "link"), [(6.0, 8.0), (8.0, 10.0), (7.0, 20.0)])
 def test_a_motion_stops_near_the_obstacle_however_long_the_way(plated, diameter, link):
     # Before, a point of the line with too little clearance for the bisection ended the search.

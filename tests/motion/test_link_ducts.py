@@ -44,6 +44,7 @@ def draw(duct, random, clearance):
     return head, head + random.uniform(10.0, 30.0) * away / np.linalg.norm(away)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_no_nearer_direction_has_room(name):
     duct = make_pipes()[name]

@@ -123,6 +123,7 @@ def test_a_pinch_is_proved_and_the_plan_goes_up_to_it():
     assert insert(duct, line, scope=advised).status == "complete"
 
 
+@pytest.mark.slow
 def test_links_too_long_for_a_bend_are_told(zigzag):
     duct, line = zigzag
     plan = insert(duct, line, scope=Scope(diameter=9.0, link_length=30.0))
@@ -133,6 +134,7 @@ def test_links_too_long_for_a_bend_are_told(zigzag):
     assert insert(duct, line, scope=shorter).status == "complete"
 
 
+@pytest.mark.slow
 def test_a_wall_moved_outwards_lets_a_wider_scope_pass(zigzag):
     duct, line = zigzag
     scope = Scope(diameter=17.0, link_length=8.0)

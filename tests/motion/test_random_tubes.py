@@ -10,6 +10,7 @@ from tests.motion.plans import insert
 from tests.motion.planted import plant
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(14))
 def test_a_planted_passage_is_found_and_certified(seed):
     tube = plant(seed)

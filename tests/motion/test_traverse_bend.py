@@ -23,6 +23,7 @@ bends = st.builds(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radius", "half_width", "body", "degrees"),
     [(3, 1, 0.0, 180), (3, 1, 0.4, 180), (30, 13, 5, 180), (2, 1.5, 0.5, 180)]
@@ -181,6 +182,7 @@ def test_a_sine_lets_longer_links_pass_than_schur_says() -> None:
     assert limit_by_turning(1.0) < 3.0
 
 
+@pytest.mark.slow
 def test_the_thesis_hypothesis_is_false() -> None:
     # Both walls of the ring 9..10 let circles of radius up to 10 roll; links of 20 do not fit.
     bend = Bend(radius=9.5, half_width=0.5, angle=math.pi / 3)

@@ -69,6 +69,7 @@ def test_a_robot_that_does_not_get_there_is_a_finding(tmp_path: Path) -> None:
     assert "more section(s)" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_a_wall_that_gives_way_gives_way_to_the_robot_too() -> None:
     thick = Scope(diameter=15.0, link_length=8.0)
     robot = make_robot(15.0, 6, radius=7.0)

@@ -30,6 +30,7 @@ def tight():
     return run_limits(make_waist(), diameter=9.0, link=15.0, fit="inscribed")
 
 
+@pytest.mark.slow
 def test_a_body_wider_than_the_waist_is_too_wide_and_not_its_links_too_long(tight):
     assert tight.links.link_high == 0.0
     assert tight.links.judge(15.0) == "too long"
@@ -69,6 +70,7 @@ def test_the_diameter_is_that_of_the_waist(tight):
     assert tight.diameters.low_at == pytest.approx(24.0, abs=4.0)
 
 
+@pytest.mark.slow
 def test_the_way_along_a_chain_is_that_of_its_centres(tight):
     assert np.linalg.norm(tight.line.points[:, None] - BEND, axis=-1).min(axis=1).max() <= 2.1
     assert tight.line.length == pytest.approx(48.0, rel=0.01)
@@ -77,6 +79,7 @@ def test_the_way_along_a_chain_is_that_of_its_centres(tight):
     assert grid.diameters.low <= tight.diameters.low * 1.05
 
 
+@pytest.mark.slow
 def test_the_way_along_cylinders_is_that_of_their_centres():
     radii = make_waist().radii
     cylinders = ConnectedCylinders(BEND, np.gradient(BEND, axis=0), radii)
@@ -85,6 +88,7 @@ def test_the_way_along_cylinders_is_that_of_their_centres():
     assert study.verdict == "too wide"
 
 
+@pytest.mark.slow
 def test_super_ellipsoids_keep_the_room_that_balls_have(monkeypatch):
     monkeypatch.setattr(traverse, "NODES", 50_000)
     centres = BEND[:8]

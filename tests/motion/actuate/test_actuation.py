@@ -45,6 +45,7 @@ def edit(moved, tmp_path):
 # --- points in time --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_points_between_steps_lie_between(moved):
     body = moved.place_body([0.0, 20.0, 20.5, 21.0, moved.steps - 1.0])
     assert body.shape[0] == 5
