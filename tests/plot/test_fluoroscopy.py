@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.anatomy.frame import find_axis
-from bozzini.errors import GeometryError, InputError
 from bozzini.plot.fluoroscopy import VIEWS, render_fluoroscopy
 from tests.plot.fake_motion import END, START, make_field
 
@@ -125,13 +124,3 @@ def test_the_margin_is_empty():
         assert not border.any()
     assert picture.image[:, :edge].max() == picture.image[:, -edge:].max() == 0.0
     assert picture.image.max() == pytest.approx(1.0)
-
-
-def test_wrong_inputs():
-    field = make_field()
-    with pytest.raises(InputError, match="'oblique'.*coronal"):
-        render_fluoroscopy(field, axis="oblique")
-    with pytest.raises(InputError, match="margin"):
-        render_fluoroscopy(field, margin=-1.0)
-    with pytest.raises(GeometryError, match="no inside"):
-        render_fluoroscopy(make_field(radius=-9.0))
