@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bozzini.anatomy import tract_from_labels
 from bozzini.cli.main import main
 from bozzini.continuum import CONTINUUM_MODELS
 from bozzini.duct import SHAPES, Centreline, RoundCones, load
 from bozzini.errors import FileFormatError, InputError, PluginError
 from bozzini.motion import PLANNERS, Scope, plan_insertion
 from bozzini.muscle import MODELS, Measurements, preset, rank, write_measurements
+from bozzini.study import InsertionOptions, run_insertion
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 MODULE = """
@@ -199,7 +201,7 @@ def test_a_planner_that_is_broken_or_fails_is_named(name, words):
     duct = RoundCones([(0, 0, 0), (60, 0, 0)], [5.0, 5.0])
     line = Centreline.from_points([(0, 0, 0), (50, 0, 0)], duct)
     scope = Scope(diameter=3.0, link_length=6.0)
-    with pytest.raises((InputError, PluginError)) as caught:
+    with pytest.raises(PluginError) as caught:
         plan_insertion(duct, line, scope=scope, method=name)
     assert f"planner '{name}' of odd-package" in str(caught.value) or name == "mute"
     assert words in str(caught.value)
@@ -230,3 +232,17 @@ def test_a_continuum_model_that_is_broken_or_fails_is_refused(run):
     for name in ("missing", "stiff"):
         code, out, err = run("continuum", "pose", *command, "--model", name)
         assert (code, out, err.count("\n")) == (2, "", 1) and "odd-package" in err
+
+
+@pytest.mark.slow
+def test_a_comparison_of_plans_goes_on_without_broken_planners():
+    tract = tract_from_labels(np.pad(np.ones((9, 9, 30), dtype=np.uint8), 2), np.eye(4))
+    options = InsertionOptions(voxel=1.0, head_step=2.0, compare=True)
+    study = run_insertion(tract, Scope(diameter=4.0, link_length=6.0), options)
+    assert [plan.asked for plan in study.comparison] == ["tube", "follow", "thesis"]
+    named = [item.message for item in study.findings if item.code == "plugin"]
+    assert len(named) == len(NAMES["bozzini.planners"])
+    assert {line.split("'")[1] for line in named if "odd-package" in line} == {
+        *NAMES["bozzini.planners"]
+    } - {"mute"}
+    assert all(f"warning: {line}" in study.plan.findings for line in named)

@@ -145,5 +145,5 @@ def test_a_planner_that_gives_no_motion_of_the_scope_is_refused(tubes, spoil, wo
             joints, heads = spoil(sound.joints, sound.head_arc_length)
             return Motion(joints=joints, head_arc_length=heads, path=sound.path)
 
-    with pytest.raises(InputError, match=f"the planner careless .*{words}"):
+    with pytest.raises(PluginError, match=f"the planner careless .*{words}"):
         Careless().plan(FreeSpace(*tubes["straight"]), SCOPE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from functools import partial
 
 import numpy as np
@@ -254,6 +255,19 @@ def test_scores_are_those_of_a_fit_alone(ranking):
             {entry.name: alone.fitted}, ranking.data, fitted={entry.name: len(alone.free)}
         )
         assert entry.score.standard_error == pytest.approx(found.scores[0].standard_error)
+
+
+def test_plain_values_are_those_of_the_entries(ranking):
+    plain = ranking.to_dict()
+    json.dumps(plain, allow_nan=False)
+    assert plain["refusals"] == ranking.refusals and plain["converged"]
+    assert plain["residual"] == min(row["rmse_mm"] for row in plain["models"])
+    for entry, row in zip(ranking.models, plain["models"], strict=True):
+        assert (row["model"], row["weight"]) == (entry.name, entry.weight)
+        if entry.calibration is not None:
+            fit = entry.calibration.to_dict()
+            assert {name: each["value"] for name, each in fit["estimates"].items()} == row["fitted"]
+            assert fit["residual"] == fit["sigma_mm"] and fit["reason"] == row["fit_reason"]
 
 
 def test_a_curve_counts_once_in_the_weights(ranking):

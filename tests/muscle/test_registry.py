@@ -8,6 +8,7 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 
+import bozzini.muscle
 from bozzini.cli.main import main
 from bozzini.effector import Effector, effector_preset
 from bozzini.errors import PluginError
@@ -71,6 +72,13 @@ def test_every_model_of_ours_is_found_by_its_name():
         assert kind.name == name
         assert (kind.card is None) == (not issubclass(kind, CatalogueModel))
         assert kind.card is None or kind.card.name == name
+
+
+def test_every_model_of_ours_is_in_the_package_by_the_name_of_its_class():
+    names = dir(bozzini.muscle)
+    assert {*bozzini.muscle.__all__} <= {*names}
+    for kind in MODELS.own.values():
+        assert kind.__name__ in names and getattr(bozzini.muscle, kind.__name__) is kind
 
 
 def test_commands_know_models_of_other_packages(run):
