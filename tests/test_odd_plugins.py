@@ -11,7 +11,7 @@ import pytest
 from bozzini.anatomy import tract_from_labels
 from bozzini.cli.main import main
 from bozzini.continuum import CONTINUUM_MODELS
-from bozzini.duct import SHAPES, Centreline, RoundCones, load
+from bozzini.duct import DUCT_SHAPES, Centreline, RoundCones, load
 from bozzini.errors import FileFormatError, InputError, PluginError
 from bozzini.motion import PLANNERS, Scope, plan_insertion
 from bozzini.muscle import MODELS, Measurements, preset, rank, write_measurements
@@ -21,7 +21,7 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 MODULE = """
 import numpy as np
 from bozzini.continuum.coupling import ParallelModel
-from bozzini.duct.base import Shape
+from bozzini.duct.base import DuctShape
 from bozzini.errors import InputError
 from bozzini.motion import Planner
 from bozzini.muscle import MuscleModel
@@ -63,7 +63,7 @@ class Fussy(Lost):
     name = "fussy"
     def __init__(self, speed): pass
 
-class Hole(Shape):
+class Hole(DuctShape):
     name = "hole"
     @property
     def bounds(self): return np.array([[-1.0] * 3, [1.0] * 3])
@@ -119,11 +119,11 @@ def installed(tmp_path, monkeypatch):
     (about / "entry_points.txt").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)
-    for registry in (MODELS, PLANNERS, SHAPES, CONTINUUM_MODELS):
+    for registry in (MODELS, PLANNERS, DUCT_SHAPES, CONTINUUM_MODELS):
         monkeypatch.delitem(registry.__dict__, "plugins", raising=False)
         monkeypatch.setattr(registry, "_loaded", {})
     yield
-    for registry in (MODELS, PLANNERS, SHAPES, CONTINUUM_MODELS):
+    for registry in (MODELS, PLANNERS, DUCT_SHAPES, CONTINUUM_MODELS):
         registry.__dict__.pop("plugins", None)
 
 

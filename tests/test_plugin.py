@@ -18,7 +18,7 @@ from bozzini.continuum.models import CONTINUUM_MODELS
 from bozzini.continuum.robot import RobotDesign
 from bozzini.duct import find_centreline
 from bozzini.duct.shape_files import load_shapes, save_shapes
-from bozzini.duct.shapes import SHAPES
+from bozzini.duct.shapes import DUCT_SHAPES
 from bozzini.effector import Effector, effector_preset
 from bozzini.motion import PLANNERS, Scope, plan_insertion
 from bozzini.muscle import MODELS
@@ -64,6 +64,7 @@ def run(site, tmp_path):
 
 def test_commands_list_what_the_package_adds(run):
     assert "spring" in run("-m", "bozzini", "muscle", "models")
+    assert "bozzini_plugin:Ring" in run("-m", "bozzini", "duct", "kinds")
     assert "pulled" in run("-m", "bozzini", "plan", "--help")
     assert "rigid-discs" in run("-m", "bozzini", "continuum", "pose", "--help")
 
@@ -73,7 +74,7 @@ def test_the_duct_is_planned_in_by_the_planner_and_kept_in_a_file(run):
         "-c",
         USE
         + """
-ring = SHAPES["ring"](radius=60.0, tube=14.0)
+ring = DUCT_SHAPES["ring"](radius=60.0, tube=14.0)
 angle = np.linspace(0.0, 2.0 * np.pi, 33)
 middle = 60.0 * np.stack([np.cos(angle), np.sin(angle), np.zeros(33)], axis=1)
 assert np.allclose(ring.signed_distance(middle), -14.0)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bozzini.checks import check_fields, check_range, list_quantities, quantity
-from bozzini.continuum.coupling import ParallelModel
-from bozzini.duct.base import Shape
+from bozzini.continuum import ParallelModel
+from bozzini.duct.base import DuctShape
 from bozzini.motion import Motion, Planner, move_free_chain
 from bozzini.muscle import Muscle, MuscleModel
 from bozzini.muscle.design import PRESSURE_LIMIT
@@ -27,12 +27,11 @@ class PulledPlanner(Planner):
     """
 
     name = "pulled"
-    help = "links are pulled, the wall is ignored"
     ignored = ("angle_limit", "route")
 
     def move(self, space, scope, options, *, progress=no_progress):
         """Return the tractrix of the centreline."""
-        line = space.way
+        line = space.centreline
         steps = int(np.ceil(line.length / options.head_step))
         travelled = np.linspace(0.0, line.length, steps + 1)
         heads = [np.interp(travelled, line.arc_length, column) for column in line.points.T]
@@ -42,17 +41,13 @@ class PulledPlanner(Planner):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ring(Shape):
+class Ring(DuctShape):
     """The inside of a torus about the z axis."""
 
     name = "ring"
 
     radius: float = quantity("length", "From the axis to the middle of the tube.", low=1.0)
     tube: float = quantity("length", "Radius of the tube.", low=0.0, low_open=True)
-
-    def __post_init__(self):
-        """Check the numbers."""
-        check_fields(self)
 
     @property
     def bounds(self):

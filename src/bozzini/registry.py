@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property, wraps
 from importlib.metadata import EntryPoint, entry_points
 from types import FunctionType, ModuleType
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from .checks import choose
 from .errors import BozziniError, PluginError
@@ -160,11 +160,11 @@ def _guard_methods(kind: type[object], base: type[object], label: str) -> None:
             setattr(kind, name, property(_guard(item.fget, label)))
 
 
-def _guard(function: Callable[..., Any], label: str) -> Callable[..., Any]:
+def _guard(function: Callable[..., object], label: str) -> Callable[..., object]:
     """Return a function that raises `PluginError` for what is no `BozziniError`."""
 
     @wraps(function)
-    def call(*args: Any, **kwargs: Any) -> Any:
+    def call(*args: object, **kwargs: object) -> object:
         try:
             return function(*args, **kwargs)
         except (BozziniError, MemoryError):

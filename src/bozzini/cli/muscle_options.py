@@ -17,8 +17,8 @@ from .common import (
     ModelType,
     QuantityType,
     gather,
+    make_option,
     option,
-    quantity_option,
 )
 
 if TYPE_CHECKING:
@@ -41,7 +41,10 @@ _Function = Callable[..., Any]
 def design_options(function: _Function) -> _Function:
     """Add the options that make a muscle: ``preset``, and the fields by their names."""
     for name, known in reversed(list(FIELDS.items())):
-        function = quantity_option(name, known, type=QuantityType(known.kind))(function)
+        item = Muscle.__dataclass_fields__[name]
+        function = make_option(
+            item, type=QuantityType(known.kind), default=None, show_default=False
+        )(function)
     presets = "thesis-40, thesis-45, thesis-60, effector-45, fitted-45"
     return option("--preset NAME", f"Where the fields begin: {presets}.", default="effector-45")(
         function

@@ -141,7 +141,7 @@ class Measures:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Candidate:
+class CandidateMotion:
     """A motion that was compared for a plan, as `bozzini.motion.plan_insertion` does it.
 
     Parameters
@@ -371,7 +371,7 @@ class Plan(Result):
         The planner that was asked for: "best" compares several.
     freedom : float, optional
         Share of the free tube that the best motion uses.
-    candidates : tuple of Candidate, optional
+    candidates : tuple of CandidateMotion, optional
         The motions that were compared for it.
     wall : str
         What the wall is.
@@ -414,7 +414,7 @@ class Plan(Result):
     options: PlannerOptions | None = None
     asked: str = ""
     freedom: float | None = None
-    candidates: tuple[Candidate, ...] | None = None
+    candidates: tuple[CandidateMotion, ...] | None = None
     wall: str = ""
     certificate: Certificate | None = None
     field: FieldSummary | None = None
@@ -536,11 +536,6 @@ class Plan(Result):
             part = getattr(self, name)
             if part is not None:
                 record[name] = write_record(part)
-        if self.scope is not None:
-            record["scope"] = {
-                "diameter_mm": self.scope.diameter,
-                "link_length_mm": self.scope.link_length,
-            }
         if self.certificate is not None:
             record["certified"] = self.certified
         if self.options is not None:
@@ -677,7 +672,7 @@ def _read_meta(meta: Mapping[str, object]) -> dict[str, object]:
         values["input"] = read_record(TractInput, rest.pop("input"), "meta.input")
     if "candidates" in rest:
         values["candidates"] = tuple(
-            read_record(Candidate, each, "meta.candidates")
+            read_record(CandidateMotion, each, "meta.candidates")
             for each in _pop_list(rest, "candidates")
         )
     if "findings" in rest:

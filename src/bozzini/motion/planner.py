@@ -13,21 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_number, check_word
-from ..duct.base import Duct, count_dimensions
+from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..errors import InputError, PluginError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .measures import measure_motion
-from .plan import LENGTH_ROUND_OFF_MM, Candidate, FieldSummary, Plan
-from .planners import PLANNERS, PlannerOptions
+from .plan import LENGTH_ROUND_OFF_MM, CandidateMotion, FieldSummary, Plan
+from .planners import HEAD_STEP_MIN_MM, PLANNERS, PlannerOptions
 from .refusal import Refusal
 from .scope import Scope
 from .space import FreeSpace, grid_of
-
-HEAD_STEP_MIN_MM = 1e-3
-"""Least step of the head."""
 
 LINKS_MAX = 10_000
 """A scope has at most as many links."""
@@ -59,7 +56,7 @@ class Motion:
         Which planner made it, where a planner chooses between several.
     freedom : float, optional
         Share of the free tube that the joints use.
-    candidates : tuple of Candidate
+    candidates : tuple of CandidateMotion
         The motions that were compared for it.
     """
 
@@ -72,7 +69,7 @@ class Motion:
     certificate: Certificate | None = None
     method: str = ""
     freedom: float | None = None
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[CandidateMotion, ...] = ()
 
 
 class Planner(ABC):
@@ -85,14 +82,11 @@ class Planner(ABC):
     ----------
     name : str
         By which it is chosen.
-    help : str
-        What it does, in a few words.
     ignored : tuple of str
         Fields of `PlannerOptions` that it does not know: they must be as by default.
     """
 
     name: ClassVar[str]
-    help: ClassVar[str] = ""
     ignored: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
@@ -127,9 +121,9 @@ class Planner(ABC):
         """
         options = options or PlannerOptions()
         self.check(scope, options)
-        line = space.way
+        line = space.centreline
         check_link(scope, line)
-        dim = count_dimensions(space.duct)
+        dim = space.duct.dim
         if line.points.shape[1] != dim:
             raise InputError(
                 f"the centreline's points have shape {line.points.shape}: this duct needs "
@@ -140,7 +134,7 @@ class Planner(ABC):
             space = FreeSpace(space.duct, line.cut(float(scope.length or 0.0)), space.introducer)
         if space.introducer is None:
             space = space.for_link(scope.link_length)
-        check_size(scope, space.way, options)
+        check_size(scope, space.centreline, options)
         advise = options.advise and not short
         asked = dataclasses.replace(options, advise=advise)
         motion = self.move(space, scope, asked, progress=progress)
@@ -192,9 +186,10 @@ class Planner(ABC):
         default = PlannerOptions()
         if any(getattr(options, name) != getattr(default, name) for name in self.ignored):
             *names, last = (name.replace("_", " ") for name in self.ignored)
+            words = f"{', '.join(names)} or {last}" if names else last
             others = (name for name in PLANNERS if name != self.name)
             raise InputError(
-                f"method '{self.name}' has no {', '.join(names)} or {last}: leave them out, or "
+                f"method '{self.name}' has no {words}: leave {'them' if names else 'it'} out, or "
                 f"use one of {', '.join(others)}"
             )
 
