@@ -109,6 +109,28 @@ def test_the_muscle_moves_an_effector(run):
 effector = Effector(effector_preset("prototype"), MODELS["spring"])
 tip = effector.forward({"R": 0.3}).tip
 assert np.allclose(effector.inverse(tip[:2]).pressures, [0.3, 0.0, 0.0], atol=1e-6)
+
+from bozzini.errors import InputError
+from bozzini.muscle import MuscleModel, RankOptions, preset, rank
+
+model = MODELS["spring"](preset("effector-45"))
+held = model.contraction([[0.2], [0.6]], [0.0, 0.5])
+assert held.shape == (2, 2)
+assert np.allclose(model.force([[0.2], [0.6]], held), [0.0, 0.5])
+assert np.allclose(MuscleModel.stiffness(model, 0.4, held), model.stiffness(0.4, held))
+for wrong in (lambda: model.contraction(-0.1), lambda: model.force(0.1, 50.0),
+              lambda: model.contraction(5.0), lambda: MODELS["spring"](model.muscle, spring=0.0)):
+    try:
+        wrong()
+    except InputError as error:
+        assert "must lie in" in str(error)
+    else:
+        raise AssertionError(wrong)
+
+import pandas
+table = pandas.DataFrame({"pressure [MPa]": [0.2, 0.4, 0.6], "contraction [mm]": [2.4, 4.8, 7.2]})
+ranking = rank(table, models={"spring": MODELS["spring"]}, options=RankOptions(folds=0))
+assert ranking.models[0].parameters == 0 and ranking.models[0].score.rmse < 1e-9
 """,
     )
 

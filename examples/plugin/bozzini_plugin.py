@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bozzini.checks import quantity
+from bozzini.checks import check_fields, check_range, list_quantities, quantity
 from bozzini.continuum import ParallelModel
 from bozzini.duct.base import DuctShape
 from bozzini.motion import Motion, Planner, move_free_chain
 from bozzini.muscle import Muscle, MuscleModel
+from bozzini.muscle.design import PRESSURE_LIMIT
+from bozzini.muscle.model import take_arguments
 from bozzini.progress import no_progress
 
 
@@ -62,22 +64,41 @@ class Ring(DuctShape):
 
 @dataclass(frozen=True)
 class SpringMuscle(MuscleModel):
-    """``force = stiffness (gain P - contraction)``."""
+    """``force = spring (gain P - contraction)``: the muscle's length is a limit only."""
 
     muscle: Muscle
-    spring: float = 2.0
-    gain: float = 12.0
+    spring: float = quantity("stiffness", "Stiffness.", low=0.0, low_open=True, default=2.0)
+    gain: float = quantity(help="Free contraction over pressure [mm/MPa].", low=0.0, default=12.0)
 
     name = "spring"
+    unused = tuple(field for field in list_quantities(Muscle) if field != "length")
+    fit_fields = ()  # nothing of the muscle would change the answer
+
+    def __post_init__(self):
+        """Check the numbers."""
+        check_fields(self)
 
     def force(self, pressure, contraction, *, direction=None):
         """Return the pull [N]."""
-        return self.spring * (self.contraction(pressure) - np.asarray(contraction))
+        limits = -self.muscle.length, self.muscle.length
+        pressures, held, _ = take_arguments(
+            pressure, ("contraction", contraction), direction, most=PRESSURE_LIMIT, limits=limits
+        )
+        return self.spring * (self.gain * pressures - held)
 
     def contraction(self, pressure, load=0.0, *, direction=None):
         """Return the contraction [mm]."""
-        free = self.gain * np.asarray(pressure, dtype=np.float64)
-        return free - np.asarray(load) / self.spring
+        pressures, loads, _ = take_arguments(
+            pressure, ("load", load), direction, most=PRESSURE_LIMIT
+        )
+        found = self.gain * pressures - loads / self.spring
+        length = self.muscle.length
+        check_range("contraction", found, -length, length, "mm")
+        return found
+
+    def stiffness(self, pressure, contraction, *, direction=None):
+        """Return the spring's stiffness [N/mm]: exact, where the default is a difference."""
+        return np.full_like(self.force(pressure, contraction), self.spring)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from ..checks import Quantity
+from ..checks import Quantity, choose
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
 from ..registry import Registry
@@ -70,12 +70,16 @@ def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def describe_classes(registry: Registry[Any]) -> tuple[dict[str, dict[str, str]], str]:
-    """Return the first line of each class's docstring and its package, by its name; and as text."""
-    rows = {}
+    """Return the first line of each class's docstring and its package, by its name; and as text.
+
+    Of a class that cannot be used the reason stands in its place.
+    """
+    rows, broken = {}, registry.broken
     for name in registry:
         point = registry.plugins.get(name)
+        about = f"broken: {broken[name]}" if name in broken else registry[name].__doc__ or ""
         rows[name] = {
-            "summary": next(iter((registry[name].__doc__ or "").strip().splitlines()), ""),
+            "summary": next(iter(about.strip().splitlines()), ""),
             "package": "bozzini" if point is None else point.value,
         }
     width = max(map(len, rows))
@@ -188,9 +192,10 @@ class ModelType(_AnyType):
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
         """Return the name if there is such a model."""
-        models = self.find_models()
-        if value not in models:
-            self.fail(f"there is no model '{value}': choose one of {', '.join(models)}", param, ctx)
+        try:
+            choose("model", str(value), self.find_models())
+        except BozziniError as error:
+            self.fail(str(error), param, ctx)
         return str(value)
 
     def shell_complete(
@@ -372,10 +377,13 @@ def spell_option(item: dataclasses.Field[Any]) -> str:
     return f"--{(item.metadata['quantity'].option or item.name).replace('_', '-')}"
 
 
-def make_option(item: dataclasses.Field[Any], **other: Any) -> Callable[[Command], Command]:
+def make_option(
+    item: dataclasses.Field[Any], *, flag: str = "", **other: Any
+) -> Callable[[Command], Command]:
     """Return the option of a dataclass's field that carries a `Quantity`.
 
-    `other` is for `click.option`, instead of what the field gives.
+    `flag` is its name on the command line, if that is another one than the field's; `other` is for
+    `click.option`, instead of what the field gives.
     """
     known: Quantity = item.metadata["quantity"]
     default = item.default
@@ -387,10 +395,37 @@ def make_option(item: dataclasses.Field[Any], **other: Any) -> Callable[[Command
         if isinstance(default, tuple):
             given["multiple"] = True
         elif default is not None:
-            if isinstance(given["type"], QuantityType):
+            if isinstance(given["type"], QuantityType) and "default" not in other:
                 default = f"{default:g}{known.unit}"
             given |= {"default": default, "show_default": True}
-    return click.option(spell_option(item), item.name, **(given | other))
+    return click.option(flag or spell_option(item), item.name, **(given | other))
+
+
+def option(
+    declaration: str, help: str, kind: object = None, **more: Any
+) -> Callable[[_Function], _Function]:
+    """Return an option of a command.
+
+    Parameters
+    ----------
+    declaration : str
+        Its name, that of its argument if that is another, and what stands for its value in the help
+        text, in capitals: ``"--to target X,Y"``.
+    help : str
+    kind : object
+        A type of click, a kind of quantity, or a tuple of words to choose from.
+    **more
+        For `click.option`; a default is shown.
+    """
+    flag, *words = declaration.split()
+    names = [word for word in words if word.islower()]
+    metavar = next((word for word in words if not word.islower()), None)
+    taken: object = QuantityType(kind) if isinstance(kind, str) else kind
+    taken = click.Choice(kind) if isinstance(kind, tuple) else taken
+    shown = "default" in more
+    return click.option(
+        flag, *names, type=taken, metavar=metavar, help=help, show_default=shown, **more
+    )
 
 
 def choose_type(known: Quantity) -> _AnyType | type:
@@ -565,7 +600,7 @@ def progress_bar(*, quiet: bool = False, delay: float = 0.5) -> Iterator[Progres
     elif sys.stderr.isatty():
         yield from _show_bar(delay)
     else:
-        yield _LineProgress()
+        yield LineProgress()
 
 
 def _show_bar(delay: float) -> Iterator[Progress]:
@@ -587,7 +622,7 @@ def _show_bar(delay: float) -> Iterator[Progress]:
         yield show
 
 
-class _LineProgress:
+class LineProgress:
     """Progress for a log file: a line at most every `interval` seconds."""
 
     interval = 10.0
@@ -596,6 +631,7 @@ class _LineProgress:
         self.last = time.monotonic()
 
     def __call__(self, stage: str, fraction: float) -> None:
+        """Write a line if the last one is old."""
         now = time.monotonic()
         if now - self.last >= self.interval:
             self.last = now

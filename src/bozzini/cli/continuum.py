@@ -14,7 +14,7 @@ import click
 
 from ..continuum import CONTINUUM_MODELS
 from ..continuum.kinematics import LOADS
-from ..errors import GeometryError, InputError
+from ..errors import GeometryError, InputError, PluginError
 from ..results import Json
 from .common import (
     EXIT_NEGATIVE,
@@ -415,10 +415,10 @@ def compare_command(
         rows[name] = {"refused": False, "converged": False, "reason": ""}
         try:
             model = make_model(name, robot, given, strict=False)
-        except GeometryError as error:  # it does not take such a robot at all
+            shape = model.shape(displacements)
+        except (GeometryError, PluginError) as error:  # it takes no such robot, or is broken
             rows[name] |= {"refused": True, "reason": str(error)}
             continue
-        shape = model.shape(displacements)
         rows[name]["reason"] = str(shape.reason)
         if shape.converged:
             shapes[name] = shape

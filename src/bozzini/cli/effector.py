@@ -13,12 +13,6 @@ import click
 from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import EffectorDesign
 from ..errors import InputError
-from ._muscle_options import (
-    make_class,
-    model_option,
-    model_options,
-    option,
-)
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -28,10 +22,17 @@ from .common import (
     format_csv,
     format_rows,
     gather,
+    make_option,
+    option,
     parse_pairs,
     progress_bar,
     quiet_option,
     run_exit,
+)
+from .muscle_options import (
+    make_class,
+    model_option,
+    model_options,
 )
 
 if TYPE_CHECKING:
@@ -61,9 +62,8 @@ MUSCLE_COLUMNS = {
 
 def _field_option(name: str, flag: str = "") -> Any:
     """Return the option of a field of a design."""
-    known = FIELDS[name]
-    flag = flag or "--" + name.replace("_", "-")
-    return option(f"{flag} {name}", known.help, int if known.whole else known.kind)
+    item = EffectorDesign.__dataclass_fields__[name]
+    return make_option(item, flag=flag, default=None, show_default=False, multiple=False)
 
 
 class EffectorRequest:

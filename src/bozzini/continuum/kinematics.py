@@ -133,10 +133,7 @@ class ContinuumRobot(RobotDesign):
     def model(self, name: str | None = None, **options: Any) -> ContinuumModel:
         """Return a model of this robot, with its options; see `forward`."""
         name = name or self.choose_model(options)
-        if name not in CONTINUUM_MODELS:
-            listed = ", ".join(CONTINUUM_MODELS)
-            raise InputError(f"there is no model '{name}': choose one of {listed}")
-        kind = CONTINUUM_MODELS[name]
+        kind = CONTINUUM_MODELS.choose(name)
         known = [field.name for field in dataclasses.fields(kind) if field.name != "robot"]
         for option in options:
             if option not in known:

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeGuard, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import Quantity, check_array, check_fields, list_quantities, quantity
+from ..checks import Quantity, check_array, check_fields, check_word, list_quantities, quantity
 from ..errors import InputError
 from .checks import Floats, check_items, check_name, check_text, check_travel, take_items
 
@@ -162,11 +162,7 @@ class Tendon:
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
         label, known = f"tendon '{self.name}'", list_quantities(Tendon)
-        legal = get_args(Interpolation)
-        if not isinstance(self.interpolation, str) or self.interpolation not in legal:
-            raise InputError(
-                f"{label} interpolation is {self.interpolation!r}: choose one of {legal}"
-            )
+        check_word(f"{label} interpolation", self.interpolation, get_args(Interpolation))
         if not isinstance(self.pushes, bool):
             raise InputError(f"{label} pushes is {self.pushes!r}: it must be true or false")
         object.__setattr__(self, "travel", check_travel(label, self.travel))

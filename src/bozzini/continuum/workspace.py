@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number
+from ..checks import check_integer, check_number, check_word
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
@@ -404,8 +404,7 @@ def manipulability(
     GeometryError
         If the tendons are not parallel.
     """
-    if part not in tuple(PARTS):
-        raise InputError(f"part is {part!r}: choose one of {tuple(PARTS)}")
+    check_word("part", part, PARTS)
     scale = check_number(
         "turn_length",
         robot.length / math.pi if turn_length is None else turn_length,

@@ -14,8 +14,8 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
-from ..checks import Quantity, list_quantities, quantity, show_value
-from ..errors import FileFormatError, InputError
+from ..checks import Quantity, check_word, list_quantities, quantity
+from ..errors import FileFormatError, InputError, PluginError
 from ..io.files import check_new_file, write_text
 from ..io.records import format_yaml, load_data, read_record
 from ..results import Json
@@ -195,10 +195,7 @@ def read_shapes(data: object) -> Duct:
 
 def _read_file(data: object) -> ShapesFile:
     record = read_record(data, _Record, name="the file")
-    if record.kind not in DUCT_SHAPES:
-        raise InputError(
-            f"kind is {show_value(record.kind)}: it must be one of {', '.join(DUCT_SHAPES)}"
-        )
+    check_word("kind", record.kind, DUCT_SHAPES)
     _check_fit(record.fit)
     if not record.shapes:
         raise InputError("shapes is []: it must be a list of 1 or more")
@@ -230,7 +227,7 @@ def _build(kind: type[Duct], items: Sequence[Json], options: Json) -> Duct:
         return kind(**given, **options)
     except InputError as error:
         raise type(error)(_name_field(kind, str(error))) from None
-    except (TypeError, ValueError) as error:  # a class of another package need not check
+    except (PluginError, TypeError, ValueError) as error:  # another package's need not check
         raise InputError(f"shapes cannot be made a {kind.__name__}: {error}") from None
 
 
@@ -313,8 +310,8 @@ def _name_field(kind: type[Duct], message: str) -> str:
 
 
 def _check_fit(fit: str) -> None:
-    if fit not in ("", *FITS):
-        raise InputError(f"fit is {show_value(fit)}: it must be one of {', '.join(FITS)}")
+    if fit:
+        check_word("fit", fit, FITS)
 
 
 def _format_json(data: Json) -> str:

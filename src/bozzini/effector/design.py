@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..checks import (
     check_fields,
     check_number,
+    choose,
     describe_fields,
     list_quantities,
     quantity,
@@ -233,9 +234,7 @@ class EffectorDesign:
         InputError
             If there is no such muscle.
         """
-        if name not in self.names:
-            raise InputError(f"there is no muscle '{name}': choose one of {list(self.names)}")
-        return self.names.index(name)
+        return choose("muscle", name, {known: k for k, known in enumerate(self.names)})
 
     def replace(self, **changes: Any) -> EffectorDesign:
         """Return this design with some fields changed.
@@ -329,7 +328,4 @@ def effector_preset(name: str, **overrides: object) -> EffectorDesign:
     InputError
         If there is no such preset, or a field or its value is not legal.
     """
-    if name not in EFFECTOR_PRESETS:
-        known = sorted(EFFECTOR_PRESETS)
-        raise InputError(f"there is no effector preset '{name}': choose one of {known}")
-    return EFFECTOR_PRESETS[name].replace(**overrides)
+    return choose("effector preset", name, EFFECTOR_PRESETS).replace(**overrides)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number
+from ..checks import check_number, check_word
 from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.roots import MAX_ITERATIONS, polish
@@ -258,8 +258,7 @@ def balance(
         If a step of the fixed point asks for a contraction at which a segment cannot close.
     """
     place = effector.design.index(name)
-    if method not in BALANCE_METHODS:
-        raise InputError(f"method is '{method}': it must be one of {list(BALANCE_METHODS)}")
+    check_word("method", method, BALANCE_METHODS)
     pressures = effector.take_pressures({name: pressure})[..., place]
     tolerance = check_number("tolerance", tolerance, low=0.0, high=1e3, low_open=True, unit="mm")
     if method == "fixed-point":

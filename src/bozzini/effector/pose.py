@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_points
+from ..checks import check_array, check_points, check_word
 from ..errors import GeometryError, InputError
 from ..results import Json, Result, list_coordinates, measured, take_axes
 from .equilibrium import Settled, explain_equilibrium, list_muscles, settle_muscles
@@ -260,8 +260,7 @@ def pose(
     GeometryError
         If the thesis's steps have no answer.
     """
-    if method not in POSE_METHODS:
-        raise InputError(f"method is '{method}': it must be one of {list(POSE_METHODS)}")
+    check_word("method", method, POSE_METHODS)
     if order is not None and method != "thesis":
         raise InputError("an order of pressing is given: only method='thesis' depends on one")
     table = effector.take_pressures(pressures)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points, check_range
+from ..checks import check_number, check_points, check_range, check_word
 from ..duct.base import Duct, check_duct
 from ..errors import InputError
 from .space import FreeSpace
@@ -297,8 +297,7 @@ def move_free_chain(
     if shortest <= 0.0:
         raise InputError(f"link {int(np.argmin(lengths)) + 1} has length 0: it must be above 0 mm")
     check_number("slip", slip, low=0.0, high=1.0)
-    if scheme not in SCHEMES:
-        raise InputError(f"scheme is {scheme!r}: it must be one of {', '.join(SCHEMES)}")
+    check_word("scheme", scheme, SCHEMES)
     pitch = 0.0
     if scheme == "exact":
         pitch = SUBSTEP * shortest if substep is None else substep

@@ -7,15 +7,15 @@ import functools
 import platform
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number
+from ..checks import check_number, check_word
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
-from ..errors import InputError
+from ..errors import InputError, PluginError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
@@ -146,25 +146,29 @@ class Planner(ABC):
         return plan
 
     def _check_motion(self, motion: Motion, scope: Scope, options: PlannerOptions) -> None:
-        """Raise `InputError` for a motion that is none of this scope, or ends for no reason."""
+        """Raise `PluginError` for a motion that is none of this scope, or ends for no reason."""
+        if not isinstance(motion, Motion):
+            raise PluginError(
+                f"the planner {self.name} gave a {type(motion).__name__}: it must give a Motion"
+            )
         joints, heads = np.asarray(motion.joints), np.asarray(motion.head_arc_length)
         if joints.ndim != 3 or heads.shape != joints.shape[:1] or joints.shape[1] < 2:
-            raise InputError(
+            raise PluginError(
                 f"the planner {self.name} gave joints of shape {joints.shape} for {heads.shape} "
                 "arc lengths of the head: it must give (steps, joints, dim) and (steps,)"
             )
         if not (np.isfinite(joints).all() and np.isfinite(heads).all()):
-            raise InputError(f"the planner {self.name} gave places that are not finite")
+            raise PluginError(f"the planner {self.name} gave places that are not finite")
         links = np.linalg.norm(np.diff(joints, axis=1), axis=2)
         off = float(np.abs(links - scope.link_length).max())
         if off > LENGTH_ROUND_OFF_MM:
-            raise InputError(
+            raise PluginError(
                 f"the planner {self.name} gave links {off:.3g} mm off {scope.link_length:g} mm: "
                 f"they must keep that within {LENGTH_ROUND_OFF_MM:g} mm"
             )
         end = options.route[-1] * float(measure_arc_length(np.asarray(motion.path))[-1])
         if not (motion.reason_code or motion.refusal) and abs(heads[-1] - end) > scope.link_length:
-            raise InputError(
+            raise PluginError(
                 f"the planner {self.name} stopped with the head at {heads[-1]:.1f} mm of "
                 f"{end:.1f} mm: it must state why"
             )
@@ -241,14 +245,8 @@ def plan_insertion(
 
 def make_planner(method: str) -> Planner:
     """Return a planner by its name in `bozzini.motion.PLANNERS`."""
-    if method not in PLANNERS:
-        raise InputError(f"method is {method!r}: it must be one of {', '.join(PLANNERS)}")
-    planner = PLANNERS[method]()
-    if not isinstance(planner, Planner):
-        raise InputError(
-            f"the planner {method} is a {type(planner).__name__}: it must be a Planner"
-        )
-    return planner
+    kind = cast(type[Planner], PLANNERS[check_word("method", method, PLANNERS)])
+    return kind()
 
 
 def finish_plan(

@@ -27,15 +27,14 @@ class _OwnPlanners(Mapping[str, type[object]]):
     """The planners of this package, each imported when it is asked for."""
 
     places = {
-        "best": "bozzini.motion.insertion:BestPlanner",
-        "tube": "bozzini.motion.insertion:TubePlanner",
-        "follow": "bozzini.motion.insertion:FollowPlanner",
-        "thesis": "bozzini.motion.thesis:ThesisPlanner",
+        "best": "insertion:BestPlanner",
+        "tube": "insertion:TubePlanner",
+        "follow": "insertion:FollowPlanner",
+        "thesis": "thesis:ThesisPlanner",
     }
 
     def __getitem__(self, name: str) -> type[object]:
-        kind: type[object] = EntryPoint(name, self.places[name], GROUP).load()
-        return kind
+        return _load(self.places[name])
 
     def __contains__(self, name: object) -> bool:  # without importing it
         return name in self.places
@@ -47,7 +46,14 @@ class _OwnPlanners(Mapping[str, type[object]]):
         return len(self.places)
 
 
-PLANNERS: Registry[object] = Registry(GROUP, object, _OwnPlanners, noun="planner")
+def _load(place: str) -> type[object]:
+    kind: type[object] = EntryPoint("", f"bozzini.motion.{place}", GROUP).load()
+    return kind
+
+
+PLANNERS: Registry[object] = Registry(
+    GROUP, lambda: _load("planner:Planner"), _OwnPlanners, noun="planner", arguments=0
+)
 """Subclasses of `bozzini.motion.Planner` by name: ``"best"``, ``"tube"``, ``"follow"``,
 ``"thesis"``, and those that other installed packages add."""
 

@@ -21,6 +21,7 @@ from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, refine_field
+from ..errors import PluginError
 from ..io.files import new_directory, write_bytes, write_text
 from ..motion import (
     PLANNERS,
@@ -572,12 +573,15 @@ def run_insertion(
         with _clock(times, "compare"):
             others = [name for name in PLANNERS if name != "best"]
             for other in others:
-                ignored = getattr(PLANNERS[other], "ignored", ())
-                plain = {name: getattr(PlannerOptions(), name) for name in ignored}
-                chosen = replace(options.motion, **plain)
-                comparison.append(
-                    plan_insertion(field, line, scope=scope, method=other, options=chosen)
-                )
+                try:
+                    ignored = getattr(PLANNERS[other], "ignored", ())
+                    plain = {name: getattr(PlannerOptions(), name) for name in ignored}
+                    chosen = replace(options.motion, **plain)
+                    comparison.append(
+                        plan_insertion(field, line, scope=scope, method=other, options=chosen)
+                    )
+                except PluginError as error:
+                    findings = (*findings, Finding("plugin", "warning", str(error)))
                 progress("compare", len(comparison) / len(others))
     rounded = Centreline(
         points=_round(line.points), arc_length=_round(line.arc_length), radius=_round(line.radius)
@@ -626,8 +630,10 @@ def _may_profit(plan: Plan, field: SampledField) -> bool:
         return False
     if plan.reason_code not in GRID_CODES:
         return False
-    lack = 0.0 if plan.refusal is None else plan.refusal.needs - plan.refusal.offers
-    return plan.reason_code == "CERTIFICATE_UNRESOLVED" or lack <= field.error
+    if plan.reason_code == "CERTIFICATE_UNRESOLVED" or plan.refusal is None:
+        return True
+    needs, offers = plan.refusal.needs, plan.refusal.offers
+    return needs is None or offers is None or needs - offers <= field.error
 
 
 def _choose_finer(plan: Plan, fine: Plan) -> tuple[Plan, tuple[Finding, ...]]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..checks import check_number
+from ..checks import check_number, check_word
 from ..duct import (
     Centreline,
     Duct,
@@ -154,8 +154,8 @@ def run_limits(
     check_number("diameter", diameter, low=0.0, low_open=True, unit="mm")
     if link is not None:
         check_number("link", link, low=0.0, low_open=True, unit="mm")
-    if fit not in ("", *FITS):
-        raise InputError(f"fit is '{fit}': it must be one of {', '.join(FITS)}")
+    if fit:
+        check_word("fit", fit, FITS)
     findings: tuple[Finding, ...]
     duct: Duct
     if isinstance(source, (LabelTract, SurfaceTract)):

@@ -13,7 +13,7 @@ MODULES = (quads, curves, super_ellipses, cones, cylinders, polyhedron, mesh, po
 
 DUCT_SHAPES: Registry[Duct] = Registry(
     "bozzini.ducts",
-    Duct,  # type: ignore[type-abstract]
+    lambda: Duct,
     lambda: collect_named(MODULES, Duct),  # type: ignore[type-abstract]
     noun="shape",
 )
