@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bozzini.checks import quantity
-from bozzini.continuum.coupling import ParallelModel
+from bozzini.continuum import ParallelModel
 from bozzini.duct.base import DuctShape
 from bozzini.motion import Motion, Planner, move_free_chain
 from bozzini.muscle import Muscle, MuscleModel

@@ -257,6 +257,55 @@ class EndType(_Parsed):
         super().__init__("x,y,z|label|name", _parse_end)
 
 
+def parse_pairs(
+    option: str,
+    text: str,
+    kind: str,
+    *,
+    example: str,
+    names: Sequence[str] | None = None,
+    owner: str = "",
+) -> dict[str, float]:
+    """Return ``NAME=QUANTITY,NAME=QUANTITY`` as a mapping, in the internal unit.
+
+    Parameters
+    ----------
+    option : str
+        The option that has the text.
+    text : str
+        The text.
+    kind : str
+        A key of `bozzini.units.INTERNAL_UNITS`.
+    example : str
+        A legal text.
+    names : sequence of str, optional
+        The legal names; any unless given.
+    owner : str
+        What has these names.
+
+    Raises
+    ------
+    InputError
+        If a part is no pair, or a name is not legal or given twice.
+    UnitError
+        If a quantity is none of its kind.
+    """
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, mark, value = (word.strip() for word in part.partition("="))
+        if not (name and mark and value):
+            raise InputError(
+                f"{option} has the part '{part.strip()}': it must be NAME={kind.upper()}, such as "
+                f"{example}"
+            )
+        if names is not None and name not in names:
+            raise InputError(f"{option} names '{name}': {owner} are {', '.join(names) or 'none'}")
+        if name in found:
+            raise InputError(f"{option} names '{name}' more than once: give each once")
+        found[name] = parse_quantity(value, kind)
+    return found
+
+
 # Options that arrive together, as one object: those of a dataclass, and where the answer goes.
 
 
@@ -314,26 +363,34 @@ def options_of(
         Fields that get no option, and keep their defaults.
     """
     fields = [item for item in dataclasses.fields(kind) if "quantity" in item.metadata]
-    options = [_make_option(item) for item in fields if item.name not in leave_out]
+    options = [make_option(item) for item in fields if item.name not in leave_out]
     return gather(argument, kind, *options)
 
 
-def _make_option(item: dataclasses.Field[Any]) -> Callable[[Command], Command]:
-    """Return the option of a dataclass's field that carries a `Quantity`."""
+def spell_option(item: dataclasses.Field[Any]) -> str:
+    """Return how the command line calls a dataclass's field that carries a `Quantity`."""
+    return f"--{(item.metadata['quantity'].option or item.name).replace('_', '-')}"
+
+
+def make_option(item: dataclasses.Field[Any], **other: Any) -> Callable[[Command], Command]:
+    """Return the option of a dataclass's field that carries a `Quantity`.
+
+    `other` is for `click.option`, instead of what the field gives.
+    """
     known: Quantity = item.metadata["quantity"]
     default = item.default
-    flag = f"--{(known.option or item.name).replace('_', '-')}"
     given: Json = {"help": known.help}
     if known.kind == "flag":
-        return click.option(flag, item.name, is_flag=True, **given)
-    given["type"] = choose_type(known)
-    if isinstance(given["type"], QuantityType) and default is not None:
-        default = f"{default:g}{known.unit}"
-    if isinstance(default, tuple):
-        return click.option(flag, item.name, multiple=True, **given)
-    if default is not None:
-        given |= {"default": default, "show_default": True}
-    return click.option(flag, item.name, **given)
+        given["is_flag"] = True
+    else:
+        given["type"] = choose_type(known)
+        if isinstance(default, tuple):
+            given["multiple"] = True
+        elif default is not None:
+            if isinstance(given["type"], QuantityType):
+                default = f"{default:g}{known.unit}"
+            given |= {"default": default, "show_default": True}
+    return click.option(spell_option(item), item.name, **(given | other))
 
 
 def choose_type(known: Quantity) -> _AnyType | type:

@@ -19,10 +19,10 @@ from .shape import Shape
 Verdict = tuple[NDArray[np.bool_], NDArray[np.str_]]
 """Whether each shape of a batch has converged, and why not."""
 
-MOST_CONTRAST = 1e6
+LARGEST_STIFFNESS_RATIO = 1e6
 """Ratio of sections' stiffnesses up to which digits suffice."""
 
-EVEN = 1e-3
+EVEN_CURVATURE_SHARE = 1e-3
 """By how much a curvature that counts as even may differ, as a share."""
 
 ROUND_OFF_LENGTH_SHARE = 1e-11
@@ -185,7 +185,7 @@ def write_reasons(shape: tuple[int, ...], reasons: dict[tuple[int, ...], str]) -
     return array
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BendMeasure:
     """Angles through which the sections of shapes bend, and how tightly.
 
@@ -242,7 +242,7 @@ def check_limits(
             discs = f"its discs, of radius {section.radius:g} mm, meet"
             reasons[place] = (
                 f"{words}: {discs} at {math.degrees(section.length / section.radius):.4g} deg"
-                if curvature * section.length <= bend * (1.0 + EVEN)
+                if curvature * section.length <= bend * (1.0 + EVEN_CURVATURE_SHARE)
                 else f"{words}, to a radius of {1.0 / curvature:.4g} mm where it is tightest: "
                 f"{discs}"
             )
@@ -274,9 +274,9 @@ def check_numbers(
 def explain_contrast(robot: RobotDesign) -> str:
     """Return what to add to a reason where stiffnesses differ too much; else nothing."""
     ratio = robot.section_stiffness.max() / robot.section_stiffness.min()
-    if ratio <= MOST_CONTRAST:
+    if ratio <= LARGEST_STIFFNESS_RATIO:
         return ""
     return (
         f"; the backbone's stiffnesses differ by a factor of {ratio:.2g}, and from "
-        f"{MOST_CONTRAST:g} on digits may not suffice"
+        f"{LARGEST_STIFFNESS_RATIO:g} on digits may not suffice"
     )

@@ -21,11 +21,12 @@ from ..checks import (
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle import preset as muscle_preset
+from ..results import Json
 
 BEAM_FACTORS = (2.0, 3.0)
 """``k`` of the tip's deflection ``M L**2 / (k EI)`` under an end moment: derived, as printed."""
 
-_SAME_ANGLE = 1e-9
+_SAME_ANGLE_RAD = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +193,7 @@ class EffectorDesign:
             for other in muscles[:i]:
                 if other.name == placed.name:
                     raise InputError(f"two muscles are called '{placed.name}': names must differ")
-                if abs(math.remainder(placed.angle - other.angle, math.tau)) <= _SAME_ANGLE:
+                if abs(math.remainder(placed.angle - other.angle, math.tau)) <= _SAME_ANGLE_RAD:
                     raise InputError(
                         f"muscles {other.name} and {placed.name} are both at {placed.angle:g} rad "
                         f"({math.degrees(placed.angle):g} deg): angles must differ"
@@ -250,7 +251,7 @@ class EffectorDesign:
                 raise InputError(f"an effector has no field '{name}': its fields are {names}")
         return dataclasses.replace(self, **changes)
 
-    def describe(self) -> dict[str, object]:
+    def to_dict(self) -> Json:
         """Return the design as plain values, with units in the names."""
         fields = {k: v for k, v in describe_fields(self).items() if "diameter" not in k}
         return {
