@@ -161,6 +161,15 @@ def check_range(
         )
 
 
+def check_axes(
+    name: str, points: NDArray[np.float64], low: float, high: float, unit: str = ""
+) -> None:
+    """Raise `InputError` that names the first coordinate of `points` outside `[low, high]`."""
+    if points.size and not (points.min() >= low and points.max() <= high):
+        for axis, values in zip("xyz", np.moveaxis(points, -1, 0), strict=False):
+            check_range(f"{name} {axis}", values, low, high, unit)
+
+
 @contextmanager
 def add_hint(hint: str) -> Iterator[None]:
     """End the message of an `InputError` with a hint."""

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_points, check_range
+from ..checks import check_array, check_axes, check_number, check_points, check_range
 from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.roots import polish
@@ -180,8 +180,7 @@ def take_place(name: str, place: ArrayLike) -> Floats:
 
 def _take_places(name: str, places: ArrayLike) -> Floats:
     targets = check_points(name, check_array(name, places), dim=2)
-    for axis, values in zip("xy", np.moveaxis(targets, -1, 0), strict=True):
-        check_range(f"{name} {axis}", values, -TARGET_LIMIT_MM, TARGET_LIMIT_MM, "mm")
+    check_axes(name, targets, -TARGET_LIMIT_MM, TARGET_LIMIT_MM, "mm")
     return targets
 
 

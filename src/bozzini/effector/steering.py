@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import (
     check_array,
+    check_axes,
     check_fields,
     check_integer,
     check_number,
@@ -583,8 +584,7 @@ class Stick:
             If a reading is outside ``[0, highest]``.
         """
         readings = check_points("stick reading", check_array("stick reading", raw), dim=2)
-        for axis, values in zip("xy", np.moveaxis(readings, -1, 0), strict=True):
-            check_range(f"stick reading {axis}", values, 0.0, self.highest)
+        check_axes("stick reading", readings, 0.0, self.highest)
         travel = (readings - self.centre) * np.array([1.0, -1.0])
         if self.dead_zone == 0.0:
             return np.asarray(travel / self.span + 0.0)  # no -0
