@@ -292,15 +292,11 @@ class Duct(ABC):
                 raise GeometryError(f"{what} {found.format(value)} at ({place}) mm: {legal}")
 
         refuse(~np.isfinite(distance), "is {}", "it must be finite")
-        if self.kind == "sampled":  # an interpolant, on a grid whose wall may reach its border
-            return
-        low, high = self.bounds
-        outside = ((points < low) | (points > high)).any(axis=-1)
-        refuse(
-            outside & (distance < -self.error - ROUND_OFF_DISTANCE_MM),
-            "is {:g} mm",
-            "bounds must be a box that holds the whole duct",
-        )
+        if self.kind != "sampled":  # its wall may be moved beyond the grid
+            low, high = self.bounds
+            inside = distance < -self.error - ROUND_OFF_DISTANCE_MM
+            inside[inside] = ((points[inside] < low) | (points[inside] > high)).any(axis=-1)
+            refuse(inside, "is {:g} mm", "bounds must be a box that holds the whole duct")
         pairs = [(distance, shift) for shift in _list_shifts(self.dim - 1, half=True)]
         if before is not None:
             pairs += [(before, shift) for shift in _list_shifts(self.dim - 1)]
@@ -308,13 +304,16 @@ class Duct(ABC):
             apart = voxel * math.sqrt(sum(map(abs, shift)) + (other is before))
             here = tuple(slice(max(-n, 0), -n if n > 0 else None) for n in shift)
             there = tuple(slice(max(n, 0), n if n < 0 else None) for n in shift)
-            rise = np.zeros(distance.shape)
-            rise[here] = np.abs(distance[here] - other[there])
-            refuse(
-                rise > apart * (1.0 + ROUND_OFF_SLOPE) + ROUND_OFF_DISTANCE_MM,
-                f"changes by more than {apart:.3g} mm to a place {apart:.3g} mm away, to {{:g}} mm",
-                "it must change by at most 1 mm per mm",
-            )
+            rise = distance[here] - other[there]
+            most = apart * self._lipschitz * (1.0 + ROUND_OFF_SLOPE) + ROUND_OFF_DISTANCE_MM
+            if max(rise.max(), -rise.min()) > most:
+                steep = np.zeros(distance.shape, dtype=np.bool_)
+                steep[here] = np.abs(rise) > most
+                refuse(
+                    steep,
+                    f"changes by more than {most:.3g} mm within {apart:.3g} mm, to {{:g}} mm",
+                    f"it must change by at most {self._lipschitz:.3g} mm per mm",
+                )
 
     def _lay_grid(self, voxel: float) -> tuple[Floats, NDArray[np.int64]]:
         """Return the first node of a grid around the duct, and how many there are per axis."""
