@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -21,14 +21,21 @@ def toolchain() -> None:
         (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
 
 
-BOARDS: dict[str, Callable[[], CompiledBoard]] = {
-    "native": lambda: NativeBoard(is_test_build=True),
-    "emulated": lambda: EmulatedBoard(is_test_build=True),
-}
+BOARDS = {"native": NativeBoard, "emulated": EmulatedBoard}
 
 
 @pytest.fixture(params=BOARDS)
 def board(toolchain: None, request: pytest.FixtureRequest) -> Iterator[CompiledBoard]:
-    """Give a board just switched on: once compiled for this computer, once emulated."""
+    """Give a board just switched on: once compiled for this computer, once emulated.
+
+    It obeys the frames that stop it.
+    """
+    with BOARDS[request.param](is_test_build=True) as new:
+        yield new
+
+
+@pytest.fixture(params=BOARDS)
+def ordinary_board(toolchain: None, request: pytest.FixtureRequest) -> Iterator[CompiledBoard]:
+    """Give a board as it is flashed."""
     with BOARDS[request.param]() as new:
         yield new
