@@ -22,7 +22,6 @@ from bozzini.rig.protocol import (
     Warning_,
     encode,
 )
-
 from tests.rig.host import RESERVOIR, VENTED, Host, find_vent, to_voltage
 
 STOP_ADC, STOP_TICK, HANG = 0x7D, 0x7E, 0x7F
