@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from .board import NativeBoard
 from .cosimulation import Board, Cosimulation, CosimulationRecord
+from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
+from .emulate import emulate_rig, emulated_port, serve
 from .emulator import EmulatedBoard, EmulationError
 from .firmware import ToolchainError
-from .host import Host, HostRun, load_log
-from .link import Link, LockstepLink, SerialLink, emulated_port
+from .host import Host, HostRun, Replay, load_log, replay_log
+from .link import Link, LockstepLink, SerialLink
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
 from .pneumatics import ATMOSPHERE, Orifice
-from .stick import BoardStick, GamepadStick, ScriptedStick, StickSource
+from .selftest import SelfTest, check_board
+from .steering import Steering
+from .stick import BoardStick, GamepadStick, ScriptedStick, StickSource, make_stick
 
 __all__ = [
     "ATMOSPHERE",
@@ -18,11 +22,13 @@ __all__ = [
     "Board",
     "BoardStick",
     "Chamber",
+    "CircleRun",
     "Cosimulation",
     "CosimulationRecord",
     "EmulatedBoard",
     "EmulationError",
     "Fault",
+    "FaultResponses",
     "GamepadStick",
     "Host",
     "HostRun",
@@ -32,10 +38,22 @@ __all__ = [
     "Orifice",
     "Plant",
     "PlantDesign",
+    "Replay",
     "ScriptedStick",
+    "SelfTest",
     "SerialLink",
+    "Steering",
+    "StepResponses",
     "StickSource",
     "ToolchainError",
+    "check_board",
+    "emulate_rig",
     "emulated_port",
     "load_log",
+    "make_stick",
+    "replay_log",
+    "run_circle",
+    "run_faults",
+    "run_steps",
+    "serve",
 ]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_number
 from ..errors import InputError, MissingExtraError
-from ..io.files import write_atomically
+from ..io.files import write_atomically, write_text
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .link import Link
@@ -26,6 +26,8 @@ from .protocol import (
     Command,
     Configuration,
     Disarm,
+    Echo,
+    EchoReply,
     Fault,
     Frame,
     FrameReader,
@@ -49,7 +51,11 @@ ANSWER_LIMIT = 0.5
 """Time within which the board must answer a command [s]."""
 BOOT_LIMIT = 3.0
 """Time within which the board must send telemetry after its port is opened [s]."""
-POLL = 2e-3
+EMPTY_LIMIT = 2.0
+"""Time for the muscles to be vented before a fault is cleared [s]."""
+EMPTY = 0.02
+"""Gauge pressure below which a muscle counts as empty [MPa]; the board accepts 0.05."""
+POLL = 1e-3
 """Time between two looks for an answer [s]."""
 
 Control = Callable[[float, Telemetry], tuple[SetPoint, Json]]
@@ -70,6 +76,8 @@ class HostRun(Result):
         When the run began (UTC).
     period : float
         Period asked for [s].
+    link_start : float
+        When it began by the clock of the link [s].
     ticks : (n,) ndarray
         When the periods really began [s].
     late : int
@@ -84,6 +92,7 @@ class HostRun(Result):
 
     rows: list[Json] = field(repr=False)
     start: datetime
+    link_start: float
     period: float
     ticks: Floats = field(repr=False)
     late: int
@@ -109,6 +118,25 @@ class HostRun(Result):
         return np.diff(self.ticks)
 
     @cached_property
+    def tip_errors(self) -> Floats:
+        """Distances of the tip from its targets [mm]; empty if the log has no targets."""
+        if not self.rows or "target_x_mm" not in self.rows[0]:
+            return np.zeros(0)
+        names = ("tip_x_mm", "target_x_mm", "tip_y_mm", "target_y_mm")
+        x, wanted_x, y, wanted_y = (np.array([row[name] for row in self.rows]) for name in names)
+        return np.hypot(x - wanted_x, y - wanted_y)
+
+    @property
+    def tip_error_rms(self) -> float:
+        """Root mean square of `tip_errors` [mm]; 0 if there are none."""
+        return float(np.sqrt(np.mean(self.tip_errors**2))) if self.tip_errors.size else 0.0
+
+    @property
+    def tip_error_max(self) -> float:
+        """Largest of `tip_errors` [mm]; 0 if there are none."""
+        return float(self.tip_errors.max(initial=0.0))
+
+    @cached_property
     def jitter(self) -> dict[str, float]:
         """Percentiles of the periods [ms]."""
         if not self.periods.size:
@@ -130,6 +158,8 @@ class HostRun(Result):
             "bad": self.bad,
             "gaps": self.gaps,
             "refused": self.refused,
+            "tip_error_rms_mm": self.tip_error_rms if self.tip_errors.size else None,
+            "tip_error_max_mm": self.tip_error_max if self.tip_errors.size else None,
         }
 
     def to_frame(self) -> pandas.DataFrame:
@@ -144,17 +174,19 @@ class HostRun(Result):
         return table
 
     def save(self, path: str | Path) -> Path:
-        """Write the log as a Parquet file; see `load_log`.
+        """Write the log as a table (.parquet or .csv); `load_log` reads both.
 
         Raises
         ------
         MissingExtraError
-            If ``pyarrow`` is not installed.
+            If it is Parquet and ``pyarrow`` is not installed.
         OutputError
             If the file cannot be written.
         """
-        _need_parquet()
         table = self.to_frame()
+        if Path(path).suffix.lower() == ".csv":
+            return write_text(path, table.to_csv(index=False, lineterminator="\n"))
+        _need_parquet()
         return write_atomically(path, lambda target: table.to_parquet(target, index=False))
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -173,7 +205,10 @@ class HostRun(Result):
 
 
 LOG_VERSION = 1
-LOG_COLUMNS = ("time_s", *(f"setpoint_{k}_MPa" for k in (1, 2, 3)), "pressure_1_MPa")
+LOG_COLUMNS = (
+    "time_s",
+    *(f"{name}_{k}_MPa" for name in ("setpoint", "pressure") for k in (1, 2, 3)),
+)
 """Columns that a log must have."""
 
 
@@ -185,22 +220,28 @@ def load_log(path: str | Path) -> pandas.DataFrame:
     InputError
         If the file is not such a log.
     MissingExtraError
-        If ``pyarrow`` is not installed.
+        If it is Parquet and ``pyarrow`` is not installed.
     """
     import pandas
 
-    _need_parquet()
+    source = Path(path)
+    is_text = source.suffix.lower() == ".csv"
+    if not is_text:
+        _need_parquet()
     try:
-        table = pandas.read_parquet(path)
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except Exception as error:  # pyarrow raises errors of many kinds
-        raise InputError(f"{path}: this is no Parquet file: {str(error).splitlines()[0]}") from None
+        table = pandas.read_csv(source) if is_text else pandas.read_parquet(source)
+    except OSError as error:
+        raise InputError(f"{source}: it cannot be read: {error.strerror or error}") from None
+    except Exception as error:  # pandas and pyarrow raise errors of many kinds
+        words = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{source}: this is no table: {words}") from None
     missing = [name for name in LOG_COLUMNS if name not in table]
     if missing or not len(table):
-        raise InputError(
-            f"{path}: this is no log of a rig: it lacks {missing[0] if missing else 'rows'}"
-        )
+        words = missing[0] if missing else "rows"
+        raise InputError(f"{source}: this is no log of a rig: it lacks {words}")
+    numbers = table[list(LOG_COLUMNS)]
+    if not all(kind.kind in "fiu" for kind in numbers.dtypes) or numbers.isna().any(axis=None):
+        raise InputError(f"{source}: a time, set-point or pressure is no number")
     return table
 
 
@@ -209,6 +250,99 @@ def _need_parquet() -> None:
         import pyarrow  # noqa: F401
     except ImportError:
         raise MissingExtraError("pyarrow", "parquet") from None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Replay(Result):
+    """A run with the set-points of a log, and how far its pressures are from those of the log.
+
+    Attributes
+    ----------
+    run : HostRun
+        The run.
+    differences : (n, 3) ndarray
+        Pressures of the run less those of the log, at the same times [MPa].
+    """
+
+    run: HostRun
+    differences: Floats
+
+    @property
+    def converged(self) -> bool:
+        """Whether the run went to its end."""
+        return self.run.converged
+
+    @property
+    def reason(self) -> str:
+        """Why it did not."""
+        return self.run.reason
+
+    @property
+    def residual(self) -> float:
+        """Largest difference [MPa]."""
+        return float(np.abs(self.differences).max(initial=0.0))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the differences [MPa]."""
+        return float(np.sqrt(np.mean(self.differences**2))) if self.differences.size else 0.0
+
+    def to_dict(self) -> Json:
+        """Return the differences and the counters of the run as plain values."""
+        return {"rms_MPa": self.rms, "largest_MPa": self.residual, **self.run.to_dict()}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the log of the run, with the differences."""
+        table = self.run.to_frame()
+        for k in range(3):
+            table[f"difference_{k + 1}_MPa"] = self.differences[:, k]
+        return table
+
+    def save(self, path: str | Path) -> Path:
+        """Write the log of the run; see `HostRun.save`."""
+        return self.run.save(path)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the run; see `HostRun.plot`."""
+        return self.run.plot(ax)
+
+
+def replay_log(link: Link, log: pandas.DataFrame, *, progress: Progress = no_progress) -> Replay:
+    """Send the set-points of a log again, each held until the next.
+
+    Parameters
+    ----------
+    link : Link
+        To the board.
+    log : DataFrame
+        As `load_log` returns it.
+    progress : callable
+        Is called with how far it is.
+
+    Raises
+    ------
+    InputError
+        If the times of the log do not increase, a set-point is not legal, or the board does not
+        arm.
+    """
+    times = log["time_s"].to_numpy(dtype=np.float64)
+    steps = np.diff(times)
+    if not np.all(steps > 0.0):
+        raise InputError("the times of the log do not increase")
+    wanted = log[[f"setpoint_{k}_MPa" for k in (1, 2, 3)]].to_numpy(dtype=np.float64)
+    commands = [SetPoint(tuple(row)) for row in wanted.tolist()]
+    period = float(np.median(steps)) if steps.size else 0.01
+    host = Host(link, period=min(max(period, 1e-3), 0.05))
+    host.connect()
+
+    def control(time: float, board: Telemetry) -> tuple[SetPoint, Json]:
+        index = int(np.searchsorted(times - times[0], time + 1e-9)) - 1
+        return commands[max(index, 0)], {}
+
+    run = host.run(control, times[-1] - times[0] + host.period, progress=progress)
+    measured = np.array([[row[f"pressure_{k}_MPa"] for k in (1, 2, 3)] for row in run.rows])
+    before = [np.interp(run.ticks, times - times[0], log[f"pressure_{k}_MPa"]) for k in (1, 2, 3)]
+    return Replay(run=run, differences=measured.reshape(-1, 3) - np.transpose(before))
 
 
 class Host:
@@ -244,11 +378,11 @@ class Host:
             If no board answers, or one of another version of the protocol.
         """
         end = self.link.now + BOOT_LIMIT
-        while self.telemetry is None or self.telemetry.state is State.BOOT:
+        while self.state is State.BOOT:
             if self.link.now > end:
                 raise InputError(f"no telemetry within {BOOT_LIMIT:g} s: is it a board of Bozzini?")
-            self._pause()
-        found = self._ask(GetConfiguration(), Configuration)
+            self.pause()
+        found = self.ask(GetConfiguration(), Configuration)
         if found.version != PROTOCOL_VERSION:
             raise InputError(
                 f"the board's protocol is version {found.version}: this host has version "
@@ -276,13 +410,17 @@ class Host:
         self._wait_for(State.DISARMED)
 
     def clear(self) -> None:
-        """Leave the fault state.
+        """Leave the fault state, once the muscles are empty.
 
         Raises
         ------
         InputError
             If the cause, or pressure, is still present.
         """
+        end = self.link.now + EMPTY_LIMIT
+        while self.telemetry and max(self.telemetry.pressures) > EMPTY and self.link.now < end:
+            self.pause()
+        self.send(SetPoint((0.0, 0.0, 0.0)))  # the host is there again
         self.command(Clear())
         self._wait_for(State.DISARMED)
 
@@ -294,7 +432,7 @@ class Host:
         InputError
             If the board refuses it, or does not answer.
         """
-        reply = self._ask(command, Reply)
+        reply = self.ask(command, Reply)
         if reply.outcome is not Outcome.OK:
             words = reply.outcome.name.lower().replace("_", " ")
             raise InputError(
@@ -324,16 +462,22 @@ class Host:
         InputError
             If the duration is not legal, or the board refuses to arm.
         """
+        try:
+            return self.run_armed(control, duration, progress=progress)
+        finally:
+            self.send(Disarm())
+
+    def run_armed(
+        self, control: Control, duration: float, *, progress: Progress = no_progress
+    ) -> HostRun:
+        """Do as `run` does, but leave the board armed: it vents 0.1 s after the end."""
         span = check_number("duration", duration, low=0.0, low_open=True, high=86400.0, unit="s")
         self.arm()
         loop = _Loop(self, control, span)
-        try:
-            if self.link.real_time:
-                loop.run_beside(progress)
-            else:
-                loop.run(progress)
-        finally:
-            self.send(Disarm())
+        if self.link.real_time:
+            loop.run_beside(progress)
+        else:
+            loop.run(progress)
         if loop.error is not None:
             raise loop.error
         return loop.finish()
@@ -341,35 +485,64 @@ class Host:
     def _wait_for(self, state: State) -> None:
         """Wait until the telemetry shows a state that the board has agreed to."""
         end = self.link.now + ANSWER_LIMIT
-        while self.telemetry is None or self.telemetry.state is not state:
+        while self.state is not state:
             if self.link.now > end:
                 raise InputError(f"the board does not become {state.name}{self.describe_state()}")
-            self._pause()
+            self.pause()
 
     def describe_state(self) -> str:
-        """Return the board's state for a message, empty if it is not known."""
-        if self.telemetry is None:
-            return ""
-        words = f"; it is {self.telemetry.state.name}"
-        if self.telemetry.faults:
-            words += f" ({describe_faults(self.telemetry.faults)})"
-        return words
+        """Return the board's state for a message."""
+        words = f"; it is {self.state.name}"
+        return f"{words} ({describe_faults(self.faults)})" if self.faults else words
 
-    def _ask(self, command: Command, kind: type[_Frame]) -> _Frame:
-        """Send a command and return its answer."""
-        self._answers.clear()
+    def ask(self, command: Command, kind: type[_Frame]) -> _Frame:
+        """Send a command and return its answer.
+
+        Raises
+        ------
+        InputError
+            If there is none.
+        """
         self.send(command)
+        return self.wait_for(kind, command.kind)
+
+    def wait_for(self, kind: type[_Frame], answered: int) -> _Frame:
+        """Return the next frame of a kind that answers a type of command.
+
+        Raises
+        ------
+        InputError
+            If there is none.
+        """
+        self._answers.clear()
         end = self.link.now + ANSWER_LIMIT
         while self.link.now <= end:
-            self._pause()
+            self.pause()
             for frame in self._answers:
-                if isinstance(frame, kind) and getattr(frame, "kind", command.kind) == command.kind:
+                if isinstance(frame, kind) and getattr(frame, "kind", answered) == answered:
                     return frame
         raise InputError(
-            f"the board does not answer {type(command).__name__} within {ANSWER_LIMIT:g} s"
+            f"the board does not answer a frame of type {answered:#04x} within {ANSWER_LIMIT:g} s"
         )
 
-    def _pause(self) -> None:
+    def time_echo(self) -> float:
+        """Return how long an echo takes [s]."""
+        begin = self.link.now
+        self.ask(Echo(b"echo"), EchoReply)
+        return self.link.now - begin
+
+    @property
+    def state(self) -> State:
+        """The board's state, as last reported."""
+        return State.BOOT if self.telemetry is None else self.telemetry.state
+
+    @property
+    def faults(self) -> Fault:
+        """The board's faults, as last reported."""
+        return Fault.NONE if self.telemetry is None else self.telemetry.faults
+
+    def pause(self) -> None:
+        """Let a little time pass, and take what has come from the board."""
         self.link.wait(self.link.now + POLL)
         self.receive()
 
@@ -399,6 +572,7 @@ class _Loop:
         self.reason = ""
         self.error: BaseException | None = None
         self.done = 0
+        self.begin = 0.0
         self.stop = threading.Event()
         self.before = _count_losses(host)
         self.start = datetime.now(UTC)
@@ -424,7 +598,7 @@ class _Loop:
     def run(self, progress: Progress) -> None:
         """Run all periods, or up to a fault."""
         host, link = self.host, self.host.link
-        begin = link.now
+        begin = self.begin = link.now
         command = SetPoint((0.0, 0.0, 0.0))
         while self.done < self.count and not self.stop.is_set():
             due = begin + self.done * host.period
@@ -456,6 +630,7 @@ class _Loop:
         return HostRun(
             rows=self.rows,
             start=self.start,
+            link_start=self.begin,
             period=self.host.period,
             ticks=np.array(self.ticks),
             late=self.late,

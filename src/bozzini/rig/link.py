@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import show_value
 from ..errors import InputError, MissingExtraError
@@ -75,6 +74,11 @@ class LockstepLink:
         count = round((until - self.now) / self.rig.period)
         if count > 0:
             self.records.append(self.rig.run(count * self.rig.period))
+
+    def list_pressures(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return time [s] (n,) and pressures in the muscles [MPa] (n, 3) of all records."""
+        time = np.concatenate([record.time for record in self.records])
+        return time, np.vstack([record.pressures for record in self.records])
 
     def read(self) -> bytes:
         """Return what the board has sent since the last call."""
@@ -149,31 +153,3 @@ class SerialLink:
     def close(self) -> None:
         """Close the port."""
         self._port.close()
-
-
-@contextmanager
-def emulated_port(*options: str) -> Iterator[str]:
-    """Run an emulated rig in real time in a process of its own; give the path of its port.
-
-    Parameters
-    ----------
-    *options : str
-        Options of ``bozzini rig emulate``.
-
-    Raises
-    ------
-    InputError
-        If the emulated rig does not start; its message is passed on.
-    """
-    command = [sys.executable, "-m", "bozzini", "rig", "emulate", *options]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as rig:
-        try:
-            line = rig.stdout.readline() if rig.stdout else ""
-            if not line:
-                words = rig.stderr.read().strip() if rig.stderr else ""
-                raise InputError(f"the emulated rig did not start: {words}")
-            yield line.strip()
-        finally:
-            rig.terminate()

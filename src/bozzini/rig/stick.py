@@ -147,3 +147,29 @@ def _open_gamepad(index: int) -> Any:
     if index >= count:
         raise InputError(f"gamepad is {index}: there are {count}, counted from 0")
     return pygame.joystick.Joystick(index)
+
+
+SOURCES = ("board", "gamepad", "circle")
+"""The kinds of `make_stick`."""
+
+
+def make_stick(kind: str, *, frequency: float = 0.5, duration: float = 10.0) -> StickSource:
+    """Return a stick by its kind.
+
+    Parameters
+    ----------
+    kind : {"board", "gamepad", "circle"}
+        The stick wired to the board, the first gamepad, or a script that goes in circles.
+    frequency, duration : float
+        Of the circles [Hz], [s].
+
+    Raises
+    ------
+    InputError
+        If a value is not legal, or there is no gamepad.
+    """
+    if kind not in SOURCES:
+        raise InputError(f"stick is {kind!r}: it must be one of {', '.join(SOURCES)}")
+    if kind == "circle":
+        return ScriptedStick.circle(frequency, duration)
+    return BoardStick() if kind == "board" else GamepadStick()
