@@ -14,7 +14,7 @@
 
 #define FREQUENCY 16000000u     /* [Hz] */
 #define BYTE_CYCLES 320u        /* 10 bit at 500 kbaud */
-#define SLICE_CYCLES 1600u      /* longest run between two looks at the serial line */
+#define SLICE_CYCLES 1600u      /* longest run between two looks for a reset */
 #define EXTERNAL_INTERRUPTS 8u
 #define CHANNELS 6u             /* muscles 1 to 3, reservoir, stick x, stick y */
 #define OUTPUTS 7u              /* fill valves 1 to 3, bleed valves 1 to 3, supply valve */
@@ -59,10 +59,11 @@ typedef struct {
  * instead and loses a pulse, so that the pins are right only while a duty is constant. */
 typedef struct bz_emulator {
     avr_t *avr;
-    avr_irq_t *analog[CHANNELS], *serial;
+    avr_irq_t *analog[CHANNELS];
+    avr_irq_t *serial;           /* the first of the line's; UART_IRQ_INPUT is 0 */
     bz_queue from_host, to_host;
+    bool is_full;                /* simavr's input, which takes 44 of the 50 bytes in a ms */
     avr_cycle_count_t target;    /* where the run ends */
-    avr_cycle_count_t next_byte; /* earliest cycle for the next byte from the host */
     bz_signal duties[OUTPUTS], levels[OUTPUTS];
     bz_watch watches[OUTPUTS];
     uint32_t resets;
@@ -77,6 +78,11 @@ static void take_byte(avr_irq_t *irq, uint32_t value, void *param) {
     uint8_t byte = (uint8_t)value;
     (void)irq;
     bz_queue_put(&((bz_emulator *)param)->to_host, &byte, 1);
+}
+
+static void take_flow(avr_irq_t *irq, uint32_t value, void *param) {
+    (void)value;
+    ((bz_emulator *)param)->is_full = irq->irq == UART_IRQ_OUT_XOFF;
 }
 
 /* Bring the integral of a signal up to now, then give it a new value. */
@@ -154,8 +160,9 @@ static void watch_hardware(bz_emulator *emulator) {
     for (uint8_t i = 0; i < OUTPUTS; i++) watch_output(emulator, i);
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
     emulator->serial = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
-    avr_irq_register_notify(
-        avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), take_byte, emulator);
+    avr_irq_register_notify(emulator->serial + UART_IRQ_OUTPUT, take_byte, emulator);
+    avr_irq_register_notify(emulator->serial + UART_IRQ_OUT_XON, take_flow, emulator);
+    avr_irq_register_notify(emulator->serial + UART_IRQ_OUT_XOFF, take_flow, emulator);
 }
 
 static void be_silent(avr_t *avr, const int level, const char *format, va_list arguments) {
@@ -211,17 +218,33 @@ size_t bz_emulator_read(bz_emulator *emulator, uint8_t *to, size_t room) {
     return bz_queue_take(&emulator->to_host, to, room);
 }
 
-static void feed_byte(bz_emulator *emulator) {
+static avr_cycle_count_t feed_byte(avr_t *avr, avr_cycle_count_t when, void *param) {
+    bz_emulator *emulator = param;
     uint8_t byte;
-    avr_cycle_count_t now = emulator->avr->cycle;
-    if (now < emulator->next_byte || !bz_queue_take(&emulator->from_host, &byte, 1)) return;
-    /* Bytes that wait follow each other without a gap. */
-    emulator->next_byte = (now - emulator->next_byte < BYTE_CYCLES ? emulator->next_byte : now) + BYTE_CYCLES;
+    (void)avr;
+    if (emulator->is_full) return when + BYTE_CYCLES;
+    if (!bz_queue_take(&emulator->from_host, &byte, 1)) return 0;
     avr_raise_irq(emulator->serial, byte);
+    return when + BYTE_CYCLES;
 }
 
-/* A reset lets all pins float and forgets what of the emulator is set here. */
-static void look_for_reset(bz_emulator *emulator) {
+static avr_cycle_count_t end_run(avr_t *avr, avr_cycle_count_t when, void *param) {
+    (void)avr, (void)when, (void)param;
+    return 0; /* it is enough that the chip does not sleep past it */
+}
+
+static void set_timers(bz_emulator *emulator) {
+    avr_t *avr = emulator->avr;
+    if (emulator->target > avr->cycle) {
+        avr_cycle_timer_register(avr, emulator->target - avr->cycle, end_run, emulator);
+    }
+    if (bz_queue_size(&emulator->from_host) && !avr_cycle_timer_status(avr, feed_byte, emulator)) {
+        avr_cycle_timer_register(avr, BYTE_CYCLES, feed_byte, emulator);
+    }
+}
+
+/* Do again what a reset undoes, and let the pins float that are no outputs. */
+static void prepare(bz_emulator *emulator) {
     avr_t *avr = emulator->avr;
     for (uint8_t i = 0; i < EXTERNAL_INTERRUPTS; i++) {
         /* Otherwise simavr looks at every low pin of an external interrupt in every cycle. */
@@ -232,6 +255,7 @@ static void look_for_reset(bz_emulator *emulator) {
         set_signal(emulator, &emulator->duties[i], PINS[i].rest);
         set_signal(emulator, &emulator->levels[i], PINS[i].rest);
     }
+    set_timers(emulator);
 }
 
 /* Run for `cycles`.  Cycles by which the last instruction reaches further belong to the next run.
@@ -241,19 +265,17 @@ int bz_emulator_run(bz_emulator *emulator, uint64_t cycles, double duties[OUTPUT
                     double levels[OUTPUTS]) {
     avr_t *avr = emulator->avr;
     emulator->target += cycles;
-    look_for_reset(emulator);
+    prepare(emulator);
     while (avr->cycle < emulator->target) {
-        avr_cycle_count_t left = emulator->target - avr->cycle;
-        avr_cycle_count_t limit = bz_queue_size(&emulator->from_host) ? BYTE_CYCLES / 4u : SLICE_CYCLES;
         uint8_t was_driven = avr->data[PINS[0].ddr];
         int state;
-        feed_byte(emulator);
-        avr->run_cycle_limit = left < limit ? left : limit;
+        avr->run_cycle_limit = SLICE_CYCLES;
         state = avr_run(avr);
         if (state == cpu_Done || state == cpu_Crashed) return 0;
         if (was_driven && !avr->data[PINS[0].ddr]) {
             emulator->resets++;
-            look_for_reset(emulator);
+            emulator->is_full = false;
+            prepare(emulator);
         }
     }
     for (uint8_t i = 0; i < OUTPUTS; i++) {
@@ -266,8 +288,9 @@ int bz_emulator_run(bz_emulator *emulator, uint64_t cycles, double duties[OUTPUT
 void bz_emulator_reset(bz_emulator *emulator) {
     bz_queue_clear(&emulator->from_host);
     bz_queue_clear(&emulator->to_host);
+    emulator->is_full = false;
     avr_reset(emulator->avr);
-    look_for_reset(emulator);
+    prepare(emulator);
 }
 
 uint64_t bz_emulator_count_cycles(const bz_emulator *emulator) { return emulator->avr->cycle; }
