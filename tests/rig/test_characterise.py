@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
 import sys
+import time
 from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from bozzini.cli.main import main
 from bozzini.errors import InputError, OutputError
 from bozzini.muscle import EnergyMuscle, calibrate, preset, read_measurements
-from bozzini.rig import Chamber, Cosimulation, Fault, Host, LockstepLink, NativeBoard, Plant
-from bozzini.rig.characterise import PictureHook, PlantGauge, Stairs, characterise
+from bozzini.rig import (
+    Chamber,
+    Cosimulation,
+    Fault,
+    Host,
+    LockstepLink,
+    NativeBoard,
+    Plant,
+    SerialLink,
+    emulated_port,
+)
+from bozzini.rig.characterise import PictureHook, PlantGauge, characterise
 from bozzini.rig.protocol import State
+from bozzini.rig.stairs import Stairs
 
 LOAD = 0.05
 MUSCLE = preset("fitted-45")
@@ -175,3 +190,74 @@ def test_the_plot_shows_both_directions(host):
     found = characterise(host, SHORT, gauge=partial(float, 1.0))
     labels = [text.get_text() for text in found.plot().get_legend().get_texts()]
     assert labels == ["inflating", "deflating"]
+
+
+STAIRS = ("--highest", "0.3MPa", "--steps", "1", "--repeats", "1", "--hold", "0.4s")
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch, toolchain):
+    """Give the command, run in an empty directory: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        code = main(["rig", "characterise", *arguments])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def test_the_command_writes_table_pictures_and_curve(run, tmp_path):
+    code, out, _ = run(
+        *STAIRS, "--board", "native", "--preset", "fitted-45", "--muscle", "2", "--json",
+        "--hook", f"{COPY} {{file}} x", "--out", "t.csv", "--plot", "t.png", "--quiet",
+    )  # fmt: skip
+    assert code == 0, out
+    answer = json.loads(out)
+    assert answer["converged"] and answer["rows"] == 3 and answer["file"] == "t.csv"
+    data = read_measurements(tmp_path / "t.csv")
+    np.testing.assert_allclose(data.pressure, answer["columns"]["pressure [MPa]"], atol=1e-12)
+    model = EnergyMuscle(MUSCLE)
+    expected = [model.contraction(pressure, LOAD) for pressure in data.pressure]
+    np.testing.assert_allclose(data.contraction, expected, atol=0.2)
+    assert (tmp_path / "t.png").stat().st_size
+    listed = pd.read_csv(tmp_path / "t-pictures/manifest.csv")
+    assert all((tmp_path / "t-pictures" / name).is_file() for name in listed.image)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--highest", "900kPa"), "highest is 0.9 MPa: it must lie in (0, 0.827] MPa"),
+        (("--port", "nowhere"), "--port needs --hook"),
+        (
+            ("--port", "nowhere", "--hook", "true {file}", "--preset", "thesis-40"),
+            "--preset has no",
+        ),
+        (("--port", "nowhere", "--hook", "true {file}"), "port is 'nowhere'"),
+        (("--hook", "true {file} {x}"), "but not {x}"),
+    ],
+)
+def test_wrong_input_is_one_line(run, tmp_path, arguments, words):
+    code, _, err = run(*arguments, "--out", "t.csv")
+    assert code == 2 and words in err and err.count("\n") == 1, err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_terminated_command_keeps_what_was_measured_over_a_port(toolchain, tmp_path):
+    with emulated_port("--board", "native") as port:
+        hook = f"{COPY} {{file}} x"
+        command = [sys.executable, "-m", "bozzini", "rig", "characterise", "--port", port]
+        command += ["--hook", hook, "--hold", "0.5s", "--out", str(tmp_path / "t.csv")]
+        with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
+            end = time.monotonic() + 60.0
+            while not list(tmp_path.glob("t-pictures/0002-*")) and time.monotonic() < end:
+                time.sleep(0.05)
+            process.terminate()
+            assert b"interrupted" in process.communicate()[1]
+        host = Host(SerialLink(port))
+        host.connect()
+        assert host.telemetry.state is State.DISARMED
+        host.link.close()
+    assert 1 <= len(pd.read_csv(tmp_path / "t.csv")) <= 3

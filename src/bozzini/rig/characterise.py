@@ -16,15 +16,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..checks import check_fields, check_integer, check_number, quantity
+from ..checks import check_integer, check_number, describe_fields
 from ..errors import InputError, MissingExtraError, OutputError
 from ..io.files import write_atomically, write_text
 from ..muscle.data import Measurements
 from ..progress import Progress, no_progress
-from ..results import Result, take_axes
+from ..results import Json, Result, take_axes, to_plain
 from .host import Host, describe_faults
 from .plant import MUSCLES, Plant
-from .protocol import SETPOINT_MAX, SetPoint, State
+from .protocol import SetPoint, State
+from .stairs import Stairs
 
 if TYPE_CHECKING:
     import pandas
@@ -37,97 +38,6 @@ SILENCE_LIMIT = 0.2
 """Time without telemetry after which an experiment ends [s]."""
 HOOK_POLL = 2e-3
 """Time between two looks whether a program has ended [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stairs:
-    """Pressure in equal steps from none to the highest and back, a few times, each step held.
-
-    A step has settled if the pressure measured over the last part of the hold has its mean near
-    the set-point and a small deviation.
-
-    Parameters
-    ----------
-    highest : float
-        Gauge pressure of the highest step [MPa].
-    steps, repeats : int
-        Steps from no pressure to the highest; times up and down.
-    hold, window : float
-        Time at each step [s], and the share of it, at its end, over which the pressure is averaged.
-    tolerance, deviation : float
-        Largest difference of the mean from the set-point, and largest standard deviation, of a
-        step that has settled [MPa].
-    muscle : int
-        Which muscle of the rig, 1 to 3; the others stay without pressure.
-    load : float
-        Tension that the muscle holds [N], the weight that hangs from it.
-    specimen : str
-        Name of the muscle in the table.
-
-    Raises
-    ------
-    InputError
-        If a value is outside its legal range.
-    """
-
-    highest: float = quantity(
-        "pressure", "Highest step.", default=0.8, low=0.0, low_open=True, high=SETPOINT_MAX
-    )
-    steps: int = quantity(
-        help="Steps from no pressure to the highest.", default=8, low=1, high=1000, whole=True
-    )
-    repeats: int = quantity(
-        help="Times up and down.",
-        default=5,
-        low=1,
-        high=1000,
-        whole=True,
-        source="thesis 3.2: at least 5 sets",
-    )
-    hold: float = quantity("time", "Time at each step.", default=2.0, low=0.1, high=3600.0)
-    window: float = quantity(
-        help="Share of the hold, at its end, over which the pressure is averaged.",
-        default=0.25,
-        low=0.05,
-        high=1.0,
-    )
-    tolerance: float = quantity(
-        "pressure",
-        "Largest difference of the mean pressure from the set-point.",
-        default=6e-3,
-        low=1e-4,
-        high=0.1,
-        source="steady error of the firmware's controller: 5 kPa at most",
-    )
-    deviation: float = quantity(
-        "pressure",
-        "Largest standard deviation of the pressure.",
-        default=4e-3,
-        low=1e-4,
-        high=0.1,
-        source="controller 1 kPa and transducer 1.5 kPa, doubled",
-    )
-    muscle: int = quantity(
-        help="Which muscle of the rig, 1 to 3.", default=1, low=1, high=MUSCLES, whole=True
-    )
-    load: float = quantity(
-        "force",
-        "Tension that the muscle holds.",
-        default=0.05,
-        low=0.0,
-        high=1e3,
-        source="thesis 3.2: a weight of 5 gram",
-    )
-    specimen: str = quantity("text", "Name of the muscle in the table.", default="")
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-    def list_steps(self) -> list[tuple[int, str, float]]:
-        """Return the steps in their order: repeat from 1, direction, set-point [MPa]."""
-        up = np.linspace(0.0, self.highest, self.steps + 1).tolist()
-        once = [("inflating", p) for p in up] + [("deflating", p) for p in up[-2::-1]]
-        return [(k, *step) for k in range(1, self.repeats + 1) for step in once]
 
 
 class PlantGauge:
@@ -223,7 +133,7 @@ class PictureHook:
         except OSError as error:
             raise OutputError(f"cannot write {self.folder}: {error.strerror or error}") from None
         if not empty:
-            raise OutputError(f"{self.folder} is not empty: choose another directory for pictures")
+            raise OutputError(f"{self.folder} is not empty: pictures need an empty directory")
 
     def start(self, **values: str) -> subprocess.Popen[bytes]:
         """Start the program for a picture.
@@ -335,6 +245,19 @@ class Characterisation(Result):
     def has_contraction(self) -> bool:
         """Whether the contraction was read, not only pictures taken."""
         return any(row.contraction is not None for row in self.rows)
+
+    def to_dict(self) -> Json:
+        """Return the outcome and the columns of the table as plain values."""
+        return {
+            "converged": self.converged,
+            "reason": self.reason,
+            "residual_MPa": self.residual,
+            "start": self.start.isoformat(),
+            "rows": len(self.rows),
+            "flagged": self.flagged,
+            "stairs": describe_fields(self.stairs),
+            "columns": to_plain(self.list_columns()),
+        }
 
     def list_columns(self) -> Mapping[str, object]:
         """Return the columns of `to_frame`, as `bozzini.muscle.read_measurements` takes them.
