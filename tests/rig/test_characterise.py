@@ -26,7 +26,7 @@ from bozzini.rig import (
     SerialLink,
     emulated_port,
 )
-from bozzini.rig.characterise import PictureHook, PlantGauge, characterise
+from bozzini.rig.characterise import PictureHook, PlantGauge, characterise_muscle
 from bozzini.rig.protocol import State
 from bozzini.rig.stairs import Stairs
 
@@ -56,8 +56,8 @@ def plant_of(host):
 
 
 def test_the_table_of_the_plant_gives_back_the_constants_of_its_muscle(host, tmp_path):
-    stairs = Stairs(highest=0.8, steps=4, repeats=2, hold=1.0, specimen="A")
-    found = characterise(host, stairs, gauge=PlantGauge(plant_of(host), seed=1))
+    stairs = Stairs(highest=0.8, steps=4, repeats=2, hold=0.8, specimen="A")
+    found = characterise_muscle(host, stairs, gauge=PlantGauge(plant_of(host), seed=1))
     assert found.converged, found.reason
     assert len(found.rows) == 2 * 9
     for name in ("table.csv", "table.parquet"):
@@ -76,7 +76,7 @@ def test_the_table_of_the_plant_gives_back_the_constants_of_its_muscle(host, tmp
 
 def test_a_step_that_does_not_settle_is_flagged_and_kept(host):
     plant_of(host).set_faults(Fault("leak", 0, 0.01))
-    found = characterise(host, SHORT, gauge=PlantGauge(plant_of(host)))
+    found = characterise_muscle(host, SHORT, gauge=PlantGauge(plant_of(host)))
     assert len(found.rows) == 3
     assert not found.converged and found.flagged == 1
     assert "not settled: mean off by -" in found.rows[1].flags[0]
@@ -92,7 +92,7 @@ def test_a_board_that_leaves_its_armed_state_ends_it_with_what_was_measured(host
             plant_of(host).set_faults(Fault("sensor open", 0))
         return gauge()
 
-    found = characterise(host, SHORT, gauge=read)
+    found = characterise_muscle(host, SHORT, gauge=read)
     assert [row.direction for row in found.rows] == ["inflating", "inflating"]
     assert "left ARMED" in found.reason and "sensor" in found.reason
 
@@ -104,7 +104,7 @@ def test_an_interruption_vents_and_keeps_what_was_measured(host, tmp_path):
 
     path = tmp_path / "table.csv"
     with pytest.raises(KeyboardInterrupt):
-        characterise(
+        characterise_muscle(
             host,
             SHORT,
             gauge=PlantGauge(plant_of(host)),
@@ -130,7 +130,7 @@ def test_pictures_are_listed_as_the_measurement_of_lengths_takes_them(host, tmp_
         command=f"{COPY} {{file}} '{{pressure}} {{direction}} {{repeat}}'",
         folder=tmp_path / "with blanks",
     )
-    found = characterise(host, SHORT, hook=hook)
+    found = characterise_muscle(host, SHORT, hook=hook)
     assert found.converged, found.reason
     assert not found.has_contraction and "contraction [mm]" not in found.to_frame()
     listed = pd.read_csv(found.save_pictures(tmp_path / "manifest.csv"))
@@ -141,7 +141,7 @@ def test_pictures_are_listed_as_the_measurement_of_lengths_takes_them(host, tmp_
     with pytest.raises(InputError, match="no contraction"):
         found.to_measurements()
     with pytest.raises(OutputError, match="not empty"):
-        characterise(host, SHORT, hook=hook)
+        characterise_muscle(host, SHORT, hook=hook)
 
 
 @pytest.mark.parametrize(
@@ -156,11 +156,19 @@ def test_a_hook_that_fails_flags_the_step(host, tmp_path, words, flag):
     hook = PictureHook(
         command=f"{sys.executable} -S -c '{words}' {{file}}", folder=tmp_path / "p", timeout=0.1
     )
-    one = Stairs(highest=0.3, steps=1, repeats=1, hold=0.4)
-    found = characterise(host, one, hook=hook, gauge=PlantGauge(plant_of(host)))
+    found = characterise_muscle(host, SHORT, hook=hook, gauge=PlantGauge(plant_of(host)))
     assert len(found.rows) == found.flagged == 3
     assert all(flag in "; ".join(row.flags) for row in found.rows)
     assert np.isfinite(found.to_measurements().contraction).all()
+
+
+def test_what_a_hook_has_started_ends_with_it(host, tmp_path):
+    alive = tmp_path / "alive"
+    words = f"sh -c '(sleep 0.4; touch {alive}) & wait' {{file}}"
+    hook = PictureHook(command=words, folder=tmp_path / "p", timeout=0.1)
+    characterise_muscle(host, SHORT, hook=hook)
+    time.sleep(0.4)
+    assert not alive.exists()
 
 
 @pytest.mark.parametrize(
@@ -182,12 +190,12 @@ def test_illegal_stairs_are_refused(host):
         with pytest.raises(InputError):
             Stairs(**wrong)
     with pytest.raises(InputError, match="neither"):
-        characterise(host)
+        characterise_muscle(host)
     assert host.telemetry.state is State.DISARMED
 
 
 def test_the_plot_shows_both_directions(host):
-    found = characterise(host, SHORT, gauge=partial(float, 1.0))
+    found = characterise_muscle(host, SHORT, gauge=partial(float, 1.0))
     labels = [text.get_text() for text in found.plot().get_legend().get_texts()]
     assert labels == ["inflating", "deflating"]
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ..effector import Effector
     from ..results import Result
     from ..rig import Cosimulation, Link
+    from ..rig.emulate import BoardKind
 
 BOARDS = ("emulated", "native")
 
@@ -278,7 +279,7 @@ def selftest_command(port: str | None, board: Any, answer: Answer) -> None:
 @answer_options(".csv", ".parquet", required=True, help="The table (.csv, .parquet).")
 def characterise_command(
     port: str | None,
-    board: Any,
+    board: BoardKind,
     seed: int,
     asked: Request,
     reading_error: float,
@@ -305,7 +306,7 @@ def characterise_command(
     input.
     """
     from ..rig import Host, LockstepLink, SerialLink, emulate_rig
-    from ..rig.characterise import Characterisation, PictureHook, PlantGauge, characterise
+    from ..rig.characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
     from ..rig.plant import Chamber
 
     table = answer.target
@@ -334,7 +335,7 @@ def characterise_command(
         host = Host(link)
         host.connect()
         with answer.show_progress() as progress:
-            found = characterise(
+            found = characterise_muscle(
                 host, stairs, gauge=gauge, hook=camera, keep=save, progress=progress
             )
     finally:

@@ -6,7 +6,9 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -119,30 +121,30 @@ class PictureHook:
         except ValueError as error:
             raise InputError(f"hook is '{self.command}': {str(error).lower()}") from None
 
-    def make_folder(self) -> None:
-        """Make the folder.
+    def check_folder(self) -> None:
+        """Check that the folder is empty or can be made.
 
         Raises
         ------
         OutputError
-            If it is not empty or cannot be made.
+            If not.
         """
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            empty = not any(self.folder.iterdir())
+            empty = not self.folder.exists() or not any(self.folder.iterdir())
         except OSError as error:
             raise OutputError(f"cannot write {self.folder}: {error.strerror or error}") from None
         if not empty:
             raise OutputError(f"{self.folder} is not empty: pictures need an empty directory")
 
     def start(self, **values: str) -> subprocess.Popen[bytes]:
-        """Start the program for a picture.
+        """Start the program for a picture, in a group of processes of its own.
 
         Raises
         ------
         OSError
-            If it cannot be started.
+            If it cannot be started, or the folder cannot be made.
         """
+        self.folder.mkdir(parents=True, exist_ok=True)
 
         def fill(match: re.Match[str]) -> str:
             return values[match.group(1)]
@@ -153,6 +155,7 @@ class PictureHook:
             stdin=none,
             stdout=none,
             stderr=none,
+            start_new_session=True,
         )
 
 
@@ -389,7 +392,7 @@ def ignore_result(result: Characterisation) -> None:
     """Do nothing with what was measured before an interruption."""
 
 
-def characterise(
+def characterise_muscle(
     host: Host,
     stairs: Stairs | None = None,
     *,
@@ -428,13 +431,13 @@ def characterise(
     InputError
         If there is neither a gauge nor a hook, or the board refuses to arm.
     OutputError
-        If the hook's folder is not empty or cannot be made.
+        If the hook's folder is not empty.
     """
     if gauge is None and hook is None:
         raise InputError("there is neither a gauge nor a hook: nothing of the muscle is measured")
     run = _Run(host, stairs or Stairs(), gauge, hook)
     if hook is not None:
-        hook.make_folder()
+        hook.check_folder()
     host.arm()
     try:
         run.measure(progress)
@@ -449,6 +452,14 @@ def characterise(
         raise
     run.vent()
     return run.finish()
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a program and what it has started."""
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 class _Run:
@@ -546,7 +557,7 @@ class _Run:
         finally:
             late = process.poll() is None
             if late:
-                process.kill()
+                _kill(process)
             code = process.wait()
         trouble = []
         if late:
