@@ -41,7 +41,7 @@ test-all: test ## Run all tests, those that take minutes too
 rig: $(DEV) ## Build the firmware and run the tests of the rig (installs nothing)
 	@missing="$$($(RIG_TOOLS))" && if [ -n "$$missing" ]; then \
 	  echo "make: the firmware needs these, which are missing; on Debian: apt-get install $$missing" >&2; exit 1; fi
-	@$(MAKE) --no-print-directory -C firmware avr native emulator size
+	@$(MAKE) --no-print-directory -C firmware BUILD=../build/firmware avr native emulator size
 	@$(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal tests/rig
 
 oldest: $(DEV) ## Run the tests with the lowest versions declared, in .venv-oldest
@@ -84,7 +84,7 @@ figures: $(CORE) ## Make the figures of the guide anew from the examples
 	@echo "figures: docs/images/"
 
 clean: ## Remove what was built (not .venv)
-	@rm -rf bozzini-demo bozzini-plan fuzz-failures site dist build firmware/build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	@rm -rf bozzini-demo bozzini-plan fuzz-failures site dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	@find src tests benchmarks docs -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 
 $(RUN):

@@ -14,7 +14,7 @@
 
 #define FREQUENCY 16000000u     /* [Hz] */
 #define BYTE_CYCLES 320u        /* 10 bit at 500 kbaud */
-#define SLICE_CYCLES 1600u      /* longest run between two looks at the serial line */
+#define SLICE_CYCLES 1600u      /* longest run between two looks for a reset */
 #define EXTERNAL_INTERRUPTS 8u
 #define CHANNELS 6u             /* muscles 1 to 3, reservoir, stick x, stick y */
 #define OUTPUTS 7u              /* fill valves 1 to 3, bleed valves 1 to 3, supply valve */
@@ -37,7 +37,15 @@ static const bz_pin PINS[OUTPUTS] = {
     {'H', 4, true, 0x101, 0xAA, 0xA0, 5},    {'H', 5, true, 0x101, 0xAC, 0xA0, 3},
     {'A', 0, false, 0x21, 0, 0, 0},
 };
-#define TOP_OF_COMPARE(compare) ((compare) - 2u) /* ICR lies before OCRA */
+#define TOP_OF_CONTROL(control) ((control) + 6u) /* ICR lies six behind TCCRA */
+
+/* A signal between 0 and 1, and its integral over a run. */
+typedef struct {
+    double value;
+    double area;                /* [cycles] up to the end of the run */
+    double late;                /* [cycles] after it, which belong to the next run */
+    avr_cycle_count_t changed;  /* cycle up to which the above is right */
+} bz_signal;
 
 struct bz_emulator;
 
@@ -46,15 +54,17 @@ typedef struct {
     uint8_t index;
 } bz_watch;
 
+/* Both what the registers ask for and the levels of the pins are followed.  The first is what the
+ * chip does: it takes a new duty over at the end of a PWM period.  simavr restarts the period
+ * instead and loses a pulse, so that the pins are right only while a duty is constant. */
 typedef struct bz_emulator {
     avr_t *avr;
-    avr_irq_t *analog[CHANNELS], *serial;
+    avr_irq_t *analog[CHANNELS];
+    avr_irq_t *serial;           /* the first of the line's; UART_IRQ_INPUT is 0 */
     bz_queue from_host, to_host;
-    avr_cycle_count_t target;           /* where the next run ends */
-    avr_cycle_count_t next_byte;        /* earliest cycle for the next byte from the host */
-    avr_cycle_count_t changed[OUTPUTS]; /* cycle of the last change of a pin */
-    avr_cycle_count_t high[OUTPUTS];    /* cycles high in this run */
-    bool level[OUTPUTS];
+    bool is_full;                /* simavr's input, which takes 44 of the 50 bytes in a ms */
+    avr_cycle_count_t target;    /* where the run ends */
+    bz_signal duties[OUTPUTS], levels[OUTPUTS];
     bz_watch watches[OUTPUTS];
     uint32_t resets;
 } bz_emulator;
@@ -70,18 +80,75 @@ static void take_byte(avr_irq_t *irq, uint32_t value, void *param) {
     bz_queue_put(&((bz_emulator *)param)->to_host, &byte, 1);
 }
 
-/* Count the time that a pin was high up to now. */
-static void settle(bz_emulator *emulator, uint8_t i) {
-    avr_cycle_count_t now = emulator->avr->cycle;
-    if (emulator->level[i]) emulator->high[i] += now - emulator->changed[i];
-    emulator->changed[i] = now;
+static void take_flow(avr_irq_t *irq, uint32_t value, void *param) {
+    (void)value;
+    ((bz_emulator *)param)->is_full = irq->irq == UART_IRQ_OUT_XOFF;
+}
+
+/* Bring the integral of a signal up to now, then give it a new value. */
+static void set_signal(const bz_emulator *emulator, bz_signal *signal, double value) {
+    avr_cycle_count_t now = emulator->avr->cycle, end = emulator->target, from = signal->changed;
+    avr_cycle_count_t within = from >= end ? 0 : now < end ? now - from : end - from;
+    signal->area += signal->value * (double)within;
+    signal->late += signal->value * (double)(now - from - within);
+    signal->changed = now;
+    signal->value = value;
+}
+
+static double finish_signal(const bz_emulator *emulator, bz_signal *signal, uint64_t cycles) {
+    double mean;
+    set_signal(emulator, signal, signal->value);
+    mean = signal->area / (double)cycles;
+    signal->area = signal->late;
+    signal->late = 0;
+    return mean;
+}
+
+/* The duty of an output as the registers have it. */
+static double read_duty(const bz_emulator *emulator, uint8_t i) {
+    const uint8_t *data = emulator->avr->data;
+    const bz_pin *pin = &PINS[i];
+    uint16_t top = TOP_OF_CONTROL(pin->control);
+    if (!(data[pin->ddr] >> pin->pin & 1u)) return pin->rest;
+    if (!pin->compare || !(data[pin->control] >> pin->connect & 1u)) {
+        return data[pin->ddr + 1u] >> pin->pin & 1u; /* PORT lies behind DDR */
+    }
+    return (data[pin->compare] + 256 * data[pin->compare + 1u] + 1) /
+           (data[top] + 256 * data[top + 1u] + 1.0);
 }
 
 static void take_level(avr_irq_t *irq, uint32_t value, void *param) {
     bz_watch *watch = param;
     (void)irq;
-    settle(watch->emulator, watch->index);
-    watch->emulator->level[watch->index] = value & 1u;
+    set_signal(watch->emulator, &watch->emulator->levels[watch->index], value & 1u);
+}
+
+static void take_registers(avr_irq_t *irq, uint32_t value, void *param) {
+    bz_watch *watch = param;
+    (void)irq, (void)value;
+    set_signal(watch->emulator, &watch->emulator->duties[watch->index],
+               read_duty(watch->emulator, watch->index));
+}
+
+static void watch_register(bz_watch *watch, uint16_t address) {
+    avr_irq_register_notify(avr_iomem_getirq(watch->emulator->avr, address, NULL, AVR_IOMEM_IRQ_ALL),
+                            take_registers, watch);
+}
+
+static void watch_output(bz_emulator *emulator, uint8_t i) {
+    const bz_pin *pin = &PINS[i];
+    bz_watch *watch = &emulator->watches[i];
+    *watch = (bz_watch){emulator, i};
+    emulator->levels[i].value = emulator->duties[i].value = pin->rest;
+    avr_irq_register_notify(
+        avr_io_getirq(emulator->avr, AVR_IOCTL_IOPORT_GETIRQ(pin->port), pin->pin), take_level, watch);
+    watch_register(watch, pin->ddr);
+    watch_register(watch, pin->ddr + 1u);
+    if (pin->compare) {
+        watch_register(watch, pin->control);
+        watch_register(watch, pin->compare);
+        watch_register(watch, pin->compare + 1u);
+    }
 }
 
 static void watch_hardware(bz_emulator *emulator) {
@@ -90,17 +157,12 @@ static void watch_hardware(bz_emulator *emulator) {
     for (uint8_t i = 0; i < CHANNELS; i++) {
         emulator->analog[i] = avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0 + i);
     }
-    for (uint8_t i = 0; i < OUTPUTS; i++) {
-        emulator->watches[i] = (bz_watch){emulator, i};
-        emulator->level[i] = PINS[i].rest;
-        avr_irq_register_notify(
-            avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(PINS[i].port), PINS[i].pin), take_level,
-            &emulator->watches[i]);
-    }
+    for (uint8_t i = 0; i < OUTPUTS; i++) watch_output(emulator, i);
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
     emulator->serial = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
-    avr_irq_register_notify(
-        avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), take_byte, emulator);
+    avr_irq_register_notify(emulator->serial + UART_IRQ_OUTPUT, take_byte, emulator);
+    avr_irq_register_notify(emulator->serial + UART_IRQ_OUT_XON, take_flow, emulator);
+    avr_irq_register_notify(emulator->serial + UART_IRQ_OUT_XOFF, take_flow, emulator);
 }
 
 static void be_silent(avr_t *avr, const int level, const char *format, va_list arguments) {
@@ -156,57 +218,69 @@ size_t bz_emulator_read(bz_emulator *emulator, uint8_t *to, size_t room) {
     return bz_queue_take(&emulator->to_host, to, room);
 }
 
-static void feed_byte(bz_emulator *emulator) {
+static avr_cycle_count_t feed_byte(avr_t *avr, avr_cycle_count_t when, void *param) {
+    bz_emulator *emulator = param;
     uint8_t byte;
-    avr_cycle_count_t now = emulator->avr->cycle;
-    if (now < emulator->next_byte || !bz_queue_take(&emulator->from_host, &byte, 1)) return;
-    /* Bytes that wait follow each other without a gap. */
-    emulator->next_byte = (now - emulator->next_byte < BYTE_CYCLES ? emulator->next_byte : now) + BYTE_CYCLES;
+    (void)avr;
+    if (emulator->is_full) return when + BYTE_CYCLES;
+    if (!bz_queue_take(&emulator->from_host, &byte, 1)) return 0;
     avr_raise_irq(emulator->serial, byte);
+    return when + BYTE_CYCLES;
 }
 
-/* A reset lets all pins float and forgets what of the emulator is set here. */
-static void look_for_reset(bz_emulator *emulator) {
+static avr_cycle_count_t end_run(avr_t *avr, avr_cycle_count_t when, void *param) {
+    (void)avr, (void)when, (void)param;
+    return 0; /* it is enough that the chip does not sleep past it */
+}
+
+static void set_timers(bz_emulator *emulator) {
+    avr_t *avr = emulator->avr;
+    if (emulator->target > avr->cycle) {
+        avr_cycle_timer_register(avr, emulator->target - avr->cycle, end_run, emulator);
+    }
+    if (bz_queue_size(&emulator->from_host) && !avr_cycle_timer_status(avr, feed_byte, emulator)) {
+        avr_cycle_timer_register(avr, BYTE_CYCLES, feed_byte, emulator);
+    }
+}
+
+/* Do again what a reset undoes, and let the pins float that are no outputs. */
+static void prepare(bz_emulator *emulator) {
     avr_t *avr = emulator->avr;
     for (uint8_t i = 0; i < EXTERNAL_INTERRUPTS; i++) {
         /* Otherwise simavr looks at every low pin of an external interrupt in every cycle. */
         avr_extint_set_strict_lvl_trig(avr, i, 0);
     }
     for (uint8_t i = 0; i < OUTPUTS; i++) {
-        bool floats = !(avr->data[PINS[i].ddr] >> PINS[i].pin & 1u);
-        if (floats && emulator->level[i] != PINS[i].rest) {
-            settle(emulator, i);
-            emulator->level[i] = PINS[i].rest;
-        }
+        if (avr->data[PINS[i].ddr] >> PINS[i].pin & 1u) continue;
+        set_signal(emulator, &emulator->duties[i], PINS[i].rest);
+        set_signal(emulator, &emulator->levels[i], PINS[i].rest);
     }
+    set_timers(emulator);
 }
 
-/* Run for `cycles`; `mean` gets the levels of the outputs averaged over them.  Cycles by which the
- * last instruction reached further are taken off the next run.  Returns 0 if the chip has crashed. */
-int bz_emulator_run(bz_emulator *emulator, uint64_t cycles, double mean[OUTPUTS]) {
+/* Run for `cycles`.  Cycles by which the last instruction reaches further belong to the next run.
+ * `duties` and `levels` get what the registers asked for and what the pins did, averaged over the
+ * run.  Returns 0 if the chip has crashed. */
+int bz_emulator_run(bz_emulator *emulator, uint64_t cycles, double duties[OUTPUTS],
+                    double levels[OUTPUTS]) {
     avr_t *avr = emulator->avr;
-    avr_cycle_count_t begin = avr->cycle;
-    memset(emulator->high, 0, sizeof emulator->high);
-    for (uint8_t i = 0; i < OUTPUTS; i++) emulator->changed[i] = begin;
     emulator->target += cycles;
-    look_for_reset(emulator);
+    prepare(emulator);
     while (avr->cycle < emulator->target) {
-        avr_cycle_count_t left = emulator->target - avr->cycle;
-        avr_cycle_count_t limit = bz_queue_size(&emulator->from_host) ? BYTE_CYCLES / 4u : SLICE_CYCLES;
-        uint16_t was = avr->data[PINS[0].ddr];
+        uint8_t was_driven = avr->data[PINS[0].ddr];
         int state;
-        feed_byte(emulator);
-        avr->run_cycle_limit = left < limit ? left : limit;
+        avr->run_cycle_limit = SLICE_CYCLES;
         state = avr_run(avr);
         if (state == cpu_Done || state == cpu_Crashed) return 0;
-        if (was && !avr->data[PINS[0].ddr]) {
+        if (was_driven && !avr->data[PINS[0].ddr]) {
             emulator->resets++;
-            look_for_reset(emulator);
+            emulator->is_full = false;
+            prepare(emulator);
         }
     }
     for (uint8_t i = 0; i < OUTPUTS; i++) {
-        settle(emulator, i);
-        mean[i] = (double)emulator->high[i] / (double)(avr->cycle - begin);
+        duties[i] = finish_signal(emulator, &emulator->duties[i], cycles);
+        levels[i] = finish_signal(emulator, &emulator->levels[i], cycles);
     }
     return 1;
 }
@@ -214,25 +288,9 @@ int bz_emulator_run(bz_emulator *emulator, uint64_t cycles, double mean[OUTPUTS]
 void bz_emulator_reset(bz_emulator *emulator) {
     bz_queue_clear(&emulator->from_host);
     bz_queue_clear(&emulator->to_host);
+    emulator->is_full = false;
     avr_reset(emulator->avr);
-    look_for_reset(emulator);
-}
-
-/* The outputs as the registers have them now, from 0 to 1. */
-void bz_emulator_read_registers(const bz_emulator *emulator, double duties[OUTPUTS]) {
-    const uint8_t *data = emulator->avr->data;
-    for (uint8_t i = 0; i < OUTPUTS; i++) {
-        const bz_pin *pin = &PINS[i];
-        uint16_t port = pin->ddr + 1u, top = pin->compare ? TOP_OF_COMPARE(pin->compare) : 0;
-        if (!(data[pin->ddr] >> pin->pin & 1u)) {
-            duties[i] = pin->rest;
-        } else if (pin->compare && data[pin->control] >> pin->connect & 1u) {
-            duties[i] = (data[pin->compare] + 256 * data[pin->compare + 1u] + 1) /
-                        (data[top] + 256 * data[top + 1u] + 1.0);
-        } else {
-            duties[i] = data[port] >> pin->pin & 1u;
-        }
-    }
+    prepare(emulator);
 }
 
 uint64_t bz_emulator_count_cycles(const bz_emulator *emulator) { return emulator->avr->cycle; }

@@ -30,6 +30,7 @@ static void command(bz_device *device) {
         for (int i = 0; body[0] == BZ_SETPOINT_FF && i < 3; i++) {
             end = bz_put_u16(end, (uint16_t)(draw(&state) % 1640u - 820u));
         }
+        end = bz_put_u8(end, bz_complement(body + 2, (uint8_t)(end - body - 2)));
     } else if (body[0] != BZ_DISARM) {
         end = bz_put_u16(end, body[0] == BZ_ARM ? BZ_ARM_KEY : BZ_CLEAR_KEY);
     }

@@ -21,13 +21,16 @@ static void feed(uint8_t byte) {
 
 static void feed_frame(void) {
     /* Lengths of payload by type, and now and then a wrong one. */
-    static const uint8_t lengths[12] = {0, 6, 2, 0, 2, 32, 1, 0, 12, 33, 60, 3};
+    static const uint8_t lengths[12] = {0, 7, 2, 0, 2, 32, 1, 0, 13, 33, 60, 3};
     uint8_t body[BZ_BODY_MAX], wire[BZ_CODED_MAX + 1u];
     uint8_t type = (uint8_t)(draw(&state) % sizeof lengths); /* all types, and some unknown */
     uint8_t payload = lengths[draw(&state) % 8u ? type : draw(&state) % sizeof lengths];
     for (uint8_t i = 0; i < 2u + payload; i++) body[i] = (uint8_t)draw(&state);
     body[0] = type;
-    if (type == BZ_SETPOINT) body[3] %= 33u, body[5] %= 33u, body[7] %= 33u; /* mostly legal */
+    if (type == BZ_SETPOINT) {
+        body[3] %= 33u, body[5] %= 33u, body[7] %= 33u; /* mostly legal */
+        body[8] = bz_complement(body + 2, 6);
+    }
     uint8_t count = bz_encode(body, (uint8_t)(2u + payload), wire);
     for (uint8_t i = 0; i < count; i++) feed(wire[i]);
 }

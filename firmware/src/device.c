@@ -77,8 +77,9 @@ static void send_configuration(bz_device *device) {
 static uint8_t take_setpoints(bz_device *device, const uint8_t *payload, uint8_t has_feedforward) {
     uint16_t values[BZ_MUSCLES];
     int16_t forward[BZ_MUSCLES];
-    uint8_t result;
+    uint8_t result, length = has_feedforward ? 4u * BZ_MUSCLES : 2u * BZ_MUSCLES;
 
+    if (payload[length] != bz_complement(payload, length)) return BZ_BAD_VALUE;
     for (uint8_t i = 0; i < BZ_MUSCLES; i++) {
         values[i] = bz_get_u16(payload + 2u * i);
         forward[i] = has_feedforward ? (int16_t)bz_get_u16(payload + 2u * (BZ_MUSCLES + i)) : 0;
@@ -95,8 +96,8 @@ static uint8_t take_setpoints(bz_device *device, const uint8_t *payload, uint8_t
 /* The length of payload that a type must have, 255 for an unknown type. */
 static uint8_t find_length(uint8_t type) {
     switch (type) {
-        case BZ_SETPOINT: return 2u * BZ_MUSCLES;
-        case BZ_SETPOINT_FF: return 4u * BZ_MUSCLES;
+        case BZ_SETPOINT: return 2u * BZ_MUSCLES + 1u;
+        case BZ_SETPOINT_FF: return 4u * BZ_MUSCLES + 1u;
         case BZ_ARM:
         case BZ_CLEAR: return 2;
         case BZ_TELEMETRY_DIVIDER: return 1;

@@ -115,9 +115,9 @@ static void set_up(void) {
     TCCR1B = _BV(CS11);
     /* ADC clock: 16 MHz / 128. */
     ADCSRA = _BV(ADEN) | _BV(ADIE) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
-    /* UART: 8N1. */
-    UBRR0 = F_CPU / 8ul / BZ_BAUD - 1ul;
+    /* UART: 8N1; simavr takes the double rate into account only if it is set before the divider. */
     UCSR0A = _BV(U2X0);
+    UBRR0 = F_CPU / 8ul / BZ_BAUD - 1ul;
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
     UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 }
@@ -125,15 +125,17 @@ static void set_up(void) {
 /* 0 and 100 % are levels of the pin, without PWM: a compare register of 0 would give a spike. */
 static void set_valve(volatile uint8_t *control, uint8_t connect, volatile uint8_t *port, uint8_t pin,
                       volatile uint16_t *compare, uint16_t duty) {
-    if (duty == 0) {
-        *control &= (uint8_t)~connect;
-        *port &= (uint8_t)~pin;
-    } else if (duty >= BZ_PWM_COUNTS) {
-        *control &= (uint8_t)~connect;
-        *port |= pin;
+    uint8_t is_pwm = duty > 0 && duty < BZ_PWM_COUNTS;
+    if (is_pwm) {
+        *compare = duty - 1u; /* taken over at the end of the period */
+        if (!(*control & connect)) *control |= connect;
     } else {
-        *compare = duty - 1u;
-        *control |= connect;
+        if (*control & connect) *control &= (uint8_t)~connect;
+        if (duty) {
+            *port |= pin;
+        } else {
+            *port &= (uint8_t)~pin;
+        }
     }
 }
 

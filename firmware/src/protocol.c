@@ -12,6 +12,12 @@ uint16_t bz_crc16(const uint8_t *bytes, uint8_t length) {
     return (uint16_t)((uint16_t)high << 8 | low);
 }
 
+uint8_t bz_complement(const uint8_t *bytes, uint8_t length) {
+    uint8_t sum = 0;
+    while (length--) sum = (uint8_t)(sum + *bytes++);
+    return (uint8_t)~sum;
+}
+
 uint8_t bz_encode(uint8_t *body, uint8_t length, uint8_t wire[BZ_CODED_MAX + 1u]) {
     uint16_t crc = bz_crc16(body, length);
     uint8_t code = 0, next = 1; /* where the distance to the next zero goes; where the next byte goes */

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shlex
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from ..errors import InputError
-from ._muscle_options import option
+from ..rig.stairs import Stairs
+from ._muscle_options import CHOICES, FIELDS, Request, one_model_options, option
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
     answer_options,
+    check_target,
     clean_json,
     format_csv,
     format_rows,
+    options_of,
     run_exit,
 )
 
@@ -29,6 +34,7 @@ if TYPE_CHECKING:
     from ..effector import Effector
     from ..results import Result
     from ..rig import Cosimulation, Link
+    from ..rig.emulate import BoardKind
 
 BOARDS = ("emulated", "native")
 
@@ -253,6 +259,106 @@ def selftest_command(port: str | None, board: Any, answer: Answer) -> None:
         write_text(answer.out, format_csv(found.list_columns()))
     answer.give(found, _show_table(found))
     _end(found)
+
+
+@command.command("characterise")
+@port_option
+@board_option
+@seed_option
+@one_model_options
+@option(
+    "--reading-error LENGTH",
+    "Standard deviation of a reading of the plant's contraction.",
+    "length",
+    default="0.05mm",
+)
+@options_of(Stairs, "stairs")
+@option("--hook PROGRAM", "Takes a picture at each step, see above.")
+@option("--hook-timeout TIME", "Longest time a picture may take.", "time", default="10s")
+@option("--plot FILE", "A picture of the curve.", click.Path(path_type=Path))
+@answer_options(".csv", ".parquet", required=True, help="The table (.csv, .parquet).")
+def characterise_command(
+    port: str | None,
+    board: BoardKind,
+    seed: int,
+    asked: Request,
+    reading_error: float,
+    stairs: Stairs,
+    hook: str | None,
+    hook_timeout: float,
+    plot: Path | None,
+    answer: Answer,
+) -> None:
+    """Move a muscle's pressure up and down in stairs, and measure it at each step.
+
+    Without --port the rig is an emulated one with the muscle and model that the options describe,
+    and its contraction is read there. The table is what 'bozzini muscle fit' takes. Steps that do
+    not settle are flagged in it.
+
+    PROGRAM is run at the end of each step, without a shell, such as --hook 'camera --to {file}'.
+    {file} is the picture to write, {pressure} the set-point in MPa, {direction} inflating or
+    deflating, {repeat} the number of the repeat. The pictures go to a directory beside the table,
+    with a manifest.csv for 'bozzini vision length'. If PROGRAM fails, the step is flagged.
+
+    When it is interrupted it vents and writes what was measured.
+
+    Exit code 0: all steps settled; 1: some are flagged, or the board left its armed state; 2: bad
+    input.
+    """
+    from ..rig import Host, LockstepLink, SerialLink, emulate_rig
+    from ..rig.characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
+    from ..rig.plant import Chamber
+
+    table = answer.target
+    check_target(plot, PICTURES, force=answer.force)
+    camera, gauge = None, None
+    if hook is not None:
+        pictures = table.with_name(f"{table.stem}-pictures")
+        camera = PictureHook(command=hook, folder=pictures, timeout=hook_timeout)
+    elif port is not None:
+        raise InputError("--port needs --hook: nothing else measures the muscle's length")
+    if port is not None:
+        _refuse_options(("board", "seed", "reading_error", "preset", "settings", *CHOICES, *FIELDS))
+        link: Link = SerialLink(port)
+    else:
+        model = asked.build(pressure=stairs.highest)
+        rig = emulate_rig(Chamber.from_model(model, stairs.load), board=board, seed=seed)
+        link = LockstepLink(rig)
+        gauge = PlantGauge(rig.plant, stairs.muscle, deviation=reading_error, seed=seed)
+
+    def save(found: Characterisation) -> None:
+        found.save(table)
+        if any(row.image for row in found.rows) and camera is not None:
+            found.save_pictures(camera.folder / "manifest.csv")
+
+    try:
+        host = Host(link)
+        host.connect()
+        with answer.show_progress() as progress:
+            found = characterise_muscle(
+                host, stairs, gauge=gauge, hook=camera, keep=save, progress=progress
+            )
+    finally:
+        link.close()
+    save(found)
+    if plot is not None:
+        dataclasses.replace(answer, out=plot).draw(found.plot)
+    result = {**found.to_dict(), "file": table, "pictures": camera and camera.folder}
+    answer.give(
+        result,
+        f"{table}: {len(found.rows)} steps, {found.flagged} flagged; pressure off its set-point by "
+        f"{1e3 * found.residual:.1f} kPa at most",
+    )
+    _end(found)
+
+
+def _refuse_options(names: Sequence[str]) -> None:
+    """Refuse options that were given but have no effect with --port."""
+    context = click.get_current_context()
+    for item in context.command.params:
+        given = context.get_parameter_source(item.name or "") is ParameterSource.COMMANDLINE
+        if item.name in names and given:
+            raise InputError(f"{item.opts[0]} has no effect with --port: leave it out")
 
 
 @command.command("flash")

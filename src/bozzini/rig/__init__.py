@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .board import NativeBoard
+from .characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
 from .cosimulation import Board, Cosimulation, CosimulationRecord
 from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
 from .emulate import emulate_rig, emulated_port, serve
@@ -13,6 +14,7 @@ from .link import Link, LockstepLink, SerialLink
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
 from .pneumatics import ATMOSPHERE, Orifice
 from .selftest import SelfTest, check_board
+from .stairs import Stairs
 from .steering import Steering
 from .stick import BoardStick, GamepadStick, ScriptedStick, StickSource, make_stick
 
@@ -22,6 +24,7 @@ __all__ = [
     "Board",
     "BoardStick",
     "Chamber",
+    "Characterisation",
     "CircleRun",
     "Cosimulation",
     "CosimulationRecord",
@@ -36,16 +39,20 @@ __all__ = [
     "LockstepLink",
     "NativeBoard",
     "Orifice",
+    "PictureHook",
     "Plant",
     "PlantDesign",
+    "PlantGauge",
     "Replay",
     "ScriptedStick",
     "SelfTest",
     "SerialLink",
+    "Stairs",
     "Steering",
     "StepResponses",
     "StickSource",
     "ToolchainError",
+    "characterise_muscle",
     "check_board",
     "emulate_rig",
     "emulated_port",

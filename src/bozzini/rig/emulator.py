@@ -41,13 +41,20 @@ class EmulatedBoard(CompiledBoard):
     ------
     ToolchainError
         If it cannot be built.
+
+    Attributes
+    ----------
+    levels : (7,) ndarray
+        Levels of the output pins averaged over the last `run`, the supply valve's last. They agree
+        with the duties while these are constant; simavr loses a pulse where one changes.
     """
 
     def __init__(self, *, is_test_build: bool = False, sources: Path | None = None) -> None:
         super().__init__(build("emulator.so"), "bz_emulator")
+        self.levels = np.zeros(OUTPUTS)
         program = build("firmware-test.elf" if is_test_build else "firmware.elf", sources)
-        self._find("run", ctypes.c_int, ctypes.c_void_p, ctypes.c_uint64, ctypes.c_void_p)
-        self._find("read_registers", None, ctypes.c_void_p, ctypes.c_void_p)
+        pointer = ctypes.c_void_p
+        self._find("run", ctypes.c_int, pointer, ctypes.c_uint64, pointer, pointer)
         self._find("count_cycles", ctypes.c_uint64, ctypes.c_void_p)
         self._handle = self._find("new", ctypes.c_void_p, ctypes.c_char_p)(bytes(program))
         if not self._handle:
@@ -75,15 +82,10 @@ class EmulatedBoard(CompiledBoard):
             If the program has crashed.
         """
         span = check_number("duration", duration, low=1e-5, high=1e5, unit="s")
-        if not self._call("run", round(span * CLOCK_RATE), self._mean.ctypes.data):
+        means = self._mean.ctypes.data, self.levels.ctypes.data
+        if not self._call("run", round(span * CLOCK_RATE), *means):
             raise EmulationError(f"the emulated program has crashed at {self.cycles} cycles")
         return self._take_mean()
-
-    def read_registers(self) -> NDArray[np.float64]:
-        """Return the duties that the chip's registers ask for now, shape (7,): supply last."""
-        duties = np.empty(OUTPUTS)
-        self._call("read_registers", duties.ctypes.data)
-        return duties
 
     @property
     def cycles(self) -> int:

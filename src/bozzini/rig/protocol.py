@@ -43,6 +43,7 @@ __all__ = [
     "encode",
     "encode_cobs",
     "find_crc",
+    "pack_setpoints",
 ]
 
 BAUD_RATE = 500_000
@@ -184,6 +185,12 @@ class Command:
         return encode(self.kind, sequence, self.pack())
 
 
+def pack_setpoints(hectopascals: Sequence[int], counts: Sequence[int] = ()) -> bytes:
+    """Return the payload of set-points, legal or not, with the complement of its sum behind it."""
+    payload = struct.pack(f"<3H{len(counts)}h", *hectopascals, *counts)
+    return payload + bytes([~sum(payload) & 0xFF])
+
+
 @dataclass(frozen=True)
 class SetPoint(Command):
     """Pressures asked for; the board also takes it as a sign that the host is alive.
@@ -222,7 +229,7 @@ class SetPoint(Command):
         """Return the payload."""
         values = [round(value / _HPA) for value in self.pressures]
         counts = [round(value * FEEDFORWARD_COUNTS) for value in self.feedforward]
-        return struct.pack(f"<3H{len(counts)}h", *values, *counts)
+        return pack_setpoints(values, counts)
 
     def encode(self, sequence: int) -> bytes:
         """Return the frame as it goes over the wire; its number is counted modulo 256."""
