@@ -6,13 +6,14 @@ import numpy as np
 import pandas
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
 from scipy.optimize import brentq
 
 from bozzini.errors import BozziniError, InputError
 from bozzini.rig import ATMOSPHERE, Chamber, Orifice, Plant, PlantDesign
 from bozzini.rig.curves import PressureCurve, read_curve, take_curve
 from bozzini.rig.identify import Identification, identify_fill, identify_leak, regulated_flow
+from bozzini.rig.matlab import read_matrices
 
 START, SUPPLY = 0.015, 0.63
 WHOLE = SUPPLY + ATMOSPHERE
@@ -320,8 +321,8 @@ def odd_files(folder):
     (folder / "unit.csv").write_text("time [s],pressure [mm]\n" + "1,2\n" * 20)
     (folder / "a.txt").write_text("1 2")
     return {
-        "two.mat": "the variables a, b", "text.mat": "not numbers", "deep.mat": "have shape",
-        "wide.mat": "have shape", "complex.mat": "not numbers", "nan.mat": "not finite",
+        "two.mat": "the variables a, b", "text.mat": "no real numbers", "deep.mat": "have shape",
+        "wide.mat": "have shape", "complex.mat": "no real numbers", "nan.mat": "not finite",
         "back.mat": "must rise", "short.mat": "at least 12", "large.mat": "pressure",
         "shut.mat": "never moves", "empty.mat": "no variables", "junk.mat": "MATLAB",
         "none.mat": "MATLAB", "new.mat": "7.3", "words.csv": "no numbers",
@@ -352,3 +353,37 @@ def test_wrong_input_is_one_line(grown, call, words) -> None:
     with pytest.raises(InputError, match=words) as caught:
         call(grown)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["<f8", ">f8", "<i2", "<u1", "<f4"])
+@pytest.mark.parametrize("packed", [False, True])
+def test_matlab_reader_agrees_with_scipy(tmp_path, kind, packed) -> None:
+    values = (np.arange(60).reshape(20, 3) * 3).astype(kind)
+    savemat(tmp_path / "a.mat", {"data": values, "a": [1, 2]}, do_compression=packed)
+    found = read_matrices(tmp_path / "a.mat")
+    assert np.array_equal(found["data"], loadmat(tmp_path / "a.mat")["data"])
+    assert found["data"].dtype.kind == values.dtype.kind
+    assert found["a"].shape == (1, 2)
+
+
+def test_matlab_reader_agrees_with_scipy_on_measured_files(festo10_dir) -> None:
+    for path in sorted(festo10_dir.glob("*/*.mat")):
+        assert np.array_equal(read_matrices(path)["data"], loadmat(path)["data"])
+
+
+def test_damaged_matlab_files_are_one_line(tmp_path) -> None:
+    path = tmp_path / "a.mat"
+    random = np.random.default_rng(0)
+    sound = np.column_stack([TIME, TIME])
+    for packed in (False, True):
+        savemat(path, {"data": sound}, do_compression=packed)
+        whole = path.read_bytes()
+        for _ in range(150):
+            damaged = bytearray(whole[: random.integers(1, len(whole) + 1)])
+            for place in random.integers(0, min(len(damaged), 260), 3):
+                damaged[place] = random.integers(0, 256)
+            path.write_bytes(damaged)
+            try:
+                read_matrices(path)
+            except BozziniError as error:
+                assert "\n" not in str(error)

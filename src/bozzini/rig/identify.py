@@ -491,16 +491,17 @@ def _set_limits(shape: _Shape, law: str) -> dict[str, _Constant]:
     start = _Constant("start", "MPa", shape.start, shape.start - 0.03, shape.start + 0.03, 0.005)
     if law in LEAK_LAWS:
         drop = math.log((shape.start + ATMOSPHERE) / (shape.end + ATMOSPHERE))
-        own: dict[str, tuple[float, ...]] = {
+        own: dict[str, tuple[float, float, float, float]] = {
             "time constant": (math.log(far / drop), math.log(1e-3 * far), math.log(1e6 * far), 0.3),
             "settling time": (math.log(0.05 * far), math.log(step), math.log(0.3 * far), 0.5),
         }
         low = max(0.5 * shape.start, shape.start - 0.2)
         start = _Constant("start", "MPa", shape.start, low, shape.start + 0.05, 0.02)
     else:
+        middle = math.log(0.5 * span)
         own = {
             "delay": (shape.early, -span, shape.early + 0.3 * span + step, 0.05 * span + step),
-            "time constant": (*np.log(span * np.array([0.5, 1e-3, 50.0])), 0.5),
+            "time constant": (middle, middle - 6.0, middle + 4.5, 0.5),
             "supply": (shape.end, 0.9 * shape.end, 1.5 * shape.end + 0.01, 0.01),
         }
     limits = {
