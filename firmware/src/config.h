@@ -25,20 +25,22 @@
 #define BZ_SENSOR_SPAN_HPA 10340l /* [hPa] between 0.5 V and 4.5 V of 5 V (1034 kPa) */
 #define BZ_SENSOR_LOW_MV 250l   /* [mV] below: open or short circuit */
 #define BZ_SENSOR_HIGH_MV 4750l /* [mV] above: open or short circuit */
+#define BZ_ATMOSPHERE 1013      /* [hPa] */
+#define BZ_DRIVE_MIN 500u       /* [hPa] least pressure that is taken to drive a flow */
 #define BZ_SUPPLY_MV 5000l      /* [mV] */
 
 /* ---- Valves ------------------------------------------------------------------------------ */
 #define BZ_PWM_COUNTS 800 /* [counts] of one PWM period: 16 MHz / 800 = 20 kHz */
-#define BZ_JUMP 252       /* [counts] to cross the dead zone of a valve, 31.5 % (assumed) */
+#define BZ_JUMP 248       /* [counts] to cross the dead zone of a valve, 31 % (assumed) */
 
 /* ---- Pressure controller ------------------------------------------------------------------ */
 #define BZ_SETPOINT_MAX 8270    /* [hPa] 827 kPa, largest legal set-point */
-#ifndef BZ_SLEW
-#define BZ_SLEW 20              /* [hPa/ms] largest rate of the reference, 2 kPa/ms */
-#endif
-#define BZ_KP 7                 /* [counts/hPa / 256] proportional */
+#define BZ_SLEW 30              /* [hPa/ms] largest rate of the reference, 3 kPa/ms */
+#define BZ_FILL_TIME 76l        /* [ms] volume / (area of an open valve x 199 m/s) (assumed) */
+#define BZ_BLEED_TIME 76l       /* [ms] the same for the bleed valve (assumed) */
+#define BZ_LOOP_TIME 32l        /* [ms] in which an error is to decay; a divisor of 256 */
+#define BZ_RATE_MAX 100l        /* [hPa/ms] largest rate that the controller asks for */
 #define BZ_KI 4                 /* [counts/(hPa ms) / 4096] integral */
-#define BZ_KFF 22               /* [counts ms/hPa / 16] feed-forward of the reference's rate */
 #define BZ_ERROR_DEAD 20        /* [hPa] error below which both valves stay shut */
 #define BZ_ERROR_INTEGRAL 200   /* [hPa] error above which nothing is integrated */
 #define BZ_INTEGRAL_MAX 60l     /* [counts] */

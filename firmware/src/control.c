@@ -33,24 +33,47 @@ static void integrate(bz_muscle *muscle, int16_t error) {
     if (muscle->integral < -BZ_INTEGRAL_MAX * 4096) muscle->integral = -BZ_INTEGRAL_MAX * 4096;
 }
 
-void bz_control(bz_muscle *muscle) {
+/* The square root of a value below 2^26, to within 16: nine bits are enough here. */
+static uint16_t find_root(uint32_t value) {
+    uint16_t root = 0;
+    value >>= 8;
+    for (uint16_t bit = 0x100u; bit; bit >>= 1) {
+        uint16_t larger = root | bit;
+        if ((uint32_t)larger * larger <= value) root = larger;
+    }
+    return (uint16_t)(root << 4);
+}
+
+/* The counts beyond the dead zone that give a rate of the pressure, in hPa/ms / 256.
+ *
+ * An open valve changes the pressure at the rate p1 phi / BZ_FILL_TIME (or BZ_BLEED_TIME).  With p1 and p2 the absolute
+ * pressures before and behind it, p1 phi is p1 where the flow is choked (p2 < p1 / 2) and
+ * 2 sqrt(p2 (p1 - p2)) otherwise: ISO 6358 with a critical pressure ratio of 0.5. */
+static int16_t invert_flow(int32_t rate, int16_t pressure, int16_t reservoir) {
+    uint16_t inside = (uint16_t)(pressure > -BZ_ATMOSPHERE ? pressure + BZ_ATMOSPHERE : 0);
+    uint16_t before = rate < 0 ? inside : (uint16_t)(reservoir + BZ_ATMOSPHERE);
+    uint16_t behind = rate < 0 ? BZ_ATMOSPHERE : inside;
+    uint16_t drop = before > behind ? (uint16_t)(before - behind) : 0, drive = before;
+    if (behind > drop) drive = (uint16_t)(2u * find_root((uint32_t)behind * drop));
+    if (drive < BZ_DRIVE_MIN) drive = BZ_DRIVE_MIN;
+    rate *= (rate < 0 ? BZ_BLEED_TIME : BZ_FILL_TIME) * (BZ_PWM_COUNTS - BZ_JUMP) / 256;
+    return (int16_t)(rate / drive);
+}
+
+void bz_control(bz_muscle *muscle, int16_t reservoir) {
     int16_t step = clamp((int16_t)((int16_t)muscle->setpoint - muscle->reference), BZ_SLEW);
-    int16_t forward = (int16_t)(step * BZ_KFF / 16);
-    int16_t error, size;
+    int16_t error, size, command;
+    int32_t rate;
 
     muscle->reference = (int16_t)(muscle->reference + step);
     if (muscle->reference == 0) { /* nothing is asked for: bleed valve open */
         bz_vent(muscle);
         return;
     }
-    if (muscle->feedforward_left) {
-        muscle->feedforward_left--;
-        forward = muscle->feedforward;
-    }
     error = (int16_t)(muscle->reference - muscle->pressure);
     size = error < 0 ? (int16_t)-error : error;
-    if (forward == 0 && size <= BZ_ERROR_DEAD) { /* spare the valves: hysteresis would hunt */
-        drive(muscle, 0);
+    if (step == 0 && !muscle->feedforward_left && size <= BZ_ERROR_DEAD) {
+        drive(muscle, 0); /* spare the valves: hysteresis would hunt */
         return;
     }
     if (step != 0) {
@@ -58,6 +81,14 @@ void bz_control(bz_muscle *muscle) {
     } else if (size < BZ_ERROR_INTEGRAL) {
         integrate(muscle, error);
     }
-    /* |error| < 20 000 hPa and |forward| <= 800, so the sum stays within 16 bit. */
-    drive(muscle, (int16_t)((int32_t)error * BZ_KP / 256 + forward + muscle->integral / 4096));
+    rate = (int32_t)error * (256 / BZ_LOOP_TIME);
+    if (!muscle->feedforward_left) rate += (int32_t)step * 256;
+    if (rate > BZ_RATE_MAX * 256) rate = BZ_RATE_MAX * 256;
+    if (rate < -BZ_RATE_MAX * 256) rate = -BZ_RATE_MAX * 256;
+    command = (int16_t)(invert_flow(rate, muscle->pressure, reservoir) + muscle->integral / 4096);
+    if (muscle->feedforward_left) {
+        muscle->feedforward_left--;
+        command = (int16_t)(command + muscle->feedforward);
+    }
+    drive(muscle, command);
 }

@@ -18,7 +18,8 @@ typedef struct {
 /* Shut the fill valve, open the bleed valve wholly, forget the controller's past. */
 void bz_vent(bz_muscle *muscle);
 
-/* One millisecond of control: from set-point and pressure to the two duties. */
-void bz_control(bz_muscle *muscle);
+/* One millisecond of control: from set-point and pressure, and the reservoir's [hPa], to the two
+ * duties. */
+void bz_control(bz_muscle *muscle, int16_t reservoir);
 
 #endif

@@ -90,7 +90,7 @@ void bz_safety_scan(bz_safety *safety, const bz_scan *scan) {
         safety->state = BZ_STATE_DISARMED;
     }
     if (safety->state == BZ_STATE_ARMED) {
-        for (uint8_t i = 0; i < BZ_MUSCLES; i++) bz_control(&safety->muscle[i]);
+        for (uint8_t i = 0; i < BZ_MUSCLES; i++) bz_control(&safety->muscle[i], safety->reservoir);
     }
 }
 

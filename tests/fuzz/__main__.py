@@ -45,6 +45,7 @@ FILES = {
     "tract or shapes": (*TRACTS, *("shapes.json", "shapes.yaml") * 6),
     "robot": ROBOTS,
     "table": ("table.csv",),
+    "curve": ("curve.csv", "curve.mat"),
     "plan": ("plan.npz",),
     "plan's tract": ("tube.stl",),
     "ct": ("ct.nii.gz",),
@@ -68,6 +69,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "muscle models": (1, "chou"),
     "muscle fit": (5, "<table --free modulus"),
     "muscle compare": (5, "<table --model energy --model thesis"),
+    "rig identify": (5, "<curve --check <curve"),
     "effector pose": (3, "--pressure R=300kPa,G=200kPa"),
     "effector curve": (2, "--points 5"),
     "effector reach": (3, "--to 5mm,-3mm"),
@@ -145,6 +147,7 @@ def make_originals(folder: Path) -> None:
     """Write the sound files that the cases damage."""
     import numpy as np
     import trimesh
+    from scipy.io import savemat
     from skimage.measure import marching_cubes
 
     from bozzini.cli.main import main
@@ -175,6 +178,10 @@ def make_originals(folder: Path) -> None:
     pressure = np.linspace(0.0, 0.8, 12)
     rows = [f"{1000 * p:g},{12 * p / (p + 0.4):.4f}" for p in pressure]
     (folder / "table.csv").write_text("\n".join(["pressure [kPa],contraction [mm]", *rows]) + "\n")
+    time = np.linspace(0.0, 2.0, 60)
+    curve = np.column_stack([time, 600.0 * np.minimum(time, 1.0) * (2.0 - np.minimum(time, 1.0))])
+    np.savetxt(folder / "curve.csv", curve, delimiter=",", header="time,pressure", comments="")
+    savemat(folder / "curve.mat", {"data": curve})
     for name in set(ROBOTS):
         shutil.copy(EXAMPLES / name, folder / name)
     here = Path.cwd()

@@ -39,4 +39,5 @@ class PiBoard:
         jump = self.design.valve_dead_zone + 0.5 * self.design.valve_hysteresis
         duty = np.where(np.abs(error) < 0.003, 0.0, jump + (1.0 - jump) * np.abs(effort))
         self.sent = self.measured.tobytes()
-        return np.concatenate([np.where(effort > 0, duty, 0.0), np.where(effort < 0, duty, 0.0)])
+        fill, bleed = np.where(effort > 0, duty, 0.0), np.where(effort < 0, duty, 0.0)
+        return np.concatenate([fill, bleed, [1.0]])

@@ -16,7 +16,7 @@ from bozzini.rig.protocol import (
     Telemetry,
 )
 
-VENTED = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+VENTED = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0])
 RESERVOIR = 0.9
 
 
@@ -44,7 +44,7 @@ class Host:
         self.voltages[muscle] = to_voltage(pressure)
 
     def run(self, ticks, setpoint=None, every=10):
-        """Run, sending set-points now and then; return the duties, shape (ticks, 6)."""
+        """Run, sending set-points now and then; return the duties, shape (ticks, 7)."""
         for k in range(ticks):
             if setpoint is not None and k % every == 0:
                 self.send(SetPoint(setpoint))

@@ -5,11 +5,13 @@ from __future__ import annotations
 from .board import NativeBoard
 from .characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
 from .cosimulation import Board, Cosimulation, CosimulationRecord
+from .curves import PressureCurve, read_curve, take_curve
 from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
 from .emulate import emulate_rig, emulated_port, serve
 from .emulator import EmulatedBoard, EmulationError
 from .firmware import ToolchainError
 from .host import Host, HostRun, Replay, load_log, replay_log
+from .identify import CurveFit, Identification, identify_fill, identify_leak
 from .link import Link, LockstepLink, SerialLink
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
 from .pneumatics import ATMOSPHERE, Orifice
@@ -28,6 +30,7 @@ __all__ = [
     "CircleRun",
     "Cosimulation",
     "CosimulationRecord",
+    "CurveFit",
     "EmulatedBoard",
     "EmulationError",
     "Fault",
@@ -35,6 +38,7 @@ __all__ = [
     "GamepadStick",
     "Host",
     "HostRun",
+    "Identification",
     "Link",
     "LockstepLink",
     "NativeBoard",
@@ -43,6 +47,7 @@ __all__ = [
     "Plant",
     "PlantDesign",
     "PlantGauge",
+    "PressureCurve",
     "Replay",
     "ScriptedStick",
     "SelfTest",
@@ -56,11 +61,15 @@ __all__ = [
     "check_board",
     "emulate_rig",
     "emulated_port",
+    "identify_fill",
+    "identify_leak",
     "load_log",
     "make_stick",
+    "read_curve",
     "replay_log",
     "run_circle",
     "run_faults",
     "run_steps",
     "serve",
+    "take_curve",
 ]

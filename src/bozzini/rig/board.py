@@ -27,7 +27,10 @@ TICK = 1e-3
 
 _BUFFER = 1 << 16
 
-_SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
+CType = Any
+"""A type of ctypes, which has no public name for them all, or a function of a library."""
+
+_SIGNATURES: dict[str, tuple[CType, tuple[CType, ...]]] = {
     "free": (None, (ctypes.c_void_p,)),
     "reset": (None, (ctypes.c_void_p,)),
     "set_voltages": (None, (ctypes.c_void_p, ctypes.c_void_p)),
@@ -38,31 +41,23 @@ _SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
 
 
 class CompiledBoard:
-    """A board in a compiled library. As a context manager it is freed at the end.
-
-    Attributes
-    ----------
-    supply_duty : float
-        Share of the last `run` for which the supply valve was energised.
-    """
+    """A board in a compiled library. As a context manager it is freed at the end."""
 
     def __init__(self, library: Path, prefix: str) -> None:
-        self.supply_duty = 0.0
         self._library = ctypes.CDLL(str(library))
         self._prefix = prefix
         self._buffer = ctypes.create_string_buffer(_BUFFER)
-        self._mean = np.empty(OUTPUTS)
         for verb, (result, arguments) in _SIGNATURES.items():
             self._find(verb, result, *arguments)
         self._handle: int | None = None
 
-    def _find(self, verb: str, result: Any, *arguments: Any) -> Any:
+    def _find(self, verb: str, result: CType, *arguments: CType) -> CType:
         """Return a function of the library, with its types set."""
         function = getattr(self._library, f"{self._prefix}_{verb}")
         function.restype, function.argtypes = result, arguments
         return function
 
-    def _call(self, verb: str, *arguments: Any) -> Any:
+    def _call(self, verb: str, *arguments: CType) -> CType:
         if self._handle is None:
             raise InputError("the board is closed")
         return getattr(self._library, f"{self._prefix}_{verb}")(self._handle, *arguments)
@@ -122,10 +117,6 @@ class CompiledBoard:
         if getattr(self, "_handle", None) is not None:
             self.close()
 
-    def _take_mean(self) -> NDArray[np.float64]:
-        self.supply_duty = float(self._mean[-1])
-        return self._mean[:-1].copy()
-
 
 class NativeBoard(CompiledBoard):
     """The firmware's protocol, control and safety code compiled for this computer.
@@ -164,8 +155,8 @@ class NativeBoard(CompiledBoard):
 
         Returns
         -------
-        (6,) ndarray
-            Duties averaged over the time: fill valves 1 to 3, bleed valves 1 to 3.
+        (7,) ndarray
+            Duties averaged over the time: fill valves 1 to 3, bleed valves 1 to 3, supply valve.
 
         Raises
         ------
@@ -175,5 +166,6 @@ class NativeBoard(CompiledBoard):
         ticks = round(check_number("duration", duration, low=TICK, high=1e5, unit="s") / TICK)
         if abs(ticks * TICK - duration) > 1e-6 * TICK:
             raise InputError(f"duration is {duration:g} s: it must be whole milliseconds")
-        self._call("run", ticks, self._mean.ctypes.data)
-        return self._take_mean()
+        duties = np.empty(OUTPUTS)
+        self._call("run", ticks, duties.ctypes.data)
+        return duties

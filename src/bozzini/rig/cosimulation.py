@@ -33,7 +33,11 @@ class Board(Protocol):
         """Set the analogue inputs [V], shape (6,): muscle 1 to 3, reservoir, stick x and y."""
 
     def run(self, duration: float) -> Floats:
-        """Advance [s], and return the duties averaged over it, shape (6,): fill 1-3, bleed 1-3."""
+        """Advance [s], and return the duties averaged over it, shape (7,).
+
+        They are those of the fill valves 1 to 3, the bleed valves 1 to 3 and the supply valve,
+        which is 1 for a board that has none.
+        """
 
     def write(self, data: bytes) -> None:
         """Give the board bytes from the host."""
@@ -59,8 +63,8 @@ class CosimulationRecord(ClosedForm):
         Gauge pressure [MPa].
     voltages : (n, 6) ndarray
         What the board's inputs saw during the period [V].
-    duty : (n, 6) ndarray
-        Mean duties during the period.
+    duty : (n, 7) ndarray
+        Mean duties during the period: fill valves, bleed valves, supply valve.
     """
 
     time: Floats = measured("s")
@@ -87,6 +91,7 @@ class CosimulationRecord(ClosedForm):
             columns[f"fill_{k + 1}"] = self.duty[:, k]
         for k in range(MUSCLES):
             columns[f"bleed_{k + 1}"] = self.duty[:, MUSCLES + k]
+        columns["supply"] = self.duty[:, 2 * MUSCLES]
         return columns
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -148,7 +153,7 @@ class Cosimulation:
         board, plant = self.board, self.plant
         time, reservoir = np.empty(count), np.empty(count)
         pressures, lines, contractions = np.empty((3, count, MUSCLES))
-        voltages, duty = np.empty((2, count, 2 * MUSCLES))
+        voltages, duty = np.empty((count, 2 * MUSCLES)), np.empty((count, 2 * MUSCLES + 1))
         for i in range(count):
             if self.host is not None:
                 sent = self.host(plant.time, board.read())

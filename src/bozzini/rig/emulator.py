@@ -71,8 +71,8 @@ class EmulatedBoard(CompiledBoard):
 
         Returns
         -------
-        (6,) ndarray
-            Duties averaged over the time: fill valves 1 to 3, bleed valves 1 to 3.
+        (7,) ndarray
+            Duties averaged over the time: fill valves 1 to 3, bleed valves 1 to 3, supply valve.
 
         Raises
         ------
@@ -82,10 +82,11 @@ class EmulatedBoard(CompiledBoard):
             If the program has crashed.
         """
         span = check_number("duration", duration, low=1e-5, high=1e5, unit="s")
-        means = self._mean.ctypes.data, self.levels.ctypes.data
+        duties = np.empty(OUTPUTS)
+        means = duties.ctypes.data, self.levels.ctypes.data
         if not self._call("run", round(span * CLOCK_RATE), *means):
             raise EmulationError(f"the emulated program has crashed at {self.cycles} cycles")
-        return self._take_mean()
+        return duties
 
     @property
     def cycles(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -14,6 +15,7 @@ from ..checks import check_number
 from ..errors import InputError
 from ..results import Result, measured, take_axes
 from .curves import PressureCurve
+from .kernels import fill as kernels
 from .pneumatics import ATMOSPHERE, NOZZLE_RATIO, NOZZLE_SPEED, Floats, Orifice
 
 if TYPE_CHECKING:
@@ -32,19 +34,23 @@ SHARE = 0.9
 LEAST_CHANGE = 0.01
 """Smallest change of pressure that is a fill or a leak [MPa]."""
 GRID = 240
-"""Pressures at which the time of a law is computed."""
+"""Pressures at which the time of a leak is computed."""
 POINTS = 160
 """Points of a curve that are fitted; longer ones are averaged to so many."""
 USED_SPAN = 3.0
 """A fill is fitted up to so many times its time to 90 %."""
 MISFIT = 0.03
 """Residual (rms, over the change) above which a law does not describe a curve."""
-AS_GOOD = 1.3
+CHECK_MISFIT = 0.015
+"""The same in a check, where a law has to do more than to describe."""
+AS_GOOD = 1.1
 """A simpler law is preferred whose residual is at most so many times the smallest one."""
-NEGLIGIBLE = 0.003
+NEGLIGIBLE = 0.002
 """Residual (rms, over the change) below which a law needs no better one."""
-CHECK_SHARE = 0.7
+CHECK_SHARE = 0.8
 """Share of the change up to which a curve is used in a check, by default."""
+CHECK_POINTS = 10
+"""Fewest points of a curve after its 5 % from which the rest is predicted."""
 CHECK_ERROR = 0.01
 """Residual (over the change) that weighs as much as one standard deviation of a constant."""
 LARGE_ERROR = 0.5
@@ -96,6 +102,15 @@ _LAWS: dict[str, tuple[str, ...]] = {
 """Laws and their constants; the fits take the laws in this order."""
 _SHARED = ("critical ratio", "droop", "growth", "growth pressure", "growth width")
 
+_FILL_NUMBERS = {name: 0.0 for name in _OWN} | {
+    "critical ratio": NOZZLE_RATIO,
+    "droop": 0.0,
+    "growth": 0.0,
+    "growth pressure": 0.0,
+    "growth width": 1.0,
+}
+"""What a fill has where its law has no such constant, in the order of the kernel."""
+
 
 def regulated_flow(ratio: Floats, critical: float, droop: float) -> Floats:
     """Return the flow of an orifice behind a regulator, over its choked flow without droop.
@@ -104,45 +119,7 @@ def regulated_flow(ratio: Floats, critical: float, droop: float) -> Floats:
     ``ratio`` is the pressure behind it over the supply's, both absolute. Choked that is linear in
     ``w``; on the ellipse of ISO 6358 it is a quadratic equation.
     """
-    b, d = critical, droop
-    rest = (1.0 - b) ** 2
-    first = rest * (1.0 - d**2) + (b * d) ** 2
-    second = 2.0 * d * (rest + b * (ratio - b))
-    third = np.minimum((ratio - b) ** 2 - rest, 0.0)
-    root = np.sqrt(np.maximum(second**2 - 4.0 * first * third, 0.0))
-    choked = 1.0 / (1.0 + d)
-    ellipse = -2.0 * third / np.maximum(second + root, 1e-12)
-    return np.asarray(np.where(ratio <= b * choked, choked, np.minimum(ellipse, choked)))
-
-
-def _trace_fill(law: str, given: Mapping[str, float]) -> tuple[Floats, Floats]:
-    """Return times [s] and gauge pressures [MPa] at the transducer along a fill."""
-    start, supply = given["start"], given["supply"]
-    droop = 0.0 if law == "orifice" else given["droop"]
-    whole = supply + ATMOSPHERE
-    # Closer together towards the supply, which is approached ever more slowly.
-    share = 1.0 - np.linspace(1.0, 0.01, GRID) ** 3
-    pressure = start + (supply - start) * share
-    ratio = (pressure + ATMOSPHERE) / whole
-    flow = regulated_flow(ratio, given.get("critical ratio", NOZZLE_RATIO), droop)
-    slope = 1.0 / np.maximum(flow, 1e-9)
-    if law == "growing":
-        slope = slope * _find_capacity(pressure, given)
-    steps = 0.5 * (slope[1:] + slope[:-1]) * np.diff(pressure) / whole
-    time = given["delay"] + given["time constant"] * np.concatenate([[0.0], np.cumsum(steps)])
-    if law == "upstream":
-        pressure = whole * (1.0 - droop * flow) - ATMOSPHERE
-    before = [time[0] - 1e-9]
-    return np.concatenate([before, time]), np.concatenate([[start], pressure])
-
-
-def _find_capacity(pressure: Floats, given: Mapping[str, float]) -> Floats:
-    """Return ``d(p V)/dp`` over the grown volume, of a volume that grows along a logistic."""
-    width, growth = given["growth width"], given["growth"]
-    away = np.clip((pressure - given["growth pressure"]) / width, -60.0, 60.0)
-    grown = 1.0 / (1.0 + np.exp(-away))
-    rate = growth * grown * (1.0 - grown) / width
-    return np.asarray((1.0 + growth * grown + (pressure + ATMOSPHERE) * rate) / (1.0 + growth))
+    return np.asarray(kernels.regulated_flows(np.asarray(ratio, np.float64), critical, droop))
 
 
 def _trace_leak(law: str, given: Mapping[str, float]) -> tuple[Floats, Floats]:
@@ -154,16 +131,17 @@ def _trace_leak(law: str, given: Mapping[str, float]) -> tuple[Floats, Floats]:
     else:
         whole = pressure + ATMOSPHERE
         share = (whole - ATMOSPHERE) / (whole + ATMOSPHERE)
-        clock = 0.5 * np.log(share[0] / share)
+        clock = np.log(share[0] / share)
     return tau * clock, pressure
 
 
 def _predict(law: str, given: Mapping[str, float], time: Floats) -> Floats:
-    """Return the gauge pressures of a law [MPa]."""
-    if law not in LEAK_LAWS:
-        return np.asarray(np.interp(time, *_trace_fill(law, given)))
-    settling = given["settling"] * np.exp(-time / given["settling time"])
-    return np.asarray(np.interp(time, *_trace_leak(law, given)) + settling)
+    """Return the gauge pressures of a law at rising times [MPa]."""
+    if law in LEAK_LAWS:
+        settling = given["settling"] * np.exp(-time / given["settling time"])
+        return np.asarray(np.interp(time, *_trace_leak(law, given)) + settling)
+    numbers = tuple(given.get(name, rest) for name, rest in _FILL_NUMBERS.items())
+    return np.asarray(kernels.fill(numbers, law == "upstream", ATMOSPHERE, time))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -304,7 +282,6 @@ class Identification(Result):
             for fit in fits
         ]
         names = list(dict.fromkeys(name for row in rows for name in row))
-        # What a curve says of itself comes last.
         names = [n for n in names if n not in ("described", "reason")] + ["described", "reason"]
         return {name: [row.get(name) for row in rows] for name in names}
 
@@ -313,9 +290,11 @@ class Identification(Result):
         axes = take_axes(ax, x="time [s]", y="pressure [kPa]")
         for fit in self._all:
             fit.plot(axes)
-        ends = [_begin(fit.curve) + 2.0 * fit.measured_time for fit in self._all]
         if self.kind == "fill":
-            axes.set_xlim(left=0.0, right=max(ends))
+            begins = [_begin(fit.curve) for fit in self._all]
+            spans = [2.0 * fit.measured_time for fit in self._all]
+            ends = [begin + span for begin, span in zip(begins, spans, strict=True)]
+            axes.set_xlim(min(begins), max(ends))
         axes.legend(frameon=False, fontsize=8, markerscale=4)
         return axes
 
@@ -346,6 +325,13 @@ class Identification(Result):
         return Identification(kind=self.kind, fits=self.fits, checks=found, notes=self.notes)
 
 
+def find_kind(curve: PressureCurve) -> str:
+    """Return ``"fill"`` for a curve that ends above its beginning, ``"leak"`` for another."""
+    few = max(1, curve.time.size // 50)
+    ends = np.median(curve.pressure[:few]), np.median(curve.pressure[-few:])
+    return "fill" if ends[1] > ends[0] else "leak"
+
+
 def identify_fill(curves: Sequence[PressureCurve]) -> Identification:
     """Find which law describes how muscles fill, and its constants, from curves of pressure.
 
@@ -359,7 +345,7 @@ def identify_fill(curves: Sequence[PressureCurve]) -> Identification:
       pressure, along a logistic of a width: the muscle.
 
     The simplest that is not much worse than the best is taken. `time constant` is the (grown)
-    volume over effective area and `NOZZLE_SPEED`: a pressure alone tells neither from the other.
+    volume over effective area and `NOZZLE_SPEED`: from a pressure alone neither follows.
 
     Parameters
     ----------
@@ -403,17 +389,21 @@ def _identify(kind: str, curves: Sequence[PressureCurve], laws: Sequence[str]) -
 
 
 def _list_notes(kind: str, fits: Sequence[CurveFit]) -> list[str]:
-    notes = [f"{fit.curve.name}: {note}" for fit in fits for note in fit.curve.notes]
+    names: dict[str, list[str]] = {}
+    for fit in fits:
+        for note in fit.curve.notes:
+            names.setdefault(note, []).append(fit.curve.name)
+    notes = [f"{', '.join(found)}: {note}" for note, found in names.items()]
     count = Counter(fit.law for fit in fits if fit.converged)
     for law, number in count.most_common():
-        notes.append(f"{number} of {len(fits)} curves are described by '{law}'")
+        notes.append(f"{number} of {len(fits)} curves follow the law '{law}'")
     if kind == "leak":
-        notes.append("volume and leak are not told apart: only their ratio, the time constant")
+        notes.append("volume and leak are not determined, only their ratio: the time constant")
         return notes
-    notes.append("volume and area are not told apart: only their ratio, the time constant")
+    notes.append("volume and area are not determined, only their ratio: the time constant")
     if any(law != "orifice" for law in count):
         notes.append(
-            f"the critical ratio is not determined beside the droop: held at {NOZZLE_RATIO:g}"
+            f"critical ratio held at {NOZZLE_RATIO:g}: beside a droop it changes the curve little"
         )
     steps = [float(np.median(np.diff(fit.curve.time))) for fit in fits]
     notes.append(
@@ -432,9 +422,11 @@ class _Shape:
     """Pressure made monotone."""
     start: float
     end: float
-    early: float
+    resolution: float
+    """Smallest step between two different readings [MPa]."""
+    early: float = 0.0
     """Time at which 5 % of the change is passed."""
-    late: float
+    late: float = 0.0
     """Time at which 90 % of the change is passed."""
 
     @property
@@ -460,15 +452,16 @@ def _read_shape(curve: PressureCurve, kind: str) -> _Shape:
     rising = kind == "fill"
     smooth = isotonic_regression(curve.pressure, increasing=rising).x
     few = max(1, curve.time.size // 100)
-    start, end = float(np.median(smooth[:few])), float(np.median(smooth[-few:]))
+    start, end = float(smooth[0]), float(np.median(curve.pressure[-few:]))
     change = end - start if rising else start - end
     if not change > LEAST_CHANGE:
         raise InputError(
             f"{curve.name}: the pressure changes by {1e3 * (end - start):.3g} kPa: a {kind} must "
             f"{'rise' if rising else 'fall'} by more than {1e3 * LEAST_CHANGE:g} kPa"
         )
-    shape = _Shape(time, smooth, start, end, 0.0, 0.0)
-    return _Shape(time, smooth, start, end, shape.cross(0.05), shape.cross(SHARE))
+    steps = np.diff(np.unique(curve.pressure))
+    shape = _Shape(time, smooth, start, end, float(steps.min()))
+    return dataclasses.replace(shape, early=shape.cross(0.05), late=shape.cross(SHARE))
 
 
 def _select_points(curve: PressureCurve, until: float) -> tuple[Floats, Floats]:
@@ -498,22 +491,23 @@ def _set_limits(shape: _Shape, law: str) -> dict[str, _Constant]:
     start = _Constant("start", "MPa", shape.start, shape.start - 0.03, shape.start + 0.03, 0.005)
     if law in LEAK_LAWS:
         drop = math.log((shape.start + ATMOSPHERE) / (shape.end + ATMOSPHERE))
-        own = {
+        own: dict[str, tuple[float, float, float, float]] = {
             "time constant": (math.log(far / drop), math.log(1e-3 * far), math.log(1e6 * far), 0.3),
             "settling time": (math.log(0.05 * far), math.log(step), math.log(0.3 * far), 0.5),
         }
         low = max(0.5 * shape.start, shape.start - 0.2)
         start = _Constant("start", "MPa", shape.start, low, shape.start + 0.05, 0.02)
     else:
+        middle = math.log(0.5 * span)
         own = {
             "delay": (shape.early, -span, shape.early + 0.3 * span + step, 0.05 * span + step),
-            "time constant": (
-                math.log(0.5 * span),
-                math.log(1e-3 * span),
-                math.log(50 * span),
-                0.5,
+            "time constant": (middle, middle - 6.0, middle + 4.5, 0.5),
+            "supply": (
+                shape.end,
+                shape.end - 0.1 * shape.change,
+                shape.end + 0.5 * shape.change,
+                0.01,
             ),
-            "supply": (shape.end, 0.9 * shape.end, 1.5 * shape.end + 0.01, 0.01),
         }
     limits = {
         name: _Constant(name, _CONSTANTS[name].unit, *values, is_log=_CONSTANTS[name].is_log)
@@ -539,7 +533,7 @@ class _Solution:
 
     @property
     def size(self) -> float:
-        return float(np.sqrt(np.mean(self.residuals**2)))
+        return _root_mean_square(self.residuals)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -596,14 +590,16 @@ def _solve(
         parts += [np.array([(v - means[n][0]) / means[n][1]]) for n, v in pairs if n in means]
         return np.concatenate(parts)
 
-    best = None
+    tried = []
     for shift in _list_starts(law, names):
         begin = np.clip(first + shift, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
         found = least_squares(
-            excess, begin, bounds=(low, high), x_scale=scale, loss="soft_l1", max_nfev=120
+            excess, begin, bounds=(low, high), x_scale=scale, loss="soft_l1", max_nfev=120, **_STOP
         )
-        if best is None or found.cost < best.cost:
-            best = found
+        tried.append(found)
+        if _root_mean_square(find_residuals(found.x)) < NEGLIGIBLE * shape.change:
+            break
+    best = min(tried, key=lambda found: found.cost)
     values = np.asarray(best.x)
     residuals = find_residuals(values)
     noise = float(np.mean(residuals**2)) * weight**2
@@ -613,9 +609,17 @@ def _solve(
     stuck = tuple(
         name
         for name, value, a, b, c in zip(names, values, low, high, near, strict=True)
-        if name in _SHARED and not a + c < value < b - c
+        if name != "supply" and not a + c < value < b - c
     )
     return _Solution(law, values, errors, stuck, residuals)
+
+
+_STOP = {"ftol": 1e-6, "xtol": 1e-6, "gtol": 1e-6}
+"""When a fit ends."""
+
+
+def _root_mean_square(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _list_starts(law: str, names: list[str]) -> list[Floats]:
@@ -630,11 +634,19 @@ def _list_starts(law: str, names: list[str]) -> list[Floats]:
 
 def _fit_curve(curve: PressureCurve, kind: str, laws: Sequence[str]) -> CurveFit:
     shape = _read_shape(curve, kind)
+    if kind == "fill" and curve.supply is not None and curve.supply < shape.end - LEAST_CHANGE:
+        raise InputError(
+            f"{curve.name}: the supply is {curve.supply:g} MPa, below the {shape.end:g} MPa reached"
+        )
     until = shape.time[-1]
     if kind == "fill":
         until = min(until, shape.early + USED_SPAN * (shape.late - shape.early))
     points = _select_points(curve, until)
-    found = [_solve(law, shape, points, supply=curve.supply) for law in laws]
+    found: list[_Solution] = []
+    for law in laws:
+        found.append(_solve(law, shape, points, supply=curve.supply))
+        if found[-1].size <= NEGLIGIBLE * shape.change:
+            break
     least = min(item.size for item in found)
     enough = max(AS_GOOD * least, NEGLIGIBLE * shape.change)
     chosen = next(item for item in found if item.size <= enough)
@@ -652,11 +664,8 @@ def _report(curve: PressureCurve, shape: _Shape, found: _Solution, used: float) 
         if name in found.at_limit
         or (name in _SHARED and errors[name] > LARGE_ERROR * abs(constants[name]))
     )
-    share = found.size / shape.change
-    fits = share <= MISFIT
-    reason = (
-        "" if fits else f"the residual is {100 * share:.1f} % of the change: no law describes it"
-    )
+    model_time = _find_model_time(shape, found)
+    reason = _find_reason(shape, found.size, model_time, used)
     return CurveFit(
         curve=curve,
         law=found.law,
@@ -667,11 +676,30 @@ def _report(curve: PressureCurve, shape: _Shape, found: _Solution, used: float) 
         largest=float(np.abs(found.residuals).max()),
         change=shape.change,
         measured_time=shape.late - shape.early,
-        model_time=_find_model_time(shape, found),
+        model_time=model_time,
         used=used,
-        converged=fits,
+        converged=not reason,
         reason=reason,
     )
+
+
+def _find_reason(shape: _Shape, residual: float, model_time: float, used: float) -> str:
+    """Return why a law does not describe a curve, or cannot predict the rest of it."""
+    if used < 1.0:
+        last = shape.cross(used)
+        inside = int(np.count_nonzero((shape.time >= shape.early) & (shape.time <= last)))
+        if inside < CHECK_POINTS:
+            return (
+                f"there are {inside} points between 5 and {100 * used:g} % of the change: at least "
+                f"{CHECK_POINTS} are needed to predict the rest"
+            )
+    limit = MISFIT if used >= 1.0 else CHECK_MISFIT
+    if residual > max(limit * shape.change, shape.resolution):
+        share = 100.0 * residual / shape.change
+        return f"no law fits: the residual is {share:.1f} % of the change"
+    if not math.isfinite(model_time):
+        return "by the law the pressure never passes 90 % of the change"
+    return ""
 
 
 def _find_model_time(shape: _Shape, found: _Solution) -> float:
@@ -712,9 +740,8 @@ def _find_prior(fits: Sequence[CurveFit], law: str) -> Prior:
     prior: dict[str, tuple[float, float]] = {}
     for name in ("supply", *_SHARED):
         known = _CONSTANTS[name]
-        alike = [fit.constants[name] for fit in fits if name in fit.constants]
-        same = [fit.constants[name] for fit in fits if fit.law == law and name in fit.constants]
-        values = np.array(alike if name == "supply" else same or alike)
+        alike = [fit for fit in fits if fit.law == law or name == "supply"]
+        values = np.array([fit.constants[name] for fit in alike if name in fit.constants])
         if name not in _LAWS[law] or values.size == 0:
             continue
         values = np.log(values) if known.is_log else values

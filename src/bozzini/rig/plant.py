@@ -598,6 +598,7 @@ class Plant:
         self._supply = np.zeros(kernels.SUPPLY_COLUMNS)
         self._supply[kernels.RESERVOIR] = start + ATMOSPHERE
         self._supply[kernels.RESERVOIR_SENSOR] = start
+        self._supply[kernels.SUPPLY_SPOOL] = 1.0
         self.set_faults()
         self._draw_noise()
 
@@ -626,8 +627,9 @@ class Plant:
 
         Parameters
         ----------
-        duty : array_like, shape (6,)
-            Duties in [0, 1], averaged over the duration: fill 1 to 3, bleed 1 to 3.
+        duty : array_like, shape (6,) or (7,)
+            Duties in [0, 1], averaged over the duration: fill 1 to 3, bleed 1 to 3, and that of a
+            valve between reservoir and fill valves, which is open without it.
         duration : float
             Time to move on by, in (0, 3600] s.
 
@@ -637,8 +639,11 @@ class Plant:
             If a value is outside its legal range.
         """
         duties = check_array("duty", duty)
-        if duties.shape != (2 * MUSCLES,):
-            raise InputError(f"duty has shape {duties.shape}: it must be ({2 * MUSCLES},)")
+        if duties.shape == (2 * MUSCLES,):
+            duties = np.append(duties, 1.0)
+        if duties.shape != (2 * MUSCLES + 1,):
+            legal = f"({2 * MUSCLES},) or ({2 * MUSCLES + 1},)"
+            raise InputError(f"duty has shape {duties.shape}: it must be {legal}")
         check_range("duty", duties, 0.0, 1.0, slack=1e-9)
         span = check_number("duration", duration, low=0.0, low_open=True, high=3600.0, unit="s")
         count = math.ceil(span / self._step - 1e-9)

@@ -33,7 +33,7 @@ PRESSURE_LIMIT = 100.0
 def _find_nozzle_speed() -> float:
     g = HEAT_RATIO
     share = math.sqrt(g) * (2.0 / (g + 1.0)) ** ((g + 1.0) / (2.0 * (g - 1.0)))
-    return 1e3 * math.sqrt(GAS_CONSTANT * TEMPERATURE) * share
+    return float(1e3 * math.sqrt(GAS_CONSTANT * TEMPERATURE) * share)
 
 
 NOZZLE_SPEED = _find_nozzle_speed()

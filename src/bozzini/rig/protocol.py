@@ -27,7 +27,7 @@ __all__ = [
     "Disarm",
     "Echo",
     "EchoReply",
-    "Fault",
+    "Trip",
     "Frame",
     "FrameReader",
     "GetConfiguration",
@@ -37,7 +37,7 @@ __all__ = [
     "State",
     "Telemetry",
     "TelemetryInterval",
-    "Warning_",
+    "Notice",
     "decode_cobs",
     "decode_reply",
     "encode",
@@ -78,7 +78,7 @@ class State(IntEnum):
     FAULT = 3
 
 
-class Fault(IntFlag):
+class Trip(IntFlag):
     """Why the board has left `State.ARMED`; several may come together."""
 
     NONE = 0
@@ -90,7 +90,7 @@ class Fault(IntFlag):
     TRACKING = 32
 
 
-class Warning_(IntFlag):  # noqa: N801 - Warning is Python's own
+class Notice(IntFlag):
     """What the board reports without a trip."""
 
     NONE = 0
@@ -324,7 +324,7 @@ class Telemetry(Frame):
 
     Attributes
     ----------
-    state, faults, warnings : State, Fault, Warning_
+    state, faults, warnings : State, Trip, Notice
         State, all faults since the last `Clear`, and warnings now.
     is_supply_open : bool
         Whether the supply valve is energised.
@@ -354,8 +354,8 @@ class Telemetry(Frame):
     """
 
     state: State
-    faults: Fault
-    warnings: Warning_
+    faults: Trip
+    warnings: Notice
     is_supply_open: bool
     acknowledged: int
     reset_cause: int
@@ -384,8 +384,8 @@ class Telemetry(Frame):
         return cls(
             sequence=sequence,
             state=State(state),
-            faults=Fault(faults),
-            warnings=Warning_(warnings),
+            faults=Trip(faults),
+            warnings=Notice(warnings),
             is_supply_open=bool(supply),
             acknowledged=acknowledged,
             reset_cause=cause,
@@ -468,8 +468,12 @@ class Configuration(Frame):
         Error [MPa] that trips when it lasts [s].
     pwm_counts, jump : int
         Counts of the PWM period, and to cross a valve's dead zone.
-    proportional, integral, forward : float
-        Gains [counts/MPa, counts/(MPa s), counts s/MPa].
+    fill_time, bleed_time : float
+        Volume over area and speed of the flow through an open valve [s].
+    loop_time : float
+        Time in which an error is to decay [s].
+    integral : float
+        Gain of the integral [counts/(MPa s)].
     error_dead : float
         Error below which the valves stay shut [MPa].
     """
@@ -490,32 +494,41 @@ class Configuration(Frame):
     tracking_time: float
     pwm_counts: int
     jump: int
-    proportional: float
+    fill_time: float
+    bleed_time: float
+    loop_time: float
     integral: float
-    forward: float
     error_dead: float
 
-    layout: ClassVar[struct.Struct] = struct.Struct("<BBI17H")
+    layout: ClassVar[struct.Struct] = struct.Struct("<BBI18H")
 
     @classmethod
     def unpack(cls, sequence: int, payload: bytes) -> Configuration:
         """Return the configuration of a payload."""
         version, is_test, build_id, *values = cls.layout.unpack(payload)
-        units = (1, _HPA, _HPA, _HPA, 1e3 * _HPA, 1e-3, 1e-3, 1e-3, _HPA, _HPA, 1e-3)
-        scaled = [value * unit for value, unit in zip(values, units, strict=False)]
-        pwm_counts, jump, proportional, integral, forward, error_dead = values[len(units) :]
         return cls(
-            sequence,
-            version,
-            bool(is_test),
-            build_id,
-            *scaled,
-            pwm_counts=pwm_counts,
-            jump=jump,
-            proportional=proportional / 256 / _HPA,
-            integral=integral / 4096 / _HPA / 1e-3,
-            forward=forward / 16 * 1e-3 / _HPA,
-            error_dead=error_dead * _HPA,
+            sequence=sequence,
+            version=version,
+            is_test_build=bool(is_test),
+            build_id=build_id,
+            tick_rate=values[0],
+            setpoint_max=values[1] * _HPA,
+            arm_max=values[2] * _HPA,
+            overpressure=values[3] * _HPA,
+            slew_rate=values[4] * _HPA / 1e-3,
+            host_timeout=values[5] * 1e-3,
+            sensor_low=values[6] * 1e-3,
+            sensor_high=values[7] * 1e-3,
+            sensor_span=values[8] * _HPA,
+            tracking_error=values[9] * _HPA,
+            tracking_time=values[10] * 1e-3,
+            pwm_counts=values[11],
+            jump=values[12],
+            fill_time=values[13] * 1e-3,
+            bleed_time=values[14] * 1e-3,
+            loop_time=values[15] * 1e-3,
+            integral=values[16] / 4096 / _HPA / 1e-3,
+            error_dead=values[17] * _HPA,
         )
 
 

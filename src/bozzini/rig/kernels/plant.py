@@ -16,8 +16,8 @@ from .orifice import find_flow
 LINE, MUSCLE, FILL_SPOOL, FILL_PLAY, BLEED_SPOOL, BLEED_PLAY, SENSOR = range(7)
 CHANNEL_COLUMNS = 7
 # Entries of the state of the supply.
-RESERVOIR, COMPRESSOR, RESERVOIR_SENSOR, GAS_IN, GAS_OUT = range(5)
-SUPPLY_COLUMNS = 5
+RESERVOIR, COMPRESSOR, RESERVOIR_SENSOR, GAS_IN, GAS_OUT, SUPPLY_SPOOL = range(6)
+SUPPLY_COLUMNS = 6
 # Columns of the faults of a channel.
 STUCK, LEAK, LINE_OPEN = range(3)
 
@@ -89,6 +89,7 @@ def advance(channels, supply, duty, faults, volumes, design, count, dt):
         pumped = 0.0
         if supply[COMPRESSOR] > 0.0:
             pumped = compressor_flow * max(1.0 - gauge / compressor_limit, 0.0)
+        supply[SUPPLY_SPOOL] += valve_share * (duty[2 * muscles] - supply[SUPPLY_SPOOL])
         drawn = find_flow(reservoir_leak, reservoir, atmosphere, critical)
         lost = drawn
         for k in range(muscles):
@@ -100,6 +101,8 @@ def advance(channels, supply, duty, faults, volumes, design, count, dt):
             opening = open_valve(state[FILL_PLAY], dead_zone, valve_leak)
             if faults[k, STUCK] >= 0.0:
                 opening = faults[k, STUCK]
+            # The supply valve is wide, with little volume behind it: it only scales the flow.
+            opening *= supply[SUPPLY_SPOOL]
             bleeding = open_valve(state[BLEED_PLAY], dead_zone, valve_leak)
             line, inside = state[LINE], state[MUSCLE]
             fill = find_flow(opening * fill_choked, reservoir, line, critical)
