@@ -36,6 +36,7 @@
 /* ---- Pressure controller ------------------------------------------------------------------ */
 #define BZ_SETPOINT_MAX 8270    /* [hPa] 827 kPa, largest legal set-point */
 #define BZ_SLEW 30              /* [hPa/ms] largest rate of the reference, 3 kPa/ms */
+#define BZ_SLEW_SHAPED 100      /* [hPa/ms] the same while a feed-forward from the host holds */
 #define BZ_FILL_TIME 76l        /* [ms] volume / (area of an open valve x 199 m/s) (assumed) */
 #define BZ_BLEED_TIME 76l       /* [ms] the same for the bleed valve (assumed) */
 #define BZ_LOOP_TIME 32l        /* [ms] in which an error is to decay; a divisor of 256 */

@@ -26,10 +26,11 @@ from .common import (
     clean_json,
     format_csv,
     format_rows,
+    option,
     options_of,
     run_exit,
 )
-from .muscle_options import CHOICES, FIELDS, Request, one_model_options, option
+from .muscle_options import CHOICES, FIELDS, Request, one_model_options
 
 if TYPE_CHECKING:
     from ..effector import Effector

@@ -1,7 +1,8 @@
-"""Model-based feed-forward: valve openings for a rate of pressure, from a model of the plant."""
+"""Model-based feed-forward: the valve openings that bring the pressures to their set-points."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -9,31 +10,38 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_number
+from .kernels import plant as kernels
 from .plant import MUSCLES, Chamber, PlantDesign
 from .pneumatics import ATMOSPHERE
-from .protocol import FEEDFORWARD_COUNTS, Configuration, SetPoint, Telemetry
+from .protocol import SETPOINT_MAX, Configuration, SetPoint, Telemetry
 
 Floats = NDArray[np.float64]
 
-USED_SHARE = 0.9
-"""Of the fastest rate that a valve gives; the rest is left to the board's controller."""
-APPROACH_TIME = 0.01
-"""Within this time of their end set-points approach it exponentially [s]."""
-LINE_DELAY = 4e-3
-"""Between a measurement and the opening that answers it [s]: frames both ways, two ticks."""
-CORRECTION_TIME = 0.05
-"""Time within which an error between set-point and pressure is to be made up for [s]."""
-SMALLEST_FLOW = 1e-6
-"""pV flow [MPa mm^3/s] below which a valve counts as unable to move the pressure."""
+LINE_DELAY = 3e-3
+"""From a measurement through the host to the opening that answers it [s], without the waiting:
+frames both ways and two ticks of the board."""
+APPROACH_TIME = 0.007
+"""Within this time the predicted pressure approaches its set-point exponentially [s]."""
+FAR, NEAR = 10e-3, 4e-3
+"""Distances from the set-point at which a move begins and at which it is left to the board [MPa]."""
+SMALLEST_REFERENCE = 1e-4
+"""Above 0 [MPa], at which the board opens the bleed valve."""
+CORRECTION_SHARE = 0.3
+"""Of the difference between measurement and model, taken over from each telemetry."""
+OPENINGS = 12
+"""Duties of each valve that are tried."""
 
 
 class Feedforward:
-    """Shapes set-points into ramps and adds the valve openings that the ramps need.
+    """Opens the valves by a model of the plant, and tells the board what pressure to expect.
 
-    The flow that a rate of pressure needs follows from the volumes of line and muscle, and the
-    change of the muscle's volume; the opening from the flow through an ISO 6358 orifice between
-    the pressures at hand; the duty from the valve's dead zone, play and lag. What the model does
-    not know the board's own controller corrects.
+    Each period a model of valves, lines and muscles is moved on under the duties that were sent,
+    and corrected by the measurement, compared with what the model had a delay before. From there
+    it is predicted where the pressures come to rest if the valves get a duty for one period and are
+    shut then: lag, play and dead zone of the valves, the flow at the pressures at hand and the
+    volume of the muscle are in it. The duty is chosen that lets them come to rest nearer to the
+    set-points, and at them in the end. The board gets the duty as its feed-forward and the model's
+    pressure as its set-point: its own controller, which has no delay, corrects the difference.
 
     Parameters
     ----------
@@ -43,13 +51,15 @@ class Feedforward:
         The model of the muscles.
     board : Configuration
         The board's limits.
+    period : float
+        Of the host [s].
     rate : float, optional
-        Largest rate of the set-points [MPa/s], at most the board's slew rate, which is the default.
+        Largest rate of the pressures [MPa/s]; by default the board's `shaped_slew_rate`.
 
     Raises
     ------
     InputError
-        If the rate is not legal.
+        If the period or the rate is not legal.
     """
 
     def __init__(
@@ -58,18 +68,33 @@ class Feedforward:
         chambers: Sequence[Chamber],
         board: Configuration,
         *,
+        period: float,
         rate: float | None = None,
     ) -> None:
-        most = board.slew_rate
+        most = board.shaped_slew_rate
         given = most if rate is None else rate
         self.rate = check_number("rate", given, low=0.0, low_open=True, high=most, unit="MPa/s")
-        self.design, self.chambers = design, tuple(chambers)
+        self.period = check_number("period", period, low=1e-3, high=0.05, unit="s")
         self._dead = board.error_dead
         self._jump = board.jump / board.pwm_counts
-        self._reference: Floats | None = None
-        self._time = 0.0
-        self.delay = design.valve_lag + design.sensor_lag + LINE_DELAY
-        self._past: deque[tuple[float, Floats]] = deque()
+        self._half_play = 0.5 * design.valve_hysteresis
+        self._packed = tuple(map(float, design.pack(float(chambers[0].pressure[1]))))
+        self._volumes = np.array([chamber.volume for chamber in chambers])
+        self._step = 2.0 * design.find_step(chambers)
+        shutting = max(design.valve_dead_zone - self._half_play, 0.05)
+        self._coast = 1e-3 - design.valve_lag * math.log(shutting)
+        self._tries = np.concatenate(
+            [[0.0], np.linspace(self._jump + 1.0 / board.pwm_counts, 1.0, OPENINGS)]
+        )
+        self._channels = np.zeros((MUSCLES, kernels.CHANNEL_COLUMNS))
+        self._supply = np.zeros(kernels.SUPPLY_COLUMNS)
+        self._supply[kernels.SUPPLY_SPOOL] = 1.0
+        self._duty = np.zeros(2 * MUSCLES)
+        self._is_moving = np.zeros(MUSCLES, dtype=bool)
+        self._target = np.zeros(MUSCLES)
+        self._past: deque[tuple[float, Floats]] = deque(maxlen=64)
+        self._offset = math.inf
+        self._heard = -math.inf
 
     def shape(self, time: float, wanted: ArrayLike, board: Telemetry) -> SetPoint:
         """Return the set-points of a period and the feed-forward for them.
@@ -84,70 +109,116 @@ class Feedforward:
             The last telemetry.
         """
         target = check_array("wanted", wanted)
-        if self._reference is None:
-            self._reference, self._time = np.maximum(board.pressures, 0.0), time
-            self._past.append((time, self._reference))
-        span = max(time - self._time, 1e-4)
-        fastest = self.find_rates(self._reference, board.reservoir_pressure)
-        limits = np.minimum(USED_SHARE * fastest, self.rate)
-        rates = np.clip(
-            (target - self._reference) / max(span, APPROACH_TIME), -limits[1], limits[0]
+        self._follow(time, board)
+        stops = self._predict_stops()
+        rest = stops[:, 0]
+        away = target - rest
+        self._is_moving = np.abs(away) > np.where(self._is_moving, NEAR, FAR)
+        most = self.rate * self.period
+        share = -math.expm1(-self.period / APPROACH_TIME)
+        move = np.clip(np.where(self._is_moving, share * away, target - self._target), -most, most)
+        self._target = target
+        duty = self._find_duties(stops, rest + move)
+        middle = self._channels.copy()
+        self._advance(middle, self._supply.copy(), duty, self._volumes, 0.5 * self.period)
+        # What is not left to the valves is left to the board, at rest with a reference at rest.
+        reference = middle[:, kernels.SENSOR] + np.where(self._is_moving, 0.0, away - move)
+        is_held = ~self._is_moving & (np.abs(reference - target) < self._dead)
+        reference = np.where(is_held, target, reference)
+        reference = np.clip(reference, SMALLEST_REFERENCE, SETPOINT_MAX)
+        is_empty = (target == 0.0) & ~self._is_moving
+        reference[is_empty] = 0.0  # the board opens the bleed valve
+        duty[:MUSCLES][is_empty], duty[MUSCLES:][is_empty] = 0.0, 1.0
+        self._duty = duty
+        beyond = np.maximum(duty - self._jump, 0.0)
+        return SetPoint(
+            tuple(reference.tolist()), tuple((beyond[:MUSCLES] - beyond[MUSCLES:]).tolist())
         )
-        error = self._recall(time - self.delay) - np.array(board.pressures)
-        rates_asked = rates + np.where(np.abs(error) > self._dead, error / CORRECTION_TIME, 0.0)
-        shares = self._find_shares(rates_asked / np.where(rates_asked >= 0.0, *fastest))
-        self._reference = self._reference + rates * span
-        self._time = time
-        self._past.append((time, self._reference))
-        return SetPoint(tuple(self._reference.tolist()), tuple(shares.tolist()))
 
-    def _recall(self, time: float) -> Floats:
-        """Return the reference at a past time [s], or the oldest that is kept."""
-        while len(self._past) > 1 and self._past[1][0] <= time:
-            self._past.popleft()
-        return self._past[0][1]
+    def _find_duties(self, stops: Floats, goal: Floats) -> Floats:
+        """Return the duties (6,) that let the pressures come to rest at a goal [MPa]."""
+        duty = np.zeros(2 * MUSCLES)
+        for k, (row, end) in enumerate(zip(stops, goal, strict=True)):
+            if end == row[0]:
+                continue
+            if end > row[0]:
+                index, reached = k, row[: OPENINGS + 1]
+            else:
+                index, end = MUSCLES + k, -end
+                reached = -np.delete(row, slice(1, OPENINGS + 1))
+            found = float(np.interp(end, reached, self._tries))
+            if found < self._tries[1]:  # the board gives the jump or nothing
+                found = self._tries[1] if 2.0 * found > self._tries[1] else 0.0
+            duty[index] = found
+        return duty
 
-    def find_rates(self, pressures: ArrayLike, supply: float) -> Floats:
-        """Return how fast pressures rise and fall through a valve that is fully open.
+    def _follow(self, time: float, board: Telemetry) -> None:
+        """Move the model on to a time, and correct it by the telemetry."""
+        measured = np.array(board.pressures)
+        if not self._past:
+            self._start(board)
+        else:
+            self._advance(
+                self._channels, self._supply, self._duty, self._volumes, time - self._past[-1][0]
+            )
+        self._past.append((time, self._channels[:, kernels.SENSOR].copy()))
+        self._supply[kernels.RESERVOIR] = board.reservoir_pressure + ATMOSPHERE
+        self._offset = min(self._offset, time - board.time)
+        if board.time <= self._heard:
+            return
+        self._heard = board.time
+        then = board.time + self._offset - LINE_DELAY
+        times = [entry[0] for entry in self._past]
+        expected = [np.interp(then, times, [entry[1][k] for entry in self._past]) for k in range(3)]
+        change = CORRECTION_SHARE * (measured - expected)
+        self._channels[:, [kernels.LINE, kernels.MUSCLE, kernels.SENSOR]] += change[:, None]
+        for _, sensor in self._past:
+            sensor += change
 
-        Parameters
-        ----------
-        pressures : (3,) array_like
-            Gauge pressures [MPa].
-        supply : float
-            Gauge pressure of the reservoir [MPa].
+    def _start(self, board: Telemetry) -> None:
+        """Put the model at the state that the telemetry shows."""
+        self._target = np.array(board.pressures)
+        channels = self._channels
+        channels[:, kernels.SENSOR] = board.pressures
+        channels[:, [kernels.LINE, kernels.MUSCLE]] = (
+            np.array(board.pressures)[:, None] + ATMOSPHERE
+        )
+        channels[:, kernels.FILL_SPOOL] = board.fill
+        channels[:, kernels.BLEED_SPOOL] = board.bleed
+        for spool, play in (
+            (kernels.FILL_SPOOL, kernels.FILL_PLAY),
+            (kernels.BLEED_SPOOL, kernels.BLEED_PLAY),
+        ):
+            channels[:, play] = np.maximum(channels[:, spool] - self._half_play, 0.0)
 
-        Returns
-        -------
-        (2, 3) ndarray
-            Rates of rise and of fall, both positive [MPa/s].
-        """
-        design = self.design
-        at = check_array("pressures", pressures)
-        inside = at + ATMOSPHERE
-        volume, slope = np.array(
-            [_look_up(chamber, value) for chamber, value in zip(self.chambers, at, strict=True)]
-        ).T
-        capacity = (design.line_volume + volume) / design.exponent + inside * slope
-        flows = [
-            design.fill_valve.flow(np.full(MUSCLES, supply + ATMOSPHERE), inside),
-            design.bleed_valve.flow(inside, np.full(MUSCLES, ATMOSPHERE)),
-        ]
-        return np.asarray(np.maximum(flows, SMALLEST_FLOW) / capacity)
+    def _predict_stops(self) -> Floats:
+        """Return where pressures come to rest [MPa]: (3, 1 + 2 n), shut, fill valve, bleed valve."""
+        count = 2 * OPENINGS + 1
+        many = np.repeat(self._channels, count, axis=0)
+        fill, bleed = np.zeros((2, MUSCLES, count))
+        fill[:, 1 : OPENINGS + 1] = self._tries[1:]
+        bleed[:, OPENINGS + 1 :] = self._tries[1:]
+        duty = np.concatenate([fill.ravel(), bleed.ravel()])
+        volumes = np.repeat(self._volumes, count, axis=0)
+        supply = self._supply.copy()
+        self._advance(many, supply, duty, volumes, self.period)
+        self._advance(many, supply, np.zeros_like(duty), volumes, self._coast)
+        return np.asarray(many[:, kernels.LINE].reshape(MUSCLES, count) - ATMOSPHERE)
 
-    def _find_shares(self, opening: Floats) -> Floats:
-        """Return the feed-forward as the board takes it: duty beyond the jump, signed."""
-        design = self.design
-        duty = np.abs(opening) * (1.0 - design.valve_dead_zone) + design.valve_dead_zone
-        duty += 0.5 * design.valve_hysteresis
-        share = np.clip(duty, self._jump + 1.0 / FEEDFORWARD_COUNTS, 1.0) - self._jump
-        return np.asarray(np.where(opening == 0.0, 0.0, np.sign(opening) * share))
-
-
-def _look_up(chamber: Chamber, pressure: float) -> tuple[float, float]:
-    """Return the volume [mm^3] and its slope [mm^3/MPa] at a gauge pressure [MPa]."""
-    cell = chamber.pressure[1]
-    low, high = np.interp(
-        [pressure - 0.5 * cell, pressure + 0.5 * cell], chamber.pressure, chamber.volume
-    )
-    return 0.5 * (low + high), (high - low) / cell
+    def _advance(
+        self, channels: Floats, supply: Floats, duty: Floats, volumes: Floats, span: float
+    ) -> None:
+        """Move channels on by a time [s] without faults."""
+        count = math.ceil(span / self._step)
+        if count > 0:
+            faults = np.tile([-1.0, 0.0, 1.0], (len(channels), 1))
+            kernels.advance(
+                channels,
+                supply,
+                np.append(duty, 1.0),  # the supply valve is open
+                faults,
+                volumes,
+                self._packed,
+                count,
+                span / count,
+            )

@@ -28,7 +28,6 @@ from .protocol import (
     Disarm,
     Echo,
     EchoReply,
-    Fault,
     Frame,
     FrameReader,
     GetConfiguration,
@@ -38,6 +37,7 @@ from .protocol import (
     State,
     Telemetry,
     TelemetryInterval,
+    Trip,
 )
 
 if TYPE_CHECKING:
@@ -537,9 +537,9 @@ class Host:
         return State.BOOT if self.telemetry is None else self.telemetry.state
 
     @property
-    def faults(self) -> Fault:
+    def faults(self) -> Trip:
         """The board's faults, as last reported."""
-        return Fault.NONE if self.telemetry is None else self.telemetry.faults
+        return Trip.NONE if self.telemetry is None else self.telemetry.faults
 
     def pause(self) -> None:
         """Let a little time pass, and take what has come from the board."""
@@ -599,18 +599,17 @@ class _Loop:
         """Run all periods, or up to a fault."""
         host, link = self.host, self.host.link
         begin = self.begin = link.now
-        command = SetPoint((0.0, 0.0, 0.0))
         while self.done < self.count and not self.stop.is_set():
             due = begin + self.done * host.period
             link.wait(due)
             now = link.now
             host.receive()
-            host.send(command)
             told = host.telemetry
             if told is None or told.state is not State.ARMED:
                 self.reason = f"the board has left ARMED{host.describe_state()}"
                 return
             command, more = self.control(now - begin, told)
+            host.send(command)
             self.ticks.append(now - begin)
             self.rows.append(_list_columns(now - begin, command, told) | more)
             behind = now - due
@@ -662,6 +661,6 @@ def _list_columns(time: float, command: SetPoint, told: Telemetry) -> Json:
     return columns
 
 
-def describe_faults(faults: Fault) -> str:
+def describe_faults(faults: Trip) -> str:
     """Return the names of faults, empty if there is none."""
-    return ", ".join(str(fault.name).lower() for fault in Fault if fault & faults)
+    return ", ".join(str(fault.name).lower() for fault in Trip if fault & faults)

@@ -11,7 +11,7 @@ from ..results import Json, Result
 from .firmware import find_build_id
 from .host import Host, HostRun, describe_faults
 from .link import Link
-from .protocol import Arm, Fault, Outcome, Reply, SetPoint, State, encode
+from .protocol import Arm, Outcome, Reply, SetPoint, State, Trip, encode
 
 ECHOES = 100
 """Round trips that are timed."""
@@ -101,7 +101,7 @@ def check_board(link: Link, *, progress: Progress = no_progress) -> SelfTest:
     while host.state is State.ARMED and link.now < begin + 1.0:
         host.pause()
     took = 1e3 * (link.now - begin)
-    right = host.state is State.FAULT and host.faults is Fault.HOST and took < SILENCE_LIMIT_MS
+    right = host.state is State.FAULT and host.faults is Trip.HOST and took < SILENCE_LIMIT_MS
     found = f"{host.state.name} ({describe_faults(host.faults)}) after {took:.0f} ms"
     add("silence of the host", right, found, f"FAULT (host) within {SILENCE_LIMIT_MS:.0f} ms")
     host.clear()

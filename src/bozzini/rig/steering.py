@@ -6,6 +6,8 @@ import numpy as np
 
 from ..effector import Effector, Stick, find_stick_scale, steer
 from ..results import Json
+from .feedforward import Feedforward
+from .hysteresis import HysteresisCompensator
 from .protocol import SETPOINT_MAX, SetPoint, Telemetry
 from .stick import StickSource
 
@@ -22,10 +24,22 @@ class Steering:
         The end-effector, of three muscles in the order of the board's.
     source : StickSource
         The stick.
+    feedforward : Feedforward, optional
+        Opens the valves for the set-points; without, the board's controller alone does.
+    compensator : HysteresisCompensator, optional
+        Of muscles with hysteresis.
     """
 
-    def __init__(self, effector: Effector, source: StickSource) -> None:
+    def __init__(
+        self,
+        effector: Effector,
+        source: StickSource,
+        *,
+        feedforward: Feedforward | None = None,
+        compensator: HysteresisCompensator | None = None,
+    ) -> None:
         self.effector, self.source = effector, source
+        self.feedforward, self.compensator = feedforward, compensator
         self.stick = Stick(dead_zone=DEAD_ZONE_COUNTS)
         self.limit = effector.design.pressure_limit
         self.scale = find_stick_scale(effector)
@@ -35,11 +49,17 @@ class Steering:
         raw = self.source.read(time, np.array(board.stick, dtype=np.float64))
         found = steer(self.effector, raw, stick=self.stick, scale=self.scale)
         pressures = np.clip(found.pressures, 0.0, SETPOINT_MAX)
-        tip = self.effector.forward(np.clip(board.pressures, 0.0, self.limit)).lateral_vector
+        measured = np.clip(board.pressures, 0.0, self.limit)
+        if self.compensator is not None:
+            measured = self.compensator.observe(measured)
+            pressures = self.compensator.compensate(pressures)
+        tip = self.effector.forward(measured).lateral_vector
         columns = {
             "target_x_mm": float(found.delivered[0]),
             "target_y_mm": float(found.delivered[1]),
             "tip_x_mm": float(tip[0]),
             "tip_y_mm": float(tip[1]),
         }
+        if self.feedforward is not None:
+            return self.feedforward.shape(time, pressures, board), columns
         return SetPoint(tuple(pressures.tolist())), columns
