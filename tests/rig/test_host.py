@@ -32,7 +32,7 @@ from bozzini.rig import (
 )
 from bozzini.rig import host as host_module
 from bozzini.rig.plant import CHAMBER_POINTS, CHAMBER_PRESSURE, Chamber, Fault
-from bozzini.rig.protocol import Fault as Cause
+from bozzini.rig.protocol import Trip
 from bozzini.rig.protocol import SetPoint, State
 
 pytestmark = pytest.mark.usefixtures("toolchain")
@@ -263,7 +263,7 @@ def test_a_silent_host_over_a_port_is_noticed(port):
     while host.state is State.ARMED and time.monotonic() < begin + 5.0:
         host.pause()
     link.close()
-    assert host.faults is Cause.HOST
+    assert host.faults is Trip.HOST
     assert time.monotonic() - begin > 0.08
 
 
