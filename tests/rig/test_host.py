@@ -204,9 +204,8 @@ def test_the_board_vents_after_every_fault():
     assert found.converged, found.reason
     assert table.loc["host silent", "vent_ms"] <= 105.0
     assert table.loc[["sensor open", "sensor short"], "vent_ms"].max() <= 10.0
-    # More air comes through the stuck valve than the bleed valve of its size lets go.
-    assert table.loc["fill valve stuck", "left_kPa"] > 500.0
-    assert table.drop("fill valve stuck")["left_kPa"].max() < 20.0
+    assert table["peak_kPa"].max() < 900.0
+    assert table["left_kPa"].max() < 20.0  # a stuck fill valve too: the supply valve is shut
 
 
 def test_the_tip_follows_the_stick_of_the_board():
