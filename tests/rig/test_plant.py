@@ -170,13 +170,16 @@ def test_pipette_delays_the_muscle_by_its_own_time_constant() -> None:
     wide = dataclasses.replace(IDEAL, pipette_length=30.0, pipette_bore=0.1)
     plant = Plant(RIGID, wide)
     plant.set_pressures(0.5)
-    plant._channels[:, 1] -= 0.01
+    plant.set_faults(Fault("line blocked", 0))
+    plant.step(BLEED, 5e-4)
+    plant.set_faults()
     before = plant.line_pressures[0] - plant.pressures[0]
     # Poiseuille: 128 mu L V / (pi d^4 p), both ends of the line taken together.
     tau = 128 * 1.82e-11 * 30.0 * 15.0 / (math.pi * 0.1**4 * (0.5 + ATMOSPHERE))
     tau /= 1.0 + 15.0 / wide.line_volume
     plant.step(np.zeros(6), tau)
     after = plant.line_pressures[0] - plant.pressures[0]
+    assert abs(before) > 1e-3
     assert after / before == pytest.approx(math.exp(-1.0), rel=0.02)
 
 

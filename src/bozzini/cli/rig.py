@@ -2,34 +2,41 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shlex
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from ..errors import InputError
-from ._muscle_options import option
+from ..rig.stairs import Stairs
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
     QuantityType,
     answer_options,
+    check_target,
     clean_json,
     format_csv,
     format_rows,
+    option,
+    options_of,
     run_exit,
 )
+from .muscle_options import CHOICES, FIELDS, Request, one_model_options
 
 if TYPE_CHECKING:
     from ..effector import Effector
     from ..results import Result
     from ..rig import Cosimulation, Link
+    from ..rig.emulate import BoardKind
     from ..rig.identify import CurveFit, Identification
 
 BOARDS = ("emulated", "native")
@@ -257,25 +264,104 @@ def selftest_command(port: str | None, board: Any, answer: Answer) -> None:
     _end(found)
 
 
-@command.command("flash")
-@option("--port PORT", "Of the board, such as /dev/ttyACM0.", required=True)
-@option("--run run", "Run the command, instead of showing it.", is_flag=True)
-@answer_options(quiet=False)
-def flash_command(port: str, run: bool, answer: Answer) -> None:
-    """Build the firmware and show the command that writes it to a board; --run runs it."""
-    from ..rig.firmware import build
+@command.command("characterise")
+@port_option
+@board_option
+@seed_option
+@one_model_options
+@option(
+    "--reading-error LENGTH",
+    "Standard deviation of a reading of the plant's contraction.",
+    "length",
+    default="0.05mm",
+)
+@options_of(Stairs, "stairs")
+@option("--hook PROGRAM", "Takes a picture at each step, see above.")
+@option("--hook-timeout TIME", "Longest time a picture may take.", "time", default="10s")
+@option("--plot FILE", "A picture of the curve.", click.Path(path_type=Path))
+@answer_options(".csv", ".parquet", required=True, help="The table (.csv, .parquet).")
+def characterise_command(
+    port: str | None,
+    board: BoardKind,
+    seed: int,
+    asked: Request,
+    reading_error: float,
+    stairs: Stairs,
+    hook: str | None,
+    hook_timeout: float,
+    plot: Path | None,
+    answer: Answer,
+) -> None:
+    """Move a muscle's pressure up and down in stairs, and measure it at each step.
 
-    words = f"avrdude -p atmega2560 -c wiring -b 115200 -D -P {shlex.quote(port)}"
-    line = f"{words} -U flash:w:{shlex.quote(str(build('firmware.hex')))}:i"
-    answer.give({"command": line, "run": run}, line)
-    if not run:
-        return
+    Without --port the rig is an emulated one with the muscle and model that the options describe,
+    and its contraction is read there. The table is what 'bozzini muscle fit' takes. Steps that do
+    not settle are flagged in it.
+
+    PROGRAM is run at the end of each step, without a shell, such as --hook 'camera --to {file}'.
+    {file} is the picture to write, {pressure} the set-point in MPa, {direction} inflating or
+    deflating, {repeat} the number of the repeat. The pictures go to a directory beside the table,
+    with a manifest.csv for 'bozzini vision length'. If PROGRAM fails, the step is flagged.
+
+    When it is interrupted it vents and writes what was measured.
+
+    Exit code 0: all steps settled; 1: some are flagged, or the board left its armed state; 2: bad
+    input.
+    """
+    from ..rig import Host, LockstepLink, SerialLink, emulate_rig
+    from ..rig.characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
+    from ..rig.plant import Chamber
+
+    table = answer.target
+    check_target(plot, PICTURES, force=answer.force)
+    camera, gauge = None, None
+    if hook is not None:
+        pictures = table.with_name(f"{table.stem}-pictures")
+        camera = PictureHook(command=hook, folder=pictures, timeout=hook_timeout)
+    elif port is not None:
+        raise InputError("--port needs --hook: nothing else measures the muscle's length")
+    if port is not None:
+        _refuse_options(("board", "seed", "reading_error", "preset", "settings", *CHOICES, *FIELDS))
+        link: Link = SerialLink(port)
+    else:
+        model = asked.build(pressure=stairs.highest)
+        rig = emulate_rig(Chamber.from_model(model, stairs.load), board=board, seed=seed)
+        link = LockstepLink(rig)
+        gauge = PlantGauge(rig.plant, stairs.muscle, deviation=reading_error, seed=seed)
+
+    def save(found: Characterisation) -> None:
+        found.save(table)
+        if any(row.image for row in found.rows) and camera is not None:
+            found.save_pictures(camera.folder / "manifest.csv")
+
     try:
-        code = subprocess.run(shlex.split(line)).returncode
-    except FileNotFoundError:
-        raise InputError("avrdude is not installed; on Debian: apt-get install avrdude") from None
-    if code:
-        run_exit(EXIT_NEGATIVE)
+        host = Host(link)
+        host.connect()
+        with answer.show_progress() as progress:
+            found = characterise_muscle(
+                host, stairs, gauge=gauge, hook=camera, keep=save, progress=progress
+            )
+    finally:
+        link.close()
+    save(found)
+    if plot is not None:
+        dataclasses.replace(answer, out=plot).draw(found.plot)
+    result = {**found.to_dict(), "file": table, "pictures": camera and camera.folder}
+    answer.give(
+        result,
+        f"{table}: {len(found.rows)} steps, {found.flagged} flagged; pressure off its set-point by "
+        f"{1e3 * found.residual:.1f} kPa at most",
+    )
+    _end(found)
+
+
+def _refuse_options(names: Sequence[str]) -> None:
+    """Refuse options that were given but have no effect with --port."""
+    context = click.get_current_context()
+    for item in context.command.params:
+        given = context.get_parameter_source(item.name or "") is ParameterSource.COMMANDLINE
+        if item.name in names and given:
+            raise InputError(f"{item.opts[0]} has no effect with --port: leave it out")
 
 
 @command.command("identify")
@@ -325,7 +411,6 @@ def identify_command(
 
     Exit code 0: a law describes each curve within 3 % of its change; 1: not; 2: bad input.
     """
-    from ..errors import InputError
     from ..rig.curves import read_curve
     from ..rig.identify import CHECK_SHARE, find_kind, identify_fill, identify_leak
 
@@ -355,8 +440,70 @@ def identify_command(
         "notes": found.notes,
         "file": answer.out,
     }
-    answer.give(result, _format_identification(found))
+    answer.give(result, _format_fits(found))
     if not found.converged:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _describe_fit(fit: CurveFit) -> dict[str, object]:
+    return {
+        **fit.list_row(),
+        "standard_errors": fit.standard_errors,
+        "undetermined": fit.undetermined,
+    }
+
+
+def _format_fits(found: Identification) -> str:
+    head = ["curve", "law", "residual [kPa]", "t90 measured [s]", "by the law [s]", "error"]
+    head += ["time constant [s]"]
+    rows = [
+        [
+            fit.curve.name + (f" (check, to {100 * fit.used:g} %)" if fit.used < 1.0 else ""),
+            fit.law,
+            f"{1e3 * fit.residual:.1f}",
+            f"{fit.measured_time:.4g}",
+            f"{fit.model_time:.4g}",
+            f"{100 * fit.time_error:+.1f} %",
+            f"{fit.constants['time constant']:.4g}",
+        ]
+        for fit in (*found.fits, *found.checks)
+    ]
+    lines = [f"{found.kind}: t90 is the time from 5 to 90 % of the change", format_rows(head, rows)]
+    lines += [
+        f"{fit.curve.name}: not determined: {', '.join(fit.undetermined)}"
+        for fit in found.fits
+        if fit.undetermined
+    ]
+    lines += [f"note: {note}" for note in found.notes]
+    lines += [f"warning: {text}" for text in found.reason.split("; ") if text]
+    return "\n".join(lines)
+
+
+@command.command("flash")
+@option("--port PORT", "Of the board, such as /dev/ttyACM0.", required=True)
+@option(
+    "--programmer NAME",
+    "Of avrdude: wiring for the boot loader of an Arduino Mega; usbasp, avrispmkii and others for "
+    "ISP, which keeps the latched fault after a watchdog reset.",
+    default="wiring",
+)
+@option("--run run", "Run the command, instead of showing it.", is_flag=True)
+@answer_options(quiet=False)
+def flash_command(port: str, programmer: str, run: bool, answer: Answer) -> None:
+    """Build the firmware and show the command that writes it to a board; --run runs it."""
+    from ..rig.firmware import build
+
+    words = f"avrdude -p atmega2560 -c {shlex.quote(programmer)} -P {shlex.quote(port)}"
+    words += " -b 115200 -D" if programmer == "wiring" else ""
+    line = f"{words} -U flash:w:{shlex.quote(str(build('firmware.hex')))}:i"
+    answer.give({"command": line, "run": run}, line)
+    if not run:
+        return
+    try:
+        code = subprocess.run(shlex.split(line)).returncode
+    except FileNotFoundError:
+        raise InputError("avrdude is not installed; on Debian: apt-get install avrdude") from None
+    if code:
         run_exit(EXIT_NEGATIVE)
 
 
@@ -385,37 +532,3 @@ def _describe_circle(run: Any) -> str:
         if run.tip_errors.size
         else "no target of the tip in this run"
     )
-
-
-def _describe_fit(fit: CurveFit) -> dict[str, object]:
-    return {
-        **fit.list_row(),
-        "standard_errors": fit.standard_errors,
-        "undetermined": fit.undetermined,
-    }
-
-
-def _format_identification(found: Identification) -> str:
-    head = ["curve", "law", "residual [kPa]", "t90 measured [s]", "by the law [s]", "error"]
-    head += ["time constant [s]"]
-    rows = [
-        [
-            fit.curve.name + (f" (check, to {100 * fit.used:g} %)" if fit.used < 1.0 else ""),
-            fit.law,
-            f"{1e3 * fit.residual:.1f}",
-            f"{fit.measured_time:.4g}",
-            f"{fit.model_time:.4g}",
-            f"{100 * fit.time_error:+.1f} %",
-            f"{fit.constants['time constant']:.4g}",
-        ]
-        for fit in (*found.fits, *found.checks)
-    ]
-    lines = [f"{found.kind}: t90 is the time from 5 to 90 % of the change", format_rows(head, rows)]
-    lines += [
-        f"{fit.curve.name}: not determined: {', '.join(fit.undetermined)}"
-        for fit in found.fits
-        if fit.undetermined
-    ]
-    lines += [f"note: {note}" for note in found.notes]
-    lines += [f"warning: {text}" for text in found.reason.split("; ") if text]
-    return "\n".join(lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .board import NativeBoard
+from .characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
 from .cosimulation import Board, Cosimulation, CosimulationRecord
 from .curves import PressureCurve, read_curve, take_curve
 from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
@@ -17,6 +18,7 @@ from .link import Link, LockstepLink, SerialLink
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
 from .pneumatics import ATMOSPHERE, Orifice
 from .selftest import SelfTest, check_board
+from .stairs import Stairs
 from .steering import Steering
 from .stick import BoardStick, GamepadStick, ScriptedStick, StickSource, make_stick
 
@@ -26,6 +28,7 @@ __all__ = [
     "Board",
     "BoardStick",
     "Chamber",
+    "Characterisation",
     "CircleRun",
     "Cosimulation",
     "CosimulationRecord",
@@ -45,17 +48,21 @@ __all__ = [
     "LockstepLink",
     "NativeBoard",
     "Orifice",
+    "PictureHook",
     "Plant",
     "PlantDesign",
+    "PlantGauge",
     "PressureCurve",
     "Replay",
     "ScriptedStick",
     "SelfTest",
     "SerialLink",
+    "Stairs",
     "Steering",
     "StepResponses",
     "StickSource",
     "ToolchainError",
+    "characterise_muscle",
     "check_board",
     "emulate_rig",
     "emulated_port",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -71,7 +72,7 @@ class LockstepLink:
 
     def wait(self, until: float) -> None:
         """Simulate up to a time [s], in whole periods of the co-simulation."""
-        count = round((until - self.now) / self.rig.period)
+        count = math.ceil((until - self.now) / self.rig.period - 1e-6)
         if count > 0:
             self.records.append(self.rig.run(count * self.rig.period))
 

@@ -142,7 +142,8 @@ def _open_gamepad(index: int) -> Any:
         import pygame
     except ImportError:
         raise MissingExtraError("pygame-ce", "rig") from None
-    pygame.init()
+    pygame.display.init()
+    pygame.joystick.init()
     count = pygame.joystick.get_count()
     if index >= count:
         raise InputError(f"gamepad is {index}: there are {count}, counted from 0")
