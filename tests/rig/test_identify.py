@@ -92,6 +92,7 @@ def test_orifice_is_found_from_the_closed_form() -> None:
     assert fit.law == "orifice"
     assert fit.converged
     assert fit.constants["time constant"] == pytest.approx(orifice.time_constant(2e4), rel=0.02)
+    assert fit.find_area(2e4) == pytest.approx(orifice.area, rel=0.02)
     assert fit.constants["critical ratio"] == pytest.approx(0.35, abs=0.03)
     assert fit.constants["supply"] == pytest.approx(SUPPLY, rel=5e-3)
     assert abs(fit.time_error) < 5e-3
@@ -168,6 +169,9 @@ def test_leaks_are_found() -> None:
     taus = [fit.constants["time constant"] for fit in found.fits]
     assert taus == pytest.approx([orifice.time_constant(3e4), tau], rel=0.03)
     assert found.worst_time_error < 0.01
+    assert found.fits[0].find_area(3e4) == pytest.approx(1e-4, rel=0.03)
+    with pytest.raises(InputError, match="no effective area"):
+        found.fits[1].find_area(3e4)
 
 
 def test_constants_do_not_depend_on_clock_unit_or_sampling(grown) -> None:
