@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number
+from ..checks import check_array, check_number, check_range
+from ..errors import InputError
 from .kernels import plant as kernels
 from .plant import MUSCLES, Chamber, PlantDesign
 from .pneumatics import ATMOSPHERE
@@ -59,7 +60,7 @@ class Feedforward:
     Raises
     ------
     InputError
-        If the period or the rate is not legal.
+        If there are not three chambers, or the period or the rate is not legal.
     """
 
     def __init__(
@@ -75,6 +76,8 @@ class Feedforward:
         given = most if rate is None else rate
         self.rate = check_number("rate", given, low=0.0, low_open=True, high=most, unit="MPa/s")
         self.period = check_number("period", period, low=1e-3, high=0.05, unit="s")
+        if len(chambers) != MUSCLES:
+            raise InputError(f"there are {len(chambers)} chambers: there must be {MUSCLES}")
         self._dead = board.error_dead
         self._jump = board.jump / board.pwm_counts
         self._half_play = 0.5 * design.valve_hysteresis
@@ -107,8 +110,16 @@ class Feedforward:
             Pressures to go to [MPa].
         board : Telemetry
             The last telemetry.
+
+        Raises
+        ------
+        InputError
+            If the pressures are not three, or outside [0, 0.827] MPa.
         """
         target = check_array("wanted", wanted)
+        if target.shape != (MUSCLES,):
+            raise InputError(f"wanted has shape {target.shape}: it must be ({MUSCLES},)")
+        check_range("wanted", target, 0.0, SETPOINT_MAX, "MPa")
         self._follow(time, board)
         stops = self._predict_stops()
         rest = stops[:, 0]
