@@ -29,12 +29,14 @@ SMALLEST_REFERENCE = 1e-4
 """Above 0 [MPa], at which the board opens the bleed valve."""
 CORRECTION_SHARE = 0.3
 """Of the difference between measurement and model, taken over from each telemetry."""
+CLOCK_DRIFT = 0.01
+"""Largest relative drift between the clocks of board and host; a resonator has 0.005."""
 OPENINGS = 12
 """Duties of each valve that are tried."""
 
 
 class Feedforward:
-    """Opens the valves by a model of the plant, and tells the board what pressure to expect.
+    """Opens the valves by a model of the plant, and gives the board the pressure to expect.
 
     Each period a model of valves, lines and muscles is moved on under the duties that were sent,
     and corrected by the measurement, compared with what the model had a delay before. From there
@@ -43,6 +45,8 @@ class Feedforward:
     volume of the muscle are in it. The duty is chosen that lets them come to rest nearer to the
     set-points, and at them in the end. The board gets the duty as its feed-forward and the model's
     pressure as its set-point: its own controller, which has no delay, corrects the difference.
+    Near a set-point only the changes of this are fed forward, and the rest is left to the board, or
+    both would hunt about the dead zone of the valves. One object serves one run.
 
     Parameters
     ----------
@@ -174,7 +178,8 @@ class Feedforward:
             )
         self._past.append((time, self._channels[:, kernels.SENSOR].copy()))
         self._supply[kernels.RESERVOIR] = board.reservoir_pressure + ATMOSPHERE
-        self._offset = min(self._offset, time - board.time)
+        drift = CLOCK_DRIFT * (time - self._past[-2][0]) if len(self._past) > 1 else 0.0
+        self._offset = min(self._offset + drift, time - board.time)
         if board.time <= self._heard:
             return
         self._heard = board.time
