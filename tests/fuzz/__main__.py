@@ -140,6 +140,7 @@ def make_originals(folder: Path) -> None:
     """Write the sound files that the cases damage."""
     import numpy as np
     import trimesh
+    from scipy.io import savemat
     from skimage.measure import marching_cubes
 
     from bozzini.cli.main import main

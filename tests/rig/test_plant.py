@@ -170,13 +170,16 @@ def test_pipette_delays_the_muscle_by_its_own_time_constant() -> None:
     wide = dataclasses.replace(IDEAL, pipette_length=30.0, pipette_bore=0.1)
     plant = Plant(RIGID, wide)
     plant.set_pressures(0.5)
-    plant._channels[:, 1] -= 0.01
+    plant.set_faults(Fault("line blocked", 0))
+    plant.step(BLEED, 5e-4)
+    plant.set_faults()
     before = plant.line_pressures[0] - plant.pressures[0]
     # Poiseuille: 128 mu L V / (pi d^4 p), both ends of the line taken together.
     tau = 128 * 1.82e-11 * 30.0 * 15.0 / (math.pi * 0.1**4 * (0.5 + ATMOSPHERE))
     tau /= 1.0 + 15.0 / wide.line_volume
     plant.step(np.zeros(6), tau)
     after = plant.line_pressures[0] - plant.pressures[0]
+    assert abs(before) > 1e-3
     assert after / before == pytest.approx(math.exp(-1.0), rel=0.02)
 
 
@@ -258,6 +261,20 @@ def test_stuck_valve_of_the_bleed_s_size_leaves_the_choked_balance() -> None:
     assert plant.pressures[0] + ATMOSPHERE == pytest.approx(0.5 * 0.928325, rel=1e-3)
 
 
+def test_supply_valve_shuts_off_a_stuck_fill_valve() -> None:
+    plant = Plant(RIGID, IDEAL)
+    plant.set_faults(Fault("valve stuck", 0, 1.0))
+    plant.step(np.append(BLEED, 1.0), 1.0)
+    assert plant.pressures[0] > 0.5
+    plant.step(np.append(BLEED, 0.0), 1.0)
+    assert plant.pressures[0] < 0.01
+    other = Plant(RIGID, IDEAL)
+    without = Plant(RIGID, IDEAL)
+    other.step(np.append(FILL, 1.0), 0.02)
+    without.step(FILL, 0.02)
+    assert np.array_equal(other.pressures, without.pressures)
+
+
 def test_plant_is_five_times_faster_than_real_time(energy_chamber) -> None:
     plant = Plant(energy_chamber)
     duty = np.full(6, 0.5)
@@ -294,7 +311,7 @@ def test_every_constant_has_a_source() -> None:
         (lambda: Fault("leak", 3), "faulty muscle is 3"),
         (lambda: Fault("valve stuck", 0, 2.0), "opening of the stuck valve is 2"),
         (lambda: Plant([RIGID, RIGID]), "2 muscles"),
-        (lambda: Plant(RIGID).step(np.zeros(5), 1.0), "duty has shape"),
+        (lambda: Plant(RIGID).step(np.zeros(8), 1.0), "duty has shape"),
         (lambda: Plant(RIGID).step(np.full(6, 1.5), 1.0), "is 1.5"),
         (lambda: Plant(RIGID).step(np.zeros(6), 0.0), "duration is 0"),
         (lambda: Plant(RIGID).set_pressures(5.0), "pressures is 5"),

@@ -16,6 +16,7 @@ from ..checks import check_array, check_range
 from ..errors import FileFormatError, InputError
 from ..results import ClosedForm, measured, take_axes
 from ..units import parse_quantity
+from .matlab import Matrix, read_matrices
 from .pneumatics import PRESSURE_LIMIT, Floats
 
 if TYPE_CHECKING:
@@ -137,40 +138,30 @@ def _first_line(error: Exception) -> str:
     return str(words).splitlines()[0]
 
 
-def _read_matrix(path: Path) -> np.ndarray:
-    from scipy.io import loadmat, whosmat
-
-    try:
-        shapes = {name: shape for name, shape, _ in whosmat(path) if name[:1] != "_"}
-        wide = [name for name, shape in shapes.items() if len(shape) == 2 and min(shape) in (2, 3)]
-        chosen = "data" if "data" in shapes else wide[0] if len(wide) == 1 else ""
-        if not chosen:
-            raise FileFormatError(
-                f"{path} has {_count(shapes)}, none of them 'data' and not one matrix of two or "
-                "three columns"
-            )
-        return np.asarray(loadmat(path, variable_names=[chosen])[chosen])
-    except FileFormatError:
-        raise
-    except NotImplementedError:
+def _read_matrix(path: Path) -> Matrix:
+    found = read_matrices(path)
+    wide = [
+        name
+        for name, item in found.items()
+        if item is not None and item.ndim == 2 and min(item.shape) in (2, 3)
+    ]
+    chosen = "data" if "data" in found else wide[0] if len(wide) == 1 else ""
+    if not chosen:
         raise FileFormatError(
-            f"{path} is a MATLAB 7.3 file: save it with '-v7' in MATLAB"
-        ) from None
-    except OSError as error:
-        raise FileFormatError(f"cannot read {path}: {_first_line(error)}") from None
-    except Exception as error:  # a damaged file can make the reader raise anything
-        raise FileFormatError(
-            f"{path} is no MATLAB file that can be read: {_first_line(error)}"
-        ) from None
+            f"{path} has {_count(found)}, none of them 'data' and not one matrix of two or three "
+            "columns"
+        )
+    matrix = found[chosen]
+    if matrix is None:
+        raise FileFormatError(f"{path}: its variable '{chosen}' holds no real numbers")
+    return matrix
 
 
 def _count(names: Mapping[str, object]) -> str:
     return f"the variables {', '.join(names)}" if names else "no variables"
 
 
-def _take_matrix(matrix: np.ndarray, name: str, unit: str | None, supply: float) -> PressureCurve:
-    if matrix.dtype.kind not in "iuf":
-        raise FileFormatError(f"{name}: its data are of type {matrix.dtype}, not numbers")
+def _take_matrix(matrix: Matrix, name: str, unit: str | None, supply: float) -> PressureCurve:
     if matrix.ndim == 2 and matrix.shape[1] not in (2, 3) and matrix.shape[0] in (2, 3):
         matrix = matrix.T
     if matrix.ndim != 2 or matrix.shape[1] not in (2, 3):
@@ -249,9 +240,9 @@ def _find_factor(name: str, unit: str, kind: str) -> float:
 
 def _make_curve(
     name: str,
-    time: np.ndarray,
-    pressure: np.ndarray,
-    valve: np.ndarray | None,
+    time: Matrix,
+    pressure: Matrix,
+    valve: Matrix | None,
     unit: str,
     supply: float,
     *,

@@ -102,7 +102,6 @@ _LAWS: dict[str, tuple[str, ...]] = {
 """Laws and their constants; the fits take the laws in this order."""
 _SHARED = ("critical ratio", "droop", "growth", "growth pressure", "growth width")
 
-
 _FILL_NUMBERS = {name: 0.0 for name in _OWN} | {
     "critical ratio": NOZZLE_RATIO,
     "droop": 0.0,
@@ -192,6 +191,21 @@ class CurveFit(Result):
     def time_error(self) -> float:
         """Error of the model's time over the measured one."""
         return self.model_time / self.measured_time - 1.0
+
+    def find_area(self, volume: float) -> float:
+        """Return the effective area [mm^2] of the orifice, or leak, of a known volume [mm^3].
+
+        The volume is that of the grown muscle and its line: ``volume / (time constant v)``.
+
+        Raises
+        ------
+        InputError
+            If the law is no orifice, or the volume is not positive.
+        """
+        if self.law == "laminar leak":
+            raise InputError("a laminar leak has no effective area: its law is no orifice")
+        size = check_number("volume", volume, low=0.0, low_open=True, unit="mm^3")
+        return size / (self.constants["time constant"] * NOZZLE_SPEED)
 
     def predict(self, time: Floats) -> Floats:
         """Return the gauge pressure of the law at times of the curve [MPa]."""
@@ -283,7 +297,6 @@ class Identification(Result):
             for fit in fits
         ]
         names = list(dict.fromkeys(name for row in rows for name in row))
-        # What a curve says of itself comes last.
         names = [n for n in names if n not in ("described", "reason")] + ["described", "reason"]
         return {name: [row.get(name) for row in rows] for name in names}
 
@@ -292,9 +305,11 @@ class Identification(Result):
         axes = take_axes(ax, x="time [s]", y="pressure [kPa]")
         for fit in self._all:
             fit.plot(axes)
-        ends = [_begin(fit.curve) + 2.0 * fit.measured_time for fit in self._all]
         if self.kind == "fill":
-            axes.set_xlim(left=0.0, right=max(ends))
+            begins = [_begin(fit.curve) for fit in self._all]
+            spans = [2.0 * fit.measured_time for fit in self._all]
+            ends = [begin + span for begin, span in zip(begins, spans, strict=True)]
+            axes.set_xlim(min(begins), max(ends))
         axes.legend(frameon=False, fontsize=8, markerscale=4)
         return axes
 
@@ -491,17 +506,23 @@ def _set_limits(shape: _Shape, law: str) -> dict[str, _Constant]:
     start = _Constant("start", "MPa", shape.start, shape.start - 0.03, shape.start + 0.03, 0.005)
     if law in LEAK_LAWS:
         drop = math.log((shape.start + ATMOSPHERE) / (shape.end + ATMOSPHERE))
-        own: dict[str, tuple[float, ...]] = {
+        own: dict[str, tuple[float, float, float, float]] = {
             "time constant": (math.log(far / drop), math.log(1e-3 * far), math.log(1e6 * far), 0.3),
             "settling time": (math.log(0.05 * far), math.log(step), math.log(0.3 * far), 0.5),
         }
         low = max(0.5 * shape.start, shape.start - 0.2)
         start = _Constant("start", "MPa", shape.start, low, shape.start + 0.05, 0.02)
     else:
+        middle = math.log(0.5 * span)
         own = {
             "delay": (shape.early, -span, shape.early + 0.3 * span + step, 0.05 * span + step),
-            "time constant": (*np.log(span * np.array([0.5, 1e-3, 50.0])), 0.5),
-            "supply": (shape.end, 0.9 * shape.end, 1.5 * shape.end + 0.01, 0.01),
+            "time constant": (middle, middle - 6.0, middle + 4.5, 0.5),
+            "supply": (
+                shape.end,
+                shape.end - 0.1 * shape.change,
+                shape.end + 0.5 * shape.change,
+                0.01,
+            ),
         }
     limits = {
         name: _Constant(name, _CONSTANTS[name].unit, *values, is_log=_CONSTANTS[name].is_log)
@@ -628,6 +649,10 @@ def _list_starts(law: str, names: list[str]) -> list[Floats]:
 
 def _fit_curve(curve: PressureCurve, kind: str, laws: Sequence[str]) -> CurveFit:
     shape = _read_shape(curve, kind)
+    if kind == "fill" and curve.supply is not None and curve.supply < shape.end - LEAST_CHANGE:
+        raise InputError(
+            f"{curve.name}: the supply is {curve.supply:g} MPa, below the {shape.end:g} MPa reached"
+        )
     until = shape.time[-1]
     if kind == "fill":
         until = min(until, shape.early + USED_SPAN * (shape.late - shape.early))
