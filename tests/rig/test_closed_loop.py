@@ -88,7 +88,7 @@ def test_pressures_rise_no_faster_than_4_kpa_per_ms(toolchain):
     assert 2e-3 < rates.max() <= 4e-3
 
 
-@pytest.mark.parametrize("pressure", [0.3, 0.827])
+@pytest.mark.parametrize("pressure", [pytest.param(0.3, marks=pytest.mark.slow), 0.827])
 def test_host_silence_empties_the_muscles(toolchain, pressure):
     """Valves as wide as those for filling take 150 ms for it; wider ones meet 200 ms in all."""
     for wider, limit in ((1.0, 300 - FRESH), (2.5, 200)):

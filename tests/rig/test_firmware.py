@@ -108,6 +108,7 @@ def test_cache_that_cannot_be_written_is_replaced(monkeypatch, tmp_path):
     assert other.stat().st_mode & 0o022 == 0
 
 
+@pytest.mark.slow
 def test_processes_build_the_same_at_once(toolchain, tmp_path):
     code = "from bozzini.rig.firmware import build; print(build('native.so'))"
 
