@@ -81,6 +81,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "rig demo": (1, "--board native --out >"),
     "rig run": (2, "--board native --duration 0.2s"),
     "rig replay": (2, "<log --board native"),
+    "rig characterise": (1, "--board native --steps 2 --repeats 1 --hold 0.3s --out >.csv"),
     "rig flash": (1, "--port /dev/ttyACM0"),
     "continuum models": (1, ""),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
@@ -295,7 +296,9 @@ def _add_option(
             ["out", "out.png", "out.csv", "out.json", "out.stl", "out.nii.gz", "no/out.csv", ".",
              "..", "/dev/null", "/proc/x", "\udcff.png", "out/", rng.choice(WORDS)]
         )  # fmt: skip
-    elif flag == "--duration":  # any other would be simulated, however long
+    elif flag in ("--steps", "--repeats"):
+        value = rng.choice(["1", "3", "0", "-2", "1.5", *WORDS])
+    elif flag in ("--duration", "--hold"):  # any other would be simulated, however long
         value = rng.choice(["0.1s", "30 ms", "0", "-1s", "1e9s", "5parsec", *WORDS])
     elif flag == "--robot":
         value = _take("robot", rng, originals, folder, damages, damaged=rng.random() < 0.7)

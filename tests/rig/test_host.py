@@ -32,7 +32,7 @@ from bozzini.rig import (
 )
 from bozzini.rig import host as host_module
 from bozzini.rig.plant import CHAMBER_POINTS, CHAMBER_PRESSURE, Chamber, Fault
-from bozzini.rig.protocol import Fault as Cause
+from bozzini.rig.protocol import Trip
 from bozzini.rig.protocol import SetPoint, State
 
 pytestmark = pytest.mark.usefixtures("toolchain")
@@ -204,9 +204,8 @@ def test_the_board_vents_after_every_fault():
     assert found.converged, found.reason
     assert table.loc["host silent", "vent_ms"] <= 105.0
     assert table.loc[["sensor open", "sensor short"], "vent_ms"].max() <= 10.0
-    # More air comes through the stuck valve than the bleed valve of its size lets go.
-    assert table.loc["fill valve stuck", "left_kPa"] > 500.0
-    assert table.drop("fill valve stuck")["left_kPa"].max() < 20.0
+    assert table["peak_kPa"].max() < 900.0
+    assert table["left_kPa"].max() < 20.0  # a stuck fill valve too: the supply valve is shut
 
 
 def test_the_tip_follows_the_stick_of_the_board():
@@ -263,7 +262,7 @@ def test_a_silent_host_over_a_port_is_noticed(port):
     while host.state is State.ARMED and time.monotonic() < begin + 5.0:
         host.pause()
     link.close()
-    assert host.faults is Cause.HOST
+    assert host.faults is Trip.HOST
     assert time.monotonic() - begin > 0.08
 
 

@@ -358,7 +358,7 @@ def _strike(
     time = np.concatenate([record.time for record in records]) - begin
     pressures = np.vstack([record.pressures for record in records])
     duty = np.vstack([record.duty for record in records])
-    vented = np.flatnonzero((duty[:, 3:] > 0.99).all(axis=1) & (duty[:, :3] < 0.01).all(axis=1))
+    vented = np.flatnonzero((duty[:, 3:6] > 0.99).all(axis=1) & (duty[:, :3] < 0.01).all(axis=1))
     full = np.flatnonzero((pressures > VENTED).any(axis=1))
     never = full.size and full[-1] == len(time) - 1
     return (

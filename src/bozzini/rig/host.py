@@ -124,7 +124,7 @@ class HostRun(Result):
             return np.zeros(0)
         names = ("tip_x_mm", "target_x_mm", "tip_y_mm", "target_y_mm")
         x, wanted_x, y, wanted_y = (np.array([row[name] for row in self.rows]) for name in names)
-        return np.hypot(x - wanted_x, y - wanted_y)
+        return np.asarray(np.hypot(x - wanted_x, y - wanted_y))
 
     @property
     def tip_error_rms(self) -> float:
