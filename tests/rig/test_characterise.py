@@ -58,10 +58,10 @@ def plant_of(host):
 
 
 def test_the_table_of_the_plant_gives_back_the_constants_of_its_muscle(host, tmp_path):
-    stairs = Stairs(highest=0.8, steps=4, repeats=2, hold=0.8, specimen="A")
+    stairs = Stairs(highest=0.8, steps=3, repeats=2, hold=0.8, specimen="A")
     found = characterise_muscle(host, stairs, gauge=PlantGauge(plant_of(host), seed=1))
     assert found.converged, found.reason
-    assert len(found.rows) == 2 * 9
+    assert len(found.rows) == 2 * 7
     for name in ("table.csv", "table.parquet"):
         data = read_measurements(found.save(tmp_path / name))
         assert data.has_both_directions and set(data.specimen) == {"A"}
@@ -80,7 +80,7 @@ def test_the_loop_of_a_muscle_with_hysteresis_is_in_the_table(host, chamber):
     """A play follows the furthest pressure of a branch, at half its width behind."""
     half_width = 0.05
     host.link.rig.plant = HystereticPlant(chamber, PrandtlIshlinskii((half_width,), (1.0,)), seed=3)
-    stairs = Stairs(highest=0.6, steps=2, repeats=2, hold=0.6)
+    stairs = Stairs(highest=0.6, steps=2, repeats=1, hold=0.6)
     found = characterise_muscle(host, stairs, gauge=PlantGauge(plant_of(host), deviation=0.0))
     model = EnergyMuscle(MUSCLE)
     for row in found.rows:
