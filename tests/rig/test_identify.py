@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pandas
 import pytest
@@ -35,10 +37,15 @@ def find_share(ratio, critical, droop):
     return brentq(excess, 0.0, 1.0, xtol=1e-14)
 
 
+@functools.cache
+def tabulate_flows(critical, droop):
+    grid = np.linspace(0.0, 1.0, 300)
+    return grid, np.array([find_share(r, critical, droop) for r in grid])
+
+
 def integrate_fill(time, *, tau, droop=0.0, critical=0.528, growth=0.0, upstream=False):
     """A fill in time, of the gas inside: d(p V)/dt is the flow."""
-    grid = np.linspace(0.0, 1.0, 400)
-    flows = np.array([find_share(r, critical, droop) for r in grid])
+    grid, flows = tabulate_flows(critical, droop)
 
     def volume(pressure):
         return (1.0 + growth / (1.0 + np.exp(-(pressure - 0.15) / 0.06))) / (1.0 + growth)
@@ -92,6 +99,7 @@ def test_orifice_is_found_from_the_closed_form() -> None:
     assert fit.law == "orifice"
     assert fit.converged
     assert fit.constants["time constant"] == pytest.approx(orifice.time_constant(2e4), rel=0.02)
+    assert fit.find_area(2e4) == pytest.approx(orifice.area, rel=0.02)
     assert fit.constants["critical ratio"] == pytest.approx(0.35, abs=0.03)
     assert fit.constants["supply"] == pytest.approx(SUPPLY, rel=5e-3)
     assert abs(fit.time_error) < 5e-3
@@ -168,6 +176,9 @@ def test_leaks_are_found() -> None:
     taus = [fit.constants["time constant"] for fit in found.fits]
     assert taus == pytest.approx([orifice.time_constant(3e4), tau], rel=0.03)
     assert found.worst_time_error < 0.01
+    assert found.fits[0].find_area(3e4) == pytest.approx(1e-4, rel=0.03)
+    with pytest.raises(InputError, match="no effective area"):
+        found.fits[1].find_area(3e4)
 
 
 def test_constants_do_not_depend_on_clock_unit_or_sampling(grown) -> None:

@@ -261,6 +261,20 @@ def test_stuck_valve_of_the_bleed_s_size_leaves_the_choked_balance() -> None:
     assert plant.pressures[0] + ATMOSPHERE == pytest.approx(0.5 * 0.928325, rel=1e-3)
 
 
+def test_supply_valve_shuts_off_a_stuck_fill_valve() -> None:
+    plant = Plant(RIGID, IDEAL)
+    plant.set_faults(Fault("valve stuck", 0, 1.0))
+    plant.step(np.append(BLEED, 1.0), 1.0)
+    assert plant.pressures[0] > 0.5
+    plant.step(np.append(BLEED, 0.0), 1.0)
+    assert plant.pressures[0] < 0.01
+    other = Plant(RIGID, IDEAL)
+    without = Plant(RIGID, IDEAL)
+    other.step(np.append(FILL, 1.0), 0.02)
+    without.step(FILL, 0.02)
+    assert np.array_equal(other.pressures, without.pressures)
+
+
 def test_plant_is_five_times_faster_than_real_time(energy_chamber) -> None:
     plant = Plant(energy_chamber)
     duty = np.full(6, 0.5)
@@ -297,7 +311,7 @@ def test_every_constant_has_a_source() -> None:
         (lambda: Fault("leak", 3), "faulty muscle is 3"),
         (lambda: Fault("valve stuck", 0, 2.0), "opening of the stuck valve is 2"),
         (lambda: Plant([RIGID, RIGID]), "2 muscles"),
-        (lambda: Plant(RIGID).step(np.zeros(5), 1.0), "duty has shape"),
+        (lambda: Plant(RIGID).step(np.zeros(8), 1.0), "duty has shape"),
         (lambda: Plant(RIGID).step(np.full(6, 1.5), 1.0), "is 1.5"),
         (lambda: Plant(RIGID).step(np.zeros(6), 0.0), "duration is 0"),
         (lambda: Plant(RIGID).set_pressures(5.0), "pressures is 5"),

@@ -192,6 +192,21 @@ class CurveFit(Result):
         """Error of the model's time over the measured one."""
         return self.model_time / self.measured_time - 1.0
 
+    def find_area(self, volume: float) -> float:
+        """Return the effective area [mm^2] of the orifice, or leak, of a known volume [mm^3].
+
+        The volume is that of the grown muscle and its line: ``volume / (time constant v)``.
+
+        Raises
+        ------
+        InputError
+            If the law is no orifice, or the volume is not positive.
+        """
+        if self.law == "laminar leak":
+            raise InputError("a laminar leak has no effective area: its law is no orifice")
+        size = check_number("volume", volume, low=0.0, low_open=True, unit="mm^3")
+        return size / (self.constants["time constant"] * NOZZLE_SPEED)
+
     def predict(self, time: Floats) -> Floats:
         """Return the gauge pressure of the law at times of the curve [MPa]."""
         return _predict(self.law, self.constants, np.asarray(time) - _begin(self.curve))
