@@ -205,8 +205,8 @@ def test_reference_follows_no_faster_than_the_slew_limit(board):
     """At a constant pressure the fill duty rises with the reference until it is at rest."""
     host = Host(board)
     host.arm()
-    target = (0.2, 0.2, 0.2)
-    duty = host.run(150, target)[:, 0]
+    target = (0.1, 0.1, 0.1)
+    duty = host.run(80, target)[:, 0]
     host.send(GetConfiguration())
     host.run(4, target)
     known = next(frame for frame in host.frames if isinstance(frame, Configuration))
@@ -214,7 +214,7 @@ def test_reference_follows_no_faster_than_the_slew_limit(board):
     assert abs(last - 1e3 * target[0] / known.slew_rate) <= 4
     # Each millisecond the reference moves on by the limit; the flow is choked, so that its
     # pressure is that of the reservoir.
-    rise = np.diff(duty[10 : last - 3]) * known.pwm_counts
+    rise = np.diff(duty[6 : last - 3]) * known.pwm_counts
     rate = known.slew_rate * 1e-3 / known.loop_time
     expected = rate * known.fill_time * (known.pwm_counts - known.jump) / (RESERVOIR + 0.1013)
     assert rise.mean() == pytest.approx(expected, rel=0.02)
@@ -224,7 +224,7 @@ def test_reference_follows_no_faster_than_the_slew_limit(board):
 def test_pressure_that_stays_off_its_reference_trips(board):
     host = Host(board)
     host.arm((0.3, 0.0, 0.0))
-    assert 900 < find_vent(host.run(1200, (0.3, 0.0, 0.0))) < 1150
+    assert 300 <= find_vent(host.run(400, (0.3, 0.0, 0.0))) <= 350
     assert host.telemetry.faults == Trip.TRACKING
 
 
