@@ -9,8 +9,10 @@ from .curves import PressureCurve, read_curve, take_curve
 from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
 from .emulate import emulate_rig, emulated_port, serve
 from .emulator import EmulatedBoard, EmulationError
+from .feedforward import Feedforward
 from .firmware import ToolchainError
 from .host import Host, HostRun, Replay, load_log, replay_log
+from .hysteresis import HysteresisCompensator, HystereticPlant
 from .identify import CurveFit, Identification, identify_fill, identify_leak
 from .link import Link, LockstepLink, SerialLink
 from .plant import FAULT_KINDS, Chamber, Fault, Plant, PlantDesign
@@ -35,9 +37,12 @@ __all__ = [
     "EmulationError",
     "Fault",
     "FaultResponses",
+    "Feedforward",
     "GamepadStick",
     "Host",
     "HostRun",
+    "HysteresisCompensator",
+    "HystereticPlant",
     "Identification",
     "Link",
     "LockstepLink",

@@ -23,7 +23,7 @@ frames both ways and two ticks of the board."""
 APPROACH_TIME = 0.007
 """Within this time the predicted pressure approaches its set-point exponentially [s]."""
 FAR, NEAR = 10e-3, 4e-3
-"""Distances from the set-point at which a move begins and at which it is left to the board [MPa]."""
+"""Distances from the set-point [MPa] at which a move begins, and is left to the board."""
 SMALLEST_REFERENCE = 1e-4
 """Above 0 [MPa], at which the board opens the bleed valve."""
 CORRECTION_SHARE = 0.3
@@ -192,7 +192,7 @@ class Feedforward:
             channels[:, play] = np.maximum(channels[:, spool] - self._half_play, 0.0)
 
     def _predict_stops(self) -> Floats:
-        """Return where pressures come to rest [MPa]: (3, 1 + 2 n), shut, fill valve, bleed valve."""
+        """Return where pressures come to rest [MPa], (3, 1 + 2 n): shut, filled, bled."""
         count = 2 * OPENINGS + 1
         many = np.repeat(self._channels, count, axis=0)
         fill, bleed = np.zeros((2, MUSCLES, count))
