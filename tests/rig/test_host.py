@@ -32,8 +32,7 @@ from bozzini.rig import (
 )
 from bozzini.rig import host as host_module
 from bozzini.rig.plant import CHAMBER_POINTS, CHAMBER_PRESSURE, Chamber, Fault
-from bozzini.rig.protocol import Trip
-from bozzini.rig.protocol import SetPoint, State
+from bozzini.rig.protocol import SetPoint, State, Trip
 
 pytestmark = pytest.mark.usefixtures("toolchain")
 
