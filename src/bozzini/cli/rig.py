@@ -135,10 +135,11 @@ def demo_command(board: BoardKind, seed: int, answer: Answer) -> None:
         files = sorted([*(file.name for file in folder.iterdir()), "summary.json"])
         summary = {"files": files, "board": board, "seed": seed, **plain}
         write_text(folder / "summary.json", f"{json.dumps(summary, indent=2)}\n")
-    text = "\n\n".join(
-        f"{name}\n{_describe_circle(result) if isinstance(result, HostRun) else _show_table(result)}"
+    shown = {
+        name: _describe_circle(result) if isinstance(result, HostRun) else _show_table(result)
         for name, result in found.items()
-    )
+    }
+    text = "\n\n".join(f"{name}\n{words}" for name, words in shown.items())
     answer.give({"output": answer.target, **plain}, f"{text}\n\n{answer.target}")
 
 
