@@ -36,6 +36,7 @@
 /* ---- Pressure controller ------------------------------------------------------------------ */
 #define BZ_SETPOINT_MAX 8270    /* [hPa] 827 kPa, largest legal set-point */
 #define BZ_SLEW 30              /* [hPa/ms] largest rate of the reference, 3 kPa/ms */
+#define BZ_SLEW_SHAPED 100      /* [hPa/ms] the same while a feed-forward from the host holds */
 /* Volume over area and speed of the flow through an open valve, V / (A x 199 m/s) [ms].  With the
  * 430 mm3 of a line and 0.0304 mm2 it is 71 ms, and 76 ms with a muscle (assumed).  Two thirds of it
  * stand here: a time that is too short makes pressures lag, one that is too long overshoot. */

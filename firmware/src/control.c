@@ -62,7 +62,10 @@ static int16_t invert_flow(int32_t rate, int16_t pressure, int16_t reservoir) {
 }
 
 void bz_control(bz_muscle *muscle, int16_t reservoir) {
-    int16_t step = clamp((int16_t)((int16_t)muscle->setpoint - muscle->reference), BZ_SLEW);
+    uint8_t is_shaped = muscle->feedforward_left > 0; /* the host plans the way of the pressure */
+    int16_t limit = is_shaped ? BZ_SLEW_SHAPED : BZ_SLEW;
+    int16_t step = clamp((int16_t)((int16_t)muscle->setpoint - muscle->reference), limit);
+    int16_t forward = is_shaped ? muscle->feedforward : 0;
     int16_t error, size, command;
     int32_t rate;
 
@@ -71,9 +74,11 @@ void bz_control(bz_muscle *muscle, int16_t reservoir) {
         bz_vent(muscle);
         return;
     }
+    if (is_shaped) muscle->feedforward_left--;
+    if (forward > 0 && muscle->pressure > BZ_SETPOINT_MAX) forward = 0; /* whatever the host wants */
     error = (int16_t)(muscle->reference - muscle->pressure);
     size = error < 0 ? (int16_t)-error : error;
-    if (step == 0 && !muscle->feedforward_left && size <= BZ_ERROR_DEAD) {
+    if (step == 0 && forward == 0 && size <= BZ_ERROR_DEAD) {
         drive(muscle, 0); /* spare the valves: hysteresis would hunt */
         return;
     }
@@ -83,13 +88,9 @@ void bz_control(bz_muscle *muscle, int16_t reservoir) {
         integrate(muscle, error);
     }
     rate = (int32_t)error * (256 / BZ_LOOP_TIME);
-    if (!muscle->feedforward_left) rate += (int32_t)step * 256;
+    if (!is_shaped) rate += (int32_t)step * 256;
     if (rate > BZ_RATE_MAX * 256) rate = BZ_RATE_MAX * 256;
     if (rate < -BZ_RATE_MAX * 256) rate = -BZ_RATE_MAX * 256;
     command = (int16_t)(invert_flow(rate, muscle->pressure, reservoir) + muscle->integral / 4096);
-    if (muscle->feedforward_left) {
-        muscle->feedforward_left--;
-        command = (int16_t)(command + muscle->feedforward);
-    }
-    drive(muscle, command);
+    drive(muscle, (int16_t)(command + forward));
 }

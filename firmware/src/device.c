@@ -63,8 +63,7 @@ static void send_configuration(bz_device *device) {
         BZ_TICK_HZ,         BZ_SETPOINT_MAX, BZ_ARM_MAX,        BZ_OVERPRESSURE,    BZ_SLEW,
         BZ_SILENCE_TICKS,   BZ_SENSOR_LOW_MV, BZ_SENSOR_HIGH_MV, BZ_SENSOR_SPAN_HPA, BZ_TRACKING_ERROR,
         BZ_TRACKING_TICKS,  BZ_PWM_COUNTS,   BZ_JUMP,           BZ_FILL_TIME,       BZ_BLEED_TIME,
-        BZ_LOOP_TIME,
-        BZ_KI,              BZ_ERROR_DEAD,
+        BZ_LOOP_TIME,       BZ_KI,           BZ_ERROR_DEAD,     BZ_SLEW_SHAPED,
     };
     uint8_t body[BZ_BODY_MAX] = {BZ_CONFIGURATION, 0};
     uint8_t *end = body + 2;

@@ -33,6 +33,7 @@ INTERNAL_UNITS = {
     "rigidity": "N mm^2",
     "angle in turns": "turn",
     "voltage": "V",
+    "frequency": "Hz",
     "dimensionless": "",
 }
 """The unit that each kind of quantity has inside Bozzini."""
@@ -47,6 +48,7 @@ _EXAMPLES = {
     "area": "0.03 mm^2",
     "volume": "30 mm^3, 1 L",
     "volume flow": "10 L/min, 500 mm^3/s",
+    "frequency": "0.5Hz, 30 1/min",
     "force": "0.5N, 50 gf",
     "pressure": "100psi, 689 kPa, 0.7MPa",
     "angle": "36deg, 0.63 rad",

@@ -49,6 +49,7 @@ FILES = {
     "plan": ("plan.npz",),
     "plan's tract": ("tube.stl",),
     "ct": ("ct.nii.gz",),
+    "log": ("log.csv",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
@@ -77,12 +78,19 @@ LEGAL: dict[str, tuple[int, str]] = {
     "effector trace circle": (2, "--radius 4mm --points 6"),
     "effector study sweep": (2, "--vary offset=3mm:5mm:3"),
     "effector study least-pressure": (2, "--between offset=3mm:4mm --deflection 8mm"),
+    "rig demo": (1, "--board native --out >"),
+    "rig run": (2, "--board native --duration 0.2s"),
+    "rig replay": (2, "<log --board native"),
+    "rig characterise": (1, "--board native --steps 2 --repeats 1 --hold 0.3s --out >.csv"),
+    "rig flash": (1, "--port /dev/ttyACM0"),
     "continuum models": (1, ""),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
     "continuum compare": (3, "<robot --displacement T1=1mm"),
     "continuum workspace": (3, "<robot --count 500"),
 }
+REAL_TIME = {"rig emulate", "rig selftest"}
+"""Commands that are left out: they run in real time."""
 OUTPUTS = {"--out"}
 UNITS = {
     "length": "mm", "force": "N", "pressure": "kPa", "angle": "deg", "time": "s", "rigidity":
@@ -183,6 +191,8 @@ def make_originals(folder: Path) -> None:
         with _quiet():
             plan = ["--diameter", "5mm", "--link", "8mm", "--head-step", "1mm", "--out", "made"]
             assert main(["plan", "tube.stl", *plan]) in (0, 1)
+            run = ["rig", "run", "--board", "native", "--duration", "0.3s", "--out", "log.csv"]
+            assert main(run) == 0
             for suffix in ("json", "yaml"):
                 fit = ["duct", "fit", "tube.stl", "--pieces", "6", "--out", f"shapes.{suffix}"]
                 assert main(fit) in (0, 1)
@@ -286,6 +296,10 @@ def _add_option(
             ["out", "out.png", "out.csv", "out.json", "out.stl", "out.nii.gz", "no/out.csv", ".",
              "..", "/dev/null", "/proc/x", "\udcff.png", "out/", rng.choice(WORDS)]
         )  # fmt: skip
+    elif flag in ("--steps", "--repeats"):
+        value = rng.choice(["1", "3", "0", "-2", "1.5", *WORDS])
+    elif flag in ("--duration", "--hold"):  # any other would be simulated, however long
+        value = rng.choice(["0.1s", "30 ms", "0", "-1s", "1e9s", "5parsec", *WORDS])
     elif flag == "--robot":
         value = _take("robot", rng, originals, folder, damages, damaged=rng.random() < 0.7)
     elif flag == "--over":
@@ -447,7 +461,7 @@ def run_cases(
     `seconds` is how much time of a processor each may take.
     """
     commands = find_commands()
-    missing = sorted(set(commands) - set(LEGAL))
+    missing = sorted(set(commands) - set(LEGAL) - REAL_TIME)
     if missing:
         raise SystemExit(f"fuzz: no legal command line is known for: {', '.join(missing)}")
     originals = place / "originals"

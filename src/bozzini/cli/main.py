@@ -38,8 +38,8 @@ COMMANDS = {
     "duct": "Fit shapes to a tract, show them, find the longest link.",
     "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",
     "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
+    "rig": "Drive the pneumatic rig, emulated or on the bench.",
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
-    "rig": "Identify the constants of a pneumatic rig from measured curves.",
 }
 """Each command and its line in the help; its code is ``bozzini.cli.<name>.command``."""
 

@@ -476,6 +476,8 @@ class Configuration(Frame):
         Gain of the integral [counts/(MPa s)].
     error_dead : float
         Error below which the valves stay shut [MPa].
+    shaped_slew_rate : float
+        Largest rate of the reference while a feed-forward from the host holds [MPa/s].
     """
 
     version: int
@@ -499,8 +501,9 @@ class Configuration(Frame):
     loop_time: float
     integral: float
     error_dead: float
+    shaped_slew_rate: float
 
-    layout: ClassVar[struct.Struct] = struct.Struct("<BBI18H")
+    layout: ClassVar[struct.Struct] = struct.Struct("<BBI19H")
 
     @classmethod
     def unpack(cls, sequence: int, payload: bytes) -> Configuration:
@@ -529,6 +532,7 @@ class Configuration(Frame):
             loop_time=values[15] * 1e-3,
             integral=values[16] / 4096 / _HPA / 1e-3,
             error_dead=values[17] * _HPA,
+            shaped_slew_rate=values[18] * _HPA / 1e-3,
         )
 
 
