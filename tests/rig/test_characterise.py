@@ -15,6 +15,7 @@ import pytest
 from bozzini.cli.main import main
 from bozzini.errors import InputError, OutputError
 from bozzini.muscle import EnergyMuscle, calibrate, preset, read_measurements
+from bozzini.muscle.hysteresis import PrandtlIshlinskii
 from bozzini.rig import (
     Chamber,
     Cosimulation,
@@ -27,6 +28,7 @@ from bozzini.rig import (
     emulated_port,
 )
 from bozzini.rig.characterise import PictureHook, PlantGauge, characterise_muscle
+from bozzini.rig.hysteresis import HystereticPlant
 from bozzini.rig.protocol import State
 from bozzini.rig.stairs import Stairs
 
@@ -56,10 +58,10 @@ def plant_of(host):
 
 
 def test_the_table_of_the_plant_gives_back_the_constants_of_its_muscle(host, tmp_path):
-    stairs = Stairs(highest=0.8, steps=4, repeats=2, hold=0.8, specimen="A")
+    stairs = Stairs(highest=0.8, steps=3, repeats=2, hold=0.8, specimen="A")
     found = characterise_muscle(host, stairs, gauge=PlantGauge(plant_of(host), seed=1))
     assert found.converged, found.reason
-    assert len(found.rows) == 2 * 9
+    assert len(found.rows) == 2 * 7
     for name in ("table.csv", "table.parquet"):
         data = read_measurements(found.save(tmp_path / name))
         assert data.has_both_directions and set(data.specimen) == {"A"}
@@ -72,6 +74,22 @@ def test_the_table_of_the_plant_gives_back_the_constants_of_its_muscle(host, tmp
     for name, (low, high) in fit.intervals.items():
         assert low <= getattr(MUSCLE, name) <= high, name
     assert fit.sigma == pytest.approx(0.05, rel=0.5)
+
+
+def test_the_loop_of_a_muscle_with_hysteresis_is_in_the_table(host, chamber):
+    """A play follows the furthest pressure of a branch, at half its width behind."""
+    half_width = 0.05
+    host.link.rig.plant = HystereticPlant(chamber, PrandtlIshlinskii((half_width,), (1.0,)), seed=3)
+    stairs = Stairs(highest=0.6, steps=2, repeats=1, hold=0.6)
+    found = characterise_muscle(host, stairs, gauge=PlantGauge(plant_of(host), deviation=0.0))
+    model = EnergyMuscle(MUSCLE)
+    for row in found.rows:
+        assert row.overshoot < 0.03
+        sign = 1.0 if row.direction == "inflating" else -1.0
+        furthest = row.setpoint + sign * row.overshoot
+        if furthest - sign * half_width > 0.0:
+            expected = model.contraction(furthest - sign * half_width, LOAD)
+            assert row.contraction == pytest.approx(float(expected), abs=0.15), row
 
 
 def test_a_step_that_does_not_settle_is_flagged_and_kept(host):
@@ -186,7 +204,7 @@ def test_a_hook_that_cannot_work_is_refused_at_once(tmp_path, command, words):
 
 
 def test_illegal_stairs_are_refused(host):
-    for wrong in ({"highest": 0.9}, {"steps": 0}, {"muscle": 4}, {"window": 0.0}):
+    for wrong in ({"highest": 0.9}, {"steps": 0}, {"muscle": 4}, {"specimen": "a\nb"}):
         with pytest.raises(InputError):
             Stairs(**wrong)
     with pytest.raises(InputError, match="neither"):

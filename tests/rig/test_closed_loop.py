@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from bozzini.rig import EmulatedBoard, Fault, NativeBoard, PlantDesign
-from bozzini.rig.protocol import State, Trip
+from bozzini.rig.protocol import Notice, State, Trip
 from tests.rig.host import VENTED, find_vent
 from tests.rig.loops import FRESH, Loop, describe_step
 
 STEPS = ((0.6, 0.3, 0.1), (0.1, 0.6, 0.827), (0.3, 0.1, 0.6))
 
 
-def run_steps(board, seed):
+def run_steps(board, seed, **more):
     """Return for each step and muscle: begin, target, settling, overshoot, error, deviation."""
-    loop, rows, before = Loop(board, seed).arm(), [], (0.0, 0.0, 0.0)
+    loop, rows, before = Loop(board, seed, **more).arm(), [], (0.0, 0.0, 0.0)
     for targets in STEPS:
         record = loop.run(0.7, targets)
         for k in range(3):
@@ -42,6 +42,32 @@ def test_steps_of_the_emulated_board(toolchain, seeds):
     assert deviation.max() <= 0.002
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"tube_length": 200.0},
+        {"tube_length": 1000.0},
+        {"valve_dead_zone": 0.26},
+        {"valve_dead_zone": 0.34},
+        {"valve_hysteresis": 0.08},
+        {"valve_lag": 8e-3},
+        {"exponent": 1.4},
+        {"critical_ratio": 0.3},
+        {"bleed_area": 0.076},
+    ],
+    ids=str,
+)
+def test_steps_bear_a_plant_unlike_the_constants(toolchain, change):
+    with NativeBoard() as board:
+        rows = run_steps(board, 1, design=PlantDesign(**change))
+    _, _, settling, overshoot, error, deviation = np.array(rows).T
+    assert settling.max() <= 450
+    assert overshoot.max() <= 0.035
+    assert error.max() <= 0.006
+    assert deviation.max() <= 0.002
+
+
 def test_emulated_and_native_board_give_the_same_pressures(toolchain):
     records = []
     for kind in (EmulatedBoard, NativeBoard):
@@ -62,7 +88,7 @@ def test_pressures_rise_no_faster_than_4_kpa_per_ms(toolchain):
     assert 2e-3 < rates.max() <= 4e-3
 
 
-@pytest.mark.parametrize("pressure", [0.3, 0.827])
+@pytest.mark.parametrize("pressure", [pytest.param(0.3, marks=pytest.mark.slow), 0.827])
 def test_host_silence_empties_the_muscles(toolchain, pressure):
     """Valves as wide as those for filling take 150 ms for it; wider ones meet 200 ms in all."""
     for wider, limit in ((1.0, 300 - FRESH), (2.5, 200)):
@@ -117,6 +143,18 @@ def test_sensor_fault_on_the_plant_vents_all(toolchain):
             record = loop.run(0.05)
             assert find_vent(record.duty) <= 10
             assert Trip.SENSOR in loop.telemetry.faults
+
+
+def test_control_goes_on_without_the_reservoirs_sensor(toolchain):
+    class Unplugged(EmulatedBoard):
+        def set_voltages(self, voltages):
+            super().set_voltages([*voltages[:3], 0.0, *voltages[4:]])
+
+    with Unplugged() as board:
+        loop = Loop(board).arm()
+        record = loop.run(0.4, (0.6, 0.3, 0.1))
+    assert loop.telemetry.warnings == Notice.RESERVOIR_SENSOR
+    assert record.pressures[-1] == pytest.approx([0.6, 0.3, 0.1], abs=6e-3)
 
 
 def test_leak_and_burst_trip(toolchain):

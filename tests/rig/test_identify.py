@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pandas
 import pytest
@@ -35,10 +37,15 @@ def find_share(ratio, critical, droop):
     return brentq(excess, 0.0, 1.0, xtol=1e-14)
 
 
+@functools.cache
+def tabulate_flows(critical, droop):
+    grid = np.linspace(0.0, 1.0, 300)
+    return grid, np.array([find_share(r, critical, droop) for r in grid])
+
+
 def integrate_fill(time, *, tau, droop=0.0, critical=0.528, growth=0.0, upstream=False):
     """A fill in time, of the gas inside: d(p V)/dt is the flow."""
-    grid = np.linspace(0.0, 1.0, 400)
-    flows = np.array([find_share(r, critical, droop) for r in grid])
+    grid, flows = tabulate_flows(critical, droop)
 
     def volume(pressure):
         return (1.0 + growth / (1.0 + np.exp(-(pressure - 0.15) / 0.06))) / (1.0 + growth)

@@ -9,7 +9,7 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
@@ -35,7 +35,7 @@ from .muscle_options import CHOICES, FIELDS, Request, one_model_options
 if TYPE_CHECKING:
     from ..effector import Effector
     from ..results import Result
-    from ..rig import Cosimulation, Link
+    from ..rig import CircleRun, Cosimulation, FaultResponses, HostRun, Link, Replay, StepResponses
     from ..rig.emulate import BoardKind
     from ..rig.identify import CurveFit, Identification
 
@@ -67,7 +67,7 @@ def _make_effector(preset: str) -> Effector:
 
 @contextmanager
 def _open_link(
-    port: str | None, effector: Effector, board: Any = "emulated", seed: int = 0
+    port: str | None, effector: Effector, board: BoardKind = "emulated", seed: int = 0
 ) -> Iterator[Link]:
     """Give the link to a board at a port, or to an emulated rig in lock-step."""
     from ..rig import LockstepLink, SerialLink, emulate_rig
@@ -110,11 +110,11 @@ def _end(result: Result) -> None:
     metavar="DIRECTORY",
     help="Directory for the figures and the tables.",
 )
-def demo_command(board: Any, seed: int, answer: Answer) -> None:
+def demo_command(board: BoardKind, seed: int, answer: Answer) -> None:
     """Show steps, a stick that goes in circles, and faults, on an emulated rig."""
     from ..io.files import new_directory, write_text
     from ..plot import write_figure
-    from ..rig import emulate_rig, run_circle, run_faults, run_steps
+    from ..rig import HostRun, emulate_rig, run_circle, run_faults, run_steps
 
     effector = _make_effector("prototype")
 
@@ -123,7 +123,7 @@ def demo_command(board: Any, seed: int, answer: Answer) -> None:
 
     with new_directory(answer.target, force=answer.force) as folder:
         with answer.show_progress() as progress:
-            found: dict[str, Any] = {
+            found: dict[str, StepResponses | CircleRun | FaultResponses] = {
                 "steps": run_steps(make_rig(), progress=progress),
                 "circle": run_circle(make_rig(), effector, progress=progress),
                 "faults": run_faults(make_rig, progress=progress),
@@ -135,10 +135,11 @@ def demo_command(board: Any, seed: int, answer: Answer) -> None:
         files = sorted([*(file.name for file in folder.iterdir()), "summary.json"])
         summary = {"files": files, "board": board, "seed": seed, **plain}
         write_text(folder / "summary.json", f"{json.dumps(summary, indent=2)}\n")
-    text = "\n\n".join(
-        f"{name}\n{_show_table(result) if name != 'circle' else _describe_circle(result)}"
+    shown = {
+        name: _describe_circle(result) if isinstance(result, HostRun) else _show_table(result)
         for name, result in found.items()
-    )
+    }
+    text = "\n\n".join(f"{name}\n{words}" for name, words in shown.items())
     answer.give({"output": answer.target, **plain}, f"{text}\n\n{answer.target}")
 
 
@@ -159,7 +160,7 @@ def demo_command(board: Any, seed: int, answer: Answer) -> None:
 @answer_options(".parquet", ".csv", *PICTURES, help="The log (.parquet, .csv), or a picture.")
 def run_command(
     port: str | None,
-    board: Any,
+    board: BoardKind,
     seed: int,
     preset: str,
     stick: str,
@@ -193,7 +194,7 @@ def run_command(
 @preset_option
 @answer_options(".parquet", ".csv", *PICTURES, help="The new log (.parquet, .csv), or a picture.")
 def replay_command(
-    log: Path, port: str | None, board: Any, seed: int, preset: str, answer: Answer
+    log: Path, port: str | None, board: BoardKind, seed: int, preset: str, answer: Answer
 ) -> None:
     """Send the set-points of a LOG again, and compare the pressures."""
     from ..rig import load_log, replay_log
@@ -216,7 +217,7 @@ def replay_command(
 @seed_option
 @preset_option
 @click.option("--seconds", type=float, help="End after this time [s]; by default it runs on.")
-def emulate_command(board: Any, seed: int, preset: str, seconds: float | None) -> None:
+def emulate_command(board: BoardKind, seed: int, preset: str, seconds: float | None) -> None:
     """Run an emulated rig in real time; print the port that a host can open."""
     import threading
 
@@ -236,7 +237,7 @@ def emulate_command(board: Any, seed: int, preset: str, seconds: float | None) -
 @port_option
 @board_option
 @answer_options(".csv", help="The table.")
-def selftest_command(port: str | None, board: Any, answer: Answer) -> None:
+def selftest_command(port: str | None, board: BoardKind, answer: Answer) -> None:
     """Check a board: firmware, refusals, silence of the host, evenness of time.
 
     Without --port an emulated rig behind a pseudo-terminal is checked, in real time.
@@ -507,7 +508,7 @@ def flash_command(port: str, programmer: str, run: bool, answer: Answer) -> None
         run_exit(EXIT_NEGATIVE)
 
 
-def _write_log(run: Any, answer: Answer) -> None:
+def _write_log(run: HostRun | Replay, answer: Answer) -> None:
     """Write a log, as a table or as a picture."""
     if answer.out is None:
         return
@@ -517,7 +518,7 @@ def _write_log(run: Any, answer: Answer) -> None:
         answer.draw(run.plot)
 
 
-def _describe_run(run: Any) -> str:
+def _describe_run(run: HostRun) -> str:
     jitter = ", ".join(f"{name[:-3]} {value:.2f}" for name, value in run.jitter.items())
     return (
         f"{len(run.rows)} periods: {jitter} ms; late {run.late}, lost {run.lost}, damaged "
@@ -525,7 +526,7 @@ def _describe_run(run: Any) -> str:
     )
 
 
-def _describe_circle(run: Any) -> str:
+def _describe_circle(run: HostRun) -> str:
     """Return how far the tip was from where it was wanted."""
     return (
         f"tip from its target: {run.tip_error_rms:.2f} mm rms, {run.tip_error_max:.2f} mm at most"

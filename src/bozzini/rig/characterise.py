@@ -175,6 +175,9 @@ class Step:
         ``"inflating"`` or ``"deflating"``.
     setpoint, pressure, deviation : float
         Pressure asked for, mean and standard deviation of that measured at the end [MPa].
+    overshoot : float
+        How far the pressure went beyond the set-point, in the direction of the step [MPa]; with the
+        transducer's noise. A muscle with hysteresis remembers it.
     contraction : float, optional
         At the end [mm]; None without a gauge.
     time : float
@@ -190,6 +193,7 @@ class Step:
     setpoint: float
     pressure: float
     deviation: float
+    overshoot: float
     contraction: float | None
     time: float
     image: str = ""
@@ -279,6 +283,7 @@ class Characterisation(Result):
             "repeat": [r.repeat for r in rows],
             "setpoint [MPa]": [r.setpoint for r in rows],
             "deviation [MPa]": [r.deviation for r in rows],
+            "overshoot [MPa]": [r.overshoot for r in rows],
             "time [s]": [r.time for r in rows],
             "image": [r.image for r in rows],
             "flags": ["; ".join(r.flags) for r in rows],
@@ -492,6 +497,8 @@ class _Run:
                 pressures.append(self._tick())
                 progress("measuring", (index + (tick + 1) / count) / len(steps))
             mean, spread = float(np.mean(pressures[-used:])), float(np.std(pressures[-used:]))
+            beyond = np.array(pressures) - setpoint
+            overshoot = beyond.max() if direction == "inflating" else -beyond.min()
             flags = self._judge(mean - setpoint, spread)
             contraction = None if self.gauge is None else float(self.gauge())
             ended = link.now - begin
@@ -503,6 +510,7 @@ class _Run:
                     setpoint=setpoint,
                     pressure=mean,
                     deviation=spread,
+                    overshoot=max(float(overshoot), 0.0),
                     contraction=contraction,
                     time=ended,
                     image=image,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks import check_fields, quantity
+from ..errors import InputError
 from .protocol import SETPOINT_MAX
 
 
@@ -38,7 +39,7 @@ class Stairs:
     Raises
     ------
     InputError
-        If a value is outside its legal range.
+        If a value is outside its legal range, or the name has control characters.
     """
 
     highest: float = quantity(
@@ -93,6 +94,10 @@ class Stairs:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if not self.specimen.isprintable():
+            raise InputError(
+                f"specimen is {self.specimen!r}: it must be text without control characters"
+            )
 
     def list_steps(self) -> list[tuple[int, str, float]]:
         """Return the steps in their order: repeat from 1, direction, set-point [MPa]."""
