@@ -157,6 +157,24 @@ def test_host_that_never_shuts_the_valves_is_held_near_the_largest_set_point():
     assert 0.827 < link.list_pressures()[1].max() < known.overpressure
 
 
+def test_board_and_feedforward_do_without_the_sensor_of_the_reservoir():
+    class Blind(Plant):
+        def sensor_voltages(self):
+            voltages = super().sensor_voltages()
+            voltages[3] = 0.0
+            return voltages
+
+    with NativeBoard() as board:
+        link = LockstepLink(Cosimulation(board, Blind(CHAMBERS)))
+        host = Host(link, period=0.002)
+        forward = Feedforward(TRUE, CHAMBERS, host.connect(), period=0.002)
+        run = host.run(lambda time, told: (forward.shape(time, STEPS[0], told), {}), 0.3)
+    assert run.converged
+    settle, over, _ = judge_step(link.list_pressures()[1][-300:], np.array(STEPS[0]), 1e-3)
+    assert settle.max() < 0.12
+    assert over.max() < 0.015
+
+
 def test_slew_limits_are_reported():
     with NativeBoard() as board:
         known = Host(LockstepLink(Cosimulation(board, Plant(CHAMBERS)))).connect()

@@ -14,7 +14,7 @@ from ..errors import InputError
 from .kernels import plant as kernels
 from .plant import MUSCLES, Chamber, PlantDesign
 from .pneumatics import ATMOSPHERE
-from .protocol import SETPOINT_MAX, Configuration, SetPoint, Telemetry
+from .protocol import SETPOINT_MAX, Configuration, Notice, SetPoint, Telemetry
 
 Floats = NDArray[np.float64]
 
@@ -84,6 +84,7 @@ class Feedforward:
             raise InputError(f"there are {len(chambers)} chambers: there must be {MUSCLES}")
         self._dead = board.error_dead
         self._jump = board.jump / board.pwm_counts
+        self._lowest_reservoir = design.compressor_on
         self._half_play = 0.5 * design.valve_hysteresis
         self._packed = tuple(map(float, design.pack(float(chambers[0].pressure[1]))))
         self._volumes = np.array([chamber.volume for chamber in chambers])
@@ -177,7 +178,9 @@ class Feedforward:
                 self._channels, self._supply, self._duty, self._volumes, time - self._past[-1][0]
             )
         self._past.append((time, self._channels[:, kernels.SENSOR].copy()))
-        self._supply[kernels.RESERVOIR] = board.reservoir_pressure + ATMOSPHERE
+        is_known = Notice.RESERVOIR_SENSOR not in board.warnings
+        reservoir = board.reservoir_pressure if is_known else self._lowest_reservoir
+        self._supply[kernels.RESERVOIR] = reservoir + ATMOSPHERE
         drift = CLOCK_DRIFT * (time - self._past[-2][0]) if len(self._past) > 1 else 0.0
         self._offset = min(self._offset + drift, time - board.time)
         if board.time <= self._heard:
