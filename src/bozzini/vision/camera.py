@@ -331,6 +331,8 @@ def align(points: Floats, target: Floats) -> tuple[Floats, Floats]:
 
 
 Triple = tuple[float, float, float]
+Area = tuple[float, float, float, float]
+"""Least x and y, greatest x and y [px]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -354,6 +356,7 @@ class _SetRecord:
     cameras: tuple[_CameraRecord, ...]
     resamples: tuple[tuple[_CameraRecord, ...], ...] = ()
     scale_uncertainty: float = 0.0
+    areas: tuple[Area, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -374,6 +377,9 @@ class CameraSet:
         spread is the uncertainty of the calibration.
     scale_uncertainty : float
         Standard uncertainty of all lengths, as a share of them: that of the board's print.
+    areas : tuple of (float, float, float, float)
+        Where corners were seen in each camera's pictures: least x and y, greatest x and y [px].
+        Elsewhere the lens is extrapolated. Empty if it is not known.
     """
 
     names: tuple[str, ...]
@@ -382,6 +388,7 @@ class CameraSet:
     rms: float = 0.0
     resamples: tuple[tuple[Camera, ...], ...] = ()
     scale_uncertainty: float = 0.0
+    areas: tuple[Area, ...] = ()
 
     def __post_init__(self) -> None:
         counts = {len(self.names), len(self.cameras), *map(len, self.resamples)}
@@ -395,6 +402,14 @@ class CameraSet:
         """Distance of the first two cameras [mm]; 0 for one camera."""
         centres = [camera.centre for camera in self.cameras[:2]]
         return float(np.linalg.norm(centres[-1] - centres[0]))
+
+    def covers(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Return which pixels (c, ..., 2) lie where the lens was calibrated, in all cameras (...)."""
+        seen = np.asarray(pixels, dtype=float)
+        inside = np.ones(seen.shape[1:-1], dtype=bool)
+        for area, own in zip(self.areas, seen, strict=False):
+            inside &= np.all((own >= area[:2]) & (own <= area[2:]), axis=-1)
+        return inside
 
     def triangulate(self, pixels: ArrayLike) -> Floats:
         """Return points (..., 3) [mm] of pixels (c, ..., 2); see `triangulate`."""
@@ -431,6 +446,7 @@ class CameraSet:
             cameras=_list_records(self.names, self.cameras),
             resamples=tuple(_list_records(self.names, cameras) for cameras in self.resamples),
             scale_uncertainty=self.scale_uncertainty,
+            areas=self.areas,
         )
         note = "Cameras; mm, px, the centre of the first pixel is (0, 0); rotation: world to camera"
         return save_record(record, path, note=note)
@@ -472,6 +488,7 @@ def load_cameras(path: str | os.PathLike[str]) -> CameraSet:
             rms=record.rms,
             resamples=tuple(map(_make_cameras, record.resamples)),
             scale_uncertainty=record.scale_uncertainty,
+            areas=record.areas,
         )
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from None
