@@ -503,9 +503,7 @@ def _choose(views: list[View], names: Sequence[str]) -> list[View]:
         chosen.append(dataclasses.replace(view, reason=reason))
     count = len(_list_used(chosen))
     if count < LEAST_VIEWS:
-        first = next(
-            (f"view {v.name}: {v.reason}" for v in chosen if v.reason), "no more are given"
-        )
+        reasons = [f"view {view.name}: {view.reason}" for view in chosen if view.reason]
         raise InputError(
             f"{count} of {len(chosen)} views can be used, a calibration needs {LEAST_VIEWS}"
             + (f" ({reasons[0]})" if reasons else "")

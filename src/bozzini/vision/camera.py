@@ -148,8 +148,11 @@ class Camera:
         return self.place(self.rotation @ turn, self.rotation @ shift + self.translation)
 
     def to_camera(self, points: ArrayLike) -> Floats:
-        """Return points of the world (..., 3) in the camera's frame [mm]."""
-        return np.asarray(check_points("points", points) @ self.rotation.T + self.translation)
+        """Return points of the world (..., 3) in the camera's frame [mm]; NaN stays NaN."""
+        given = check_array("points", points)
+        if given.ndim == 0 or given.shape[-1] != 3:
+            raise InputError(f"points has shape {given.shape}: it must be (..., 3)")
+        return np.asarray(given @ self.rotation.T + self.translation)
 
     def project(self, points: ArrayLike) -> Floats:
         """Return the pixels of points in the world.
@@ -404,7 +407,7 @@ class CameraSet:
         return float(np.linalg.norm(centres[-1] - centres[0]))
 
     def covers(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Return which pixels (c, ..., 2) lie where the lens was calibrated, in all cameras (...)."""
+        """Return which pixels (c, ..., 2) all cameras see where their lens was calibrated."""
         seen = np.asarray(pixels, dtype=float)
         inside = np.ones(seen.shape[1:-1], dtype=bool)
         for area, own in zip(self.areas, seen, strict=False):
