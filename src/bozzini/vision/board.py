@@ -334,11 +334,20 @@ class CharucoBoard(_Charuco):
         Number of the first marker; boards seen together need their own numbers.
     """
 
-    columns: int = quantity("", "Squares across.", default=11, low=3, high=_LIMIT, whole=True)
-    rows: int = quantity("", "Squares down.", default=8, low=3, high=_LIMIT, whole=True)
+    columns: int = quantity(
+        "dimensionless", "Squares across.", default=11, low=3, high=_LIMIT, whole=True
+    )
+    rows: int = quantity(
+        "dimensionless", "Squares down.", default=8, low=3, high=_LIMIT, whole=True
+    )
     square: float = quantity("length", "Side of a square.", default=6.0, low=0.5, high=200.0)
     first_marker: int = quantity(
-        "", "Number of the first marker.", default=0, low=0, high=_MARKERS - 1, whole=True
+        "dimensionless",
+        "Number of the first marker.",
+        default=0,
+        low=0,
+        high=_MARKERS - 1,
+        whole=True,
     )
     kind: ClassVar[str] = "charuco"
 
@@ -375,8 +384,12 @@ class StripBoard(_Charuco):
         Width of the window as drawn [mm].
     """
 
-    columns: int = quantity("", "Squares across a strip.", default=3, low=2, high=7, whole=True)
-    rows: int = quantity("", "Squares down a strip.", default=14, low=3, high=33, whole=True)
+    columns: int = quantity(
+        "dimensionless", "Squares across a strip.", default=3, low=2, high=7, whole=True
+    )
+    rows: int = quantity(
+        "dimensionless", "Squares down a strip.", default=14, low=3, high=33, whole=True
+    )
     square: float = quantity("length", "Side of a square.", default=5.0, low=0.5, high=50.0)
     gap: float = quantity("length", "Width of the window.", default=30.0, low=5.0, high=300.0)
     kind: ClassVar[str] = "strips"
@@ -421,8 +434,12 @@ class Checkerboard(Board):
         Side of a square as drawn [mm].
     """
 
-    columns: int = quantity("", "Inner corners across.", default=9, low=3, high=_LIMIT, whole=True)
-    rows: int = quantity("", "Inner corners down.", default=6, low=3, high=_LIMIT, whole=True)
+    columns: int = quantity(
+        "dimensionless", "Inner corners across.", default=9, low=3, high=_LIMIT, whole=True
+    )
+    rows: int = quantity(
+        "dimensionless", "Inner corners down.", default=6, low=3, high=_LIMIT, whole=True
+    )
     square: float = quantity("length", "Side of a square.", default=6.0, low=0.5, high=200.0)
     kind: ClassVar[str] = "checkerboard"
 

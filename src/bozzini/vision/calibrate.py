@@ -75,12 +75,17 @@ class CalibrationOptions:
         "text", "View whose board is the world; by default the first.", default=""
     )
     resamples: int = quantity(
-        "", "Draws of views for the uncertainty.", default=10, low=0, high=1000, whole=True
+        "dimensionless",
+        "Draws of views for the uncertainty.",
+        default=10,
+        low=0,
+        high=1000,
+        whole=True,
     )
     baseline: float = quantity(
         "length", "Expected distance of the cameras, to check.", default=0.0, low=0.0, high=1e5
     )
-    seed: int = quantity("", "Of the draws.", default=0, low=0, high=2**31, whole=True)
+    seed: int = quantity("dimensionless", "Of the draws.", default=0, low=0, high=2**31, whole=True)
 
     def __post_init__(self) -> None:
         check_fields(self)

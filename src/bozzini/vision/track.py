@@ -62,7 +62,7 @@ class TrackOptions:
         "dimensionless", "Least uncertainty of a pixel [px].", default=0.3, low=0.001, high=100.0
     )
     markers: int = quantity(
-        "", "Markers in each picture.", default=2, low=1, high=MOST_MARKERS, whole=True
+        "dimensionless", "Markers in each picture.", default=2, low=1, high=MOST_MARKERS, whole=True
     )
     diameter: float = quantity(
         "dimensionless", "Of a marker in the pictures [px].", default=12.0, low=3.0, high=500.0
@@ -94,11 +94,11 @@ class Track(Result):
     pixel_uncertainty : float
         Standard uncertainty of a pixel that was used [px].
     status : tuple of str
-        "ok", "flagged" or "failed", a row each.
+        "ok", "flagged" or "failed", for the markers of the first row, then of the next.
     flags : tuple of str
-        What was noticed in each row; words with ``;`` between.
+        What was noticed, in the same order; words with ``;`` between.
     reasons : tuple of str
-        Why a row failed.
+        Why there is no point, in the same order.
     world : str
         What the frame of the points is.
     copied : dict
@@ -119,7 +119,7 @@ class Track(Result):
 
     @property
     def converged(self) -> bool:
-        """Whether no row failed."""
+        """Whether there are all points."""
         return "failed" not in self.status
 
     @property
@@ -129,16 +129,19 @@ class Track(Result):
         if not count:
             return ""
         first = self.status.index("failed")
-        return f"{count} of {len(self.status)} rows failed (row {first + 1}: {self.reasons[first]})"
+        row, marker = divmod(first, len(self.markers))
+        where = f"row {row + 1}, marker {self.markers[marker]}: {self.reasons[first]}"
+        return f"{count} of {len(self.status)} points failed ({where})"
 
     @property
     def residual(self) -> float:
-        """Root mean square of all residuals in the pictures [px]."""
-        return float(np.sqrt(np.nanmean(np.square(self.misses)))) if self._any else math.nan
+        """Root mean square of the residuals of the points there are [px]."""
+        known = self.misses[np.isfinite(self.points[..., 0])]
+        return float(np.sqrt(np.mean(np.square(known)))) if known.size else math.nan
 
     @property
     def _any(self) -> bool:
-        return bool(np.isfinite(self.misses).any())
+        return bool(np.isfinite(self.points).any())
 
     @property
     def uncertainty(self) -> Floats:
@@ -152,7 +155,7 @@ class Track(Result):
         return {
             "converged": self.converged,
             "reason": self.reason,
-            "rows": len(self.status),
+            "rows": len(self.points),
             "markers": list(self.markers),
             "ok": self.status.count("ok"),
             "flagged": self.status.count("flagged"),
@@ -165,7 +168,7 @@ class Track(Result):
 
     def list_columns(self) -> Json:
         """Return a row for each marker of each row: position, uncertainty, residual, status."""
-        rows, count = len(self.status), len(self.markers)
+        rows, count = self.points.shape[:2]
         twice = partial(_repeat, count=count)
         flat, spread = self.points.reshape(-1, 3), self.uncertainty.reshape(-1, 3)
         mixed = self.covariance.reshape(-1, 3, 3)
@@ -180,9 +183,9 @@ class Track(Result):
                 for i, j in itertools.combinations(range(3), 2)
             },
             "residual_px": _blank(self.misses.ravel()),
-            "status": twice(list(self.status)),
-            "flags": twice(list(self.flags)),
-            "reason": twice(list(self.reasons)),
+            "status": list(self.status),
+            "flags": list(self.flags),
+            "reason": list(self.reasons),
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -280,9 +283,6 @@ def read_pixels(manifest: Manifest, cameras: CameraSet) -> PixelTable:
                     raise FileFormatError(f"{manifest.path}: {words}")
                 column = places[i, axis, marker]
                 pixels[i, :, k, "xy".index(axis)] = _read_column(manifest, column)
-    empty = np.isnan(pixels).any(axis=(0, 3)).all(axis=1)
-    reasons = ["no marker is seen by two cameras" if none else "" for none in empty]
-    some = np.isnan(pixels).any(axis=(0, 2, 3))
     return PixelTable(
         pixels,
         markers,
@@ -291,8 +291,8 @@ def read_pixels(manifest: Manifest, cameras: CameraSet) -> PixelTable:
             for name in manifest.columns
             if name not in places.values()
         },
-        tuple(reasons),
-        tuple("marker_missing" if one else "" for one in some),
+        ("",) * len(manifest.rows),
+        ("",) * len(manifest.rows),
     )
 
 
@@ -448,39 +448,40 @@ def track(
     -------
     Track
         The uncertainty of a point is that of its pixels, through the triangulation, and that of
-        the calibration. A row whose rays miss each other by more than 20 standard uncertainties of
-        a pixel has no points.
+        the calibration. A marker whose rays miss each other by more than 20 standard uncertainties
+        of a pixel has no point.
     """
     if len(cameras.cameras) < 2:
         raise InputError("one camera is given: points in space need two")
-    pixels, swapped = _match_markers(table.pixels, cameras)
+    pixels, swapped = _match_markers(table.pixels, cameras, options.pixel_uncertainty)
     points = cameras.triangulate(pixels)
-    residuals = np.stack(
-        [own - camera.project(points) for own, camera in zip(pixels, cameras.cameras, strict=True)]
-    )
-    squares = np.sum(residuals**2, axis=(0, 3))
     free = 2 * len(cameras.cameras) - 3
+    squares = _square_misses(cameras.cameras, pixels, points) / free
     known = squares[np.isfinite(squares)]
     # The median of chi-square with one degree of freedom is 0.455.
-    seen = math.sqrt(float(np.median(known)) / (0.455 * free)) if known.size > 5 else 0.0
+    seen = math.sqrt(float(np.median(known)) / 0.455) if known.size > 5 else 0.0
     uncertainty = max(options.pixel_uncertainty, seen)
-    misses = np.sqrt(squares / free)
+    misses = np.sqrt(squares)
     refused = misses > REFUSED * uncertainty
     points = np.where(refused[..., None], np.nan, points)
     covariance = _propagate(points, cameras, uncertainty) + cameras.calibration_covariance(pixels)
     covariance = np.where(refused[..., None, None], np.nan, covariance)
     inside = cameras.covers(pixels)
-    status, flags, reasons = [], [], []
+    rows = []
     for k, (why, note) in enumerate(zip(table.reasons, table.notes, strict=True)):
-        words = [word for word in note.split(";") if word]
-        words += ["markers_swapped"] if swapped[k] else []
-        words += ["rays_miss"] if (misses[k] > FLAGGED * uncertainty).any() else []
-        words += ["outside_calibrated_area"] if not why and not inside[k].all() else []
-        if not why and refused[k].any():
-            why = f"rays miss each other by {np.nanmax(misses[k]):.1f} px"
-        status.append("failed" if why else "flagged" if words else "ok")
-        flags.append(";".join(words))
-        reasons.append(why)
+        for i in range(len(table.markers)):
+            words = [note] if note else []
+            words += ["markers_swapped"] if swapped[k] else []
+            words += ["rays_miss"] if misses[k, i] > FLAGGED * uncertainty else []
+            words += ["outside_calibrated_area"] if misses[k, i] >= 0.0 and not inside[k, i] else []
+            reason = why
+            if not why and math.isnan(misses[k, i]):
+                reason = "not seen by two cameras"
+            elif not why and refused[k, i]:
+                reason = f"rays miss each other by {misses[k, i]:.1f} px"
+            status = "failed" if reason else "flagged" if words else "ok"
+            rows.append((status, ";".join(words), reason))
+    status, flags, reasons = zip(*rows, strict=True)
     return Track(
         markers=table.markers,
         points=points,
@@ -488,50 +489,54 @@ def track(
         misses=misses,
         pixels=pixels,
         pixel_uncertainty=uncertainty,
-        status=tuple(status),
-        flags=tuple(flags),
-        reasons=tuple(reasons),
+        status=status,
+        flags=flags,
+        reasons=reasons,
         world=cameras.world,
         copied=table.copied,
     )
 
 
-def _match_markers(pixels: Floats, cameras: CameraSet) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return pixels with markers that belong together, and where that changed their order."""
+def _square_misses(cameras: Sequence[Camera], pixels: Floats, points: Floats) -> Floats:
+    """Return the sum of squares of the residuals of each point [px^2]."""
+    off = [own - camera.project(points) for own, camera in zip(pixels, cameras, strict=True)]
+    return np.asarray(np.sum(np.square(off), axis=(0, -1)))
+
+
+def _match_markers(
+    pixels: Floats, cameras: CameraSet, uncertainty: float
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return pixels with markers that belong together, and in which rows that changed their order.
+
+    An order other than the table's is taken where with it more rays meet, or markers move less.
+    """
     count = pixels.shape[2]
     orders = [np.array(order) for order in itertools.permutations(range(count))]
     matched = pixels.copy()
-    before: Floats | None = None
-    for k in range(pixels.shape[1]):
-        if np.isnan(pixels[:, k]).any():
-            continue
-        for i in range(1, len(cameras.cameras)):
-            pair = [cameras.cameras[0], cameras.cameras[i]]
-            own = matched[[0, i], k]
-            costs = [_miss(pair, np.stack([own[0], own[1][order]])) for order in orders]
-            # The order of the table, unless another one is clearly better.
-            best = int(np.argmin(costs))
-            if costs[best] < 0.25 * costs[0]:
-                matched[i, k] = own[1][orders[best]]
-        points = cameras.triangulate(matched[:, k])
-        if before is not None:
-            moves = [float(np.sum((points[order] - before) ** 2)) for order in orders]
-            best = int(np.argmin(moves))
-            if moves[best] < 0.25 * moves[0]:
-                matched[:, k] = matched[:, k, orders[best]]
-                points = points[orders[best]]
-        before = points
-    return matched, np.any(matched != pixels, axis=(0, 2, 3)) & ~np.isnan(pixels).any(
-        axis=(0, 2, 3)
-    )
-
-
-def _miss(cameras: Sequence[Camera], pixels: Floats) -> float:
-    """Return the sum of squares of the residuals of points [px^2]."""
-    points = triangulate(cameras, pixels)
-    off = [own - camera.project(points) for own, camera in zip(pixels, cameras, strict=True)]
-    total = float(np.sum(np.square(off)))
-    return total if math.isfinite(total) else math.inf
+    most = (REFUSED * uncertainty) ** 2
+    for i in range(1, len(cameras.cameras)):
+        pair = [cameras.cameras[0], cameras.cameras[i]]
+        own, other = np.broadcast_arrays(pixels[0][:, :, None], pixels[i][:, None])
+        both = np.stack([own, other])
+        squares = _square_misses(pair, both, triangulate(pair, both))
+        squares = np.minimum(np.where(np.isnan(squares), most, squares), most)
+        costs = np.stack([squares[:, range(count), order].sum(axis=1) for order in orders])
+        best = np.where(costs[0] - costs.min(axis=0) > 0.5 * most, costs.argmin(axis=0), 0)
+        for k in np.flatnonzero(best):
+            matched[i, k] = pixels[i, k, orders[best[k]]]
+    points = cameras.triangulate(matched)
+    good = _square_misses(cameras.cameras, matched, points) < most
+    points = np.where(good[..., None], points, np.nan)
+    before = points[0].copy()
+    for k in range(len(points)):
+        moves = [np.linalg.norm(points[k, order] - before, axis=1) for order in orders]
+        costs = np.array([np.nansum(move**2) for move in moves])
+        if np.isfinite(before).all() and costs.min() < 0.25 * costs[0]:
+            order = orders[int(costs.argmin())]
+            matched[:, k], points[k] = matched[:, k, order], points[k, order]
+        before = np.where(np.isnan(points[k]), before, points[k])
+    changed = (matched != pixels) & np.isfinite(pixels)
+    return matched, np.asarray(changed.any(axis=(0, 2, 3)))
 
 
 def _propagate(points: Floats, cameras: CameraSet, uncertainty: float) -> Floats:
