@@ -39,6 +39,7 @@ COMMANDS = {
     "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",
     "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
+    "vision": "Measure lengths, shapes and points in pictures: boards, cameras.",
 }
 """Each command and its line in the help; its code is ``bozzini.cli.<name>.command``."""
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..checks import check_fields, quantity, show_value
 from ..errors import FileFormatError, InputError
 from ..io.files import write_bytes, write_text
-from ..io.records import format_yaml, load_data, read_record, write_record
+from ..io.records import load_data, read_record, write_record
 from .camera import Floats
 from .pictures import Picture, import_opencv
 
@@ -163,7 +163,8 @@ class Board(ABC):
         data = {"kind": self.kind, **write_record(self)}
         if Path(path).suffix.lower() == ".json":
             return write_text(path, json.dumps(data, indent=2) + "\n")
-        return write_text(path, "# A board; lengths in mm\n" + format_yaml(data))
+        lines = [f"{name}: {json.dumps(value)}\n" for name, value in data.items()]
+        return write_text(path, "# A board; lengths in mm\n" + "".join(lines))
 
     def write_pdf(self, path: str | os.PathLike[str]) -> Path:
         """Write the board at its true scale as a vector PDF, with a bar of 100 mm to measure."""
@@ -334,12 +335,8 @@ class CharucoBoard(_Charuco):
         Number of the first marker; boards seen together need their own numbers.
     """
 
-    columns: int = quantity(
-        "dimensionless", "Squares across.", default=11, low=3, high=_LIMIT, whole=True
-    )
-    rows: int = quantity(
-        "dimensionless", "Squares down.", default=8, low=3, high=_LIMIT, whole=True
-    )
+    columns: int = quantity(help="Squares across.", default=11, low=3, high=_LIMIT, whole=True)
+    rows: int = quantity(help="Squares down.", default=8, low=3, high=_LIMIT, whole=True)
     square: float = quantity("length", "Side of a square.", default=6.0, low=0.5, high=200.0)
     first_marker: int = quantity(
         "dimensionless",
@@ -384,12 +381,8 @@ class StripBoard(_Charuco):
         Width of the window as drawn [mm].
     """
 
-    columns: int = quantity(
-        "dimensionless", "Squares across a strip.", default=3, low=2, high=7, whole=True
-    )
-    rows: int = quantity(
-        "dimensionless", "Squares down a strip.", default=14, low=3, high=33, whole=True
-    )
+    columns: int = quantity(help="Squares across a strip.", default=3, low=2, high=7, whole=True)
+    rows: int = quantity(help="Squares down a strip.", default=14, low=3, high=33, whole=True)
     square: float = quantity("length", "Side of a square.", default=5.0, low=0.5, high=50.0)
     gap: float = quantity("length", "Width of the window.", default=30.0, low=5.0, high=300.0)
     kind: ClassVar[str] = "strips"
@@ -434,12 +427,8 @@ class Checkerboard(Board):
         Side of a square as drawn [mm].
     """
 
-    columns: int = quantity(
-        "dimensionless", "Inner corners across.", default=9, low=3, high=_LIMIT, whole=True
-    )
-    rows: int = quantity(
-        "dimensionless", "Inner corners down.", default=6, low=3, high=_LIMIT, whole=True
-    )
+    columns: int = quantity(help="Inner corners across.", default=9, low=3, high=_LIMIT, whole=True)
+    rows: int = quantity(help="Inner corners down.", default=6, low=3, high=_LIMIT, whole=True)
     square: float = quantity("length", "Side of a square.", default=6.0, low=0.5, high=200.0)
     kind: ClassVar[str] = "checkerboard"
 

@@ -85,7 +85,7 @@ class CalibrationOptions:
     baseline: float = quantity(
         "length", "Expected distance of the cameras, to check.", default=0.0, low=0.0, high=1e5
     )
-    seed: int = quantity("dimensionless", "Of the draws.", default=0, low=0, high=2**31, whole=True)
+    seed: int = quantity(help="Of the draws.", default=0, low=0, high=2**31, whole=True)
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -331,23 +331,24 @@ def write_overlay(
     return write_bytes(Path(path), packed.getvalue())
 
 
-def write_run(
-    path: str | os.PathLike[str],
+def write_summary(
+    folder: Path,
     *,
     settings: object,
     inputs: Iterable[str | os.PathLike[str]],
-    more: Mapping[str, object] | None = None,
-) -> Path:
-    """Write what a run was made from, as JSON: versions, settings, and SHA-256 of its inputs.
+    result: Mapping[str, object],
+) -> Json:
+    """Write what a directory of results was made from, as its ``summary.json``, and return it.
 
     Parameters
     ----------
-    path : path-like
+    folder : Path
+        Of `bozzini.io.files.new_directory`, with all other files in it.
     settings : dataclass or mapping
     inputs : iterable of path-like
-        Files that were read; one that is missing has no checksum.
-    more : mapping, optional
-        Further entries, such as a table of the uncertainty.
+        Files that were read, of which the SHA-256 is written; null for one that is missing.
+    result : mapping
+        Further entries.
     """
     cv2 = import_opencv()
     sums: dict[str, str | None] = {}
@@ -356,17 +357,21 @@ def write_run(
             sums[str(source)] = hashlib.sha256(source.read_bytes()).hexdigest()
         except OSError:
             sums[str(source)] = None
-    versions = {
-        "bozzini": __version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "opencv": cv2.__version__,
-    }
-    data = {
-        "versions": versions,
-        "pixels": "the centre of the first pixel is (0, 0)",
-        "settings": to_plain(settings),
+    # The names are what --force may remove later, see `bozzini.io.files.new_directory`.
+    files = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+    summary: Json = {
+        **result,
+        "settings": settings,
         "inputs": sums,
-        **dict(to_plain(more or {})),
+        "versions": {
+            "bozzini": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "opencv": cv2.__version__,
+        },
+        "pixels": "the centre of the first pixel is (0, 0)",
+        "files": sorted([*files, "summary.json"]),
     }
-    return write_text(path, json.dumps(data, indent=2) + "\n")
+    summary = dict(to_plain(summary))
+    write_text(folder / "summary.json", json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    return summary

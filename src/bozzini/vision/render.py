@@ -72,22 +72,16 @@ class Sensor:
         Rays a pixel in each direction.
     """
 
-    blur: float = quantity("dimensionless", "Point spread [px].", default=0.8, low=0.0, high=50.0)
+    blur: float = quantity(help="Point spread [px].", default=0.8, low=0.0, high=50.0)
     aperture: float = quantity("length", "Entrance pupil.", default=0.0, low=0.0, high=100.0)
     focus: float = quantity("length", "Distance in focus.", default=300.0, low=1.0, high=1e5)
-    noise: float = quantity("dimensionless", "Noise of white.", default=0.012, low=0.0, high=1.0)
-    uneven: float = quantity(
-        "dimensionless", "Light lost over the picture.", default=0.2, low=0.0, high=1.0
-    )
-    exposure: float = quantity("dimensionless", "White paper.", default=0.8, low=0.0, high=100.0)
-    gamma: float = quantity("dimensionless", "Exponent.", default=2.2, low=0.1, high=10.0)
-    jpeg: int = quantity(
-        "dimensionless", "Quality; 0 for none.", default=90, low=0, high=100, whole=True
-    )
-    bits: int = quantity("dimensionless", "Of a value.", default=8, low=8, high=16, whole=True)
-    supersampling: int = quantity(
-        "dimensionless", "Rays a pixel.", default=2, low=1, high=8, whole=True
-    )
+    noise: float = quantity(help="Noise of white.", default=0.012, low=0.0, high=1.0)
+    uneven: float = quantity(help="Light lost over the picture.", default=0.2, low=0.0, high=1.0)
+    exposure: float = quantity(help="White paper.", default=0.8, low=0.0, high=100.0)
+    gamma: float = quantity(help="Exponent.", default=2.2, low=0.1, high=10.0)
+    jpeg: int = quantity(help="Quality; 0 for none.", default=90, low=0, high=100, whole=True)
+    bits: int = quantity(help="Of a value.", default=8, low=8, high=16, whole=True)
+    supersampling: int = quantity(help="Rays a pixel.", default=2, low=1, high=8, whole=True)
 
     def __post_init__(self) -> None:
         check_fields(self, "the sensor's ")
@@ -364,8 +358,8 @@ class HungMuscle:
     angle: float = quantity("angle", "In the board's plane.", default=0.0, low=-1.0, high=1.0)
     tilt: float = quantity("angle", "Out of that plane.", default=0.0, low=-1.0, high=1.0)
     offset: tuple[float, float] = (0.0, 0.0)
-    body: float = quantity("dimensionless", "Albedo of the muscle.", default=0.5, low=0.0, high=1.0)
-    dark: float = quantity("dimensionless", "Albedo of the rings.", default=0.05, low=0.0, high=1.0)
+    body: float = quantity(help="Albedo of the muscle.", default=0.5, low=0.0, high=1.0)
+    dark: float = quantity(help="Albedo of the rings.", default=0.05, low=0.0, high=1.0)
     end: float = quantity("length", "Beyond a ring.", default=6.0, low=0.1, high=100.0)
 
     def __post_init__(self) -> None:

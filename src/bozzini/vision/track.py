@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -21,10 +22,19 @@ from numpy.typing import NDArray
 
 from ..checks import check_fields, quantity
 from ..errors import FileFormatError, GeometryError, InputError
+from ..io.files import new_directory, write_text
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .camera import Camera, CameraSet, Floats, triangulate
-from .pictures import Manifest, Picture, measure_each, read_picture
+from .pictures import (
+    Manifest,
+    Picture,
+    Stroke,
+    measure_each,
+    read_picture,
+    write_overlay,
+    write_summary,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,13 +69,13 @@ class TrackOptions:
     """
 
     pixel_uncertainty: float = quantity(
-        "dimensionless", "Least uncertainty of a pixel [px].", default=0.3, low=0.001, high=100.0
+        help="Least uncertainty of a pixel [px].", default=0.3, low=0.001, high=100.0
     )
     markers: int = quantity(
-        "dimensionless", "Markers in each picture.", default=2, low=1, high=MOST_MARKERS, whole=True
+        help="Markers in each picture.", default=2, low=1, high=MOST_MARKERS, whole=True
     )
     diameter: float = quantity(
-        "dimensionless", "Of a marker in the pictures [px].", default=12.0, low=3.0, high=500.0
+        help="Of a marker in the pictures [px].", default=12.0, low=3.0, high=500.0
     )
     shade: str = quantity(
         "text", "Markers against their surroundings.", default="bright", words=("bright", "dark")
@@ -99,6 +109,8 @@ class Track(Result):
         What was noticed, in the same order; words with ``;`` between.
     reasons : tuple of str
         Why there is no point, in the same order.
+    options : TrackOptions
+        What was asked for.
     world : str
         What the frame of the points is.
     copied : dict
@@ -114,6 +126,7 @@ class Track(Result):
     status: tuple[str, ...]
     flags: tuple[str, ...]
     reasons: tuple[str, ...]
+    options: TrackOptions = TrackOptions()
     world: str = ""
     copied: dict[str, list[str]] = field(default_factory=dict)
 
@@ -492,9 +505,67 @@ def track(
         status=status,
         flags=flags,
         reasons=reasons,
+        options=options,
         world=cameras.world,
         copied=table.copied,
     )
+
+
+def write_track(
+    found: Track,
+    directory: str | os.PathLike[str],
+    *,
+    manifest: Manifest,
+    cameras: CameraSet,
+    inputs: Sequence[Path] = (),
+    force: bool = False,
+) -> Json:
+    """Write a track into a new directory and return its summary.
+
+    It holds ``points.csv`` (a row for each marker of each row of the table: place, standard
+    uncertainty and covariance with units in the names of the columns, status and reason),
+    ``picture.png``, ``summary.json``, and ``overlays`` of the pictures where there are any.
+
+    Raises
+    ------
+    OutputError
+        If the directory exists (without `force`) or cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 5.5))
+    found.plot(figure.add_subplot())
+    with new_directory(directory, force=force) as folder:
+        write_text(folder / "points.csv", found.to_frame().to_csv(index=False, float_format="%.9g"))
+        figure.savefig(folder / "picture.png", dpi=150.0)
+        names = [name for name in cameras.names if name in found.copied]
+        pictures = {
+            manifest.find_picture(row, name): (i, k)
+            for i, name in enumerate(names)
+            for k, row in enumerate(manifest.rows)
+        }
+        for path, (i, k) in pictures.items():
+            _write_overlay(folder / "overlays" / f"{k + 1:04d}_{names[i]}.jpg", path, found, i, k)
+        return write_summary(
+            folder,
+            settings=found.options,
+            inputs=[*inputs, *pictures],
+            result=found.to_dict(),
+        )
+
+
+def _write_overlay(target: Path, path: Path, found: Track, camera: int, row: int) -> None:
+    """Draw the markers of a row over the picture of a camera, if there is one."""
+    try:
+        picture = read_picture(path)
+    except FileFormatError:
+        return
+    target.parent.mkdir(exist_ok=True)
+    count = len(found.markers)
+    status = found.status[row * count : (row + 1) * count]
+    reasons = sorted({text for text in found.reasons[row * count : (row + 1) * count] if text})
+    strokes = [Stroke(found.pixels[camera, row], crosses=True)]
+    write_overlay(target, picture, strokes, reasons, refused="failed" in status)
 
 
 def _square_misses(cameras: Sequence[Camera], pixels: Floats, points: Floats) -> Floats:
