@@ -482,7 +482,7 @@ def load_cameras(path: str | os.PathLike[str]) -> CameraSet:
     FileFormatError
         One line that names the file and the field.
     """
-    record = load_record(path, _SetRecord, name="the cameras")
+    record = load_record(path, _SetRecord, name="the file of cameras")
     try:
         return CameraSet(
             names=tuple(camera.name for camera in record.cameras),
