@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bozzini.vision.calibrate import Calibration, CalibrationOptions, View, calibrate
+from bozzini.vision.calibrate import Calibration, CalibrationOptions, View, calibrate_cameras
 from tests.conftest import _find_data
 from tests.vision.sets import BOARD, render_views
 
@@ -32,7 +32,7 @@ def pair_views(pair_pictures) -> list[View]:
 def pair_calibration(pair_views) -> Calibration:
     """Give the calibration from these."""
     options = CalibrationOptions(resamples=6)
-    return calibrate(pair_views, BOARD, ("cam0", "cam1"), options=options)
+    return calibrate_cameras(pair_views, BOARD, ("cam0", "cam1"), options=options)
 
 
 @pytest.fixture(scope="session")

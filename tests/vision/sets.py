@@ -16,7 +16,7 @@ from bozzini.vision import (
     Scene,
     Sensor,
     make_board_poses,
-    render,
+    render_picture,
 )
 
 BOARD = CharucoBoard()
@@ -37,7 +37,7 @@ def render_views(
     pictures = [
         [
             replace(
-                render(
+                render_picture(
                     Scene(board=board),
                     camera.move_world(*pose),
                     sensor=sensor,

@@ -85,7 +85,7 @@ def test_what_is_no_picture_is_one_line(tmp_path):
 
 def test_a_table_of_pictures_keeps_all_its_columns(tmp_path):
     (tmp_path / "m.csv").write_text(
-        "# made by hand\nimage, note\na.png,\"one, two\"\n\nb.png,\n", encoding="utf-8-sig"
+        '# made by hand\nimage, note\na.png,"one, two"\n\nb.png,\n', encoding="utf-8-sig"
     )
     manifest = read_manifest(tmp_path / "m.csv", ("image",))
     assert manifest.columns == ("image", "note")

@@ -118,7 +118,7 @@ def calibrate_command(
     from ..io.files import check_new_file
     from ..plot.figures import write_figure
     from ..vision.board import load_board
-    from ..vision.calibrate import calibrate, detect_views
+    from ..vision.calibrate import calibrate_cameras, detect_views
 
     board = load_board(board_file)
     check_new_file(answer.target, (".yaml", ".yml", ".json"), force=answer.force)
@@ -126,7 +126,7 @@ def calibrate_command(
     check_new_file(picture, (".png",), force=answer.force)
     with answer.show_progress() as progress:
         names, views = detect_views(folder, board, jobs=jobs, progress=progress)
-        found = calibrate(views, board, names, options=options, progress=progress)
+        found = calibrate_cameras(views, board, names, options=options, progress=progress)
     write_figure(found.plot(), picture, dpi=150.0)
     if found.converged:
         found.cameras.save(answer.target)
@@ -209,7 +209,7 @@ def track_command(
     from ..io.files import reserve_directory
     from ..vision.camera import load_cameras
     from ..vision.pictures import read_manifest
-    from ..vision.track import find_pixels, read_pixels, track, write_track
+    from ..vision.track import find_pixels, read_pixels, track_markers, write_track
 
     cameras = load_cameras(cameras_file)
     manifest = read_manifest(table, ())
@@ -220,7 +220,7 @@ def track_command(
                 pixels = find_pixels(manifest, cameras, options, jobs=jobs, progress=progress)
             else:
                 pixels = read_pixels(manifest, cameras)
-            found = track(pixels, cameras, options=options)
+            found = track_markers(pixels, cameras, options=options)
         summary = write_track(
             found,
             answer.target,

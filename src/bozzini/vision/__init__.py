@@ -19,9 +19,10 @@ if TYPE_CHECKING:
         Scene,
         Sensor,
         Tube,
+        bend_curve,
         make_backbone_scene,
         make_board_poses,
-        render,
+        render_picture,
     )
 
 __all__ = [
@@ -40,12 +41,13 @@ __all__ = [
     "StripBoard",
     "Tube",
     "aim_camera",
+    "bend_curve",
     "load_board",
     "load_cameras",
     "make_backbone_scene",
     "make_board_poses",
     "read_picture",
-    "render",
+    "render_picture",
     "triangulate",
     "write_picture",
 ]
@@ -63,9 +65,10 @@ _MODULES = {
             "Scene",
             "Sensor",
             "Tube",
+            "bend_curve",
             "make_backbone_scene",
             "make_board_poses",
-            "render",
+            "render_picture",
         ),
     }.items()
     for name in names

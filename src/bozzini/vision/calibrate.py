@@ -370,7 +370,7 @@ class _Fit:
     wide: bool
 
 
-def calibrate(
+def calibrate_cameras(
     views: Sequence[View],
     board: Board,
     names: Sequence[str] = ("camera",),

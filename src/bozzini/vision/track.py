@@ -444,7 +444,7 @@ def _centre_spot(values: Floats, start: Floats, diameter: float) -> Floats:
 # Points.
 
 
-def track(
+def track_markers(
     table: PixelTable, cameras: CameraSet, *, options: TrackOptions = TrackOptions()
 ) -> Track:
     """Match the markers of two cameras or more and place them in space.
