@@ -6,6 +6,7 @@ import re
 import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 from bozzini.errors import FileFormatError, InputError
 from bozzini.vision import (
@@ -49,7 +50,7 @@ def charuco():
     ],
 )
 def test_corners_are_found_where_they_are(board, down, least):
-    camera = _look(board, down=down)
+    camera = _look(board, down=down, pitch=0.16 if board is STRIPS else 0.12)
     scene = Scene(board=board)
     if board is STRIPS:
         scene = HungMuscle(length=30.0).make_scene(STRIPS)
@@ -67,9 +68,14 @@ def test_the_half_pixel_of_older_detectors_does_no_harm(charuco, monkeypatch):
     right = BOARD.detect(picture)
     raw = []
 
-    class Shifted(cv2.aruco.CharucoDetector):
+    detector = cv2.aruco.CharucoDetector
+
+    class Shifted:
+        def __init__(self, *given):
+            self.detector = detector(*given)
+
         def detectBoard(self, *given, **named):
-            corners, ids, *more = super().detectBoard(*given, **named)
+            corners, ids, *more = self.detector.detectBoard(*given, **named)
             plain = np.asarray(corners).reshape(-1, 2)
             truth = camera.project(BOARD.corners[np.ravel(ids)])
             shift = 0.5 - np.round(2.0 * np.median(plain - truth)) / 2.0  # to the older ones'
@@ -93,7 +99,8 @@ def test_the_print_is_the_pattern_that_opencv_knows():
     ours = np.zeros(image.shape, bool)
     for x0, y0, x1, y1 in np.round(BOARD.rectangles * texels).astype(int):
         ours[y0:y1, x0:x1] = True
-    assert np.mean(ours != (image < 128)) < 0.005
+    wrong = ours != (image < 128)
+    assert not binary_erosion(wrong, iterations=2).any()  # edges are rounded, nothing else
     assert BOARD.nominal_corners == pytest.approx(np.asarray(theirs.getChessboardCorners()))
 
 
@@ -191,7 +198,7 @@ def test_a_board_of_other_columns_does_not_fit_a_plane(charuco):
 def test_part_of_a_board_will_do_and_the_border_is_left_out():
     camera = _look(BOARD, pitch=0.07)
     found = BOARD.detect(render_picture(Scene(board=BOARD), camera))
-    assert 20 < len(found.ids) < 60
+    assert 10 < len(found.ids) < 50
     assert found.corners == pytest.approx(camera.project(found.points), abs=0.15)
     assert (found.corners > 8.0).all()
 

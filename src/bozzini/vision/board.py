@@ -273,7 +273,10 @@ def _find_markers(values: NDArray[np.uint8], dictionary: str) -> tuple[Any, Any]
     """Return the corners and numbers of the markers in a picture."""
     cv2 = import_opencv()
     parameters = cv2.aruco.DetectorParameters()
-    parameters.minMarkerPerimeterRate = 0.01  # markers of 5 mm in a picture of 100 mm
+    # For small and blurred markers: more samples a module, and all the correction of the code.
+    parameters.minMarkerPerimeterRate = 0.01
+    parameters.perspectiveRemovePixelPerCell = 8
+    parameters.errorCorrectionRate = 1.0
     detector = cv2.aruco.ArucoDetector(_get_dictionary(dictionary), parameters)
     corners, numbers, *_ = detector.detectMarkers(values)
     return corners, np.zeros((0, 1), np.int32) if numbers is None else np.asarray(numbers)
@@ -301,22 +304,24 @@ class _Charuco(Board):
     def _find(self, picture: Picture) -> tuple[Floats, NDArray[np.int64], str]:
         strips = self._strips
         markers, numbers = _find_markers(picture.bytes, strips[0].dictionary)
-        own = np.concatenate([strip.numbers for strip in strips])
-        if not np.isin(numbers, own).any():
-            mirrored = _find_markers(
-                np.ascontiguousarray(picture.bytes[:, ::-1]), strips[0].dictionary
-            )
-            if np.isin(mirrored[1], own).any():
-                return np.zeros((0, 2)), np.zeros(0, np.int64), "the board is mirrored"
-            words = "markers of another board" if len(numbers) else "no marker of the board"
-            return np.zeros((0, 2)), np.zeros(0, np.int64), f"{words} found"
         corners, ids, first = [], [], 0
         for strip in strips:
             part, which = strip.find(picture, markers, numbers)
             corners.append(part)
             ids.append(which + first)
             first += len(strip.corners)
-        return np.concatenate(corners), np.concatenate(ids), ""
+        reason = ""
+        if sum(map(len, ids)) < 4:
+            own = np.concatenate([strip.numbers for strip in strips])
+            known = int(np.isin(numbers, own).sum())
+            mirrored = np.ascontiguousarray(picture.bytes[:, ::-1])
+            seen = np.isin(_find_markers(mirrored, strips[0].dictionary)[1], own)
+            if seen.sum() > max(known, 3):
+                reason = "the board is mirrored"
+            elif not known:
+                words = "markers of another board" if len(numbers) else "no marker of the board"
+                reason = f"{words} found"
+        return np.concatenate(corners), np.concatenate(ids), reason
 
 
 @dataclass(frozen=True, kw_only=True)

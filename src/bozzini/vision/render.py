@@ -166,7 +166,9 @@ class Scene:
     background: float = 0.03
 
 
-def render_picture(scene: Scene, camera: Camera, *, sensor: Sensor = Sensor(), seed: int = 0) -> Picture:
+def render_picture(
+    scene: Scene, camera: Camera, *, sensor: Sensor = Sensor(), seed: int = 0
+) -> Picture:
     """Return the picture that a camera takes of a scene.
 
     The same seed gives the same picture. Rays of a camera's lens are kept for the next picture.

@@ -252,6 +252,9 @@ class PixelTable:
         Why a row has no pixels; empty if it has.
     notes : tuple of str
         What was noticed when they were found, a row each.
+    named : bool
+        Whether the order of the markers means which is which; else they are named by their order
+        from left to right in the first camera's first picture.
     """
 
     pixels: Floats
@@ -259,6 +262,7 @@ class PixelTable:
     copied: dict[str, list[str]]
     reasons: tuple[str, ...]
     notes: tuple[str, ...]
+    named: bool = True
 
 
 def read_pixels(manifest: Manifest, cameras: CameraSet) -> PixelTable:
@@ -354,6 +358,7 @@ def find_pixels(
         {name: [row[name] for row in manifest.rows] for name in manifest.columns},
         tuple(row["reason"] for row in rows),
         tuple(row.get("note", "") for row in rows),
+        named=False,
     )
 
 
@@ -380,7 +385,7 @@ def find_spots(picture: Picture, options: TrackOptions) -> tuple[Floats, str]:
     Returns
     -------
     pixels : ndarray, shape (m, 2)
-        The highest first [px].
+        From left to right [px].
     note : str
         "ambiguous_markers" if further spots are nearly as high; empty otherwise.
 
@@ -416,7 +421,8 @@ def find_spots(picture: Picture, options: TrackOptions) -> tuple[Floats, str]:
     further = height[order[options.markers]] if len(order) > options.markers else 0.0
     note = "ambiguous_markers" if further > _AMBIGUOUS * height[taken].min() else ""
     starts = np.stack([column[taken], row[taken]], axis=1).astype(float)
-    return np.stack([_centre_spot(values, start, options.diameter) for start in starts]), note
+    middles = np.stack([_centre_spot(values, start, options.diameter) for start in starts])
+    return middles[np.argsort(middles[:, 0])], note
 
 
 def _centre_spot(values: Floats, start: Floats, diameter: float) -> Floats:
@@ -484,7 +490,7 @@ def track_markers(
     for k, (why, note) in enumerate(zip(table.reasons, table.notes, strict=True)):
         for i in range(len(table.markers)):
             words = [note] if note else []
-            words += ["markers_swapped"] if swapped[k] else []
+            words += ["markers_swapped"] if table.named and swapped[k] else []
             words += ["rays_miss"] if misses[k, i] > FLAGGED * uncertainty else []
             words += ["outside_calibrated_area"] if misses[k, i] >= 0.0 and not inside[k, i] else []
             reason = why
