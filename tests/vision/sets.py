@@ -29,7 +29,7 @@ def render_views(
     cameras: Sequence[Camera] = PAIR,
     *,
     count: int = 12,
-    sensor: Sensor = Sensor(supersampling=1),
+    sensor: Sensor = Sensor(),
     seed: int = 0,
 ) -> tuple[list[list[Picture]], list[tuple[np.ndarray, np.ndarray]]]:
     """Return the pictures of each view and camera, and the poses of the board."""

@@ -200,6 +200,7 @@ def test_names_of_pictures_tell_camera_and_view(tmp_path):
             list_pictures(place)
 
 
+@pytest.mark.slow
 def test_a_plain_chess_board_does_as_well():
     board = Checkerboard(columns=9, rows=6, square=6.0)
     pictures, _ = render_views(board, PAIR[:1], count=12)

@@ -531,10 +531,10 @@ def _share_ids(view: View) -> NDArray[np.int64]:
 def _share(view: View) -> tuple[Floats, list[Floats]]:
     """Return the corners that all cameras see: on the board and in each picture."""
     ids = _share_ids(view)
-    rows = [
-        np.array([np.flatnonzero(found.ids == number)[0] for number in ids])
-        for found in view.detections
-    ]
+    rows = []
+    for found in view.detections:
+        order = np.argsort(found.ids)
+        rows.append(order[np.searchsorted(found.ids, ids, sorter=order)])
     first = view.detections[0]
     return first.points[rows[0]], [
         found.corners[row] for found, row in zip(view.detections, rows, strict=True)

@@ -545,17 +545,17 @@ def write_track(
         write_text(folder / "points.csv", found.to_frame().to_csv(index=False, float_format="%.9g"))
         figure.savefig(folder / "picture.png", dpi=150.0)
         names = [name for name in cameras.names if name in found.copied]
-        pictures = {
-            manifest.find_picture(row, name): (i, k)
+        pictures = [
+            (manifest.find_picture(row, name), i, k)
             for i, name in enumerate(names)
             for k, row in enumerate(manifest.rows)
-        }
-        for path, (i, k) in pictures.items():
+        ]
+        for path, i, k in pictures:
             _write_overlay(folder / "overlays" / f"{k + 1:04d}_{names[i]}.jpg", path, found, i, k)
         return write_summary(
             folder,
             settings=found.options,
-            inputs=[*inputs, *pictures],
+            inputs=[*inputs, *(path for path, _, _ in pictures)],
             result=found.to_dict(),
         )
 
