@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from bozzini.duct.base import Duct, count_dimensions
+from bozzini.duct.base import Duct
 from bozzini.motion.kernels.chain import duct_value, make_frame, place_tail, search_sphere
 from bozzini.motion.link import bound_slope
 from tests.motion.pipes import NAMES, make_pipes
@@ -71,7 +71,7 @@ class Links:
 def draw_links(duct: Duct, count: int) -> Links:
     """Random heads with room, their tails placed from anywhere, the heads then moved one step."""
     random = np.random.default_rng(2)
-    planar, slope, data = count_dimensions(duct) == 2, bound_slope(duct), duct.pack()
+    planar, slope, data = duct.dim == 2, bound_slope(duct), duct.pack()
     work, tail, start = np.empty((6, 5)), np.empty(3), np.empty(3)
     heads: list[np.ndarray] = []
     olds: list[np.ndarray] = []
@@ -129,7 +129,7 @@ def read_value(duct, intro, x, y, z):
 @pytest.mark.parametrize("name", NAMES)
 def bench_one_link(benchmark: Any, name: str) -> None:
     duct = make_pipes()[name]
-    planar, slope, data = count_dimensions(duct) == 2, bound_slope(duct), duct.pack()
+    planar, slope, data = duct.dim == 2, bound_slope(duct), duct.pack()
     links = draw_links(duct, 400)
     tails, codes = np.empty_like(links.heads), np.empty(len(links.heads), dtype=np.int64)
     given = (data, links.heads, links.olds, LINK, ROOM, slope)

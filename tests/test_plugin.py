@@ -18,7 +18,7 @@ from bozzini.continuum.models import CONTINUUM_MODELS
 from bozzini.continuum.robot import RobotDesign
 from bozzini.duct import find_centreline
 from bozzini.duct.shape_files import load_shapes, save_shapes
-from bozzini.duct.shapes import SHAPES
+from bozzini.duct.shapes import DUCT_SHAPES
 from bozzini.effector import Effector, effector_preset
 from bozzini.motion import PLANNERS, Scope, plan_insertion
 from bozzini.muscle import MODELS
@@ -64,6 +64,7 @@ def run(site, tmp_path):
 
 def test_commands_list_what_the_package_adds(run):
     assert "spring" in run("-m", "bozzini", "muscle", "models")
+    assert "bozzini_plugin:Ring" in run("-m", "bozzini", "duct", "kinds")
     assert "pulled" in run("-m", "bozzini", "plan", "--help")
     assert "rigid-discs" in run("-m", "bozzini", "continuum", "pose", "--help")
 
@@ -73,7 +74,7 @@ def test_the_duct_is_planned_in_by_the_planner_and_kept_in_a_file(run):
         "-c",
         USE
         + """
-ring = SHAPES["ring"](radius=60.0, tube=14.0)
+ring = DUCT_SHAPES["ring"](radius=60.0, tube=14.0)
 angle = np.linspace(0.0, 2.0 * np.pi, 33)
 middle = 60.0 * np.stack([np.cos(angle), np.sin(angle), np.zeros(33)], axis=1)
 assert np.allclose(ring.signed_distance(middle), -14.0)
@@ -108,6 +109,28 @@ def test_the_muscle_moves_an_effector(run):
 effector = Effector(effector_preset("prototype"), MODELS["spring"])
 tip = effector.forward({"R": 0.3}).tip
 assert np.allclose(effector.inverse(tip[:2]).pressures, [0.3, 0.0, 0.0], atol=1e-6)
+
+from bozzini.errors import InputError
+from bozzini.muscle import MuscleModel, RankOptions, preset, rank
+
+model = MODELS["spring"](preset("effector-45"))
+held = model.contraction([[0.2], [0.6]], [0.0, 0.5])
+assert held.shape == (2, 2)
+assert np.allclose(model.force([[0.2], [0.6]], held), [0.0, 0.5])
+assert np.allclose(MuscleModel.stiffness(model, 0.4, held), model.stiffness(0.4, held))
+for wrong in (lambda: model.contraction(-0.1), lambda: model.force(0.1, 50.0),
+              lambda: model.contraction(5.0), lambda: MODELS["spring"](model.muscle, spring=0.0)):
+    try:
+        wrong()
+    except InputError as error:
+        assert "must lie in" in str(error)
+    else:
+        raise AssertionError(wrong)
+
+import pandas
+table = pandas.DataFrame({"pressure [MPa]": [0.2, 0.4, 0.6], "contraction [mm]": [2.4, 4.8, 7.2]})
+ranking = rank(table, models={"spring": MODELS["spring"]}, options=RankOptions(folds=0))
+assert ranking.models[0].parameters == 0 and ranking.models[0].score.rmse < 1e-9
 """,
     )
 

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bozzini.checks import check_fields, quantity
-from bozzini.continuum.coupling import ParallelModel
-from bozzini.duct.base import Shape
+from bozzini.checks import check_fields, check_range, list_quantities, quantity
+from bozzini.continuum import ParallelModel
+from bozzini.duct.base import DuctShape
 from bozzini.motion import Motion, Planner, move_free_chain
 from bozzini.muscle import Muscle, MuscleModel
+from bozzini.muscle.design import PRESSURE_LIMIT
+from bozzini.muscle.model import take_arguments
 from bozzini.progress import no_progress
 
 
@@ -25,12 +27,11 @@ class PulledPlanner(Planner):
     """
 
     name = "pulled"
-    help = "links are pulled, the wall is ignored"
     ignored = ("angle_limit", "route")
 
     def move(self, space, scope, options, *, progress=no_progress):
         """Return the tractrix of the centreline."""
-        line = space.way
+        line = space.centreline
         steps = int(np.ceil(line.length / options.head_step))
         travelled = np.linspace(0.0, line.length, steps + 1)
         heads = [np.interp(travelled, line.arc_length, column) for column in line.points.T]
@@ -40,17 +41,13 @@ class PulledPlanner(Planner):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ring(Shape):
+class Ring(DuctShape):
     """The inside of a torus about the z axis."""
 
     name = "ring"
 
     radius: float = quantity("length", "From the axis to the middle of the tube.", low=1.0)
     tube: float = quantity("length", "Radius of the tube.", low=0.0, low_open=True)
-
-    def __post_init__(self):
-        """Check the numbers."""
-        check_fields(self)
 
     @property
     def bounds(self):
@@ -67,22 +64,41 @@ class Ring(Shape):
 
 @dataclass(frozen=True)
 class SpringMuscle(MuscleModel):
-    """``force = stiffness (gain P - contraction)``."""
+    """``force = spring (gain P - contraction)``: the muscle's length is a limit only."""
 
     muscle: Muscle
-    spring: float = 2.0
-    gain: float = 12.0
+    spring: float = quantity("stiffness", "Stiffness.", low=0.0, low_open=True, default=2.0)
+    gain: float = quantity(help="Free contraction over pressure [mm/MPa].", low=0.0, default=12.0)
 
     name = "spring"
+    unused = tuple(field for field in list_quantities(Muscle) if field != "length")
+    fit_fields = ()  # nothing of the muscle would change the answer
+
+    def __post_init__(self):
+        """Check the numbers."""
+        check_fields(self)
 
     def force(self, pressure, contraction, *, direction=None):
         """Return the pull [N]."""
-        return self.spring * (self.contraction(pressure) - np.asarray(contraction))
+        limits = -self.muscle.length, self.muscle.length
+        pressures, held, _ = take_arguments(
+            pressure, ("contraction", contraction), direction, most=PRESSURE_LIMIT, limits=limits
+        )
+        return self.spring * (self.gain * pressures - held)
 
     def contraction(self, pressure, load=0.0, *, direction=None):
         """Return the contraction [mm]."""
-        free = self.gain * np.asarray(pressure, dtype=np.float64)
-        return free - np.asarray(load) / self.spring
+        pressures, loads, _ = take_arguments(
+            pressure, ("load", load), direction, most=PRESSURE_LIMIT
+        )
+        found = self.gain * pressures - loads / self.spring
+        length = self.muscle.length
+        check_range("contraction", found, -length, length, "mm")
+        return found
+
+    def stiffness(self, pressure, contraction, *, direction=None):
+        """Return the spring's stiffness [N/mm]: exact, where the default is a difference."""
+        return np.full_like(self.force(pressure, contraction), self.spring)
 
 
 @dataclass(frozen=True)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import dataclasses
 import math
 import reprlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass
 from numbers import Real
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
 from .units import INTERNAL_UNITS, add_unit
+
+T = TypeVar("T")
 
 _NO_NUMBERS = (str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating)
 
@@ -84,6 +86,20 @@ def check_integer(name: str, value: int, *, low: int, high: int | None = None) -
     return number
 
 
+def check_word(name: str, word: str, legal: Iterable[str]) -> str:
+    """Return `word` if it is one of the legal ones, or raise `InputError`."""
+    if not isinstance(word, str) or word not in legal:
+        raise InputError(f"{name} is {show_value(word)}: it must be one of {', '.join(legal)}")
+    return word
+
+
+def choose(noun: str, name: str, known: Mapping[str, T]) -> T:
+    """Return what is known by a name, or raise `InputError`; `noun` is what the name stands for."""
+    if name not in known:
+        raise InputError(f"there is no {noun} '{name}': choose one of {', '.join(known)}")
+    return known[name]
+
+
 def check_array(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """Return `values` as an array of floats; they need not be finite.
 
@@ -143,6 +159,15 @@ def check_range(
             f"{name_at(name, values, index)} is {values.flat[index]:g}{suffix}: "
             f"it must lie in [{low:g}, {high:g}]{suffix}"
         )
+
+
+def check_axes(
+    name: str, points: NDArray[np.float64], low: float, high: float, unit: str = ""
+) -> None:
+    """Raise `InputError` that names the first coordinate of `points` outside `[low, high]`."""
+    if points.size and not (points.min() >= low and points.max() <= high):
+        for axis, values in zip("xyz", np.moveaxis(points, -1, 0), strict=False):
+            check_range(f"{name} {axis}", values, low, high, unit)
 
 
 @contextmanager
@@ -350,8 +375,8 @@ def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> 
             continue
         words = known.label or prefix + name.replace("_", " ")
         value, default = getattr(item, name), defaults[name]
-        if known.words and not isinstance(value, tuple) and value not in known.words:
-            raise InputError(f"{words} is {value!r}: it must be one of {', '.join(known.words)}")
+        if known.words and not isinstance(value, tuple):
+            check_word(words, value, known.words)
         if known.words or known.kind not in INTERNAL_UNITS:
             continue
         fixed = not callable(known.low) and not callable(known.high)

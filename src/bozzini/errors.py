@@ -13,6 +13,7 @@ __all__ = [
     "MissingExtraError",
     "MissingLawError",
     "OutputError",
+    "PluginError",
     "UnitError",
 ]
 
@@ -43,6 +44,10 @@ class GeometryError(InputError):
 
 class OutputError(BozziniError, OSError):
     """A result cannot be written where it was asked to be."""
+
+
+class PluginError(BozziniError):
+    """What another installed package adds to Bozzini cannot be used, or has failed."""
 
 
 class MissingExtraError(BozziniError, ImportError):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, wraps
 from importlib.metadata import EntryPoint, entry_points
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import TypeVar
 
-from .errors import InputError
+from .checks import choose
+from .errors import BozziniError, PluginError
 
 __all__ = ["Registry", "collect_named"]
 
@@ -23,33 +25,39 @@ class Registry(Mapping[str, type[T]]):
         [project.entry-points."bozzini.muscles"]
         spring = "my_package.models:SpringMuscle"
 
-    They are imported when they are first asked for. A name that this package has already stays
-    with it.
+    They are imported and checked when they are first asked for. From then on, whatever the methods
+    of such a class raise that is no `BozziniError` becomes a `PluginError` that names the class. A
+    name that this package has already stays with it.
 
     Parameters
     ----------
     group : str
         Entry points by which other packages add classes.
-    base : type
-        The class that all must derive from.
+    find_base : callable
+        Returns the class that all must derive from; called when another package's is loaded.
     find_own : callable
         Returns this package's own classes by name; called when they are first asked for.
     noun : str
         What one of them is called in messages.
+    arguments : int, optional
+        How many positional arguments a class is made with; None if that depends on the class.
     """
 
     def __init__(
         self,
         group: str,
-        base: type[T],
+        find_base: Callable[[], type[T]],
         find_own: Callable[[], Mapping[str, type[T]]],
         *,
         noun: str = "model",
+        arguments: int | None = None,
     ) -> None:
         self.group = group
-        self.base = base
         self.noun = noun
+        self.arguments = arguments
+        self._find_base = find_base
         self._find_own = find_own
+        self._loaded: dict[EntryPoint, type[T]] = {}
 
     @cached_property
     def own(self) -> Mapping[str, type[T]]:
@@ -62,20 +70,69 @@ class Registry(Mapping[str, type[T]]):
         found = entry_points(group=self.group)
         return {point.name: point for point in found if point.name not in self.own}
 
+    @property
+    def broken(self) -> dict[str, str]:
+        """The names whose classes cannot be used, and why. This imports other packages."""
+        found = {}
+        for name in self.plugins:
+            try:
+                self[name]
+            except PluginError as error:
+                found[name] = str(error)
+        return found
+
+    def choose(self, name: str) -> type[T]:
+        """Return the class of a name.
+
+        Raises
+        ------
+        InputError
+            If there is no such name; the message has those that there are.
+        PluginError
+            If it is a class of another package that cannot be used.
+        """
+        choose(self.noun, name, self)
+        return self[name]
+
     def __getitem__(self, name: str) -> type[T]:
         if name in self.own:
             return self.own[name]
         point = self.plugins[name]
+        if point not in self._loaded:
+            self._loaded[point] = self._load(point)
+        return self._loaded[point]
+
+    def _load(self, point: EntryPoint) -> type[T]:
+        """Return the class of another package, checked and guarded."""
+        package = f"{point.dist.name} ({point.value})" if point.dist else point.value
+        label = f"the {self.noun} '{point.name}' of {package}"
         try:
             kind = point.load()
-        except Exception as error:  # the other package's: it may raise anything
-            raise InputError(
-                f"the {self.noun} {name} of {point.value} cannot be imported: {error}"
+        except (Exception, SystemExit) as error:  # another package may raise anything
+            raise PluginError(
+                f"{label} cannot be imported: {type(error).__name__}: {error}"
             ) from error
-        if not (isinstance(kind, type) and issubclass(kind, self.base)):
-            raise InputError(
-                f"the {self.noun} {name} is {point.value}: it must be a {self.base.__name__}"
+        base = self._find_base()
+        if not (isinstance(kind, type) and issubclass(kind, base)):
+            raise PluginError(f"{label} cannot be used: it must be a {base.__name__}")
+        name = getattr(kind, "name", None)
+        if name != point.name:
+            stated = "without a name" if name is None else f"named {name!r}"
+            raise PluginError(
+                f"{label} cannot be used: the class is {stated}, its name must be {point.name!r}"
             )
+        if inspect.isabstract(kind):
+            missing = ", ".join(sorted(getattr(kind, "__abstractmethods__", ())))
+            raise PluginError(f"{label} cannot be used: it has no {missing}")
+        if self.arguments is not None:
+            try:
+                inspect.signature(kind).bind(*[None] * self.arguments)
+            except TypeError as error:
+                raise PluginError(
+                    f"{label} cannot be used: it must be made with {self.arguments} argument(s): "
+                    f"{error}"
+                ) from None
+        _guard_methods(kind, base, label)
         return kind
 
     def __contains__(self, name: object) -> bool:  # without importing it
@@ -87,6 +144,36 @@ class Registry(Mapping[str, type[T]]):
 
     def __len__(self) -> int:
         return len(self.own) + len(self.plugins)
+
+
+def _guard_methods(kind: type[object], base: type[object], label: str) -> None:
+    """Let what another package's class has in place of the base's methods raise `PluginError`."""
+    package = __name__.partition(".")[0]
+    for name in (*(word for word in dir(base) if not word.startswith("__")), "__init__"):
+        owner = next((c for c in kind.__mro__ if name in vars(c)), object)
+        if owner is object or owner.__module__.partition(".")[0] == package:
+            continue
+        item = vars(owner)[name]
+        if isinstance(item, FunctionType):
+            setattr(kind, name, _guard(item, label))
+        elif isinstance(item, property) and item.fget is not None:
+            setattr(kind, name, property(_guard(item.fget, label)))
+
+
+def _guard(function: Callable[..., object], label: str) -> Callable[..., object]:
+    """Return a function that raises `PluginError` for what is no `BozziniError`."""
+
+    @wraps(function)
+    def call(*args: object, **kwargs: object) -> object:
+        try:
+            return function(*args, **kwargs)
+        except (BozziniError, MemoryError):
+            raise
+        except Exception as error:
+            text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+            raise PluginError(f"{label} failed in {function.__name__}: {text}") from error
+
+    return call
 
 
 def collect_named(modules: Iterable[ModuleType], base: type[T]) -> dict[str, type[T]]:

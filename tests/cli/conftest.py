@@ -27,4 +27,4 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 @pytest.fixture(autouse=True)
 def no_lines_of_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keep a slow machine from adding lines of progress to what the tests read."""
-    monkeypatch.setattr(common._LineProgress, "interval", float("inf"))
+    monkeypatch.setattr(common.LineProgress, "interval", float("inf"))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from importlib.metadata import EntryPoint
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from bozzini.cli.main import COMMANDS, main
-from bozzini.duct import RoundCones
+from bozzini.duct import DUCT_SHAPES, RoundCones
 from bozzini.duct.shape_files import load_shapes_file, save_shapes
 
 
@@ -37,6 +38,19 @@ def cones(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cones")
     shapes = RoundCones([[0, 0, 0], [2.0, 0, 20.0], [9.0, 0, 38.0]], [5.0, 6.0, 4.0])
     return save_shapes(shapes, folder / "cones.json")
+
+
+def test_kinds_lists_the_shapes_of_other_packages_beside_ours(duct, monkeypatch):
+    point = EntryPoint("torus", "tests.duct.torus:Torus", DUCT_SHAPES.group)
+    monkeypatch.setitem(DUCT_SHAPES.__dict__, "plugins", {"torus": point})
+    kinds = json.loads(duct("kinds", "--json").out)["kinds"]
+    assert list(kinds) == list(DUCT_SHAPES)
+    assert kinds["torus"]["package"] == point.value
+    assert all(kinds[name]["package"] == "bozzini" for name in DUCT_SHAPES.own)
+    shown = duct("kinds")
+    assert shown.code == 0
+    for name, row in kinds.items():
+        assert name in shown.out and row["summary"] and row["summary"] in shown.out
 
 
 def test_fit_writes_a_file_that_can_be_read_and_shown(duct, tracts, tmp_path):

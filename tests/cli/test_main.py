@@ -415,7 +415,7 @@ def test_progress_says_nothing_when_quiet_or_quick(capsys: pytest.CaptureFixture
 def test_progress_in_a_log_is_whole_lines(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(common._LineProgress, "interval", 0.0)
+    monkeypatch.setattr(common.LineProgress, "interval", 0.0)
     with common.progress_bar() as progress:
         _work(progress)
     out, err = capsys.readouterr()

@@ -10,8 +10,8 @@ import math
 import numpy as np
 import pytest
 
-from bozzini.cli._muscle_options import CHOICES
 from bozzini.cli.main import main
+from bozzini.cli.muscle_options import CHOICES
 from bozzini.muscle import (
     MODELS,
     EnergyMuscle,

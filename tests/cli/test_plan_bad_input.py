@@ -179,7 +179,7 @@ BAD = [
     Bad("tiny voxel", with_options("--voxel", "1um"), ("voxel", "0.001", "[0.01, inf)")),
     Bad("huge voxel", with_options("--voxel", "1m"), ("1000", "smaller --voxel")),
     Bad("huge voxel of a surface", of_surface("--voxel", "1m"), ("1000", "smaller --voxel")),
-    Bad("no head step", with_options("--head-step", "0"), ("head step", "is 0", "[0.001, 10]")),
+    Bad("no head step", with_options("--head-step", "0"), ("head step", "is 0", "[0.001, 10000]")),
     Bad("long head step", with_options("--head-step", "1m"), ("head step", "1000", "10]")),
     Bad("unknown method", with_options("--method", "magic"), ("'magic'", "thesis")),
     Bad("unknown option", with_options("--magic"), ("--magic", "--help")),

@@ -10,10 +10,31 @@ from hypothesis import strategies as st
 
 from bozzini.continuum import ContinuumRobot, Section, Tendon
 
-__all__ = ["QUARTER", "THIRD", "antagonistic_robots", "make_robot"]
+__all__ = ["QUARTER", "ROBOT_FILE", "THIRD", "antagonistic_robots", "make_robot"]
 
 QUARTER = (0.0, 90.0, 180.0, 270.0)
 THIRD = (0.0, 120.0, 240.0)
+
+ROBOT_FILE = """\
+name: two sections
+sections:
+  - name: base
+    length: 6 cm
+    radius: 7 mm
+    discs: 6
+    bending_stiffness: 1e-3 N m^2
+    max_bend: 120 deg
+    tendons:
+      - {name: a1, offset: 5 mm, angle: 0 deg, travel: [-10 mm, null]}
+      - {name: a2, offset: 5 mm, angle: 120 deg}
+      - {name: a3, offset: 0.5 cm, angle: 240 deg}
+  - length: 40
+    radius: 6
+    disc_positions: [10, 2.5 cm, 40]
+    tendons:
+      - {name: h, offset: [[0, 6 mm], [10 cm, 2 mm]], angle: {start: 10 deg, turns: 1}}
+      - {name: b, offset: 5mm, angle: 90deg, pushes: true, end: 80, interpolation: cubic}
+"""
 
 
 def make_robot(

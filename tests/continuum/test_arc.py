@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
 from bozzini.continuum.arc import arc_frames, bend_vectors, displacements_for, jacobian
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import GeometryError
 from tests.continuum.robots import QUARTER, THIRD, antagonistic_robots, make_robot
 
 
@@ -166,23 +167,6 @@ def test_an_arc_cut_in_two_is_the_same_arc() -> None:
     assert np.allclose(whole, parts)
 
 
-def test_places_of_frames_are_checked() -> None:
-    robot = make_robot(THIRD)
-    bend = [[0.1, 0.2]]
-    with pytest.raises(InputError, match=r"spans \[0, 101\] mm: it must lie in \[0, 100\] mm"):
-        arc_frames(robot, bend, arc_length=[0.0, 101.0])
-    with pytest.raises(InputError, match="must not decrease"):
-        arc_frames(robot, bend, arc_length=[5.0, 1.0])
-    with pytest.raises(InputError, match=r"shape \(\): it must be \(k,\)"):
-        arc_frames(robot, bend, arc_length=5.0)
-    with pytest.raises(InputError, match="spans"):
-        arc_frames(robot, bend, arc_length=[0.0, math.nan])
-    with pytest.raises(InputError, match=r"bends has shape \(2,\): it must be \(..., 1, 2\)"):
-        jacobian(robot, [0.1, 0.2])
-    with pytest.raises(InputError, match="not finite"):
-        displacements_for(robot, [[math.nan, 0.0]])
-
-
 def test_limits_are_told() -> None:
     tendons = tuple(
         Tendon(name=f"t{k}", offset=4.0, angle=math.radians(a), travel=(-5.0, 5.0))
@@ -196,7 +180,7 @@ def test_limits_are_told() -> None:
     assert shape.reason[0] == ""
     assert "section 1 'arm' would bend 63.03 deg: its largest bend is 57.3 deg" in shape.reason[1]
     assert "'t0' is moved 6 mm: its travel is [-5, 5] mm" in shape.reason[2]
-    with pytest.raises(GeometryError, match=r"57.3 deg \(displacements \[1\]\)"):
+    with pytest.raises(GeometryError, match=re.escape(shape.reason[1])):
         shape.require()
 
 
@@ -208,25 +192,3 @@ def test_bend_as_tight_as_the_body_is_refused() -> None:
     assert good.converged
     assert not bad.converged
     assert "discs, of radius 6 mm, meet" in str(bad.reason)
-
-
-@pytest.mark.parametrize(
-    ("tendon", "words"),
-    [
-        (Tendon(name="x", offset=((0.0, 5.0), (100.0, 2.0))), "changes its offset or angle"),
-        (
-            Tendon(name="x", offset=4.0, angle=Helix(turns=0.25), end=100.0),
-            "changes its offset or angle",
-        ),
-        (Tendon(name="x", offset=4.0, end=60.0), "ends at 60 mm, before its section"),
-    ],
-)
-def test_other_routing_is_refused(tendon: Tendon, words: str) -> None:
-    robot = ContinuumRobot((Section(length=100.0, radius=6.0, tendons=(tendon,)),))
-    with pytest.raises(GeometryError, match=f"tendon 'x' {words}.*energy or the rod model"):
-        ArcModel(robot)
-
-
-def test_robot_without_tendons_is_refused() -> None:
-    with pytest.raises(GeometryError, match="has no tendons"):
-        ArcModel(make_robot(()))

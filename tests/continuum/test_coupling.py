@@ -11,7 +11,6 @@ from scipy.optimize import linprog, minimize
 from bozzini.continuum import ArcModel, ContinuumRobot, RodModel
 from bozzini.continuum.arc import displacements_for
 from bozzini.continuum.coupling import Coupling
-from bozzini.errors import GeometryError, InputError
 from tests.continuum.robots import QUARTER, THIRD, antagonistic_robots, make_robot
 
 
@@ -122,23 +121,6 @@ def test_rods_push() -> None:
     assert not shape.slack.any()
 
 
-@pytest.mark.parametrize(
-    ("angles", "pushes", "pulled", "words"),
-    [
-        ((0.0, 180.0), False, (5.0, 0.0), "tendon 't0.' is pulled 2.5 mm more"),
-        (THIRD, False, (1.0, 1.0, 1.0), "pulled 1 mm more"),
-        ((0.0, 180.0), True, (5.0, -10.0), "rod 't0.' is pushed 2.5 mm more"),
-    ],
-)
-def test_what_cannot_be_is_told(
-    angles: tuple[float, ...], pushes: bool, pulled: tuple[float, ...], words: str
-) -> None:
-    shape = ArcModel(make_robot(angles, pushes=pushes)).shape(pulled)
-    assert not shape.converged
-    with pytest.raises(GeometryError, match=words):
-        shape.require()
-
-
 def test_one_bad_command_does_not_spoil_a_batch() -> None:
     model = ArcModel(make_robot(THIRD))
     good = [2.0, -1.0, -1.0]
@@ -219,18 +201,3 @@ def test_slack_shape_scales_with_the_command(size: float) -> None:
     one, other = coupling.solve(pulled), coupling.solve(size * pulled)
     assert one.slack.tolist() == other.slack.tolist() == [False, False, True, False]
     assert np.allclose(other.bends, size * one.bends, rtol=1e-9, atol=1e-12 * size)
-
-
-@pytest.mark.parametrize(
-    ("pulled", "words"),
-    [
-        ([1.0, 2.0], r"shape \(2,\): it must be \(..., 3\)"),
-        (1.0, r"shape \(\)"),
-        ([1.0, np.nan, 0.0], "tendon 't01' is nan"),
-        ([[0.0, 0.0, 0.0], [0.0, 0.0, np.inf]], "tendon 't02' is inf"),
-        (["a", "b", "c"], "must be a number or an array of numbers"),
-    ],
-)
-def test_bad_displacements_are_refused(pulled: object, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        ArcModel(make_robot(THIRD)).shape(pulled)  # type: ignore[arg-type]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Helix, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, Section, Tendon
 from bozzini.continuum.arc import arc_frames, displacements_for, jacobian
 from bozzini.continuum.coupling import find_limits
 from bozzini.continuum.inverse import (
@@ -28,7 +30,7 @@ from bozzini.continuum.kernels.inverse import (
     make_work,
     step_inside,
 )
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import GeometryError
 from bozzini.numeric.kernels.linear_algebra import factor_cholesky
 
 
@@ -214,9 +216,9 @@ def test_reachable_targets_are_reached(kind: str, sections: int) -> None:
     bends = draw_bends(sections, count, sections, math.pi)
     frames = tip_frames(robot, bends)
     results = [solve(kind, robot, frame) for frame in frames]
-    solved = np.array([result.success for result in results])
+    solved = np.array([result.converged for result in results])
     assert solved.mean() >= 0.99
-    assert all(result.reason for result in results if not result.success)
+    assert all(result.reason for result in results if not result.converged)
     # Back through the forward model, from the displacements alone.
     shape = ArcModel(robot).shape([result.displacements for result in results]).require()
     assert np.linalg.norm(shape.tip - frames[:, :3, 3], axis=1)[solved].max() < 1e-6
@@ -235,7 +237,7 @@ def test_chains_with_straight_sections_are_reached_too(
     bends = draw_bends(seed, 1, sections, 2.0)[0]
     bends[:straight] = 0.0
     result = solve_tip(robot, tip_frames(robot, bends)[:3, 3])
-    assert result.success, result.reason
+    assert result.converged, result.reason
 
 
 def test_travel_that_holds_the_target_does_not_hide_it() -> None:
@@ -246,7 +248,7 @@ def test_travel_that_holds_the_target_does_not_hide_it() -> None:
     solved = 0
     for frame in tip_frames(robot, bends):
         result = solve("direction", robot, frame)
-        solved += result.success
+        solved += result.converged
         assert np.abs(result.displacements).max() <= 6.0
     assert solved >= 0.99 * len(bends)
 
@@ -260,7 +262,7 @@ def test_a_turned_target_has_turned_bends(seed: int, turn: float, sections: int)
     cosine, sine = math.cos(turn), math.sin(turn)
     about_z = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     here, there = solve_tip(robot, target), solve_tip(robot, about_z @ target)
-    assert here.success and there.success
+    assert here.converged and there.converged
     if here.starts == there.starts == 1:
         np.testing.assert_allclose(there.bends, here.bends @ about_z[:2, :2].T, atol=1e-6)
 
@@ -273,7 +275,7 @@ def test_a_start_at_the_answer_is_the_answer(kind: str) -> None:
     robot = make_robot(5)
     bends = draw_bends(8, 1, 5, 2.0)[0]
     result = solve(kind, robot, tip_frames(robot, bends), initial=bends, starts=1)
-    assert result.success and result.iterations == 0 and result.starts == 1
+    assert result.converged and result.iterations == 0 and result.starts == 1
     np.testing.assert_allclose(result.bends, bends, atol=1e-9)
 
 
@@ -301,7 +303,7 @@ def test_smallest_bends_are_smallest(seed: int) -> None:
     robot = make_robot(5)
     target = tip_frames(robot, draw_bends(seed, 1, 5, 1.0)[0])[:3, 3]
     plain, small = solve_tip(robot, target), solve_tip(robot, target, smallest_bends=True)
-    assert plain.success and small.success
+    assert plain.converged and small.converged
     assert np.sum(small.bends**2) <= np.sum(plain.bends**2) + 1e-9
     rows = jacobian(robot, small.bends)[:3]
     flat = small.bends.ravel()
@@ -328,7 +330,7 @@ def test_every_answer_is_inside_the_limits(
     assert result.displacements.min() >= -travel and result.displacements.max() <= 0.7 * travel
     tip = tip_frames(robot, result.bends)[:3, 3]
     assert math.isclose(math.dist(tip, target), result.residual, abs_tol=1e-9)
-    assert result.success == (result.residual <= 1e-6) == (result.reason == "")
+    assert result.converged == (result.residual <= 1e-6) == (result.reason == "")
     assert ArcModel(robot).shape(result.displacements).converged
 
 
@@ -341,7 +343,7 @@ def test_no_drawn_tip_is_nearer_than_the_nearest(sections: int) -> None:
         result = solve_tip(robot, target)
         nearest = np.linalg.norm(tips - target, axis=1).min()
         assert result.residual <= nearest + 1e-9
-        assert result.converged
+        assert result.settled
 
 
 @pytest.mark.parametrize("sections", [1, 3])
@@ -354,7 +356,7 @@ def test_no_small_change_comes_nearer_to_a_pose_out_of_reach(sections: int) -> N
         frame[:3, :3] = turn * np.linalg.det(turn)
         frame[:3, 3] = random.normal(size=3) * robot.length
         result = solve_pose(robot, frame)
-        assert not result.success and result.converged
+        assert not result.converged and result.settled
 
         def cost(bends: np.ndarray, frame: np.ndarray = frame) -> np.ndarray:
             apart = tip_frames(robot, bends)[..., :3, :] - frame[:3]
@@ -377,11 +379,11 @@ def test_one_section_agrees_with_its_closed_form() -> None:
 
 def test_reasons_name_distance_and_limits() -> None:
     far = solve_tip(make_robot(2, max_bend=1.0), (200.0, 0.0, 0.0))
-    assert not far.success
+    assert not far.converged
     assert "200 mm from the base, out of reach of a backbone of 54 mm" in far.reason
     assert f"{far.residual:.6g} mm from the target" in far.reason
     assert "section 2 is at 57.3 deg, its largest bend" in far.reason
-    with pytest.raises(GeometryError, match="out of reach"):
+    with pytest.raises(GeometryError, match=re.escape(far.reason)):
         far.require()
     held = solve_tip(make_robot(2, travel=(-1.0, 1.0)), (30.0, 0.0, 20.0))
     assert "is at the end of its travel, " in held.reason
@@ -391,9 +393,26 @@ def test_reasons_name_distance_and_limits() -> None:
     assert "114.6 deg, where its discs meet" in meets.reason
 
 
-def test_travel_that_leaves_no_shape_is_an_error() -> None:
-    with pytest.raises(GeometryError, match=r"no legal shape.*'s1t1' in \[1, 3\] mm"):
-        solve_tip(make_robot(2, travel=(1.0, 3.0)), (0.0, 0.0, 50.0))
+def test_only_a_target_that_is_met_has_converged() -> None:
+    robot = make_robot(2)
+    near = solve_tip(robot, tip_frames(robot, draw_bends(3, 1, 2, 1.0)[0])[:3, 3])
+    assert near.converged and near.settled and near.reason == "" and near.require() is near
+    far = solve_tip(robot, (0.0, 40.0, 100.0))
+    assert not far.converged and far.settled
+    assert math.isclose(far.residual, math.dist(far.tip, (0.0, 40.0, 100.0)), rel_tol=1e-12)
+    assert f"{far.residual:.6g} mm from the target" in far.reason
+    alone, beyond = (solve_section(30.0, (0.0, 0.0, z)) for z in (30.0, 31.0))
+    assert alone.converged and not beyond.converged and math.isclose(beyond.residual, 1.0)
+
+
+def test_the_end_of_a_travel_at_rest_is_no_slack() -> None:
+    robot = make_robot(1)
+    first, *others = robot.sections[0].tendons
+    held = dataclasses.replace(first, travel=(0.0, math.inf))
+    section = dataclasses.replace(robot.sections[0], tendons=(held, *others))
+    found = solve_tip(ContinuumRobot((section,)), (-15.0, 0.0, 20.0))
+    assert found.at_limits == ("tendon 's1t1' is at the end of its travel, 0 mm",)
+    assert not found.converged and np.allclose(found.displacements[0], 0.0, atol=1e-6)
 
 
 # --- robots that cannot bend every way -------------------------------------------------------
@@ -403,9 +422,9 @@ def test_a_planar_robot_stays_in_its_plane() -> None:
     robot = make_robot(3, tendons=2, turn=0.0)
     bends = draw_bends(1, 1, 3, 1.5)[0]
     bends[:, 1] = 0.0
-    assert solve_tip(robot, tip_frames(robot, bends)[:3, 3]).success
+    assert solve_tip(robot, tip_frames(robot, bends)[:3, 3]).converged
     aside = solve_tip(robot, (20.0, 5.0, 60.0))
-    assert not aside.success
+    assert not aside.converged
     assert math.isclose(aside.residual, 5.0, rel_tol=1e-9)
     np.testing.assert_allclose(aside.bends[:, 1], 0.0, atol=1e-9)
     assert "is not controlled" in aside.reason
@@ -422,22 +441,14 @@ def test_cables_that_cannot_push_are_only_pulled(seed: int) -> None:
     assert np.hypot(*bends.T).max() < 2.0
     target = tip_frames(robot, bends)[:3, 3]
     result = solve_tip(robot, target)
-    assert result.success, result.reason
+    assert result.converged, result.reason
     shape = ArcModel(robot).shape(result.displacements).require()
     assert not shape.slack.any()
     np.testing.assert_allclose(shape.tip, target, atol=1e-5)
     back = solve_tip(robot, target * (-1.0, -1.0, 1.0))
-    assert not back.success and "is about to go slack" in back.reason
+    assert not back.converged and "is about to go slack" in back.reason
     rods = make_robot(2, tendons=2, spread=math.pi, turn=0.0, max_bend=2.0, pushes=True)
-    assert solve_tip(rods, target * (-1.0, -1.0, 1.0)).success
-
-
-def test_robots_that_are_not_parallel_are_refused() -> None:
-    helix = Tendon(name="turning", offset=2.0, angle=Helix(turns=1.0), end=30.0)
-    robot = ContinuumRobot((Section(length=30.0, radius=2.5, tendons=(helix,)),))
-    with pytest.raises(GeometryError, match="'turning'.*the inverse.*bend in arcs") as caught:
-        solve_tip(robot, (0.0, 0.0, 30.0))
-    assert "take the energy" not in str(caught.value)  # they have no inverse
+    assert solve_tip(rods, target * (-1.0, -1.0, 1.0)).converged
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e-13, 1.0, 1e300])
@@ -445,14 +456,14 @@ def test_the_length_of_a_direction_does_not_matter(scale: float) -> None:
     robot = make_robot(3)
     frame = tip_frames(robot, draw_bends(2, 1, 3, 1.0)[0])
     result = solve_tip(robot, frame[:3, 3], direction=scale * frame[:3, 2])
-    assert result.success
+    assert result.converged
     np.testing.assert_allclose(result.tip_frame[:3, 2], frame[:3, 2], atol=1e-6)
 
 
 def test_the_farthest_target_is_pointed_at() -> None:
     way = np.array([0.6, 0.0, 0.8])
     far = solve_tip(make_robot(4), 1e9 * way)
-    assert not far.success and far.converged
+    assert not far.converged and far.settled
     np.testing.assert_allclose(
         far.tip @ way, solve_tip(make_robot(4), 1e4 * way).tip @ way, rtol=1e-3
     )
@@ -468,7 +479,7 @@ def test_the_curve_of_a_robot_gives_its_bends(sections: int) -> None:
         along = np.linspace(0.0, robot.length, 40)
         points = arc_frames(robot, bends, arc_length=along)[:, :3, 3]
         result = solve_curve(robot, points, arc_length=along)
-        assert result.success, result.reason
+        assert result.converged, result.reason
         np.testing.assert_allclose(result.bends, bends, atol=1e-6)
 
 
@@ -481,10 +492,10 @@ def test_a_curve_by_points_alone_is_followed() -> None:
         length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum() / sections
         robot = make_robot(sections, lengths=(length,) * sections)
         result = solve_curve(robot, points, tolerance=10.0)
-        assert result.success and result.converged
+        assert result.converged and result.settled
         misses.append(result.residual)
         strict = solve_curve(robot, points)
-        assert not strict.success
+        assert not strict.converged
         assert "mm away, at arc length" in strict.reason
     assert misses[2] < 0.3 * misses[1] < 0.3 * misses[0]
 
@@ -502,56 +513,3 @@ def test_weights_pull_the_curve() -> None:
     ]
     assert miss[1][0] < miss[0][0] < miss[2][0]
     assert miss[2][1] < miss[0][1] < miss[1][1]
-
-
-# --- wrong inputs ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda r: solve_tip(r.sections[0], (1, 2, 3)), "robot is of type Section"),
-        (lambda r: solve_tip(r, (1.0, 2.0)), r"target has shape \(2,\): it must be \(3,\)"),
-        (lambda r: solve_tip(r, (1.0, 2.0, math.nan)), "target has values that are not finite"),
-        (lambda r: solve_tip(r, "abc"), "target is 'abc': it must be a number or an array"),
-        (lambda r: solve_tip(r, (1, 2, 3), direction=(0, 0, 0)), "direction is .*not be zero"),
-        (lambda r: solve_tip(r, (1, 2, 3), initial=[[0, 0]]), r"initial has shape \(1, 2\)"),
-        (lambda r: solve_tip(r, (1, 2, 3), starts=0), r"starts is 0: it must lie in \[1, 256\]"),
-        (lambda r: solve_tip(r, (1, 2, 3), tolerance=0.0), "tolerance is 0 mm"),
-        (lambda r: solve_pose(r, np.eye(3)), r"target has shape \(3, 3\)"),
-        (
-            lambda r: solve_pose(r, np.diag([1.0, 1.0, -1.0, 1.0])),
-            "no frame: its axes are left-handed",
-        ),
-        (
-            lambda r: solve_pose(r, np.diag([1.0, 1.0, 1.0, 2.0])),
-            r"its last row is \[0.0, 0.0, 0.0, 2",
-        ),
-        (
-            lambda r: solve_tip(r, ["30", "0", "60"]),
-            "target is .'30', '0', '60'.: it must be a num",
-        ),
-        (lambda r: solve_tip(r, [True, False, True]), "it must be a number or an array of numbers"),
-        (
-            lambda r: solve_tip(r, (1e200, 0, 1e200)),
-            r"value 1e\+200 mm: it must lie in \[-1e\+09, 1",
-        ),
-        (
-            lambda r: solve_tip(r, (1, 2, 3), initial=np.full((2, 2), 1e300)),
-            "initial has the value",
-        ),
-        (lambda r: solve_curve(r, [[0, 0, 1e200]]), r"points has the value 1e\+200 mm"),
-        (
-            lambda r: solve_pose(r, np.diag([2.0, 2.0, 2.0, 1.0])),
-            "orthonormal by 3: by 1e-06 they may",
-        ),
-        (lambda r: solve_curve(r, np.zeros((0, 3))), r"points has shape \(0, 3\)"),
-        (lambda r: solve_curve(r, [[0, 0, 99.0]]), r"spans \[99, 99\] mm.*\[0, 54\] mm"),
-        (lambda r: solve_curve(r, [[0, 0, 9.0]], weights=[-1]), "weights has -1"),
-        (lambda r: solve_curve(r, [[0, 0, 9.0]], arc_length=[1, 2]), "arc_length has shape"),
-    ],
-)
-def test_wrong_inputs_get_one_line(call: object, words: str) -> None:
-    with pytest.raises(InputError, match=words) as caught:
-        call(make_robot(2))  # type: ignore[operator]  # a lambda of the table
-    assert "\n" not in str(caught.value)

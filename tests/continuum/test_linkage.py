@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.continuum import ArcModel, ContinuumRobot, Helix, LinkageModel, Section, Tendon
+from bozzini.continuum import ArcModel, ContinuumRobot, LinkageModel, Section, Tendon
 from bozzini.continuum.arc import displacements_for
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import GeometryError
 from tests.continuum.reference import solve_chain, solve_segment
 from tests.continuum.robots import QUARTER, THIRD, antagonistic_robots, make_robot
 
@@ -251,41 +251,7 @@ def test_command_that_failed_already_does_not_stop_the_batch() -> None:
     assert np.allclose(turns @ np.swapaxes(turns, -1, -2), np.eye(3), atol=1e-12)
 
 
-def test_points_refuse_what_has_no_shape() -> None:
-    with pytest.raises(GeometryError, match="would have to stretch"):
-        LinkageModel(make_robot(THIRD)).points([1.0, 1.0, 1.0])
-
-
 def test_empty_batch_is_empty() -> None:
     model = LinkageModel(make_robot(THIRD))
     assert model.points(np.empty((0, 3))).shape == (0, 11, 3)
     assert model.shape(np.empty((2, 0, 3))).frames.shape == (2, 0, 11, 4, 4)
-
-
-@pytest.mark.parametrize(
-    ("segments", "words"),
-    [
-        (0, r"segments is 0: it must lie in \[1, "),
-        (2.5, "segments is 2.5"),
-        ("many", "segments is 'many'"),
-        ((3, 4), "segments has 2 numbers"),
-        ((0,), r"segments\[0\] is 0"),
-    ],
-)
-def test_bad_segments_are_refused(segments: object, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        LinkageModel(make_robot(THIRD), segments=segments)  # type: ignore[arg-type]
-
-
-def test_other_routing_is_refused() -> None:
-    robot = ContinuumRobot(
-        (
-            Section(
-                length=100.0,
-                radius=6.0,
-                tendons=(Tendon(name="x", offset=4.0, angle=Helix(turns=1.0), end=100.0),),
-            ),
-        )
-    )
-    with pytest.raises(GeometryError, match="the linkage model takes tendons parallel"):
-        LinkageModel(robot)

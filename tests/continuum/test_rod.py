@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from bozzini.continuum import ContinuumRobot, Section
 from bozzini.continuum.energy import EnergyModel
 from bozzini.continuum.rod import RodModel
-from bozzini.errors import GeometryError, InputError
+from bozzini.errors import GeometryError
 from tests.continuum.rods import (
     BENDING,
     LENGTH,
@@ -219,7 +220,7 @@ def test_contradictions_are_refused_by_name() -> None:
     assert not shape.converged
     assert "would have to stretch" in str(shape.reason)
     assert "'t0'" in str(shape.reason) or "'t1'" in str(shape.reason)
-    with pytest.raises(GeometryError, match="stretch"):
+    with pytest.raises(GeometryError, match=re.escape(str(shape.reason))):
         shape.require()
 
 
@@ -242,23 +243,7 @@ def test_a_batch_is_its_commands_one_by_one() -> None:
         assert np.array_equal(model.shape(command).points, batch.points[index])
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"tip_force": (1.0, 2.0)}, "tip_force has shape"),
-        ({"distributed_force": (0.0, math.inf, 0.0)}, "distributed_force has 1 point"),
-        ({"steps": 3}, "steps is 3"),
-        ({"tendon_stiffness": -1.0}, "tendon stiffness is -1 N"),
-    ],
-)
-def test_bad_options_are_named(options, words) -> None:
-    with pytest.raises(InputError, match=words):
-        RodModel(make_robot(cross_tendons()), **options)
-
-
-def test_a_cable_cannot_push() -> None:
-    with pytest.raises(InputError, match="'t1' is -1 N"):
-        RodModel(make_robot(cross_tendons(2))).shape_under_tensions([1.0, -1.0])
+def test_a_rod_is_pushed() -> None:
     rods = make_robot(cross_tendons(2, pushes=True))
     assert RodModel(rods).shape_under_tensions([1.0, -1.0]).converged
 

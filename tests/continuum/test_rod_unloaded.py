@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 from bozzini.continuum import ArcModel, ContinuumRobot, Helix, RodModel, Section, Tendon
 from bozzini.continuum.energy import EnergyModel
 from bozzini.continuum.kernels.rod import expand_potential, find_curvature, measure_unloaded
+from bozzini.continuum.rod import RodGrid
 from tests.continuum.rods import cross_tendons, draw_command, draw_robot
 
 THIRDS = [2.0, -1.0, -1.0, 3.0, -2.0, -1.0]
@@ -67,7 +68,7 @@ def test_curvature_is_a_minimum_of_the_potential(seed, strength, push) -> None:
 
 
 def test_lengths_and_flexibility_are_derivatives_of_the_dual() -> None:
-    grid = RodModel(draw_robot(np.random.default_rng(4), 0.3), steps=40)._grid.packed
+    grid = RodGrid(draw_robot(np.random.default_rng(4), 0.3), between=0, steps=40).packed
     count = grid[2].shape[2]
     tensions = np.random.default_rng(5).uniform(0.1, 2.0, count)
 
@@ -115,7 +116,8 @@ def test_its_curvatures_are_stable_under_its_tensions() -> None:
         shape = model.shape(draw_command(rng, robot))
         if not shape.converged:
             continue
-        places, stiffness, guides, present = model._grid.packed
+        grid = RodGrid(robot, model.between, model.steps)
+        _, stiffness, guides, present = grid.packed
         u, work = np.zeros(3), np.empty((11, 3))
         for n in range(len(stiffness)):
             args = (stiffness[n], guides[n, 1], present[n], shape.tensions, np.zeros(3))

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from bozzini.continuum import ContinuumRobot, Section
 from bozzini.continuum.arc import arc_frames
-from bozzini.continuum.inverse import LARGEST_RATIO, bend_for_ratio, solve_section
-from bozzini.errors import GeometryError, InputError
+from bozzini.continuum.inverse import solve_section
 from bozzini.thesis.section_arc import solve_direction, solve_extensible, solve_joints
 
 
@@ -59,14 +58,6 @@ def test_a_batch_of_places_equals_one_after_another() -> None:
     np.testing.assert_array_equal(arcs.direction[2, 3], one.direction)
 
 
-@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.0, 0.0, -3.0)])
-def test_nothing_leads_straight_back(place: tuple[float, float, float]) -> None:
-    with pytest.raises(InputError, match="straight behind"):
-        solve_extensible([(1.0, 2.0, 3.0), place])
-    with pytest.raises(GeometryError, match="joint 2 lies straight behind"):
-        solve_joints([(0.0, 0.0, 10.0), (0.0, 0.0, 10.0 + place[2])])
-
-
 @given(sections=st.lists(st.tuples(lengths, st.floats(0.0, 3.0), planes), min_size=1, max_size=5))
 def test_sections_through_chosen_joints_round_trip(
     sections: list[tuple[float, float, float]],
@@ -89,30 +80,6 @@ def test_direction_round_trip(angle: float, plane: float, size: float) -> None:
 
 def test_straight_back_bends_half_a_turn() -> None:
     np.testing.assert_allclose(solve_direction((0.0, 0.0, -1.0)), (math.pi, 0.0))
-    with pytest.raises(InputError, match="must not be zero"):
-        solve_direction([(0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
-
-
-@given(angle=st.floats(0.0, 2.33))
-def test_bend_from_ratio_round_trip(angle: float) -> None:
-    def measure(bend: float) -> float:
-        return math.sin(0.5 * bend) * float(np.sinc(0.5 * bend / math.pi))
-
-    found = float(bend_for_ratio(measure(angle)))
-    assert math.isclose(measure(found), measure(angle), abs_tol=1e-14)
-    # The ratio is flat at its top, where its bend is known to the root of round-off only.
-    assert math.isclose(found, angle, abs_tol=1e-9 if angle < 2.3 else 1e-6)
-
-
-def test_largest_ratio_is_largest() -> None:
-    angles = np.linspace(1e-3, 2.0 * math.pi, 20_001)
-    ratios = (1.0 - np.cos(angles)) / angles
-    assert ratios.max() <= LARGEST_RATIO < ratios.max() + 1e-7
-    assert math.isclose(float(bend_for_ratio(LARGEST_RATIO)), 2.3311, abs_tol=1e-4)
-    np.testing.assert_allclose(bend_for_ratio([[0.0, 0.5]])[0, 0], 0.0)
-    for bad in (-0.1, 0.73, math.nan):
-        with pytest.raises(InputError, match=r"must lie in \[0, 0.7246"):
-            bend_for_ratio(bad)
 
 
 @given(length=lengths, angle=st.floats(0.0, 6.2), plane=planes)
@@ -120,7 +87,7 @@ def test_largest_ratio_is_largest() -> None:
 def test_fixed_section_reaches_its_surface(length: float, angle: float, plane: float) -> None:
     bend = angle * np.array([math.cos(plane), math.sin(plane)])
     result = solve_section(length, end_frame(length, bend)[:3, 3])
-    assert result.success and result.reason == ""
+    assert result.converged and result.reason == ""
     np.testing.assert_allclose(end_frame(length, result.bend)[:3, 3], result.tip, atol=1e-9)
     np.testing.assert_allclose(result.needed_length, length, rtol=1e-6)
 
@@ -142,7 +109,7 @@ def test_fixed_section_gives_the_nearest_place(
         aside, along = chord * math.sin(half), chord * math.cos(half)
         tip = (aside * math.cos(plane), aside * math.sin(plane), along)
         assert result.residual <= math.dist(tip, point) + 1e-9
-    if not result.success:
+    if not result.converged:
         assert f"{result.residual:.6g} mm from the target" in result.reason
 
 
@@ -160,7 +127,7 @@ def test_the_needed_length_leads_to_the_target(aside: float, along: float) -> No
 @pytest.mark.parametrize("hair", [0.0, 5e-324, 1e-300, 1e-12])
 def test_straight_behind_no_length_is_named(hair: float) -> None:
     result = solve_section(30.0, (hair, 0.0, -20.0))
-    assert math.isinf(result.needed_length) and not result.success
+    assert math.isinf(result.needed_length) and not result.converged
     assert "which an arc of" not in result.reason
     # The nearest tip is the same as without the hair.
     assert math.isclose(result.residual, solve_section(30.0, (0.0, 0.0, -20.0)).residual)
@@ -173,22 +140,3 @@ def test_straight_behind_no_length_is_named(hair: float) -> None:
 def test_directions_of_any_length_count(scale: float) -> None:
     way = np.array([0.6, -0.3, 0.2])
     np.testing.assert_allclose(solve_direction(scale * way), solve_direction(way))
-
-
-def test_wrong_sections_get_one_line() -> None:
-    with pytest.raises(InputError, match=r"target has the value 1e\+200 mm: it must lie in"):
-        solve_section(1.0, (1e200, 0.0, 1e200))
-    with pytest.raises(InputError, match=r"length is 1e\+300 mm: it must lie in \(0, 1e\+09\] mm"):
-        solve_section(1e300, (0.0, 0.0, 1.0))
-    with pytest.raises(InputError, match="ratio is 'a': it must be a number"):
-        bend_for_ratio("a")  # type: ignore[arg-type]  # a wrong type is what is tested
-    with pytest.raises(InputError, match="tips has the value"):
-        solve_extensible((0.0, 0.0, 1e200))
-    with pytest.raises(InputError, match="length is -1 mm"):
-        solve_section(-1.0, (0.0, 0.0, 1.0))
-    with pytest.raises(InputError, match="max_bend is 7 rad"):
-        solve_section(1.0, (0.0, 0.0, 1.0), max_bend=7.0)
-    with pytest.raises(InputError, match=r"target has shape \(2, 3\)"):
-        solve_section(1.0, np.ones((2, 3)))
-    with pytest.raises(InputError, match=r"joints has shape \(3,\)"):
-        solve_joints((0.0, 0.0, 1.0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from bozzini.continuum import (
     Shape,
     Tendon,
 )
-from bozzini.errors import GeometryError, InputError
 from tests.continuum.robots import THIRD, make_robot
 
 PULLED = np.array([[2.0, -1.0, -1.0, 2.0, -1.0, -1.0], [0.0, 0.0, 0.0, 1.0, -0.5, -0.5]])
@@ -70,26 +68,6 @@ def test_linkage_with_segments_of_its_own_has_discs_at_its_joints() -> None:
     assert shape.disc_frames.shape == (2, 6, 4, 4)
 
 
-@pytest.mark.parametrize("field", ["frames", "slack", "residual", "reason", "tendon_lengths"])
-def test_arrays_that_do_not_go_together_are_refused(shape: Shape, field: str) -> None:
-    with pytest.raises(InputError, match=f"shape's {field} has shape"):
-        dataclasses.replace(shape, **{field: getattr(shape, field)[:1]})
-
-
-def test_disc_that_is_no_station_is_refused(shape: Shape) -> None:
-    with pytest.raises(InputError, match="no station at the disc at 12.3 mm"):
-        dataclasses.replace(shape, disc_arc_length=np.array([10.0, 12.3]))
-
-
-def test_require_gives_the_first_reason() -> None:
-    shape = ArcModel(make_robot(THIRD)).shape([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
-    with pytest.raises(GeometryError, match=r"have to stretch .* \(displacements \[1\]\)$"):
-        shape.require()
-    alone = ArcModel(make_robot(THIRD)).shape([1.0, 1.0, 1.0])
-    with pytest.raises(GeometryError, match=r"on the other side\)$"):
-        alone.require()
-
-
 @pytest.mark.parametrize("name", list(CONTINUUM_MODELS))
 def test_no_command_has_no_shape(name: str) -> None:
     shape = CONTINUUM_MODELS[name](make_robot(THIRD, THIRD)).shape(np.zeros((0, 6)))
@@ -109,19 +87,6 @@ def test_commands_are_kept_not_shared(name: str) -> None:
     shape = CONTINUUM_MODELS[name](make_robot(THIRD, THIRD)).shape(commands)
     commands[:] = 7.0
     assert np.array_equal(shape.displacements, PULLED)
-
-
-@pytest.mark.parametrize("name", list(CONTINUUM_MODELS))
-@pytest.mark.parametrize("robot", [None, 3, make_robot(THIRD).sections[0]])
-def test_what_is_no_robot_is_refused(name: str, robot: Any) -> None:
-    with pytest.raises(InputError, match="must be a ContinuumRobot"):
-        CONTINUUM_MODELS[name](robot)
-
-
-@pytest.mark.parametrize("name", list(CONTINUUM_MODELS))
-def test_tolerance_is_above_zero(name: str) -> None:
-    with pytest.raises(InputError, match=r"tolerance is 0 mm: it must lie in \(0, 1\] mm"):
-        CONTINUUM_MODELS[name](make_robot(THIRD), tolerance=0.0)
 
 
 @pytest.mark.parametrize("name", list(CONTINUUM_MODELS))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.continuum import Helix, Tendon
-from bozzini.errors import InputError
 
 KNOTS = ((0.0, 3.0), (30.0, 5.0), (70.0, 2.0), (100.0, 2.5))
 TURNS = ((0.0, 0.2), (40.0, 1.0), (100.0, -2.0))
@@ -65,54 +63,6 @@ def test_knots_of_one_value_are_parallel() -> None:
     assert Tendon(name="a", offset=((0.0, 4.0), (9.0, 4.0))).is_parallel
     assert not Tendon(name="a", offset=((0.0, 4.0), (9.0, 3.0))).is_parallel
     assert not Tendon(name="h", offset=4.0, angle=Helix(turns=0.1), end=9.0).is_parallel
-
-
-def test_arc_length_outside_the_tendon_is_refused() -> None:
-    tendon = Tendon(name="a", offset=4.0, end=50.0)
-    with pytest.raises(InputError, match=r"tendon 'a' is 50\.1 mm: it must lie in \[0, 50\] mm"):
-        tendon.path([1.0, 50.1])
-    with pytest.raises(InputError, match="nan"):
-        tendon.path(math.nan)
-
-
-@pytest.mark.parametrize(
-    ("fields", "words"),
-    [
-        ({"name": " "}, "name is ' '"),
-        ({"offset": 0.0}, r"'a' offset is 0 mm: it must lie in \(0, inf\) mm"),
-        ({"offset": "wide"}, "offset is 'wide'"),
-        ({"offset": ((0.0, 1.0),)}, "has 1 knot"),
-        ({"offset": ((0.0, 1.0), (0.0, 2.0))}, "knot 1 stands at 0 mm"),
-        ({"offset": ((0.0, 1.0), (9.0, -2.0))}, "knot 1 is -2 mm"),
-        ({"offset": ((0.0, 1.0), (9.0,))}, "knot 1 is"),
-        ({"angle": math.inf}, "angle is inf rad"),
-        ({"end": -1.0}, "end is -1 mm"),
-        ({"end": 20.0, "angle": ((0.0, 1.0), (9.0, 2.0))}, "from 0 to 9 mm: they must reach"),
-        ({"end": 5.0, "angle": ((1.0, 1.0), (9.0, 2.0))}, "from 1 to 9 mm: they must reach"),
-        ({"travel": (2.0, 1.0)}, r"travel is \(2.0, 1.0\)"),
-        ({"travel": (math.nan, 1.0)}, r"travel\[0\] is nan mm"),
-        ({"travel": "12"}, "travel is '12'"),
-        ({"travel": (False, True)}, r"travel\[0\] is False"),
-        ({"travel": (math.inf, math.inf)}, r"travel\[0\] is inf"),
-        ({"name": "a,b"}, "name is 'a,b'"),
-        ({"name": "a=1"}, "name is 'a=1'"),
-        ({"name": " a"}, "name is ' a'"),
-        ({"name": "a\nb"}, "name is"),
-        ({"interpolation": ["cubic"]}, "interpolation is"),
-        ({"travel": 3.0}, "travel is 3.0"),
-        ({"pushes": 1}, "pushes is 1"),
-        ({"interpolation": "quintic"}, "interpolation is 'quintic'"),
-    ],
-)
-def test_bad_field_is_refused_in_one_line(fields: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words) as caught:
-        Tendon(**{"name": "a", "offset": 4.0, **fields})
-    assert "\n" not in str(caught.value)
-
-
-def test_a_helix_checks_its_angle() -> None:
-    with pytest.raises(InputError, match="helix start is 'x'"):
-        Tendon(name="h", offset=4.0, angle=Helix(turns=1.0, start="x"), end=60.0)  # type: ignore[arg-type]
 
 
 def test_a_drive_without_limits_is_free_both_ways() -> None:

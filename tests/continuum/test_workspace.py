@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bozzini.continuum import ContinuumRobot, Helix, Section, Tendon
+from bozzini.continuum import ContinuumRobot, Section, Tendon
 from bozzini.continuum.arc import arc_frames, displacements_for, jacobian
 from bozzini.continuum.inverse import solve_tip
 from bozzini.continuum.workspace import (
@@ -21,7 +21,6 @@ from bozzini.continuum.workspace import (
     spread_directions,
     tendon_travel,
 )
-from bozzini.errors import GeometryError, InputError
 
 
 def make_robot(
@@ -105,7 +104,7 @@ def test_a_sample_is_consistent(seed: int, sections: int) -> None:
     np.testing.assert_allclose(sample.tip_frames, frames, atol=1e-10)
     np.testing.assert_allclose(sample.jacobians, jacobian(robot, sample.bends), atol=1e-10)
     np.testing.assert_allclose(sample.displacements, displacements_for(robot, sample.bends))
-    assert solve_tip(robot, sample.tips[0]).success
+    assert solve_tip(robot, sample.tips[0]).converged
 
 
 def test_one_section_stays_on_its_surface() -> None:
@@ -177,8 +176,8 @@ def test_travel_tends_to_offset_times_all_bends() -> None:
         assert 0.9 * bound < travel.high[index] <= bound
         assert 0.9 * bound < -travel.low[index] <= bound
     np.testing.assert_allclose(travel.stroke, travel.high - travel.low)
-    assert [words.split("'")[1] for words in travel.exceeded] == ["s2t1", "s2t2", "s2t3"]
-    assert "its travel is [-4, 4] mm" in travel.exceeded[0]
+    exceeded = (travel.low < travel.allowed[:, 0]) | (travel.high > travel.allowed[:, 1])
+    assert exceeded.tolist() == [False] * 3 + [True] * 3
 
 
 def test_travel_counts_the_rest() -> None:
@@ -247,7 +246,7 @@ def test_directions_of_one_section_are_one() -> None:
     robot = make_robot((40.0,))
     tip = arc_frames(robot, [[0.8, 0.3]], arc_length=[40.0])[0]
     looks = solve_tip(robot, tip[:3, 3], direction=tip[:3, 2])
-    assert looks.success
+    assert looks.converged
     assert measure_dexterity(robot, tip[:3, 3], directions=60).share == 0.0
     assert measure_dexterity(robot, (0.0, 0.0, 90.0), directions=20).share == 0.0
 
@@ -313,53 +312,3 @@ def test_the_inverse_reaches_what_the_map_shows() -> None:
     best = int(np.argmax(found.counts))
     exact = measure_dexterity(robot, found.centres[best], directions=40)
     assert exact.share >= found.direction_share[best] - 0.15
-
-
-# --- wrong inputs ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda r: sample_workspace(r, 0), r"count is 0: it must lie in \[1, 10000000\]"),
-        (lambda r: sample_workspace(r, 5, seed=-1), "seed is -1"),
-        (lambda r: sample_workspace(r, 5, bend_cap=0.0), "bend_cap is 0 rad"),
-        (lambda r: measure_volume(np.zeros((4, 2)), cell=1.0), r"tips has shape \(4, 2\)"),
-        (lambda r: measure_volume(np.zeros((0, 3)), cell=1.0), r"tips has shape \(0, 3\)"),
-        (lambda r: measure_volume(np.zeros((4, 3)), cell=-1.0), "cell is -1 mm"),
-        (lambda r: tendon_travel(r, [[0.0, 0.0]]), r"bends has shape \(1, 2\)"),
-        (lambda r: manipulability(r, np.zeros((2, 2)), part="speed"), "part is 'speed'"),
-        (lambda r: measure_dexterity(r, (1.0, 2.0)), "place has shape"),
-        (lambda r: measure_dexterity(r, (1, 2, 3), directions=0), "directions is 0"),
-        (lambda r: measure_volume(np.zeros((4, 3)), cell=1e200), r"cell is 1e\+200 mm"),
-        (lambda r: measure_volume(np.full((4, 3), 1e200), cell=1.0), "tips has the value"),
-        (lambda r: measure_dexterity(r, (1e200, 0, 0)), r"place has the value 1e\+200 mm"),
-        (lambda r: map_dexterity(sample_workspace(r, 5), cell=0.0), "cell is 0 mm"),
-        (
-            lambda r: map_dexterity(sample_workspace(r, 5), cell=1e-3),
-            r"cell is 0.001 mm: .*\[0.06, 1e\+09\] mm, at most 1000 cells along the robot's 60 mm",
-        ),
-    ],
-)
-def test_wrong_inputs_get_one_line(call: object, words: str) -> None:
-    with pytest.raises(InputError, match=words) as caught:
-        call(make_robot((30.0, 30.0)))  # type: ignore[operator]  # a lambda of the table
-    assert "\n" not in str(caught.value)
-
-
-def test_robots_without_arcs_are_refused_without_advice_that_does_not_help() -> None:
-    helix = Tendon(name="h", offset=2.0, angle=Helix(turns=0.5), end=30.0)
-    robot = ContinuumRobot((Section(length=30.0, radius=2.5, tendons=(helix,)),))
-    for call in (
-        lambda: sample_workspace(robot, 5),
-        lambda: tendon_travel(robot, np.zeros((1, 2))),
-        lambda: manipulability(robot, np.zeros((1, 2))),
-    ):
-        with pytest.raises(GeometryError, match="takes sections that bend in arcs") as caught:
-            call()
-        assert "take the energy" not in str(caught.value)
-
-
-def test_travel_that_leaves_no_shape_is_an_error() -> None:
-    with pytest.raises(GeometryError, match="no legal shape"):
-        sample_workspace(make_robot((30.0,), travel=(1.0, 2.0)), 5)

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from bozzini.anatomy import LabelTract
 from bozzini.duct import build_field, field_from_mask, field_from_mesh
 from bozzini.duct import field as walls
-from bozzini.duct.field import MAX_NODES, _divide
+from bozzini.duct.field import MAX_NODES, divide_voxels
 from bozzini.errors import GeometryError, InputError
 from tests.exact import MeshWall
 
@@ -216,13 +216,13 @@ def test_coarse_voxels_get_nodes_fine_enough_for_a_useful_bound():
 
 
 def test_a_grid_is_refined_only_as_far_as_it_may_grow():
-    fine = _divide(np.array([2.0, 3.0, 1.5]), np.array([100.0, 100.0, 100.0]))
+    fine = divide_voxels(np.array([2.0, 3.0, 1.5]), np.array([100.0, 100.0, 100.0]))
     assert fine == pytest.approx([1.0, 1.5, 1.5])
     size = np.array([800.0, 800.0, 500.0])
-    some = _divide(np.full(3, 2.5), size)
+    some = divide_voxels(np.full(3, 2.5), size)
     assert np.all(some <= 2.5) and np.any(some > 1.25)
     assert np.prod(size / some) <= MAX_NODES
-    assert np.prod(size * 4 / _divide(np.full(3, 2.5), size * 4)) <= MAX_NODES
+    assert np.prod(size * 4 / divide_voxels(np.full(3, 2.5), size * 4)) <= MAX_NODES
 
 
 @pytest.mark.parametrize("inflate", [0.0, 2.5])

@@ -280,9 +280,8 @@ def test_costs_and_lengths_are_those_of_a_plain_search():
     assert not np.isfinite(sparse.search(places[5]).costs).all()  # the other piece
     way = sparse.search(places[5]).traceback(places[-2000])
     steps = np.linalg.norm(np.diff(way * field.spacing, axis=0), axis=1)
-    middle = 0.5 * (
-        sparse.weights[sparse._number(way[1:])] + sparse.weights[sparse._number(way[:-1])]
-    )
+    weights = sparse.weights[sparse.number[tuple(way.T)]]
+    middle = 0.5 * (weights[1:] + weights[:-1])
     assert (steps * middle).sum() == pytest.approx(sparse.search(places[5])[way[-1]])
 
 

@@ -15,6 +15,7 @@ from bozzini.duct import (
     ConnectedCylinders,
     ConvexPolyhedra,
     Duct,
+    DuctShape,
     Eroded,
     Moved,
     PackedDuct,
@@ -24,7 +25,6 @@ from bozzini.duct import (
     RefinedField,
     RoundCones,
     SampledField,
-    Shape,
     StitchedQuads,
     SuperEllipses,
     SuperEllipsoids,
@@ -147,7 +147,7 @@ def measure_outside(duct, points, nodes_most=300_000):
 def test_every_duct_with_a_wall_to_move_is_here():
     kinds = [getattr(ducts, name) for name in ducts.__all__]
     movable = {kind for kind in kinds if isinstance(kind, type) and hasattr(kind, "inflate")}
-    assert movable - set(DUCTS) == {Duct, PackedDuct, Shape, PointCloud, Eroded, Without}
+    assert movable - set(DUCTS) == {Duct, PackedDuct, DuctShape, PointCloud, Eroded, Without}
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""A way moved to where the duct has more room: never to less."""
+"""A centreline moved to where the duct has more clearance: never to less."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BEND = bend_curve(30.0, 2.0, 15.0)
 
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000), off=st.floats(0.0, 3.0))
-def test_room_does_not_get_less_and_ends_stay(seed, off):
+def test_clearance_does_not_get_less_and_ends_stay(seed, off):
     random = np.random.default_rng(seed)
     duct = RoundCones(BEND, random.uniform(6.0, 9.0, len(BEND)))
     aside = np.cumsum(random.normal(0.0, 1.0, BEND.shape), axis=0)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
 import trimesh
 
+from bozzini.checks import quantity
 from bozzini.duct import (
-    SHAPES,
+    DUCT_SHAPES,
     BetweenCurves,
     Centreline,
     Circles,
     ConnectedCylinders,
     ConvexPolyhedra,
     Duct,
+    DuctShape,
     Moved,
     PointCloud,
     Polygon,
@@ -29,8 +32,9 @@ from bozzini.duct import (
     union,
     without,
 )
-from bozzini.errors import FileFormatError, InputError
-from bozzini.motion import Scope, plan_insertion
+from bozzini.duct.shape_files import read_shapes, write_shapes
+from bozzini.errors import FileFormatError, GeometryError, InputError
+from bozzini.motion import Scope, certify_motion, plan_insertion
 from tests.duct.torus import PackedTorus, Torus
 
 BALL = trimesh.creation.icosphere(subdivisions=2, radius=4.0)
@@ -57,14 +61,38 @@ OWN = {
 TORI = {"torus": Torus(20.0, 5.0), "packed-torus": PackedTorus(20.0, 5.0)}
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ball(DuctShape):
+    """A ball, or what goes wrong in a class of one's own."""
+
+    radius: float = quantity("length", "Radius.", low=0.0, low_open=True)
+    stretch: float = 1.0
+    bulge: float = 0.0
+    cut: float = 0.0
+    value: float = 0.0
+    count: int = 1
+
+    name = "ball"
+
+    @property
+    def bounds(self):
+        return np.full((2, 3), self.radius + self.inflation - self.cut) * [[-1.0], [1.0]]
+
+    def signed_distance(self, points):
+        points = np.asarray(points, dtype=np.float64)
+        away = self.stretch * np.linalg.norm(points, axis=-1) + self.value
+        distance = away + self.bulge * np.abs(points).sum(axis=-1) - self.radius - self.inflation
+        return distance if self.count == 1 else np.stack([distance] * self.count)
+
+
 @pytest.fixture
 def plugins(monkeypatch):
     """Both tori as another package brings them."""
     found = {
-        name: EntryPoint(name, f"tests.duct.torus:{type(duct).__name__}", SHAPES.group)
+        name: EntryPoint(name, f"tests.duct.torus:{type(duct).__name__}", DUCT_SHAPES.group)
         for name, duct in TORI.items()
     }
-    monkeypatch.setitem(SHAPES.__dict__, "plugins", found)
+    monkeypatch.setitem(DUCT_SHAPES.__dict__, "plugins", found)
 
 
 def scatter(duct, count=300):
@@ -73,8 +101,8 @@ def scatter(duct, count=300):
 
 
 def test_every_shape_is_here():
-    assert set(OWN) == set(SHAPES.own)
-    assert all(SHAPES[name] is type(duct) for name, duct in OWN.items())
+    assert set(OWN) == set(DUCT_SHAPES.own)
+    assert all(DUCT_SHAPES[name] is type(duct) for name, duct in OWN.items())
 
 
 @pytest.mark.parametrize("name", [*OWN, *TORI])
@@ -82,7 +110,7 @@ def test_every_shape_is_a_duct_that_is_saved_moved_and_drawn(name, plugins, tmp_
     duct = (OWN | TORI)[name]
     points = scatter(duct)
     value = duct.signed_distance(points)
-    assert isinstance(duct, Duct) and SHAPES[name] is type(duct)
+    assert isinstance(duct, Duct) and DUCT_SHAPES[name] is type(duct)
     assert np.all(duct.clearance_bound(points) <= -value)
     for suffix in ("json", "yaml"):
         same = load(save(duct, tmp_path / f"a.{suffix}"))
@@ -122,6 +150,74 @@ def test_a_shape_of_another_package_is_composed_and_planned_in(name):
     wide = torus.inflate(1.0)
     assert wide.erode(1.0).signed_distance(points) == pytest.approx(torus.signed_distance(points))
     assert torus.sample(1.0).error < 1.0
+
+
+def add_units(value, kind):
+    """Write the lengths among numbers with a unit, as a file can have them."""
+    if isinstance(value, list):
+        row = isinstance(kind, tuple) and not isinstance(value[0], list)
+        return [add_units(item, kind[k] if row else kind) for k, item in enumerate(value)]
+    return f"{0.1 * value!r} cm" if kind == "length" else value
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_a_file_may_state_every_length_with_its_unit(name):
+    duct = OWN[name]
+    data = write_shapes(duct)
+    forms = {key: form.rstrip("s") for key, (_, form) in duct.columns.items()}
+    for piece in data["shapes"]:
+        for key, value in piece.items():
+            piece[key] = add_units(value, forms.get(key) or duct.unit_kinds.get(key))
+    assert " cm" in str(data)
+    points = scatter(duct)
+    wanted = duct.signed_distance(points)
+    assert read_shapes(data).signed_distance(points) == pytest.approx(wanted, abs=1e-9)
+
+
+def test_units_of_a_shape_of_another_package_are_its_quantities(monkeypatch):
+    found = {"ball": EntryPoint("ball", f"{__name__}:Ball", DUCT_SHAPES.group)}
+    monkeypatch.setitem(DUCT_SHAPES.__dict__, "plugins", found)
+    data = write_shapes(Ball(radius=4.0))
+    data["shapes"] = [{"radius": "0.4 cm"}]
+    assert read_shapes(data | {"inflation": "1 mm"}).inflate(1.0).bounds[1].tolist() == [6.0] * 3
+    for radius, message in (
+        ("4 kg", r"^shapes\[0\]\.radius: '4 kg'"),
+        (-4.0, r"^radius is -4 mm: it must lie in \(0, inf\) mm"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_shapes(data | {"shapes": [{"radius": radius}]})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stretch": 1.2}, "changes by more than .* 1 mm per mm"),
+        ({"stretch": 0.0, "bulge": 0.9, "cut": -1.0}, "changes by more than .* 1 mm per mm"),
+        ({"cut": 1.0}, "is -.* mm at .*: bounds must be a box that holds the whole duct"),
+        ({"value": np.nan}, "is nan at .*: it must be finite"),
+        ({"count": 2}, r"has shape \(.*\) at points of shape .*: it must be"),
+    ],
+)
+def test_a_distance_that_is_none_is_refused_before_anything_is_proved_with_it(change, message):
+    ball = Ball(radius=4.0)
+    assert ball.sample(0.5).signed_distance((0.0, 0.0, 0.0)) == pytest.approx(-4.0, abs=0.5)
+    wrong = replace(ball, **change)
+    line = Centreline.from_points([(0, 0, -2), (0, 0, 2)], ball)
+    for use in (
+        lambda: wrong.sample(0.5),
+        wrong.pack,
+        lambda: certify_motion(np.zeros((1, 2, 3)), wrong, radius=1.0),
+        lambda: plan_insertion(wrong, line, scope=Scope(diameter=1.0, link_length=1.0)),
+    ):
+        with pytest.raises(GeometryError, match=f"^the signed distance of a Ball {message}"):
+            use()
+
+
+@pytest.mark.parametrize("change", [{"inflation": -1.0}, {"wall_error": -1.0}, {"radius": -1.0}])
+def test_a_shape_checks_its_fields_by_itself(change):
+    name = next(iter(change)).replace("_", " ")
+    with pytest.raises(InputError, match=f"^{name} is -1 mm: it must lie in"):
+        Ball(**({"radius": 4.0} | change))
 
 
 def test_what_is_not_in_the_registry_has_no_file_form(tmp_path):

@@ -20,7 +20,7 @@ from bozzini.effector import (
     find_peak,
     rigidity_from_test,
 )
-from bozzini.errors import BozziniError, GeometryError, InputError
+from bozzini.errors import BozziniError, GeometryError
 from bozzini.muscle import preset as muscle_preset
 from tests.effector.strategies import designs
 
@@ -39,9 +39,6 @@ def test_rigidity_from_a_test():
     # 0.1 N deflects the section that the tables were made with by "approximately 15 mm".
     assert rigidity_from_test(0.1, 15.1875, 45.0) == pytest.approx(200.0)
     assert rigidity_from_test(0.1, 15.0, 45.0) == pytest.approx(202.5)
-    for wrong in ((0.0, 15.0, 45.0), (0.1, -1.0, 45.0), (0.1, 15.0, math.nan)):
-        with pytest.raises(InputError, match="must lie in"):
-            rigidity_from_test(*wrong)
 
 
 def test_a_catheter_adds_and_the_beam_formula_matters():
@@ -51,29 +48,6 @@ def test_a_catheter_adds_and_the_beam_formula_matters():
     assert with_catheter.compliance == pytest.approx(design.compliance * 2.0 / 3.0)
     # The end moment deflects by 1.5 times what the printed formula says.
     assert design.replace(beam_factor=2).compliance == pytest.approx(1.5 * design.compliance)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"offset": -1.0}, r"offset is -1 mm: it must lie in \[0.001, 1000\] mm"),
-        ({"offset": math.nan}, "offset is nan"),
-        ({"segments": 2.5}, r"segments is 2.5: it must be a whole number in \[1, 1000\]"),
-        ({"segments": 0}, r"segments is 0: it must lie in \[1, 1000\]"),
-        ({"beam_factor": 2.5}, "beam factor is 2.5: it must be 3"),
-        ({"flexural_rigidity": 0.0}, "flexural rigidity is 0"),
-        ({"catheter_rigidity": -1.0}, "catheter rigidity is -1"),
-        ({"pressure_limit": 11.0}, r"pressure limit is 11 MPa: it must lie in \[1e-06, 10\]"),
-        ({"backbone_length": 50.0}, "muscle R is 45 mm long: it must be as long as the backbone"),
-        ({"muscles": ()}, "1 to 12 PlacedMuscle"),
-        ({"muscles": 3}, "1 to 12 PlacedMuscle"),
-        ({"colour": 1}, "an effector has no field 'colour'"),
-    ],
-)
-def test_refusals(changes, message):
-    with pytest.raises(InputError, match=message) as caught:
-        effector_preset("prototype", **changes)
-    assert "\n" not in str(caught.value)
 
 
 def test_an_offset_below_half_a_segment_is_refused():

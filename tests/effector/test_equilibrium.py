@@ -234,27 +234,6 @@ def test_the_measured_deflections():
     assert np.all(derived < measured - 1.0)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda e: balance(e, "X", 0.1), "no muscle 'X'"),
-        (lambda e: balance(e, "R", 0.9), r"muscle R is 0.9 MPa: it must lie in \[0, 0.827\] MPa"),
-        (lambda e: balance(e, "R", [0.1, -0.1]), "muscle R is -0.1 MPa"),
-        (lambda e: balance(e, "R", np.nan), "muscle R is nan MPa"),
-        (lambda e: balance(e, "R", "much"), "R is 'much': it must be"),
-        (lambda e: balance(e, "R", 0.1, method="newton"), "method is 'newton'"),
-        (lambda e: balance(e, "R", 0.1, method="fixed-point", tolerance=0.0), "tolerance is 0"),
-        (lambda e: Effector(DESIGN, 3), "model is 3"),
-        (lambda e: Effector(DESIGN, lambda m: 3), "model gives a int"),
-        (lambda e: Effector("prototype"), "design is a str"),
-    ],
-)
-def test_refusals(call, message):
-    with pytest.raises(InputError, match=message) as caught:
-        call(Effector(DESIGN))
-    assert "\n" not in str(caught.value)
-
-
 def test_a_pressure_without_an_answer():
     """The thesis's equations end for a soft tube at a high pressure, on the section too."""
     muscle = muscle_preset("effector-45", modulus=1e-3)

@@ -21,7 +21,7 @@ from bozzini.effector import (
     place_curve,
     pose,
 )
-from bozzini.errors import BozziniError, InputError
+from bozzini.errors import BozziniError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle
 from tests.effector.models import SpringMuscle
 from tests.effector.reference import turn
@@ -136,7 +136,7 @@ def test_saturation_is_said():
     found = pose(effector, {"R": [0.6894, 0.2], "G": [0.6894, 0.2]})
     peak = find_peak(DESIGN)
     assert found.saturated.tolist() == [True, False]
-    assert found.converged.all()
+    assert found.settled.all() and found.converged.tolist() == [False, True]
     assert found.demanded_lateral[0] > peak.lateral
     assert found.lateral[0] == peak.lateral
     assert np.hypot(*found.tip[0, :2]) == pytest.approx(peak.lateral, rel=1e-12)
@@ -202,27 +202,6 @@ def test_pressures_by_name():
     assert np.array_equal(by_name.tip, by_place.tip)
 
 
-@pytest.mark.parametrize(
-    ("pressures", "message"),
-    [
-        ([0.1, 0.1], r"pressures has shape \(2,\): it must be \(..., 3\)"),
-        (0.1, r"pressures has shape \(\)"),
-        ([0.1, 0.9, 0.1], r"pressure of muscle G is 0.9 MPa: it must lie in \[0, 0.827\] MPa"),
-        ([[0.0, 0.0, 0.0], [0.0, 0.0, math.nan]], "pressure of muscle B is nan MPa"),
-        ({"R": -0.1}, "pressure of muscle R is -0.1 MPa"),
-        ({"X": 0.1}, r"no muscle 'X': choose one of \['R', 'G', 'B'\]"),
-        ({"R": [0.1, 0.2], "G": [0.1, 0.2, 0.3]}, "arrays of one shape"),
-        ("R", "must be a number or an array"),
-    ],
-)
-def test_refused_pressures(pressures, message):
-    with pytest.raises(InputError, match=message) as caught:
-        pose(EFFECTOR, pressures)
-    assert "\n" not in str(caught.value)
-    with pytest.raises(InputError, match="method is 'sum'"):
-        pose(EFFECTOR, [0.0, 0.0, 0.0], method="sum")
-
-
 @settings(max_examples=100)
 @given(designs(), st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4), st.booleans())
 def test_any_design_gives_a_pose_or_one_line(design, shares, by_steps):
@@ -238,7 +217,7 @@ def test_any_design_gives_a_pose_or_one_line(design, shares, by_steps):
     for field in dataclasses.fields(found)[1:]:  # all but the names
         if field.name != "reason":
             assert np.all(np.isfinite(getattr(found, field.name))), field.name
-    assert (found.reason == "") == bool(found.converged and not found.saturated)
+    assert (found.reason == "") == bool(found.converged)
     size = design.backbone_length
     if not by_steps:
         pieces = np.linalg.norm(np.diff(found.backbone, axis=0), axis=-1)

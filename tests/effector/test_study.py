@@ -12,7 +12,6 @@ from bozzini.effector.effector import Effector
 from bozzini.effector.equilibrium import balance
 from bozzini.effector.study import change_design, find_needed_pressure, optimise_design, sweep
 from bozzini.effector.workspace import workspace
-from bozzini.errors import BozziniError
 
 DESIGN = effector_preset("prototype")
 EFFECTOR = Effector(DESIGN)
@@ -48,19 +47,6 @@ def test_changes() -> None:
     assert changed.angles == pytest.approx([0.0, 2.0, 4.0])
     assert all(p.muscle.length == 60.0 and p.muscle.braid_angle == 0.5 for p in changed.muscles)
     assert change_design(DESIGN, {}) == DESIGN
-    for wrong in (
-        {"length": 50.0, "backbone_length": 50.0},
-        {"angles": [1.0]},
-        {"angles": 3.0},
-        {"colour": 1},
-        {"muscle.colour": 1},
-        {"length": None},
-        {"angles": None},
-        {"muscles": (1, 2)},
-        None,
-    ):
-        with pytest.raises(BozziniError):
-            change_design(DESIGN, wrong)
 
 
 def test_muscles_can_be_changed_with_their_length() -> None:
@@ -109,7 +95,7 @@ def test_even_angles_have_the_largest_inner_radius() -> None:
 
 def test_optimum_of_the_offset_beats_a_fine_sweep() -> None:
     found = optimise_design(EFFECTOR, 12.0, bounds={"offset": (1.6, 8.0)})
-    assert found.success and found.reason == ""
+    assert found.converged and found.reason == ""
     fine = sweep(EFFECTOR, {"offset": np.linspace(1.6, 8.0, 300)}, deflection=12.0)
     pressures = [row.needed_pressure for row in fine.rows if row.needed_pressure > 0.0]
     best = min(pressures)
@@ -128,7 +114,7 @@ def test_optimum_over_segments_and_on_a_bound() -> None:
     found = optimise_design(
         EFFECTOR, 10.0, bounds={"flexural_rigidity": (100.0, 300.0)}, segments=[12, 15, 20], grid=4
     )
-    assert found.success and "lower bound" in found.reason
+    assert found.converged and "lower bound" in found.reason
     assert found.changes["flexural_rigidity"] == pytest.approx(100.0, rel=1e-5)
     each = [
         find_needed_pressure(
@@ -142,11 +128,11 @@ def test_optimum_over_segments_and_on_a_bound() -> None:
 
 def test_no_optimum() -> None:
     nothing = optimise_design(EFFECTOR, 200.0, bounds={"offset": (3.0, 4.0)}, grid=3)
-    assert not nothing.success and nothing.pressure == 0.0
+    assert not nothing.converged and nothing.pressure == 0.0
     assert nothing.infeasible == nothing.evaluations == 3
     assert "no design within the bounds is feasible" in nothing.reason
     above = optimise_design(EFFECTOR, 17.0, bounds={"offset": (3.5, 4.5)}, grid=3)
-    assert not above.success and "above the limit" in above.reason
+    assert not above.converged and "above the limit" in above.reason
     assert above.pressure > DESIGN.pressure_limit
 
 
@@ -156,8 +142,8 @@ def test_a_design_over_its_own_limit_is_no_optimum() -> None:
     limit = 1.001 * wide.pressure
     tight = Effector(DESIGN.replace(pressure_limit=limit))
     found = optimise_design(tight, 12.0, bounds={"offset": (1.6, 8.0)})
-    assert found.success and found.pressure == pytest.approx(wide.pressure, rel=1e-6)
+    assert found.converged and found.pressure == pytest.approx(wide.pressure, rel=1e-6)
     assert 0 < found.infeasible < found.evaluations
     # Which design is within its limit may depend on what is varied.
     stiff = optimise_design(EFFECTOR, 14.0, bounds={"flexural_rigidity": (150.0, 900.0)}, grid=4)
-    assert stiff.success and 0 < stiff.infeasible
+    assert stiff.converged and 0 < stiff.infeasible

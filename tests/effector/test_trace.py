@@ -55,6 +55,9 @@ def test_a_line_that_leaves_the_workspace_says_where() -> None:
     assert inside[0] and not inside[-1]
     assert np.array_equal(inside, np.sort(inside)[::-1])  # once out, it stays out
     assert trace.error[inside].max() < 1e-9 < trace.error[~inside].min()
+    assert trace.converged.tolist() == inside.tolist() and trace.settled.all()
+    lost = f"{int((~inside).sum())} target(s) out of reach, by up to {trace.largest_error:.3g} mm"
+    assert trace.reason == lost
     # Outside, the tip stays at the edge in the direction of the target.
     assert trace.achieved[~inside] == pytest.approx(
         np.broadcast_to(trace.achieved[-1], trace.achieved[~inside].shape)
@@ -90,10 +93,6 @@ def test_the_cubic_is_inverted_where_it_rises() -> None:
     assert np.all(np.diff(pressure) > 0.0)
     assert cubic.find_lateral(pressure) == pytest.approx(lateral, abs=1e-9)
     assert cubic.find_pressure(0.0) == 0.0
-    with pytest.raises(InputError, match="deflection by muscle R is 100 mm"):
-        cubic.find_pressure(100.0)
-    with pytest.raises(InputError, match="pressure is 2 MPa"):
-        cubic.find_lateral(2.0)
 
 
 def test_a_cubic_that_turns_is_only_inverted_past_its_turn() -> None:
@@ -122,6 +121,9 @@ def test_steering_by_cubics_is_off_by_about_their_error() -> None:
     inside = np.all((used == 0.0) | (used > cubics["R"].lateral_range[0]), axis=1)
     assert inside.any()
     assert exact.largest_error < 1e-9 < trace.error[inside].max()
+    assert exact.converged.all() and exact.reason == ""
+    assert trace.settled.all() and not trace.converged.all()
+    assert "missed by the cubics" in trace.reason
     assert trace.error[inside].max() <= 2.0 * max(c.largest_error for c in cubics.values())
 
 
@@ -130,5 +132,3 @@ def test_looking_up_caps_at_the_limit() -> None:
     pressures = look_up_pressures(cubics, DESIGN.names, [100.0, 0.0, 5.0])
     assert pressures[0] == pytest.approx(DESIGN.pressure_limit)
     assert pressures[1] == 0.0
-    with pytest.raises(InputError, match="muscle B has no cubic"):
-        look_up_pressures({"R": cubics["R"], "G": cubics["G"]}, DESIGN.names, [1.0, 1.0, 1.0])

@@ -55,6 +55,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "certify": (8, "<plan <plan's_tract"),
     "segment": (8, "<ct --out >.nii.gz"),
     "demo": (3, "--voxel 3mm --diameter 9mm --link 12mm --out >"),
+    "duct kinds": (1, ""),
     "duct fit": (6, "<tract --pieces 6 --out >.json"),
     "duct show": (6, "<tract or shapes --out >.png"),
     "duct limits": (6, "<tract or shapes --diameter 4mm"),

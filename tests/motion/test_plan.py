@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.errors import FileFormatError, InputError, OutputError
-from bozzini.motion import Certificate, Introducer, Plan, Scope, verify_plan
-from bozzini.motion.plan import read_record
+from bozzini.errors import FileFormatError, OutputError
+from bozzini.motion import Plan, Scope, verify_plan
 
 
 def make_plan(steps=4, count=3, **changes):
@@ -75,18 +75,13 @@ def test_a_plan_that_cannot_be_written_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"joints": np.zeros((4, 1, 3))}, "must be .steps, joints, dim."),
-        ({"clearance": np.zeros((4, 3))}, r"clearance has shape \(4, 3\)"),
-        ({"head_arc_length": np.zeros(3)}, r"head_arc_length has shape \(3,\)"),
-        ({"status": "done"}, "status is 'done'"),
-    ],
-)
-def test_an_inconsistent_plan_is_refused(changes, message):
-    with pytest.raises(InputError, match=message):
-        make_plan(**changes)
+@pytest.mark.parametrize("length", [None, 60.0])
+def test_the_scope_is_the_same_in_the_file(tmp_path, length):
+    plan = make_plan()
+    scope = Scope(diameter=5.0, link_length=8.0, length=length)
+    again = Plan.load(replace(plan, scope=scope).save(tmp_path / "plan.npz"))
+    assert again.scope == scope
+    assert ("length_mm" in again.meta["scope"]) == (length is not None)
 
 
 @given(length=st.floats(1.0, 50.0), path=st.floats(1.0, 900.0))
@@ -94,19 +89,6 @@ def test_a_scope_reaches_the_end_of_its_path(length, path):
     links = Scope(diameter=1.0, link_length=length).count_links(path)
     assert links * length >= path * (1 - 1e-9)
     assert (links - 1) * length < path or links == 1
-
-
-@pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf"), "wide", None])
-def test_scope_dimensions_must_be_positive_numbers(bad):
-    with pytest.raises(InputError, match="scope diameter is"):
-        Scope(diameter=bad, link_length=5.0)
-    with pytest.raises(InputError, match="link length is"):
-        Scope(diameter=5.0, link_length=bad)
-
-
-def test_a_scope_has_at_least_one_link():
-    with pytest.raises(InputError, match=r"scope length is 4 mm: it must lie in \[5, 10000\] mm"):
-        Scope(diameter=2.0, link_length=5.0, length=4.0)
 
 
 OLD = Path(__file__).parents[1] / "data"
@@ -144,18 +126,3 @@ def test_a_plan_is_a_result_with_a_table_and_a_picture():
         assert "head_arc_length_mm" in plan._repr_html_()
         axes = plan.plot()
         assert plan.plot(axes) is axes and "clearance" in axes.get_ylabel()
-
-
-@pytest.mark.parametrize(
-    ("kind", "given", "place"),
-    [
-        (Introducer, {"entry_mm": "abc"}, "entry_mm"),
-        (Introducer, {"entry_mm": 5}, "entry_mm"),
-        (Introducer, {"entry_mm": [0.0, 0.0, 0.0], "outward": {}}, "outward"),
-        (Certificate, {"place_mm": "abc"}, "place_mm"),
-        (Certificate, {"place_mm": []}, "place_mm"),
-    ],
-)
-def test_a_place_that_is_none_is_refused(kind, given, place):
-    with pytest.raises(InputError, match=rf"^part\.{place} is "):
-        read_record(kind, given, "part")

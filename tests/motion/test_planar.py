@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.duct import Centreline, Polygon
-from bozzini.errors import InputError
 from bozzini.motion import FreeSpace, Plan, Scope, certify_motion, certify_plan
 from tests.motion.plans import insert
 
@@ -182,14 +181,3 @@ def test_a_planted_passage_is_found(seed):
     assert plan.status == "complete", plan.reason
     assert plan.certified
     assert measure_exact(plan, duct, 5_000, seed).min() >= plan.certificate.clearance
-
-
-def test_dimensions_must_agree(zigzag):
-    duct, line = zigzag
-    lifted = Centreline(
-        points=duct.to_grid(line.points), arc_length=line.arc_length, radius=line.radius
-    )
-    with pytest.raises(InputError, match=r"centreline's points have shape .*: this duct needs"):
-        insert(duct, lifted, scope=Scope(diameter=5.0, link_length=10.0))
-    with pytest.raises(InputError, match=r"joints have shape \(1, 2, 3\): the duct needs .*, 2\)"):
-        certify_motion(np.zeros((1, 2, 3)), duct, radius=1.0)

@@ -7,7 +7,7 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 
-from bozzini.errors import InputError
+from bozzini.errors import InputError, PluginError
 from bozzini.motion import (
     PLANNERS,
     FreeSpace,
@@ -28,12 +28,11 @@ class Straight(Planner):
     """Pushes the straight chain in, whatever is in the way."""
 
     name = "straight"
-    help = "a rod"
     ignored = ("slip", "angle_limit", "route")
 
     def move(self, space, scope, options, *, progress=None):
         """Return the motion of a rod along the first direction of the line."""
-        tube, line = space.tube, space.way
+        tube, line = space.tube, space.centreline
         depth = np.arange(0.0, min(line.length, 60.0), options.head_step)
         chain = tube.place_chain(scope.count_links(line.length) + 1, scope.link_length)
         joints = chain - depth[:, None, None] * tube.outward
@@ -93,7 +92,7 @@ def test_what_is_no_planner_is_refused_in_one_line(plugins, tubes):
         ("gone", "cannot be imported"),
         ("other", "one of best, tube, follow, thesis, straight"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises((InputError, PluginError), match=words):
             plan_insertion(*tubes["straight"], scope=SCOPE, method=method)
 
 
@@ -101,25 +100,12 @@ def test_options_that_a_planner_ignores_must_be_as_by_default(plugins, tubes):
     space = FreeSpace(*tubes["straight"])
     with pytest.raises(InputError, match="'straight' has no slip, angle limit or route: .* best"):
         Straight().plan(space, SCOPE, PlannerOptions(slip=0.5))
-    for step in (0.0, 7.0):
-        with pytest.raises(InputError, match=rf"head step is {step:g} mm: .* \[0.001, 6\] mm"):
-            Straight().plan(space, SCOPE, PlannerOptions(head_step=step))
 
+    class Slipping(Straight):
+        ignored = ("route",)
 
-@pytest.mark.parametrize(
-    ("option", "words"),
-    [
-        ({"head_step": float("nan")}, "head step is nan"),
-        ({"head_step": None}, "head step is None"),
-        ({"slip": 1.5}, r"slip is 1.5: it must lie in \[0, 1\]"),
-        ({"angle_limit": 0.0}, r"angle limit is 0 rad: it must lie in \(0, 3.14"),
-        ({"route": (0.0,)}, "one of its fractions"),
-        ({"route": (2.0,)}, r"route is 2: it must lie in \[0, 1\]"),
-    ],
-)
-def test_an_option_outside_its_range_is_named(option, words):
-    with pytest.raises(InputError, match=words):
-        PlannerOptions(**option)
+    with pytest.raises(InputError, match="'straight' has no route: leave it out, or use one of "):
+        Slipping().plan(space, SCOPE, PlannerOptions(slip=0.5, route=(1.0, 0.0)))
 
 
 def test_a_name_is_known_without_importing_what_it_names(plugins):
@@ -145,5 +131,5 @@ def test_a_planner_that_gives_no_motion_of_the_scope_is_refused(tubes, spoil, wo
             joints, heads = spoil(sound.joints, sound.head_arc_length)
             return Motion(joints=joints, head_arc_length=heads, path=sound.path)
 
-    with pytest.raises(InputError, match=f"the planner careless .*{words}"):
+    with pytest.raises(PluginError, match=f"the planner careless .*{words}"):
         Careless().plan(FreeSpace(*tubes["straight"]), SCOPE)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from bozzini.errors import InputError
 from bozzini.motion import move_free_chain
 
 
@@ -186,26 +185,3 @@ def test_planar_chain_in_space_stays_in_its_plane():
     assert move_free_chain(flat @ frame, heads @ frame) == pytest.approx(
         move_free_chain(flat, heads) @ frame, abs=1e-12
     )
-
-
-@pytest.mark.parametrize(
-    ("joints", "heads", "options", "message"),
-    [
-        ([[0.0, 0.0]], [[0.0, 0.0]], {}, r"joints have shape \(1, 2\)"),
-        ([[0.0, 0.0], [0.0, 0.0]], [[1.0, 0.0]], {}, "link 1 has length 0"),
-        ([[0.0, 0.0], [0.0, 1.0]], [[np.nan, 0.0]], {}, "head path has 1 point"),
-        ([[0.0, 0.0], [0.0, 1.0]], [[1.0, 0.0, 0.0]], {}, r"head path has shape \(1, 3\)"),
-        ([[0.0, 0.0], [0.0, 1.0]], [[1.0, 0.0]], {"slip": 1.2}, r"slip is 1.2: .*\[0, 1\]"),
-        ([[0.0, 0.0], [0.0, 1.0]], [[1.0, 0.0]], {"substep": 2.0}, r"substep is 2 mm: .*\(0, 1\]"),
-        ([[0.0, 0.0], [0.0, 1.0]], [[1.0, 0.0]], {"scheme": "best"}, "one of exact, least"),
-        (
-            [[0.0, 0.0], [0.0, 1.0]],
-            [[0.0, 1.0]],
-            {"scheme": "least"},
-            "head step 0: link 1's head lands on the old place of its tail",
-        ),
-    ],
-)
-def test_illegal_input_is_refused_by_name(joints, heads, options, message):
-    with pytest.raises(InputError, match=message):
-        move_free_chain(joints, heads, **options)

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.duct import Centreline, Polygon, RoundCones, SampledField, TriangleMesh
-from bozzini.errors import InputError
 from bozzini.motion.traverse import find_diameter_limits, find_link_limits, make_ceiling
 from bozzini.thesis.traverse_bend import Bend
 from tests.motion.bends import bend_duct
@@ -254,17 +253,3 @@ def test_diameters_are_bracketed() -> None:
     easy = find_diameter_limits(duct, line, link=bend.limit_on_centreline())
     assert 9.0 <= easy.low <= 10.0
     assert easy.low <= rigid.high <= short.high
-    with pytest.raises(InputError, match="link is -1 mm"):
-        find_diameter_limits(duct, line, link=-1.0)
-
-
-def test_bad_input() -> None:
-    duct = Polygon([[0, 0], [40, 0], [40, 6], [0, 6]])
-    line = Centreline.from_points([[3, 3], [37, 3]], duct)
-    with pytest.raises(InputError, match=r"diameter is -1 mm: it must lie in \[0, inf\) mm"):
-        find_link_limits(duct, line, diameter=-1.0)
-    with pytest.raises(InputError, match="stations is 0"):
-        find_link_limits(duct, line, diameter=1.0, stations=0)
-    limits = find_link_limits(duct, line, diameter=1.0, stations=3)
-    with pytest.raises(InputError, match="link is 0 mm"):
-        limits.judge(0.0)

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bozzini.errors import InputError
 from bozzini.thesis.traverse_bend import Bend, limit_by_turning
 from tests.motion.bends import bend_room, link_passes, pull_joints
 
@@ -96,16 +95,12 @@ def test_flat_ends() -> None:
     bend = Bend(radius=30, half_width=13, body_radius=5)
     half = 0.5 * bend.limit_rigid(flat_ends=True)
     assert math.hypot(17 + 10, half) == pytest.approx(43)  # its outer corner is on the wall
-    with pytest.raises(InputError, match=r"angle of the bend is 0\.5 rad"):
-        Bend(radius=30, half_width=13, body_radius=5, angle=0.5).limit_rigid(flat_ends=True)
 
 
 def test_no_inner_wall() -> None:
     bend = Bend(radius=1, half_width=3, body_radius=0.5)
     assert bend.limit_rigid() == 2 * 3.5
     assert bend.limit_on_centreline() == 2.0
-    with pytest.raises(InputError, match="without an inner wall"):
-        bend.first_joint_lock()
 
 
 @pytest.mark.parametrize(("radius", "half_width"), [(15, 3), (3, 1)])
@@ -187,41 +182,9 @@ def test_the_thesis_hypothesis_is_false() -> None:
     # Both walls of the ring 9..10 let circles of radius up to 10 roll; links of 20 do not fit.
     bend = Bend(radius=9.5, half_width=0.5, angle=math.pi / 3)
     assert limit_by_turning(1 / 10) == 20.0
+    assert limit_by_turning(0.0) == math.inf
     assert bend.limit_rigid() == pytest.approx(2 * math.sqrt(19))
     search = {"bend": bend, "pad": 0.0, "nodes": 14, "turns": 240}
     assert link_passes(8.5, **search)
     assert not link_passes(8.9, **search)
     assert not link_passes(20.0, **search)
-
-
-@pytest.mark.parametrize(
-    ("given", "match"),
-    [
-        (
-            {"radius": 0, "half_width": 1},
-            r"radius of the bend is 0 mm: it must lie in \[1e-06, 1e\+06\] mm",
-        ),
-        ({"radius": 3, "half_width": 1, "body_radius": 1}, r"body radius is 1 mm: .* \[0, 1\) mm"),
-        ({"radius": 3, "half_width": 1, "angle": 4}, "angle of the bend is 4"),
-        ({"radius": math.nan, "half_width": 1}, "radius of the bend is nan"),
-        (
-            {"radius": 30, "half_width": 10, "angle": 5e-324},
-            r"angle of the bend is .*\[1e-06, 3\.1",
-        ),
-        ({"radius": 1e200, "half_width": 1}, r"radius of the bend is 1e\+200 mm"),
-    ],
-)
-def test_bends_that_are_none(given: dict[str, float], match: str) -> None:
-    with pytest.raises(InputError, match=match):
-        Bend(**given)
-
-
-def test_places_that_are_none() -> None:
-    bend = Bend(radius=3, half_width=1)
-    with pytest.raises(InputError, match=r"head radius is 4\.5 mm: it must lie in \[2, 4\] mm"):
-        bend.limit_with_head_at(4.5)
-    with pytest.raises(InputError, match=r"length is 5\.5 mm"):
-        bend.measure_joint_only_depth(5.5)
-    with pytest.raises(InputError, match="curvature is -1"):
-        limit_by_turning(-1.0)
-    assert limit_by_turning(0.0) == math.inf

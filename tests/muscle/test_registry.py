@@ -8,9 +8,10 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 
+import bozzini.muscle
 from bozzini.cli.main import main
 from bozzini.effector import Effector, effector_preset
-from bozzini.errors import InputError
+from bozzini.errors import PluginError
 from bozzini.muscle import MODELS, CatalogueModel, EnergyMuscle
 from bozzini.muscle.models import ModelRegistry
 
@@ -57,9 +58,9 @@ def test_models_of_other_packages_stand_beside_ours(registry):
 
 
 def test_a_package_that_is_broken_harms_only_its_own_model(registry):
-    with pytest.raises(InputError, match="the model lost of no_such_package:Model cannot be imp"):
+    with pytest.raises(PluginError, match="'lost' of no_such_package:Model cannot be imported"):
         registry["lost"]
-    with pytest.raises(InputError, match="the model none is json:JSONDecoder: it must be a Muscle"):
+    with pytest.raises(PluginError, match="'none' of json:JSONDecoder .* must be a MuscleModel"):
         registry["none"]
     with pytest.raises(KeyError):
         registry["nobody"]
@@ -71,6 +72,13 @@ def test_every_model_of_ours_is_found_by_its_name():
         assert kind.name == name
         assert (kind.card is None) == (not issubclass(kind, CatalogueModel))
         assert kind.card is None or kind.card.name == name
+
+
+def test_every_model_of_ours_is_in_the_package_by_the_name_of_its_class():
+    names = dir(bozzini.muscle)
+    assert {*bozzini.muscle.__all__} <= {*names}
+    for kind in MODELS.own.values():
+        assert kind.__name__ in names and getattr(bozzini.muscle, kind.__name__) is kind
 
 
 def test_commands_know_models_of_other_packages(run):

@@ -10,7 +10,6 @@ import pytest
 from bozzini.continuum import ArcModel, ContinuumRobot, LinkageModel, RodModel, Section, Tendon
 from bozzini.continuum.arc import displacements_for
 from bozzini.continuum.workspace import map_dexterity, sample_workspace
-from bozzini.errors import InputError
 from bozzini.plot import write_figure
 from bozzini.plot.continuum import draw_comparison, draw_shape, draw_workspace
 
@@ -157,23 +156,6 @@ def test_comparison_draws_every_model_and_its_distance():
 def test_comparison_of_one_has_no_distances():
     assert len(draw_comparison({"arc": SHAPE}, reference=None).axes) == 2
     assert len(draw_comparison({"rod": SHAPE}).axes) == 2
-
-
-@pytest.mark.parametrize(
-    ("draw", "words"),
-    [
-        (lambda: draw_shape(ArcModel(ROBOT).shape([PULLED, PULLED])), "one shape is drawn"),
-        (lambda: draw_shape(ArcModel(ROBOT).shape([5.0, 0, 0, 0, 0, 0])), "is no shape to draw"),
-        (lambda: draw_comparison({}), "0 shapes"),
-        (lambda: draw_comparison({"arc": SHAPE}), "reference 'rod' is not among arc"),
-        (lambda: draw_workspace(MAP, length=0.0), "length is 0 mm"),
-        (lambda: draw_shape(SHAPE, target=[1.0, 2.0]), "target"),
-        (lambda: draw_shape(SHAPE, direction=[0.0, 0.0, 0.0]), "direction"),
-    ],
-)
-def test_what_cannot_be_drawn_is_said(draw, words):
-    with pytest.raises(InputError, match=words):
-        draw()
 
 
 SAMPLE = sample_workspace(ROBOT, 2000)

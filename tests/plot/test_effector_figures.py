@@ -23,7 +23,6 @@ from bozzini.effector import (
     trace_line,
     workspace,
 )
-from bozzini.errors import InputError
 from bozzini.muscle import ThesisMuscle
 from bozzini.muscle import preset as muscle_preset
 from bozzini.plot import write_figure
@@ -276,20 +275,3 @@ def test_sweep_of_angles_has_names(tmp_path):
     labels = [text.get_text() for text in figure.axes[0].get_xticklabels()]
     assert labels[0].startswith("0°/120.3")
     assert is_written(figure, tmp_path / "a.png")
-
-
-def test_bad_questions():
-    with pytest.raises(InputError, match=r"shape \(2, 3\): one pose"):
-        draw_pose(EFFECTOR, pose(EFFECTOR, np.zeros((2, 3))))
-    with pytest.raises(InputError, match="0 iterations"):
-        draw_iteration({})
-    with pytest.raises(InputError, match="'root' has no single iteration table"):
-        draw_iteration({"root": balance(EFFECTOR, "R", 0.5)})
-    with pytest.raises(InputError, match="there are 1 names"):
-        draw_trace(trace_circle(EFFECTOR, 5.0), ["R"])
-    with pytest.raises(InputError, match="points is 1"):
-        draw_deflection(EFFECTOR, points=1)
-    with pytest.raises(InputError, match="points is 3"):
-        draw_force(EFFECTOR, points=3)
-    with pytest.raises(InputError, match=r"batch of shape \(2,\)"):
-        draw_force(EFFECTOR, pressures=np.zeros((2, 3)))

@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pytest
 
-from bozzini.errors import InputError, OutputError
 from bozzini.plot.clearance import draw_clearance, map_clearance
 from bozzini.plot.figures import draw_depths, draw_overview, write_figure
 from bozzini.plot.plan_data import place_tightest, sample_motion
@@ -170,14 +169,3 @@ def test_one_mark_per_run_of_violations():
 @pytest.mark.parametrize("width", [0.3, 4.0, 79.0, 100.0, 499.0, 900.0])
 def test_scale_bar_fits(width):
     assert 0.1 * width <= choose_bar_length(width) <= 0.65 * width
-
-
-def test_wrong_inputs(tmp_path):
-    plan, field = make_plan(), make_field()
-    with pytest.raises(InputError, match="depths is 0"):
-        draw_depths(plan, field, depths=0)
-    plan.joints[3, 2, 1] = np.nan
-    with pytest.raises(InputError, match="joints .* 1 value"):
-        draw_clearance(plan)
-    with pytest.raises(OutputError):
-        draw_overview(make_plan(), field, path=tmp_path / "missing" / "figure.png")

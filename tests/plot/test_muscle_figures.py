@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from bozzini.errors import InputError
 from bozzini.muscle import EnergyMuscle, ThesisMuscle, preset
 from bozzini.muscle.data import Measurements
 from bozzini.muscle.ranking import compare_models
@@ -158,20 +157,3 @@ def test_models_against_measurements(load, tmp_path):
     shown = {round(float(np.mean(line.get_ydata())), 9) for line in dots}
     assert shown == {round(score.bias, 9) for score in comparison.scores}
     write_figure(figure, tmp_path / "a.svg")
-
-
-def test_bad_questions():
-    comparison = compare_models(BOTH, measure())
-    with pytest.raises(InputError, match="thesis"):
-        draw_models(comparison, {"energy": ENERGY})
-    for draw in (draw_contraction, draw_braid_angle):
-        with pytest.raises(InputError, match="0 models"):
-            draw({}, pressure=0.5)
-        with pytest.raises(InputError, match="pressure is -1"):
-            draw(BOTH, pressure=-1.0)
-    with pytest.raises(InputError, match="0 pressures"):
-        draw_force(ENERGY, [])
-    with pytest.raises(InputError, match="count is 1"):
-        draw_force(ENERGY, [0.5], count=1)
-    with pytest.raises(InputError, match="pressure is 0.01 MPa"):
-        draw_phases(ENERGY, pressure=0.01)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bozzini.errors import InputError
 from bozzini.muscle import MODELS, Measurements, preset, rank
 from bozzini.plot import write_figure
 from bozzini.plot.muscle import draw_ranking
@@ -58,11 +57,3 @@ def test_doubts_show(ranking):
     assert {"not converged", "no answer at rows left out"} <= set(named)
     plain = draw_ranking(ranking).axes[0].get_legend().get_texts()
     assert [text.get_text() for text in plain] == ["rows of the fit", "rows left out"]
-
-
-def test_bad_questions(ranking):
-    empty = rank(ranking.data, MUSCLE, models={"wang": MODELS["wang"]})
-    with pytest.raises(InputError, match="0 models"):
-        draw_ranking(empty)
-    with pytest.raises(InputError, match="curves is 0"):
-        draw_ranking(ranking, curves=0)

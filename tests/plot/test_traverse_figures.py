@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from bozzini.duct import Centreline, Polygon
-from bozzini.errors import InputError
 from bozzini.motion.traverse import find_link_limits
 from bozzini.plot.duct import draw_link_limits
 from bozzini.plot.figures import write_figure
@@ -38,5 +36,3 @@ def test_nothing_known(tmp_path) -> None:
     line = Centreline.from_points([[3, 3], [37, 3]], duct)
     figure = draw_link_limits(find_link_limits(duct, line, diameter=1.0, stations=5))
     assert write_figure(figure, tmp_path / "limits.svg").exists()
-    with pytest.raises(InputError, match="link is 0 mm"):
-        draw_link_limits(find_link_limits(duct, line, diameter=1.0, stations=2), link=0.0)

@@ -10,9 +10,8 @@ import pytest
 from bozzini.duct import RoundCones
 from bozzini.duct.shapes.cylinders import ConnectedCylinders
 from bozzini.duct.shapes.super_ellipses import SuperEllipsoids
-from bozzini.errors import InputError
-from bozzini.study import FitOptions, PathOptions, run_fit, run_sections, traverse
-from bozzini.study.traverse import run_limits
+from bozzini.study import PathOptions, TractFitOptions, run_fit, run_sections, traverse
+from bozzini.study.traverse import explain_fit, run_limits
 from tests.study.test_insertion import END, START, make_labels
 
 TURN = np.linspace(0.0, 0.8, 13)
@@ -106,22 +105,13 @@ def test_bounds_of_fitted_shapes_are_told_to_be_of_the_shapes(tight):
     assert tight.fit == tight.to_dict()["fit"] == "inscribed"
     (found,) = tight.findings
     assert found.severity == "warning" and "upper bounds do not hold" in found.message
-    (other,) = traverse._explain_fit("least squares", tight.duct)
+    (other,) = explain_fit("least squares", tight.duct)
     assert "no bound holds" in other.message
-    assert traverse._explain_fit("", tight.duct) == ()
-
-
-def test_what_is_wrong_is_said():
-    with pytest.raises(InputError, match="fit is 'tight': it must be one of inscribed"):
-        run_limits(make_waist(), diameter=9.0, fit="tight")
-    with pytest.raises(InputError, match=r"voxel is 1e\+09 mm: it must not exceed"):
-        run_limits(make_waist(), PathOptions(voxel=1e9), diameter=9.0)
-    with pytest.raises(InputError, match="start is label 3, but shapes have no labels"):
-        run_limits(make_waist(), PathOptions(start=3), diameter=9.0)
+    assert explain_fit("", tight.duct) == ()
 
 
 def test_fitted_shapes_and_sections_are_results_with_a_picture():
-    fit = run_fit(make_labels(), FitOptions(max_error=2.0, start=START, end=END))
+    fit = run_fit(make_labels(), TractFitOptions(max_error=2.0, start=START, end=END))
     assert fit.converged is fit.fitted.converged
     assert fit.residual == fit.fitted.report.outside_bound
     assert 0.0 < fit.clearance_min <= -fit.field.signed_distance(fit.line.points).min()

@@ -518,7 +518,7 @@ class Model:
     organ: Organ | None
     landmarks: Mapping[str, NDArray[np.float64]]
 
-    def describe(
+    def annotate(
         self, tract: Tract, corners: Vertices, sizes: NDArray[np.float64], *, found_unit: bool
     ) -> Tract:
         """Add landmarks, organ and frame to a tract whose coordinates were scaled by `sizes`."""

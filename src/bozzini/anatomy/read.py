@@ -220,7 +220,7 @@ def read_surface(
         tract = _add_frame(tract, content.frame, marked=content.marked)
     if model is not None:
         corners = np.concatenate([part.vertices for part in parts])
-        tract = model.describe(tract, corners, sizes, found_unit=scale is None)
+        tract = model.annotate(tract, corners, sizes, found_unit=scale is None)
     return _replace_hint(override_frame(tract, frame), hint)
 
 

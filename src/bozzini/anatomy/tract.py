@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_points
+from ..checks import check_array, check_points, check_word
 from ..errors import GeometryError, InputError
 from ._mesh import Faces, Vertices, measure_volume
 
@@ -42,10 +42,7 @@ class Finding:
     message: str
 
     def __post_init__(self) -> None:
-        if self.severity not in SEVERITIES:
-            raise InputError(
-                f"severity is {self.severity!r}: it must be one of {', '.join(SEVERITIES)}"
-            )
+        check_word("severity", self.severity, SEVERITIES)
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.message}"

@@ -121,7 +121,7 @@ def report_study(findings: Sequence[Finding], known: Sequence[Finding], place: s
         click.echo(f"bozzini: note: and {number} {word}: see {place}", err=True)
 
 
-def describe_robot(actuation: Actuation, out: Path) -> list[str]:
+def format_actuation(actuation: Actuation, out: Path) -> list[str]:
     """Return what people read of a robot's motion."""
     from ..motion.refusal import floor_mm
 

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from ..checks import Quantity
+from ..checks import Quantity, choose
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
+from ..registry import Registry
 from ..results import Json, Result, to_plain
 from ..units import INTERNAL_UNITS, parse_quantity, parse_vector
 
@@ -66,6 +67,26 @@ def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         cells = [line[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in others)]
         lines.append("  ".join(cells).rstrip())
     return "\n".join(lines)
+
+
+def describe_classes(registry: Registry[Any]) -> tuple[dict[str, dict[str, str]], str]:
+    """Return the first line of each class's docstring and its package, by its name; and as text.
+
+    Of a class that cannot be used the reason stands in its place.
+    """
+    rows, broken = {}, registry.broken
+    for name in registry:
+        point = registry.plugins.get(name)
+        about = f"broken: {broken[name]}" if name in broken else registry[name].__doc__ or ""
+        rows[name] = {
+            "summary": next(iter(about.strip().splitlines()), ""),
+            "package": "bozzini" if point is None else point.value,
+        }
+    width = max(map(len, rows))
+    lines = [
+        f"{name.ljust(width)}  {row['summary']} ({row['package']})" for name, row in rows.items()
+    ]
+    return rows, "\n".join(lines)
 
 
 def _format_cell(cell: Any) -> str:
@@ -171,9 +192,10 @@ class ModelType(_AnyType):
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
         """Return the name if there is such a model."""
-        models = self.find_models()
-        if value not in models:
-            self.fail(f"there is no model '{value}': choose one of {', '.join(models)}", param, ctx)
+        try:
+            choose("model", str(value), self.find_models())
+        except BozziniError as error:
+            self.fail(str(error), param, ctx)
         return str(value)
 
     def shell_complete(
@@ -240,6 +262,55 @@ class EndType(_Parsed):
         super().__init__("x,y,z|label|name", _parse_end)
 
 
+def parse_pairs(
+    option: str,
+    text: str,
+    kind: str,
+    *,
+    example: str,
+    names: Sequence[str] | None = None,
+    owner: str = "",
+) -> dict[str, float]:
+    """Return ``NAME=QUANTITY,NAME=QUANTITY`` as a mapping, in the internal unit.
+
+    Parameters
+    ----------
+    option : str
+        The option that has the text.
+    text : str
+        The text.
+    kind : str
+        A key of `bozzini.units.INTERNAL_UNITS`.
+    example : str
+        A legal text.
+    names : sequence of str, optional
+        The legal names; any unless given.
+    owner : str
+        What has these names.
+
+    Raises
+    ------
+    InputError
+        If a part is no pair, or a name is not legal or given twice.
+    UnitError
+        If a quantity is none of its kind.
+    """
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, mark, value = (word.strip() for word in part.partition("="))
+        if not (name and mark and value):
+            raise InputError(
+                f"{option} has the part '{part.strip()}': it must be NAME={kind.upper()}, such as "
+                f"{example}"
+            )
+        if names is not None and name not in names:
+            raise InputError(f"{option} names '{name}': {owner} are {', '.join(names) or 'none'}")
+        if name in found:
+            raise InputError(f"{option} names '{name}' more than once: give each once")
+        found[name] = parse_quantity(value, kind)
+    return found
+
+
 # Options that arrive together, as one object: those of a dataclass, and where the answer goes.
 
 
@@ -297,26 +368,64 @@ def options_of(
         Fields that get no option, and keep their defaults.
     """
     fields = [item for item in dataclasses.fields(kind) if "quantity" in item.metadata]
-    options = [_make_option(item) for item in fields if item.name not in leave_out]
+    options = [make_option(item) for item in fields if item.name not in leave_out]
     return gather(argument, kind, *options)
 
 
-def _make_option(item: dataclasses.Field[Any]) -> Callable[[Command], Command]:
-    """Return the option of a dataclass's field that carries a `Quantity`."""
+def spell_option(item: dataclasses.Field[Any]) -> str:
+    """Return how the command line calls a dataclass's field that carries a `Quantity`."""
+    return f"--{(item.metadata['quantity'].option or item.name).replace('_', '-')}"
+
+
+def make_option(
+    item: dataclasses.Field[Any], *, flag: str = "", **other: Any
+) -> Callable[[Command], Command]:
+    """Return the option of a dataclass's field that carries a `Quantity`.
+
+    `flag` is its name on the command line, if that is another one than the field's; `other` is for
+    `click.option`, instead of what the field gives.
+    """
     known: Quantity = item.metadata["quantity"]
     default = item.default
-    flag = f"--{(known.option or item.name).replace('_', '-')}"
     given: Json = {"help": known.help}
     if known.kind == "flag":
-        return click.option(flag, item.name, is_flag=True, **given)
-    given["type"] = choose_type(known)
-    if isinstance(given["type"], QuantityType) and default is not None:
-        default = f"{default:g}{known.unit}"
-    if isinstance(default, tuple):
-        return click.option(flag, item.name, multiple=True, **given)
-    if default is not None:
-        given |= {"default": default, "show_default": True}
-    return click.option(flag, item.name, **given)
+        given["is_flag"] = True
+    else:
+        given["type"] = choose_type(known)
+        if isinstance(default, tuple):
+            given["multiple"] = True
+        elif default is not None:
+            if isinstance(given["type"], QuantityType) and "default" not in other:
+                default = f"{default:g}{known.unit}"
+            given |= {"default": default, "show_default": True}
+    return click.option(flag or spell_option(item), item.name, **(given | other))
+
+
+def option(
+    declaration: str, help: str, kind: object = None, **more: Any
+) -> Callable[[_Function], _Function]:
+    """Return an option of a command.
+
+    Parameters
+    ----------
+    declaration : str
+        Its name, that of its argument if that is another, and what stands for its value in the help
+        text, in capitals: ``"--to target X,Y"``.
+    help : str
+    kind : object
+        A type of click, a kind of quantity, or a tuple of words to choose from.
+    **more
+        For `click.option`; a default is shown.
+    """
+    flag, *words = declaration.split()
+    names = [word for word in words if word.islower()]
+    metavar = next((word for word in words if not word.islower()), None)
+    taken: object = QuantityType(kind) if isinstance(kind, str) else kind
+    taken = click.Choice(kind) if isinstance(kind, tuple) else taken
+    shown = "default" in more
+    return click.option(
+        flag, *names, type=taken, metavar=metavar, help=help, show_default=shown, **more
+    )
 
 
 def choose_type(known: Quantity) -> _AnyType | type:
@@ -491,7 +600,7 @@ def progress_bar(*, quiet: bool = False, delay: float = 0.5) -> Iterator[Progres
     elif sys.stderr.isatty():
         yield from _show_bar(delay)
     else:
-        yield _LineProgress()
+        yield LineProgress()
 
 
 def _show_bar(delay: float) -> Iterator[Progress]:
@@ -513,7 +622,7 @@ def _show_bar(delay: float) -> Iterator[Progress]:
         yield show
 
 
-class _LineProgress:
+class LineProgress:
     """Progress for a log file: a line at most every `interval` seconds."""
 
     interval = 10.0
@@ -522,6 +631,7 @@ class _LineProgress:
         self.last = time.monotonic()
 
     def __call__(self, stage: str, fraction: float) -> None:
+        """Write a line if the last one is old."""
         now = time.monotonic()
         if now - self.last >= self.interval:
             self.last = now

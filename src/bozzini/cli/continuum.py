@@ -14,7 +14,7 @@ import click
 
 from ..continuum import CONTINUUM_MODELS
 from ..continuum.kinematics import LOADS
-from ..errors import GeometryError, InputError
+from ..errors import GeometryError, InputError, PluginError
 from ..results import Json
 from .common import (
     EXIT_NEGATIVE,
@@ -25,10 +25,13 @@ from .common import (
     QuantityType,
     VectorType,
     answer_options,
-    choose_type,
+    describe_classes,
     format_rows,
     gather,
+    make_option,
+    parse_pairs,
     run_exit,
+    spell_option,
 )
 
 if TYPE_CHECKING:
@@ -42,27 +45,27 @@ if TYPE_CHECKING:
     from ..continuum.checks import Floats
     from ..continuum.robot import RobotDesign
 
-STRAIGHT = 1e-6
+STRAIGHT_BEND_RAD = 1e-6
 """Bend that counts as none in words [rad]."""
 
-DRAWN = 3
+STATIONS_BETWEEN_DISCS = 3
 """Stations between two discs of the arc model, for smooth pictures."""
 
 ROUND_OFF_MM = 1e-9
 """Contradiction between displacements that is none [mm]."""
 
-REFERENCE = "rod"
+REFERENCE_MODEL = "rod"
 """The model with which the others are compared."""
 
 TYPED_TOLERANCE = "1um"
 """How far displacements that are typed may miss being consistent; it is what all models take."""
 
-LONGEST = 0.3
+TIMING_LIMIT_S = 0.3
 """Time spent on measuring the time of one model [s]."""
 
 MOST_RUNS = 25
 
-FREEDOMS = 5
+NEEDED_FREEDOMS = 5
 """Of a place with a direction."""
 
 # Options: a robot, displacements of its tendons, and what its models take.
@@ -92,27 +95,18 @@ def _list_options() -> dict[str, tuple[dataclasses.Field[Any], list[str]]]:
 OPTIONS = _list_options()
 
 
-def spell_option(name: str) -> str:
-    """Return how the command line calls an option."""
-    known = OPTIONS[name][0].metadata["quantity"]
-    return "--" + (known.option or name).replace("_", "-")
-
-
 def _make_option(name: str) -> Callable[[Command], Command]:
+    """Return the option of a field of some models, whose default is left to the model."""
     item, models = OPTIONS[name]
     known, default = item.metadata["quantity"], item.default
-    given: Json = {"help": known.help}
-    if len(models) < len(CONTINUUM_MODELS.own):
-        given["help"] = f"{', '.join(models)}: {known.help}"
-        if isinstance(default, (int, str)):
-            given["help"] += f"  [default: {default}]"
-    else:
-        given |= {"default": TYPED_TOLERANCE, "show_default": True}
+    if len(models) == len(CONTINUUM_MODELS.own):
+        return make_option(item, default=TYPED_TOLERANCE)
+    other: Json = {"help": f"{', '.join(models)}: {known.help}", "default": None}
+    if isinstance(default, (int, str)):
+        other["help"] += f"  [default: {default}]"
     if isinstance(default, tuple):
-        given |= {"type": VectorType(known.kind), "metavar": "X,Y,Z"}
-    else:
-        given["type"] = choose_type(known)
-    return click.option(spell_option(name), name, **given)
+        other |= {"type": VectorType(known.kind), "metavar": "X,Y,Z", "multiple": False}
+    return make_option(item, show_default=False, **other)
 
 
 model_options = gather("given", dict, *map(_make_option, OPTIONS))
@@ -133,26 +127,11 @@ def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
     return robot
 
 
-def parse_displacements(robot: ContinuumRobot, text: str) -> Floats:
+def read_displacements(robot: ContinuumRobot, text: str) -> Floats:
     """Return ``NAME=LENGTH,...`` as displacements of all tendons [mm], shape (t,)."""
-    from ..units import parse_quantity
-
-    found: dict[str, float] = {}
-    for part in text.split(","):
-        name, mark, value = (word.strip() for word in part.partition("="))
-        if not (name and mark and value):
-            raise InputError(
-                f"--displacement has the part '{part.strip()}': it must be NAME=LENGTH, such as "
-                "T1=2mm,T2=-1mm"
-            )
-        if name not in robot.tendon_names:
-            raise InputError(
-                f"--displacement names '{name}': the tendons of robot '{robot.name}' are "
-                f"{', '.join(robot.tendon_names) or 'none'}"
-            )
-        if name in found:
-            raise InputError(f"--displacement names '{name}' more than once: give each once")
-        found[name] = parse_quantity(value, "length")
+    names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
+    example = "T1=2mm,T2=-1mm"
+    found = parse_pairs("--displacement", text, "length", example=example, names=names, owner=owner)
     return robot.order_displacements(found)
 
 
@@ -190,19 +169,19 @@ def make_model(
     if name == "arc":
         known -= {"between"}  # its stations are for pictures only
     for option in set(options) - known if strict else ():
-        others = [other for other in OPTIONS[option][1] if other != name]
-        raise InputError(
-            f"{spell_option(option)} is not for the {name} model: it is for {' and '.join(others)}"
-        )
+        item, models = OPTIONS[option]
+        others = " and ".join(other for other in models if other != name)
+        raise InputError(f"{spell_option(item)} is not for the {name} model: it is for {others}")
     options = {option: value for option, value in options.items() if option in known}
     for load in LOADS:
         if load in options and "tendon_stiffness" not in options:
             raise InputError(
-                f"{spell_option(load)} needs --tendon-stiffness, EA of the tendons, such as 1e4N "
-                "(steel wire of 0.25 mm): tendons that do not stretch lock the backbone's twist"
+                f"{spell_option(OPTIONS[load][0])} needs --tendon-stiffness, EA of the tendons, "
+                "such as 1e4N (steel wire of 0.25 mm): tendons that do not stretch lock the "
+                "backbone's twist"
             )
     if name == "arc":
-        options["between"] = DRAWN
+        options["between"] = STATIONS_BETWEEN_DISCS
     return robot.model(name, **options)
 
 
@@ -224,7 +203,7 @@ def format_bends(robot: RobotDesign, rows: list[Json]) -> str:
     lines = []
     for k, row in enumerate(rows):
         angle, towards = math.degrees(row["bend_rad"]), math.degrees(row["direction_rad"])
-        shown = f"{towards:z.2f}" if row["bend_rad"] > STRAIGHT else "-"
+        shown = f"{towards:z.2f}" if row["bend_rad"] > STRAIGHT_BEND_RAD else "-"
         lines.append([robot.section_label(k), f"{angle:z.2f}", shown])
     return format_rows(["section", "bend [deg]", "towards [deg]"], lines)
 
@@ -260,17 +239,7 @@ def command() -> None:
 @answer_options(quiet=False)
 def models_command(answer: Answer) -> None:
     """List the models, those of other installed packages too."""
-    rows = {}
-    for name in CONTINUUM_MODELS:
-        kind = CONTINUUM_MODELS[name]
-        point = CONTINUUM_MODELS.plugins.get(name)
-        rows[name] = {
-            "summary": next(iter((kind.__doc__ or "").strip().splitlines()), ""),
-            "package": "bozzini" if point is None else point.value,
-        }
-    text = format_rows(
-        ["model", "", ""], [[name, *map(str, row.values())] for name, row in rows.items()]
-    )
+    rows, text = describe_classes(CONTINUUM_MODELS)
     answer.give({"models": rows}, text)
 
 
@@ -303,7 +272,7 @@ def pose_command(
 
     robot = read_robot(robot_file)
     displacements, notes = make_consistent(
-        robot, parse_displacements(robot, displacement), given["tolerance"]
+        robot, read_displacements(robot, displacement), given["tolerance"]
     )
     model = make_model(model_name, robot, given)
     shape = model.shape(displacements)
@@ -360,23 +329,26 @@ def reach_command(
 
     robot = read_robot(robot_file, arcs_for="reach")
     found = robot.inverse(target, direction=direction, starts=starts, smallest_bends=smallest_bends)
-    needed = None if found.success else _find_needed_length(robot, target)
-    result = found.to_dict() | {
+    needed = None if found.converged else _find_needed_length(robot, target)
+    result = found.to_dict()
+    result |= {
+        "success": found.converged,
+        "converged": result.pop("settled"),
         "target_mm": target,
         "direction": direction,
         "needed_length_mm": needed,
         "robot": describe_robot(robot),
-        "file": answer.out if found.success else None,
+        "file": answer.out if found.converged else None,
     }
     if needed is not None:
         result["reason"] += f"; a section of {needed:.6g} mm would reach it"
-    if found.success:
+    if found.converged:
         answer.write(
             found.list_columns(),
             lambda: draw_shape(found.shape(), target=target, direction=direction),
         )
     answer.give(result, _format_reach(found, result["reason"]))
-    if not found.success:
+    if not found.converged:
         run_exit(EXIT_NEGATIVE)
 
 
@@ -387,14 +359,14 @@ def _find_needed_length(robot: ContinuumRobot, target: tuple[float, ...]) -> flo
     if len(robot.sections) != 1:
         return None
     alone = solve_section(robot.sections[0].length, target)
-    known = not alone.success and math.isfinite(alone.needed_length)
+    known = not alone.converged and math.isfinite(alone.needed_length)
     return alone.needed_length if known else None
 
 
 def _format_reach(found: ContinuumInverse, reason: str) -> str:
     place, result = format_place(found.tip), found.to_dict()
     head = f"reached: tip at {place} mm, {found.iterations} iterations in {found.starts} start(s)"
-    if not found.success:
+    if not found.converged:
         head = f"not reached: {reason}\nnearest: tip at {place} mm"
     moved = [[name, f"{value:z.4f}"] for name, value in result["displacements_mm"].items()]
     return "\n".join(
@@ -402,7 +374,7 @@ def _format_reach(found: ContinuumInverse, reason: str) -> str:
             head,
             format_bends(found.robot, result["sections"]),
             format_rows(["tendon", "displacement [mm]"], moved),
-            *([f"limit: {line}" for line in found.at_limits] if found.success else []),
+            *([f"limit: {line}" for line in found.at_limits] if found.converged else []),
         ]
     )
 
@@ -435,7 +407,7 @@ def compare_command(
 
     robot = read_robot(robot_file)
     displacements, notes = make_consistent(
-        robot, parse_displacements(robot, displacement), given["tolerance"]
+        robot, read_displacements(robot, displacement), given["tolerance"]
     )
     shapes: dict[str, Shape] = {}
     rows: dict[str, Json] = {}
@@ -443,22 +415,22 @@ def compare_command(
         rows[name] = {"refused": False, "converged": False, "reason": ""}
         try:
             model = make_model(name, robot, given, strict=False)
-        except GeometryError as error:  # it does not take such a robot at all
+            shape = model.shape(displacements)
+        except (GeometryError, PluginError) as error:  # it takes no such robot, or is broken
             rows[name] |= {"refused": True, "reason": str(error)}
             continue
-        shape = model.shape(displacements)
         rows[name]["reason"] = str(shape.reason)
         if shape.converged:
             shapes[name] = shape
             rows[name] |= _describe_model(shape, _measure_time(model, displacements))
     if all(row["refused"] for row in rows.values()):
-        raise GeometryError(str(rows[REFERENCE]["reason"]))
+        raise GeometryError(str(rows[REFERENCE_MODEL]["reason"]))
     _add_differences(rows, shapes)
     if any(given.get(name) is not None for name in LOADS):
         notes.append("only the rod bears the load: the others are without")
     if given["tendon_stiffness"] is not None:
         notes.append("tendons stretch in the energy and the rod model only")
-    reference = REFERENCE if REFERENCE in shapes else None
+    reference = REFERENCE_MODEL if REFERENCE_MODEL in shapes else None
     if shapes:
         answer.write(
             _list_columns(rows, shapes),
@@ -481,7 +453,7 @@ def compare_command(
 def _measure_time(model: ContinuumModel, displacements: Floats) -> float:
     runs: list[float] = []
     begin = time.perf_counter()
-    while not runs or (len(runs) < MOST_RUNS and time.perf_counter() - begin < LONGEST):
+    while not runs or (len(runs) < MOST_RUNS and time.perf_counter() - begin < TIMING_LIMIT_S):
         start = time.perf_counter()
         model.shape(displacements)
         runs.append(time.perf_counter() - start)
@@ -510,8 +482,8 @@ def _add_differences(rows: Mapping[str, Json], shapes: Mapping[str, Shape]) -> N
 
     for name, row in rows.items():
         row["tip_from_rod_mm"] = row["direction_from_rod_rad"] = None
-        if name in shapes and REFERENCE in shapes:
-            ours, theirs = shapes[name].tip_frame, shapes[REFERENCE].tip_frame
+        if name in shapes and REFERENCE_MODEL in shapes:
+            ours, theirs = shapes[name].tip_frame, shapes[REFERENCE_MODEL].tip_frame
             row["tip_from_rod_mm"] = float(np.linalg.norm(ours[:3, 3] - theirs[:3, 3]))
             aside = float(np.linalg.norm(np.cross(ours[:3, 2], theirs[:3, 2])))
             row["direction_from_rod_rad"] = math.atan2(aside, float(ours[:3, 2] @ theirs[:3, 2]))
@@ -629,13 +601,14 @@ def workspace_command(robot_file: Path, answer: Answer, **asked: Any) -> None:
                 robot, place, directions=asked["directions"], progress=progress
             )
         freedoms = 2 * len(robot.sections)
-        if freedoms < FREEDOMS:
+        if freedoms < NEEDED_FREEDOMS:
             notes.append(
                 f"{len(robot.sections)} section(s) have {freedoms} freedoms, a place with a "
-                f"direction needs {FREEDOMS}: the directions at one place have no area"
+                f"direction needs {NEEDED_FREEDOMS}: the directions at one place have no area"
             )
     answer.write(found.list_columns(), lambda: draw_workspace(found.map, length=robot.length))
-    result = found.to_dict() | {
+    verdict = ("converged", "reason", "residual")  # the answer has the coverage for them
+    result = {name: value for name, value in found.to_dict().items() if name not in verdict} | {
         "count": count,
         "seed": seed,
         "directions_at": looked and {"place_mm": looked.place, "share": looked.share},

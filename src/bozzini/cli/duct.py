@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..results import Json
-from ..study.options import FitOptions, PathOptions, ReadOptions
+from ..study.options import PathOptions, ReadOptions, TractFitOptions
 from ._tract_options import list_given, read_with_options, report_study, tract_options
 from .common import (
     EXIT_NEGATIVE,
@@ -17,6 +17,7 @@ from .common import (
     Answer,
     QuantityType,
     answer_options,
+    describe_classes,
     options_of,
     run_exit,
 )
@@ -48,6 +49,19 @@ def command() -> None:
 
 
 path_options = options_of(PathOptions, "options")
+
+
+@command.command("kinds")
+@answer_options(quiet=False)
+def kinds_command(answer: Answer) -> None:
+    """List the kinds of shapes, those of other installed packages too.
+
+    A file of shapes states the name of its kind.
+    """
+    from ..duct.shapes import DUCT_SHAPES
+
+    rows, text = describe_classes(DUCT_SHAPES)
+    answer.give({"kinds": rows}, text)
 
 
 @command.command("limits")
@@ -171,9 +185,11 @@ def _round_up(value: float, digits: int = 1) -> str:
 @command.command("fit")
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
 @tract_options
-@options_of(FitOptions, "options")
+@options_of(TractFitOptions, "options")
 @answer_options(help="Where to write the shapes (.json, .yaml).")
-def fit_command(source: Path, reading: ReadOptions, options: FitOptions, answer: Answer) -> None:
+def fit_command(
+    source: Path, reading: ReadOptions, options: TractFitOptions, answer: Answer
+) -> None:
     """Fit shapes to the lumen in INPUT, and measure how much of it they keep.
 
     INPUT is a label volume or a surface, as for bozzini plan. Exit code 0: no point of the shapes

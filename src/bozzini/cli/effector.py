@@ -13,12 +13,6 @@ import click
 from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import EffectorDesign
 from ..errors import InputError
-from ._muscle_options import (
-    make_class,
-    model_option,
-    model_options,
-    option,
-)
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -28,17 +22,25 @@ from .common import (
     format_csv,
     format_rows,
     gather,
+    make_option,
+    option,
+    parse_pairs,
     progress_bar,
     quiet_option,
     run_exit,
+)
+from .muscle_options import (
+    make_class,
+    model_option,
+    model_options,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..effector import Balance, CubicFit, Effector, EffectorInverse, EffectorPose, Trace
+    from ..effector import Balance, CubicFit, Effector, EffectorPose, Trace
     from ..effector.pose import PoseMethod
-    from ..results import Result
+    from ..results import Json, Result
 
 _Value = TypeVar("_Value")
 
@@ -49,20 +51,19 @@ SHOWN_ROWS = 15
 ON_AXIS_MM = 5e-4
 """Deflection that is shown as none [mm]: it has no direction to speak of."""
 MUSCLE_COLUMNS = {
-    "pressure_MPa": ("pressures", "pressure [kPa]", 1e3, ".2f"),
-    "displacement_mm": ("displacements", "displacement [mm]", 1.0, ".3f"),
-    "contraction_mm": ("contraction", "contraction [mm]", 1.0, ".3f"),
-    "force_N": ("force", "force [N]", 1.0, ".3f"),
-    "iterations": ("iterations", "iterations", 1, "d"),
+    "pressure_MPa": ("pressure [kPa]", 1e3, ".2f"),
+    "displacement_mm": ("displacement [mm]", 1.0, ".3f"),
+    "contraction_mm": ("contraction [mm]", 1.0, ".3f"),
+    "force_N": ("force [N]", 1.0, ".3f"),
+    "iterations": ("iterations", 1, "d"),
 }
-"""What a pose or an inverse has for each muscle: attribute, and heading, scale and format."""
+"""How people are shown what a muscle has: heading, scale and format."""
 
 
 def _field_option(name: str, flag: str = "") -> Any:
     """Return the option of a field of a design."""
-    known = FIELDS[name]
-    flag = flag or "--" + name.replace("_", "-")
-    return option(f"{flag} {name}", known.help, int if known.whole else known.kind)
+    item = EffectorDesign.__dataclass_fields__[name]
+    return make_option(item, flag=flag, default=None, show_default=False, multiple=False)
 
 
 class EffectorRequest:
@@ -89,7 +90,7 @@ class EffectorRequest:
         design = effector_preset(given["preset"])
         placed = list(design.muscles)
         if given["angles"] is not None:
-            angles = _parse_pairs("--angles", given["angles"], "angle", example="A=0deg,B=120deg")
+            angles = parse_pairs("--angles", given["angles"], "angle", example="A=0deg,B=120deg")
             muscle = placed[0].muscle
             placed = [PlacedMuscle(name=name, muscle=muscle, angle=angles[name]) for name in angles]
         if given["muscle_preset"] is not None:
@@ -118,7 +119,7 @@ class EffectorRequest:
         from ..effector import find_conflicts
 
         design = (effector or self.effector).design
-        described = {**design.describe(), "conflicts": find_conflicts(design)}
+        described = {**design.to_dict(), "conflicts": find_conflicts(design)}
         return {"model": self.given["model_name"], "design": described}
 
 
@@ -175,27 +176,14 @@ def _give(
         run_exit(EXIT_NEGATIVE)
 
 
-def _pick(found: Result, names: str) -> dict[str, object]:
+def _pick(found: Result, names: str) -> Json:
     """Return some of the plain values of a result, in this order."""
     plain = found.to_dict()
     return {name: plain[name] for name in names.split()}
 
 
-def _list_muscles(
-    found: EffectorPose | EffectorInverse, names: Sequence[str]
-) -> dict[str, dict[str, float]]:
-    """Return what a single pose or inverse has for each muscle."""
-    columns = {key: getattr(found, known[0], None) for key, known in MUSCLE_COLUMNS.items()}
-    return {
-        name: {
-            key: values[k] for key, values in columns.items() if values is not None and values.ndim
-        }
-        for k, name in enumerate(names)
-    }
-
-
 def _format_muscles(muscles: Mapping[str, Mapping[str, float]]) -> str:
-    shown = [MUSCLE_COLUMNS[key][1:] for key in next(iter(muscles.values()))]
+    shown = [MUSCLE_COLUMNS[key] for key in next(iter(muscles.values()))]
     rows = [
         [name, *(format(s * v, f) for (_, s, f), v in zip(shown, row.values(), strict=True))]
         for name, row in muscles.items()
@@ -208,30 +196,6 @@ def _split(option: str, item: str, form: str) -> tuple[str, str]:
     if not (name and mark and values):
         raise InputError(f"{option} is '{item}': it must be {form}")
     return name.replace("-", "_"), values
-
-
-def _parse_pairs(
-    option: str, text: str, kind: str, *, names: Sequence[str] | None = None, example: str
-) -> dict[str, float]:
-    """Return ``NAME=QUANTITY,NAME=QUANTITY`` as a mapping."""
-    from ..units import parse_quantity
-
-    found: dict[str, float] = {}
-    for part in text.split(","):
-        name, mark, value = (word.strip() for word in part.partition("="))
-        if not (name and mark and value):
-            raise InputError(
-                f"{option} has the part '{part.strip()}': it must be NAME={kind.upper()}, such as "
-                f"{example}"
-            )
-        if names is not None and name not in names:
-            raise InputError(
-                f"{option} names '{name}': the muscles of this design are {', '.join(names)}"
-            )
-        if name in found:
-            raise InputError(f"{option} names '{name}' more than once: give each muscle once")
-        found[name] = parse_quantity(value, kind)
-    return found
 
 
 def _parse_number(option: str, name: str, text: str) -> float:
@@ -338,8 +302,13 @@ def pose_command(
     """
     effector = asked.effector
     names = effector.design.names
-    pressures = _parse_pairs(
-        "--pressure", pressure, "pressure", names=names, example="R=689.4kPa,G=413.6kPa"
+    pressures = parse_pairs(
+        "--pressure",
+        pressure,
+        "pressure",
+        example="R=689.4kPa,G=413.6kPa",
+        names=names,
+        owner="the muscles of this design",
     )
     names_in_order = None if order is None else [word.strip() for word in order.split(",")]
     found = effector.forward(pressures, method=method, order=names_in_order)
@@ -348,30 +317,30 @@ def pose_command(
         reasons = "; ".join(notes.values())
         raise InputError(f"--table has nothing to write into {answer.out}: {reasons}")
     _write_pose(effector, found, tables, answer)
-    muscles = _list_muscles(found, names)
     keys = (
         "tip_mm holder_tip_mm direction lateral_mm lateral_vector_mm azimuth_rad "
-        "demanded_lateral_mm saturated converged reason length_error_mm"
+        "demanded_lateral_mm saturated reason length_error_mm muscles"
     )
+    picked = _pick(found, keys)
     described = asked.describe()
     result = {
         "method": method,
         "model": described["model"],
-        **_pick(found, keys),
-        "muscles": muscles,
+        **picked,
+        "converged": bool(found.settled),
         "design": described["design"],
         "file": answer.out,
     }
     if with_table:
-        result["tables"] = {name: _list_rows(table) for name, table in tables.items()}
+        result["tables"] = {name: table.list_steps() for name, table in tables.items()}
         result["tables_converged"] = {
             name: name in tables and bool(tables[name].converged)
             for name, value in pressures.items()
             if value > 0.0
         }
-    parts = ["\n".join([*_describe_pose(found), _format_muscles(muscles)])]
+    parts = ["\n".join([*_describe_pose(found), _format_muscles(picked["muscles"])])]
     parts += [_format_table(name, pressures[name], table) for name, table in tables.items()]
-    done = bool(found.converged) and not bool(found.saturated)
+    done = bool(found.converged)
     _give(result, answer=answer, text="\n\n".join(parts), notes=list(notes.values()), done=done)
 
 
@@ -401,25 +370,25 @@ def reach_command(target: tuple[float, ...], asked: EffectorRequest, answer: Ans
         return draw_pose(effector, posed, workspace=effector.workspace(), target=target)
 
     answer.write({}, draw)
-    muscles = _list_muscles(found, effector.design.names)
-    result = {
+    result: Json = {
         "target_mm": target,
         "reachable": bool(found.reachable),
-        **_pick(found, "delivered_mm reason converged residual_mm iterations"),
+        "converged": bool(found.settled),
+        **_pick(found, "delivered_mm reason residual_mm iterations muscles"),
         **_pick(posed, "tip_mm holder_tip_mm"),
-        "muscles": muscles,
         **asked.describe(),
         "file": answer.out,
     }
     x, y = (float(value) for value in found.delivered)
     line = f"reached: tip at {x:.3f}, {y:.3f} mm"
-    if not bool(found.converged):
+    if not bool(found.settled):
         line = f"not solved: {found.reason}"
     elif not bool(found.reachable):
         wanted = f"{target[0]:g}, {target[1]:g} mm"
         line = f"out of reach: {wanted}; delivered {x:.3f}, {y:.3f} mm: {found.reason}"
-    done = bool(found.reachable) and bool(found.converged)
-    _give(result, answer=answer, text=f"{line}\n{_format_muscles(muscles)}", done=done)
+    done = bool(found.converged)
+    text = f"{line}\n{_format_muscles(result['muscles'])}"
+    _give(result, answer=answer, text=text, done=done)
 
 
 def _iterate(
@@ -455,14 +424,9 @@ def _write_pose(
         f"{axis}_mm": found.backbone[:, k] for k, axis in enumerate("xyz")
     }
     if tables:
-        rows = [{"muscle": name, **row} for name in tables for row in _list_rows(tables[name])]
+        rows = [{"muscle": name, **row} for name in tables for row in tables[name].list_steps()]
         columns = {key: [row[key] for row in rows] for key in rows[0]}
     answer.write(columns, draw)
-
-
-def _list_rows(found: Balance) -> list[dict[str, float]]:
-    names = ("force_N", "contraction_mm", "lateral_mm", "next_force_N")
-    return [dict(zip(names, map(float, row), strict=False)) for row in found.table]
 
 
 def _describe_pose(found: EffectorPose) -> list[str]:
@@ -480,7 +444,7 @@ def _describe_pose(found: EffectorPose) -> list[str]:
 
 
 def _format_table(name: str, pressure: float, found: Balance) -> str:
-    rows = [[f"{value:.4f}" for value in row.values()] for row in _list_rows(found)]
+    rows = [[f"{value:.4f}" for value in row.values()] for row in found.list_steps()]
     if len(rows) > SHOWN_ROWS:
         rows = [*rows[: SHOWN_ROWS - 2], ["..."] * 4, rows[-1]]
     head = ["F [N]", "contraction [mm]", "deflection [mm]", "F* [N]"]
@@ -530,15 +494,11 @@ def _find_places(effector: Effector, answer: Answer) -> tuple[dict[str, object],
         return draw_workspace(effector, found)
 
     answer.write(found.list_columns(), draw)
-    gaps = reach.sectors.describe_gaps(names)
-    result = {
-        "amplitudes_mm": dict(zip(names, reach.amplitudes.tolist(), strict=True)),
-        "saturated": dict(zip(names, reach.saturated.tolist(), strict=True)),
-        "largest_deflection_mm": reach.peak,
-        **_pick(found, "inner_radius_mm outer_radius_mm area_mm2 tip_area_mm2"),
-        "gaps": gaps,
-        **_pick(found, "boundary_mm boundary_tip_mm boundary_holder_tip_mm"),
-    }
+    result = _pick(
+        found,
+        "amplitudes_mm saturated largest_deflection_mm inner_radius_mm outer_radius_mm area_mm2 "
+        "tip_area_mm2 gaps boundary_mm boundary_tip_mm boundary_holder_tip_mm",
+    )
     towards = zip(effector.design.muscles, reach.amplitudes, strict=True)
     lines = [
         f"in every direction {found.inner_radius:.2f} mm, at most {found.outer_radius:.2f} mm; "
@@ -554,7 +514,7 @@ def _find_places(effector: Effector, answer: Answer) -> tuple[dict[str, object],
             f"saturated: {', '.join(full)} could go on, but the backbone is at "
             f"{reach.peak:.4g} mm, {reach.peak_reason}"
         )
-    lines += [f"not reached: {gaps}"] if gaps else []
+    lines += [f"not reached: {found.reason}"] if found.reason else []
     return result, "\n".join(lines)
 
 
@@ -648,7 +608,7 @@ def curve_command(
     result = {
         "model": described["model"],
         "columns": columns,
-        "cubics": {name: fit.describe() for name, fit in cubics.items()},
+        "cubics": {name: fit.to_dict() for name, fit in cubics.items()},
         "design": described["design"],
         "file": answer.out,
     }
@@ -744,18 +704,12 @@ def _show_trace(found: Trace, asked: EffectorRequest, answer: Answer) -> None:
             f"{answer.out}: {reached} of {count} targets in reach, largest error there "
             f"{found.reachable_error:.3g} mm"
         )
-    described, converged = asked.describe(), bool(found.converged.all())
+    described, settled = asked.describe(), bool(found.settled.all())
     result = {
-        "kind": found.kind,
-        "pressure_map": found.pressure_map,
+        **_pick(found, "kind pressure_map targets reachable complete"),
         "model": described["model"],
-        "targets": count,
-        "reachable": reached,
-        "complete": found.complete,
-        "converged": converged,
-        "largest_error_mm": found.reachable_error,
-        "largest_distance_mm": found.largest_error,
-        "columns": columns,
+        "converged": settled,
+        **_pick(found, "largest_error_mm largest_distance_mm columns"),
         "design": described["design"],
         "file": answer.out,
     }
@@ -765,9 +719,9 @@ def _show_trace(found: Trace, asked: EffectorRequest, answer: Answer) -> None:
             f"{count - reached} of {count} targets are out of reach, the farthest by "
             f"{found.largest_error:.3g} mm"
         )
-    if not converged:
-        notes.append(f"not converged at {int((~found.converged).sum())} of {count} targets")
-    _give(result, answer=answer, text=text, notes=notes, done=found.complete and converged)
+    if not settled:
+        notes.append(f"not converged at {int((~found.settled).sum())} of {count} targets")
+    _give(result, answer=answer, text=text, notes=notes, done=found.complete and settled)
 
 
 @command.group("study")
@@ -816,13 +770,9 @@ def sweep_command(
 
         return draw_sweep(found)
 
-    columns = found.list_columns()
-    answer.write(columns, draw)
+    answer.write(found.list_columns(), draw)
     result = {
-        **_pick(found, "parameters deflection_mm"),
-        "designs": len(found.rows),
-        "feasible": len(found.feasible),
-        "columns": columns,
+        **_pick(found, "parameters deflection_mm designs feasible columns"),
         **asked.describe(),
         "file": answer.out,
     }
@@ -857,7 +807,6 @@ def least_command(
     Exit code 0: found; 1: no design within the ranges reaches it; 2: bad input.
     """
     from ..effector import optimise_design
-    from ..effector.study import name_column
 
     effector = asked.effector
     bounds = _gather_once("--between", map(_parse_range, ranges))
@@ -866,21 +815,20 @@ def least_command(
         found = optimise_design(
             effector, deflection, bounds=bounds, segments=numbers, progress=progress
         )
-    changes = {name_column(name): value for name, value in found.changes.items()}
     result = {
-        **_pick(found, "success reason deflection_mm"),
-        "changes": changes,
-        **_pick(found, "pressure_MPa pressure_before_MPa evaluations infeasible"),
+        "success": found.converged,
+        **_pick(found, "reason deflection_mm changes pressure_MPa pressure_before_MPa"),
+        **_pick(found, "evaluations infeasible"),
         **asked.describe(found.effector),
     }
-    listed = ", ".join(f"{name} {value:.6g}" for name, value in changes.items())
+    listed = ", ".join(f"{name} {value:.6g}" for name, value in result["changes"].items())
     text = f"{1e3 * found.pressure:.2f} kPa with {listed}"
     if found.pressure_before > 0.0:
         text += f"; before {1e3 * found.pressure_before:.2f} kPa"
     text += f"\nnote: {found.reason}" if found.reason else ""
-    if not found.success:
+    if not found.converged:
         text = f"no design: {found.reason}"
-    _give(result, answer=answer, text=text, done=found.success)
+    _give(result, answer=answer, text=text, done=found.converged)
 
 
 def _parse_range(item: str) -> tuple[str, tuple[float, float]]:

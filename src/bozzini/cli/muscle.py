@@ -13,25 +13,6 @@ import click
 from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
 from ..results import Json
-from ._muscle_options import (
-    FIELDS,
-    DataRequest,
-    Request,
-    check_fields,
-    check_friction,
-    data_options,
-    describe_model,
-    directed_options,
-    list_kinds,
-    make_class,
-    note_data,
-    one_model_options,
-    option,
-    parse_constant,
-    parse_settings,
-    request_options,
-    select_choices,
-)
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -42,8 +23,27 @@ from .common import (
     format_csv,
     gather,
     json_option,
+    option,
     progress_bar,
     run_exit,
+)
+from .muscle_options import (
+    FIELDS,
+    DataRequest,
+    Request,
+    check_friction,
+    data_options,
+    describe_model,
+    directed_options,
+    list_kinds,
+    make_class,
+    note_data,
+    one_model_options,
+    parse_constant,
+    parse_settings,
+    refuse_unused_fields,
+    request_options,
+    select_choices,
 )
 
 if TYPE_CHECKING:
@@ -54,7 +54,15 @@ if TYPE_CHECKING:
     from ..muscle.models import Card, Parameter
     from ..muscle.ranking import Criterion, RankOptions
 
+VERDICT = ("converged", "reason", "residual")
+"""Keys that results have and an answer with models in it has not."""
+
 _WARNED = 3  # so many models, the first, have the warnings of their fits shown
+
+
+def drop(values: Json, *names: str) -> Json:
+    """Return values without some of them."""
+    return {name: value for name, value in values.items() if name not in names}
 
 
 @click.group("muscle")
@@ -79,20 +87,21 @@ def models_command(name: str | None, as_json: bool) -> None:
         own = [key for key in MODELS.own if key not in MODELS.cards]
         counts = count_statuses(cards)
         plugins = {key: point.value for key, point in MODELS.plugins.items()}
+        broken = MODELS.broken
         listed = ", ".join(f"{count} {status}" for status, count in counts.items())
         lines = [
             *_format_cards(cards),
             f"{len(cards)} models of the survey: {listed}; and {' and '.join(own)}, this package's "
             "own",
             *(f"{key}: of the package {place}" for key, place in plugins.items()),
+            *(f"broken: {reason}" for reason in broken.values()),
         ]
         result = {"own": own, "counts": counts, "models": [dataclasses.asdict(c) for c in cards]}
         result |= {"plugins": plugins} if plugins else {}
+        result |= {"broken": broken} if broken else {}
         emit(result, as_json=as_json, text="\n".join(lines))
         return
-    if name not in MODELS:
-        raise InputError(f"there is no model '{name}': choose one of {', '.join(MODELS)}")
-    card = MODELS[name].card
+    card = MODELS.choose(name).card
     if card is None:
         whose = "of another package" if name in MODELS.plugins else "this package's own"
         raise InputError(f"the model {name} is {whose} and has no card: see its documentation")
@@ -325,29 +334,13 @@ def fit_command(
         "ends": choices["ends"],
         "load_path": choices["load_path"],
         "set": asked.constants,
-        "held": found.held,
         "mean": table.take_mean,
         "anyway": anyway,
         "bounds": bounds,
         "rows": len(data),
         "ignored_columns": data.ignored,
         "notes": data.notes,
-        "estimates": {
-            field: {
-                "value": found.estimates[field],
-                "unit": found.units[field],
-                "standard_error": found.standard_errors[field],
-                "interval_95": found.intervals[field],
-            }
-            for field in found.free
-        },
-        "correlations": found.correlations,
-        "condition": found.condition,
-        "sigma_mm": found.sigma,
-        "warnings": found.warnings,
-        "converged": found.converged,
-        "reason": found.reason,
-        "muscle": describe_fields(found.muscle),
+        **drop(found.to_dict(), "residual"),
         "file": answer.out,
     }
     answer.give(result, note_data(data) + found.format_table())
@@ -460,9 +453,10 @@ def compare_command(
     from ..muscle import compare_models, rank
 
     options = ranked.choose(fit=ranked.fit or not model_names)
-    names = list(dict.fromkeys(model_names) if model_names else list_kinds())
+    broken = {} if model_names else list_kinds().broken
+    names = list(dict.fromkeys(model_names or (n for n in list_kinds() if n not in broken)))
     choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
-    check_fields(names, asked.fields)
+    refuse_unused_fields(names, asked.fields)
     constants = parse_settings(names, asked.settings)
     data = table.read(asked.muscle)
     check_friction(asked.fields, data, free=())
@@ -478,7 +472,7 @@ def compare_command(
         "largest_contraction_mm": data.largest_contraction,
     }
     if options is None:
-        models, refusals = {}, {}
+        models, refusals = {}, broken
         for name, make in makes.items():
             try:
                 models[name] = make(asked.muscle)
@@ -491,26 +485,25 @@ def compare_command(
 
             return draw_models(found, models)
 
-        entries = [{**score.describe(), "fitted": {}} for score in found.scores]
-        result |= {"models": entries, "refusals": found.refusals}
         answered, lines = found.converged, [found.format_table()]
+        result |= drop(found.to_dict(), *VERDICT)
     else:
         with progress_bar() as progress:
-            ranking = rank(data, asked.muscle, models=makes, options=options, progress=progress)
+            ranking = rank(
+                data,
+                asked.muscle,
+                models=makes,
+                refusals=broken,
+                options=options,
+                progress=progress,
+            )
 
         def draw() -> Figure:
             from ..plot.muscle import draw_ranking
 
             return draw_ranking(ranking)
 
-        result |= {
-            "ranked_by": ranking.criterion,
-            "folds": ranking.folds,
-            "seed": ranking.seed,
-            "models": [entry.describe() for entry in ranking.models],
-            "refusals": ranking.refusals,
-            "notes": ranking.notes,
-        }
+        result |= drop(ranking.to_dict(), *VERDICT)
         answered, lines = ranking.converged, [ranking.format_table()]
         for entry in ranking.models[:_WARNED]:
             fit = entry.calibration

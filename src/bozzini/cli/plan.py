@@ -12,7 +12,7 @@ import click
 from ..study.options import InsertionOptions, ReadOptions
 from ._tract_options import (
     Body,
-    describe_robot,
+    format_actuation,
     read_with_options,
     report_study,
     tract_options,
@@ -127,7 +127,7 @@ def _describe_result(study: InsertionStudy, summary: dict[str, Any], out: Path) 
             f"{item['joint_step_ratio_max']:.2f} x head"
         )
     if study.robot is not None:
-        lines += describe_robot(study.robot, out)
+        lines += format_actuation(study.robot, out)
     lines.append(f"Report: {out / 'report.html'}")
     lines.append(f"Animated scene: {out / 'scene.glb'} (Blender, any glTF viewer)")
     return "\n".join(lines)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
+from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .energy import EnergyModel
 from .inverse import (
     ContinuumInverse,
     InverseOptions,
+    SectionResult,
     solve_curve,
     solve_pose,
     solve_section,
@@ -16,11 +18,18 @@ from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
+from .robot import RobotDesign
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .shape import Shape
 from .workspace import (
     ContinuumWorkspace,
+    Dexterity,
+    DexterityMap,
+    Manipulability,
+    TendonTravel,
+    WorkspaceSample,
+    WorkspaceVolume,
     manipulability,
     measure_dexterity,
     measure_workspace,
@@ -30,20 +39,32 @@ from .workspace import (
 __all__ = [
     "CONTINUUM_MODELS",
     "ArcModel",
+    "BendSolution",
     "ContinuumInverse",
     "ContinuumModel",
     "ContinuumRobot",
     "ContinuumWorkspace",
+    "Dexterity",
+    "DexterityMap",
     "EnergyModel",
     "Helix",
     "InverseOptions",
     "LinkageModel",
+    "Manipulability",
+    "ParallelModel",
+    "RobotDesign",
     "RodModel",
     "Section",
+    "SectionResult",
     "Shape",
     "Tendon",
+    "TendonTravel",
+    "WorkspaceSample",
+    "WorkspaceVolume",
     "arc_frames",
     "bend_vectors",
+    "check_displacements",
+    "coupling_matrix",
     "displacements_for",
     "jacobian",
     "manipulability",

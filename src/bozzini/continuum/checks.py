@@ -76,10 +76,10 @@ Floats = NDArray[np.float64]
 MOST_CELLS = 1000
 """Cells of a map along the robot's length."""
 
-ORTHONORMAL = 1e-6
+AXES_TOLERANCE = 1e-6
 """How far the axes of a frame may miss being orthonormal."""
 
-FARTHEST = 1e9
+MAX_COORDINATE_MM = 1e9
 """Largest coordinate of a place [mm]: beyond, squares would lose what a robot's length adds."""
 
 
@@ -134,8 +134,8 @@ def check_frame(name: str, frame: Floats) -> None:
     turn = frame[:3, :3]
     miss = float(np.abs(turn.T @ turn - np.eye(3)).max())
     wrong = ""
-    if not miss <= ORTHONORMAL:
-        wrong = f"its axes miss being orthonormal by {miss:.3g}: by {ORTHONORMAL:g} they may"
+    if not miss <= AXES_TOLERANCE:
+        wrong = f"its axes miss being orthonormal by {miss:.3g}: by {AXES_TOLERANCE:g} they may"
     elif np.linalg.det(turn) < 0.0:
         wrong = "its axes are left-handed, a mirror image: they must be right-handed"
     elif np.any(frame[3] != (0.0, 0.0, 0.0, 1.0)):
@@ -147,7 +147,9 @@ def check_frame(name: str, frame: Floats) -> None:
 def check_cell(cell: float, length: float) -> float:
     """Return the edge of a map's cells [mm], or raise `InputError` if there would be too many."""
     try:
-        return check_number("cell", cell, low=length / MOST_CELLS, high=FARTHEST, unit="mm")
+        return check_number(
+            "cell", cell, low=length / MOST_CELLS, high=MAX_COORDINATE_MM, unit="mm"
+        )
     except InputError as error:
         raise InputError(
             f"{error}, at most {MOST_CELLS} cells along the robot's {length:g} mm"
@@ -157,10 +159,10 @@ def check_cell(cell: float, length: float) -> float:
 def _check_size(name: str, array: Floats, unit: str) -> None:
     if not np.isfinite(array).all():
         raise InputError(f"{name} has values that are not finite (NaN or infinite)")
-    if array.size and np.abs(array).max() > FARTHEST:
+    if array.size and np.abs(array).max() > MAX_COORDINATE_MM:
         worst = array.flat[int(np.argmax(np.abs(array)))]
         suffix = f" {unit}" if unit else ""
         raise InputError(
             f"{name} has the value {worst:g}{suffix}: it must lie in "
-            f"[{-FARTHEST:g}, {FARTHEST:g}]{suffix}"
+            f"[{-MAX_COORDINATE_MM:g}, {MAX_COORDINATE_MM:g}]{suffix}"
         )

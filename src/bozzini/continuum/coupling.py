@@ -25,11 +25,11 @@ from .robot import RobotDesign, check_robot
 from .section import ROUND_OFF_MM
 from .shape import Shape
 
-THIN = 1e-9
+RANK_RATIO = 1e-9
 """Ratio of singular values below which directions count as one."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BendSolution:
     """Bends of the sections under tendon displacements.
 
@@ -42,7 +42,7 @@ class BendSolution:
     residual : (...) ndarray
         Largest misfit of the tendons that are not slack [mm].
     slack : (..., t) ndarray of bool
-        Cables that hang loose.
+        Cables that are slack.
     converged : (...) ndarray of bool
         Whether the bends give what was commanded.
     reason : (...) ndarray of str
@@ -58,7 +58,13 @@ class BendSolution:
 
 
 def check_displacements(robot: RobotDesign, displacements: ArrayLike) -> Floats:
-    """Return displacements as a finite array of shape (..., t), or raise `InputError`."""
+    """Return displacements as a finite array of shape (..., t) [mm].
+
+    Raises
+    ------
+    InputError
+        If there is not one finite displacement for each tendon.
+    """
     count = len(robot.tendons)
     array = check_array("displacements", displacements)
     if array.ndim == 0 or array.shape[-1] != count:
@@ -75,6 +81,13 @@ def check_displacements(robot: RobotDesign, displacements: ArrayLike) -> Floats:
 
 def coupling_matrix(robot: RobotDesign, *, model: str = "arc") -> Floats:
     """Return the matrix from bends to displacements, shape (t, 2 m) [mm/rad].
+
+    Parameters
+    ----------
+    robot : RobotDesign
+        A robot of parallel tendons.
+    model : str
+        Model that messages name.
 
     Raises
     ------
@@ -153,7 +166,7 @@ class Coupling:
         self.matrix = coupling_matrix(robot, model=model)
         self._scale = 1.0 / np.sqrt(_stiffness(robot))
         self._scaled = self.matrix * self._scale
-        inverse = np.linalg.pinv(self._scaled, rcond=THIN)
+        inverse = np.linalg.pinv(self._scaled, rcond=RANK_RATIO)
         self.inverse = self._scale[:, None] * inverse
         self._tension = inverse.T @ inverse
         self._always_taut = bool(self.robot.pushes.all()) or self._can_be_preloaded()
@@ -169,7 +182,7 @@ class Coupling:
         if not self._always_taut:
             tensions = displacements @ self._tension.T
             least = np.where(self.robot.pushes, 0.0, tensions).min(axis=-1)
-            good &= least >= -THIN * np.abs(tensions).max(axis=-1)
+            good &= least >= -RANK_RATIO * np.abs(tensions).max(axis=-1)
         converged = np.array(good)
         for index in np.argwhere(~good):
             place = tuple(int(i) for i in index)
@@ -201,7 +214,7 @@ class Coupling:
                 continue
             own = self.matrix[self.robot.tendon_sections == index][:, 2 * index : 2 * index + 2]
             _, sizes, ways = np.linalg.svd(own)
-            if len(sizes) < 2 or sizes[1] < THIN * sizes[0]:
+            if len(sizes) < 2 or sizes[1] < RANK_RATIO * sizes[0]:
                 angle = np.degrees(np.arctan2(ways[1, 1], ways[1, 0])) % 180.0
                 words.append(
                     f"{label} has tendons in one plane only: its bend towards {angle:.4g} deg "
@@ -309,13 +322,13 @@ class ParallelModel(ContinuumModel):
 # Which bends a robot can take: its sections' limits, its tendons' travel, what they control.
 
 
-INSET = 1e-10
+LIMIT_INSET_RAD = 1e-10
 """Distance that is kept from each limit, so that round-off does not pass it [rad]."""
 
-AT_LIMIT = 1e-6
+AT_LIMIT_RAD = 1e-6
 """Distance from a limit that counts as at it [rad]."""
 
-PROBE = 1e-2
+PROBE_BEND_RAD = 1e-2
 """Bend by which it is tried whether tendons stay tight [rad]."""
 
 
@@ -336,7 +349,9 @@ class BendLimits:
     low, high : (c,) ndarray
         Range of each row times the bends.
     names : tuple of str
-        What each row is: a tendon's name, or empty.
+        Tendon whose displacement or tension a row is, or empty.
+    tensions : (c,) ndarray of bool
+        Whether a row is a tension.
     """
 
     coupling: Coupling
@@ -346,6 +361,7 @@ class BendLimits:
     low: Floats
     high: Floats
     names: tuple[str, ...]
+    tensions: NDArray[np.bool_]
 
     @property
     def robot(self) -> RobotDesign:
@@ -355,24 +371,24 @@ class BendLimits:
     @property
     def kernel(self) -> tuple[Floats, Floats, Floats, Floats]:
         """Discs, rows, low, high, a little drawn in: what the kernels take."""
-        inset = np.minimum(INSET, 0.25 * (self.high - self.low))
-        discs = self.discs - np.minimum(INSET, 0.25 * self.discs)
+        inset = np.minimum(LIMIT_INSET_RAD, 0.25 * (self.high - self.low))
+        discs = self.discs - np.minimum(LIMIT_INSET_RAD, 0.25 * self.discs)
         return discs, self.rows, self.low + inset, self.high - inset
 
     @cached_property
     def basis(self) -> Floats:
         """Orthonormal rows that span the bends the tendons control, shape (p, 2 m)."""
-        fixed = self.rows[self.high - self.low <= 4.0 * INSET]
+        fixed = self.rows[self.high - self.low <= 4.0 * LIMIT_INSET_RAD]
         if not len(fixed):
             return np.eye(self.rows.shape[1])
         _, sizes, ways = np.linalg.svd(fixed)
-        return np.ascontiguousarray(ways[int(np.count_nonzero(sizes > THIN * sizes[0])) :])
+        return np.ascontiguousarray(ways[int(np.count_nonzero(sizes > RANK_RATIO * sizes[0])) :])
 
     def describe_limits(self, bends: Floats) -> tuple[str, ...]:
         """Return a sentence for each limit that `bends`, shape (m, 2), lie at."""
         words = []
         for index, size in enumerate(np.hypot(bends[:, 0], bends[:, 1])):
-            if size < self.discs[index] - AT_LIMIT:
+            if size < self.discs[index] - AT_LIMIT_RAD:
                 continue
             section = self.robot.sections[index]
             meets = section.length / section.radius <= section.max_bend
@@ -382,12 +398,13 @@ class BendLimits:
         values = self.rows @ bends.ravel()
         names = self.robot.tendon_names
         for row, name in enumerate(self.names):
-            if not name or self.low[row] + AT_LIMIT < values[row] < self.high[row] - AT_LIMIT:
+            low, high = self.low[row] + AT_LIMIT_RAD, self.high[row] - AT_LIMIT_RAD
+            if not name or low < values[row] < high:
                 continue
-            if not math.isfinite(self.high[row]) and self.low[row] == 0.0:
+            if self.tensions[row]:
                 words.append(f"tendon '{name}' is about to go slack")
                 continue
-            end = 0 if values[row] <= self.low[row] + AT_LIMIT else 1
+            end = 0 if values[row] <= low else 1
             travel = self.robot.tendon_travel[names.index(name), end]
             words.append(f"tendon '{name}' is at the end of its travel, {travel:g} mm")
         return tuple(words)
@@ -418,7 +435,8 @@ def find_limits(robot: RobotDesign) -> BendLimits:
     require_arcs(robot, "the inverse, like the workspace,")
     coupling = Coupling(robot)
     sections = robot.sections
-    blocks = [*_travel_rows(coupling), *_open_rows(coupling), *_tight_rows(coupling)]
+    moved, tight = [*_travel_rows(coupling), *_open_rows(coupling)], _tight_rows(coupling)
+    blocks = [*moved, *tight]
     rows = np.array([block[0] for block in blocks]).reshape(-1, 2 * len(sections))
     size = np.linalg.norm(rows, axis=1)
     most = [min(section.max_bend, section.length / section.radius) for section in sections]
@@ -430,6 +448,7 @@ def find_limits(robot: RobotDesign) -> BendLimits:
         low=np.array([block[1] for block in blocks], dtype=np.float64) / size,
         high=np.array([block[2] for block in blocks], dtype=np.float64) / size,
         names=tuple(block[3] for block in blocks),
+        tensions=np.arange(len(blocks)) >= len(moved),
     )
 
 
@@ -450,7 +469,7 @@ def _open_rows(coupling: Coupling) -> list[_Row]:
     """Return rows that are 0 where the bends that no tendon controls take least energy."""
     matrix = coupling.matrix
     _, sizes, ways = np.linalg.svd(matrix)
-    rank = int(np.count_nonzero(sizes > THIN * sizes[0]))
+    rank = int(np.count_nonzero(sizes > RANK_RATIO * sizes[0]))
     stiffness = _stiffness(coupling.robot)
     return [(way * stiffness, 0.0, 0.0, "") for way in ways[rank:]]
 
@@ -463,15 +482,15 @@ def _tight_rows(coupling: Coupling) -> list[_Row]:
     """
     matrix = coupling.matrix
     _, sizes, ways = np.linalg.svd(matrix, full_matrices=False)
-    basis = ways[sizes > THIN * sizes[0]] / _stiffness(coupling.robot)
+    basis = ways[sizes > RANK_RATIO * sizes[0]] / _stiffness(coupling.robot)
     basis /= np.linalg.norm(basis, axis=1, keepdims=True)
-    probes = PROBE * np.concatenate([basis, -basis])
+    probes = PROBE_BEND_RAD * np.concatenate([basis, -basis])
     found = coupling.solve(probes @ matrix.T)
     bends = found.bends.reshape(probes.shape)
     # A convex cone that holds a basis and its opposite is everything.
-    if found.converged.all() and np.abs(bends - probes).max() < 1e-3 * PROBE:
+    if found.converged.all() and np.abs(bends - probes).max() < 1e-3 * PROBE_BEND_RAD:
         return []
-    needs = np.linalg.pinv(matrix.T, rcond=THIN) * _stiffness(coupling.robot)
+    needs = np.linalg.pinv(matrix.T, rcond=RANK_RATIO) * _stiffness(coupling.robot)
     tendons = zip(coupling.robot.tendons, needs, strict=True)
     return [(row, 0.0, math.inf, tendon.name) for tendon, row in tendons if not tendon.pushes]
 

@@ -26,7 +26,7 @@ from .shape import Shape
 Segment = Literal["chord", "arc", "channel"]
 """What a segment of the energy model is."""
 
-SEGMENTS: dict[str, int] = {"chord": CHORD, "arc": ARC, "channel": CHANNEL}
+SEGMENTS: dict[Segment, int] = {"chord": CHORD, "arc": ARC, "channel": CHANNEL}
 
 
 def place_stations(robot: RobotDesign, between: int, *, corners: bool = False) -> Floats:
@@ -46,7 +46,7 @@ class Grid:
     """Segments of a robot between stations, and how its tendons pass them."""
 
     robot: RobotDesign
-    segment: str
+    segment: Segment
     between: int
 
     @cached_property

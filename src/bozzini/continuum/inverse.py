@@ -19,12 +19,18 @@ from typing import TYPE_CHECKING, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number
+from ..checks import check_integer, check_number
 from ..errors import GeometryError, InputError
-from ..numeric.roots import find_between
-from ..results import Json, Result, to_plain
+from ..results import Json, Result, measured, to_plain
 from .arc import ArcModel, arc_frames
-from .checks import FARTHEST, Floats, check_directions, check_frame, check_places, check_values
+from .checks import (
+    MAX_COORDINATE_MM,
+    Floats,
+    check_directions,
+    check_frame,
+    check_places,
+    check_values,
+)
 from .coupling import BendLimits, find_limits
 from .kernels.inverse import REACHED, SETTLED, improve, move_inside, rank_starts, search
 from .robot import RobotDesign
@@ -36,7 +42,7 @@ if TYPE_CHECKING:
 
 # Bends from which the inverse starts, in closed form or evenly spread.
 
-CANDIDATES = 256
+START_CANDIDATES = 256
 """Sets of bends among which starts are chosen."""
 
 
@@ -67,8 +73,8 @@ def guess_bends(robot: RobotDesign, places: Floats, along: Floats) -> Floats:
 
 @functools.lru_cache(maxsize=32)
 def spread_bends(sections: int) -> Floats:
-    """Return `CANDIDATES` sets of bends, the same ones each time, evenly in discs of radius 1."""
-    draws = np.random.default_rng(20).random((CANDIDATES, sections, 2))
+    """Return sets of bends, the same ones each time, drawn evenly in discs of radius 1."""
+    draws = np.random.default_rng(20).random((START_CANDIDATES, sections, 2))
     angle = 2.0 * math.pi * draws[..., 0]
     unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return np.asarray(np.sqrt(draws[..., 1:]) * unit)
@@ -76,14 +82,14 @@ def spread_bends(sections: int) -> Floats:
 
 # The search behind the inverse: starts, the kernels' goal, and what is said of the result.
 
-PLANS = np.array([[60, 12, 0], [600, 601, 1]])
+STAGES = np.array([[60, 12, 0], [600, 601, 1]])
 """Most steps, steps in which the cost must fall by a tenth, and whether to use second
 derivatives: of each start, and of the best one at last."""
 
-FINE = 0.01
+SOLVER_TOLERANCE_SHARE = 0.01
 """Share of the tolerance at which the solver stops."""
 
-SMALL = (1e-3, 1e-5, 1e-7)
+BEND_WEIGHTS = (1e-3, 1e-5, 1e-7)
 """Weights of the bends against the miss, in parts of the squared length, one after the other."""
 
 Goal = tuple[Floats, NDArray[np.int64], Floats, Floats, Floats, Floats, float, float]
@@ -117,7 +123,7 @@ class InverseOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ContinuumInverse(Result):
-    """What an inverse found; where it did not succeed, the nearest it found.
+    """What an inverse found; where the target is not met, the nearest that was found.
 
     Parameters
     ----------
@@ -129,10 +135,11 @@ class ContinuumInverse(Result):
         Displacements of the tendons for them [mm].
     tip_frame : (4, 4) ndarray
         Frame of the tip at these bends [mm].
-    success : bool
-        Whether all that was asked for is met within the tolerances.
     converged : bool
-        Whether the solver succeeded, or settled where no small change of the bends does better.
+        Whether the target is met within the tolerances, by bends that the tendons hold.
+    settled : bool
+        Whether the solver came to an end: at the target, or where no small change of the bends
+        does better.
     iterations : int
         Steps of all starts together.
     starts : int
@@ -144,15 +151,15 @@ class ContinuumInverse(Result):
     at_limits : tuple of str
         Limits of sections and tendons that the bends lie at, a sentence each.
     reason : str
-        Why it did not succeed, and by how much; empty on success.
+        Why the target is not met, and by how much; empty where `converged`.
     """
 
     robot: RobotDesign
     bends: Floats
     displacements: Floats
     tip_frame: Floats
-    success: bool
     converged: bool
+    settled: bool
     iterations: int
     starts: int
     residual: float
@@ -166,14 +173,14 @@ class ContinuumInverse(Result):
         return np.asarray(self.tip_frame[:3, 3])
 
     def require(self) -> ContinuumInverse:
-        """Return this result if it succeeded.
+        """Return this result if the target is met.
 
         Raises
         ------
         GeometryError
             With the reason.
         """
-        if not self.success:
+        if not self.converged:
             raise GeometryError(self.reason)
         return self
 
@@ -182,8 +189,8 @@ class ContinuumInverse(Result):
         moved = zip(self.robot.tendon_names, self.displacements, strict=True)
         plain = to_plain(
             {
-                "success": self.success,
                 "converged": self.converged,
+                "settled": self.settled,
                 "reason": self.reason,
                 "tip_mm": self.tip,
                 "tip_direction": self.tip_frame[:3, 2],
@@ -247,7 +254,11 @@ class Search:
 
     def run(self, options: InverseOptions, *, starts: int) -> ContinuumInverse:
         """Search, with `starts` starts unless the options have another number."""
-        count = check_integer("starts", options.get("starts", starts), low=1, high=CANDIDATES)
+        known = InverseOptions.__annotations__
+        for name in options:
+            if name not in known:
+                raise InputError(f"the inverse has no option '{name}': it has {', '.join(known)}")
+        count = check_integer("starts", options.get("starts", starts), low=1, high=START_CANDIDATES)
         near, aside = (
             check_number(name, options.get(name, 1e-6), low=0.0, low_open=True, unit=unit)  # type: ignore[arg-type]
             for name, unit in (("tolerance", "mm"), ("angle_tolerance", "rad"))
@@ -255,10 +266,12 @@ class Search:
         bounds = self.limits.kernel
         if not move_inside(bounds, np.zeros_like(self.guess)):
             raise self.limits.explain_empty()
-        tolerances = FINE * np.array([near, aside])
+        tolerances = SOLVER_TOLERANCE_SHARE * np.array([near, aside])
         bends = np.zeros_like(self.guess)
         tries = self._make_starts(options.get("initial"), count)
-        code, steps, tried, _, far, off = search(self.goal, bounds, tries, tolerances, PLANS, bends)
+        code, steps, tried, _, far, off = search(
+            self.goal, bounds, tries, tolerances, STAGES, bends
+        )
         met = far <= near and off <= aside
         if options.get("smallest_bends", False) and met:
             smaller, distance, angle, more = self._shrink(bends, tolerances)
@@ -280,8 +293,8 @@ class Search:
             bends=bends,
             displacements=displacements,
             tip_frame=arc_frames(robot, bends, arc_length=[robot.length])[0],
-            success=bool(met) and not reason,
-            converged=settled,
+            converged=bool(met) and not reason,
+            settled=settled,
             iterations=int(steps),
             starts=int(tried),
             residual=float(far),
@@ -312,10 +325,10 @@ class Search:
         """Follow the goal with a falling weight on the bends."""
         trial, steps = bends.copy(), 0
         distance, angle = math.inf, math.inf
-        for share in (*SMALL, 0.0):
+        for share in (*BEND_WEIGHTS, 0.0):
             goal = (*self.goal[:-1], share * self.limits.robot.length**2)
             _, took, _, distance, angle = improve(
-                goal, self.limits.kernel, trial, tolerances, PLANS[1]
+                goal, self.limits.kernel, trial, tolerances, STAGES[1]
             )
             steps += took
         return trial, distance, angle, steps
@@ -490,15 +503,8 @@ def solve_curve(
 # Inverse of one section of fixed length and constant curvature.
 
 
-STEEPEST_BEND = 2.331122370414423
-"""Bend at which the tip is furthest aside [rad]: the root of ``tan(theta / 2) = theta``."""
-
-LARGEST_RATIO = (1.0 - math.cos(STEEPEST_BEND)) / STEEPEST_BEND
-"""Largest distance aside over length that an arc reaches, 0.7246."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SectionResult:
+class SectionResult(Result):
     """What the inverse of one section of fixed length found.
 
     Parameters
@@ -507,7 +513,7 @@ class SectionResult:
         ``(theta cos(phi), theta sin(phi))`` [rad].
     tip : (3,) ndarray
         Where the tip is then [mm]: the target, or the nearest place on the reachable surface.
-    success : bool
+    converged : bool
         Whether that is the target, within the tolerance.
     residual : float
         Its distance from the target [mm].
@@ -515,54 +521,15 @@ class SectionResult:
         Length of the arc through the target [mm]; infinite if there is none, or none shorter
         than 1e9 mm, as straight behind the start.
     reason : str
-        Why it did not succeed; empty on success.
+        Why the target is not met; empty where `converged`.
     """
 
-    bend: Floats
-    tip: Floats
-    success: bool
-    residual: float
-    needed_length: float
+    bend: Floats = measured("rad")
+    tip: Floats = measured("mm")
+    converged: bool
+    residual: float = measured("mm")
+    needed_length: float = measured("mm")
     reason: str
-
-
-def bend_for_ratio(ratio: ArrayLike) -> Floats:
-    """Return the bend whose tip is aside by ``ratio`` times the section's length.
-
-    It solves ``(1 - cos(theta)) / theta = ratio`` on ``[0, 2.331]``, where the ratio grows up to
-    0.7246; beyond, more bend brings the tip back.
-
-    Parameters
-    ----------
-    ratio : array_like, shape (...)
-        Distance from the axis over the length of the section.
-
-    Returns
-    -------
-    (...) ndarray
-        Bend [rad].
-
-    Raises
-    ------
-    InputError
-        If a ratio is outside ``[0, 0.7246]``.
-    """
-    wanted = check_array("ratio", ratio)
-    if not np.all((wanted >= 0.0) & (wanted <= LARGEST_RATIO)):
-        bad = wanted[~((wanted >= 0.0) & (wanted <= LARGEST_RATIO))].flat[0]
-        raise InputError(
-            f"ratio of distance aside to length is {bad:g}: "
-            f"it must lie in [0, {LARGEST_RATIO:.6g}], which an arc can reach"
-        )
-    flat = wanted.ravel()
-
-    def excess(index: NDArray[np.intp], bend: Floats) -> Floats:
-        return np.asarray(np.sin(0.5 * bend) * np.sinc(0.5 * bend / math.pi) - flat[index])
-
-    found = find_between(excess, np.zeros_like(flat), np.full_like(flat, STEEPEST_BEND))
-    # Not found are the ends: ratios too small for a relative tolerance, and the largest one.
-    ends = np.where(flat < 0.5 * LARGEST_RATIO, 2.0 * flat, STEEPEST_BEND)
-    return np.where(np.isnan(found), ends, found).reshape(wanted.shape)
 
 
 def solve_section(
@@ -594,7 +561,7 @@ def solve_section(
     InputError
         If a value has another shape or is outside its range.
     """
-    check_number("length", length, low=0.0, high=FARTHEST, low_open=True, unit="mm")
+    check_number("length", length, low=0.0, high=MAX_COORDINATE_MM, low_open=True, unit="mm")
     check_number("max_bend", max_bend, low=0.0, high=2.0 * math.pi, low_open=True, unit="rad")
     check_number("tolerance", tolerance, low=0.0, low_open=True, unit="mm")
     x, y, z = (float(value) for value in check_values("target", target, (3,), unit="mm"))
@@ -620,7 +587,7 @@ def solve_section(
     return SectionResult(
         bend=angle * plane,
         tip=tip,
-        success=miss <= tolerance,
+        converged=miss <= tolerance,
         residual=miss,
         needed_length=needed,
         reason=reason,
@@ -635,7 +602,7 @@ def _aside(length: float, angle: float) -> tuple[float, float]:
 
 
 def _needed_length(across: float, along: float) -> float:
-    """Return the length of the arc to a place in the plane; infinite beyond `FARTHEST`."""
+    """Return the length of the arc to a place in the plane; infinite beyond `MAX_COORDINATE_MM`."""
     away = math.hypot(across, along)
     # The chord is the arc's length by sin(half) / half, and sin(half) is across / away.
     half = math.atan2(across, along)
@@ -643,7 +610,7 @@ def _needed_length(across: float, along: float) -> float:
         return away if away > 0.0 else math.inf
     sine = across / away
     length = away * half / sine if sine > 0.0 else math.inf
-    return length if length <= FARTHEST else math.inf
+    return length if length <= MAX_COORDINATE_MM else math.inf
 
 
 def _nearest_bend(length: float, across: float, along: float, most: float) -> float:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import check_array
+from ..checks import broadcast, check_array
 from ..errors import InputError
 from .arc import jacobian
 from .checks import Floats
@@ -47,7 +49,7 @@ class ContinuumRobot(RobotDesign):
 
     def forward(
         self,
-        displacements: ArrayLike | Mapping[str, float],
+        displacements: ArrayLike | Mapping[str, ArrayLike],
         *,
         model: str | None = None,
         **options: object,
@@ -57,7 +59,8 @@ class ContinuumRobot(RobotDesign):
         Parameters
         ----------
         displacements : array_like, shape (..., t), or mapping
-            How far each tendon is pulled [mm]; or by the tendons' names, 0 for those left out.
+            How far each tendon is pulled [mm]; or by the tendons' names, numbers or arrays of one
+            shape, 0 for those left out.
         model : str, optional
             Name in `CONTINUUM_MODELS`; arc for parallel tendons, energy for others and rod under
             loads unless given.
@@ -73,7 +76,8 @@ class ContinuumRobot(RobotDesign):
         """
         if isinstance(displacements, Mapping):
             displacements = self.order_displacements(displacements)
-        return self.model(model, **options).shape(displacements)
+        chosen = self._default_model if model is None and not options else None
+        return (chosen or self.model(model, **options)).shape(displacements)
 
     def inverse(
         self,
@@ -104,6 +108,8 @@ class ContinuumRobot(RobotDesign):
         shape = check_array("target", target).shape
         if shape == (3,):
             return solve_tip(self, target, direction=direction, **options)
+        if shape != (4, 4) and (len(shape) != 2 or shape[1] != 3):
+            raise InputError(f"target has shape {shape}: it must be (3,), (4, 4) or (k, 3)")
         if direction is not None:
             raise InputError(f"target has shape {shape}: a direction goes with a place, (3,), only")
         return (solve_pose if shape == (4, 4) else solve_curve)(self, target, **options)
@@ -120,17 +126,19 @@ class ContinuumRobot(RobotDesign):
         """Draw the robot at rest, and return the axes."""
         return self.forward(np.zeros(len(self.tendons))).plot(ax)
 
+    @cached_property
+    def _default_model(self) -> ContinuumModel:
+        return self.model()
+
     def model(self, name: str | None = None, **options: Any) -> ContinuumModel:
         """Return a model of this robot, with its options; see `forward`."""
         name = name or self.choose_model(options)
-        if name not in CONTINUUM_MODELS:
-            known = ", ".join(CONTINUUM_MODELS)
-            raise InputError(f"there is no model '{name}': choose one of {known}")
-        kind = CONTINUUM_MODELS[name]
+        kind = CONTINUUM_MODELS.choose(name)
+        known = [field.name for field in dataclasses.fields(kind) if field.name != "robot"]
         for option in options:
-            if option not in kind.__dataclass_fields__:
-                known = ", ".join(field for field in kind.__dataclass_fields__ if field != "robot")
-                raise InputError(f"the {name} model has no option '{option}': it has {known}")
+            if option not in known:
+                listed = ", ".join(known)
+                raise InputError(f"the {name} model has no option '{option}': it has {listed}")
         return kind(self, **options)
 
     def choose_model(self, options: Mapping[str, object]) -> str:
@@ -139,13 +147,15 @@ class ContinuumRobot(RobotDesign):
             return "rod"
         return "energy" if find_crooked(self) else "arc"
 
-    def order_displacements(self, displacements: Mapping[str, float]) -> Floats:
-        """Return displacements [mm] by the tendons' names as an array (t,), 0 for those left out.
+    def order_displacements(self, displacements: Mapping[str, ArrayLike]) -> Floats:
+        """Return displacements (...) [mm] by the tendons' names as an array (..., t).
+
+        Those left out are 0.
 
         Raises
         ------
         InputError
-            If there is no such tendon.
+            If there is no such tendon, or a displacement is no number or array of numbers.
         """
         for name in displacements:
             if name not in self.tendon_names:
@@ -153,4 +163,8 @@ class ContinuumRobot(RobotDesign):
                     f"there is no tendon '{name}': those of robot '{self.name}' are "
                     f"{', '.join(self.tendon_names) or 'none'}"
                 )
-        return np.array([displacements.get(name, 0.0) for name in self.tendon_names])
+        named = [
+            (name, check_array(f"displacement of tendon '{name}'", displacements.get(name, 0.0)))
+            for name in self.tendon_names
+        ]
+        return np.stack(broadcast(*named), axis=-1) if named else np.zeros(0)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, quantity
+from ..errors import InputError
 from .checks import Floats
 from .robot import RobotDesign, check_robot
 from .shape import Shape
@@ -18,10 +19,10 @@ from .shape import Shape
 Verdict = tuple[NDArray[np.bool_], NDArray[np.str_]]
 """Whether each shape of a batch has converged, and why not."""
 
-MOST_CONTRAST = 1e6
+LARGEST_STIFFNESS_RATIO = 1e6
 """Ratio of sections' stiffnesses up to which digits suffice."""
 
-EVEN = 1e-3
+EVEN_CURVATURE_SHARE = 1e-3
 """By how much a curvature that counts as even may differ, as a share."""
 
 ROUND_OFF_LENGTH_SHARE = 1e-11
@@ -123,6 +124,11 @@ class ContinuumModel(ABC):
             Whether each shape has converged, and why not; all have unless given.
         **known
             Further fields of `Shape` that the model knows, the batch in one row or as it is.
+
+        Raises
+        ------
+        InputError
+            If the arrays do not go together, or the frames of a converged shape are not finite.
         """
         batch = displacements.shape[:-1]
         if verdict is None:
@@ -139,16 +145,31 @@ class ContinuumModel(ABC):
         ):
             if name not in fields:
                 fields[name] = np.zeros((*batch, *shape), dtype=kind)
-        own = {"section_parameters": 2, "tendon_lengths": 1, "tensions": 1, "slack": 1}
-        shaped = {
-            name: values.reshape((*batch, *values.shape[values.ndim - own.get(name, 0) :]))
-            for name, values in fields.items()
-        }
+        fields["frames"] = frames
+        own = {"frames": 3, "section_parameters": 2, "tendon_lengths": 1, "tensions": 1, "slack": 1}
+        shaped = {}
+        for name, given in fields.items():
+            values = np.asarray(given)
+            try:
+                shaped[name] = values.reshape(
+                    (*batch, *values.shape[values.ndim - own.get(name, 0) :])
+                )
+            except ValueError:
+                raise InputError(
+                    f"{name} of the model {self.name} has shape {values.shape}: it must be one for "
+                    f"each set of displacements, whose shape is {displacements.shape}"
+                ) from None
+        finite = np.isfinite(shaped["frames"]).reshape(*batch, -1).all(axis=-1)
+        bad = shaped["converged"] & ~finite
+        if bad.any():
+            raise InputError(
+                f"frames of the model {self.name} are not finite for displacements "
+                f"{displacements[bad][0].tolist()} mm: a shape without an answer is not converged"
+            )
         return Shape(
             robot=self.robot,
             model=self.name,
             arc_length=arc_length,
-            frames=frames.reshape((*batch, *frames.shape[-3:])),
             displacements=displacements.copy(),
             disc_arc_length=self.robot.disc_arc_length if discs is None else discs,
             **shaped,
@@ -164,7 +185,7 @@ def write_reasons(shape: tuple[int, ...], reasons: dict[tuple[int, ...], str]) -
     return array
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BendMeasure:
     """Angles through which the sections of shapes bend, and how tightly.
 
@@ -221,7 +242,7 @@ def check_limits(
             discs = f"its discs, of radius {section.radius:g} mm, meet"
             reasons[place] = (
                 f"{words}: {discs} at {math.degrees(section.length / section.radius):.4g} deg"
-                if curvature * section.length <= bend * (1.0 + EVEN)
+                if curvature * section.length <= bend * (1.0 + EVEN_CURVATURE_SHARE)
                 else f"{words}, to a radius of {1.0 / curvature:.4g} mm where it is tightest: "
                 f"{discs}"
             )
@@ -253,9 +274,9 @@ def check_numbers(
 def explain_contrast(robot: RobotDesign) -> str:
     """Return what to add to a reason where stiffnesses differ too much; else nothing."""
     ratio = robot.section_stiffness.max() / robot.section_stiffness.min()
-    if ratio <= MOST_CONTRAST:
+    if ratio <= LARGEST_STIFFNESS_RATIO:
         return ""
     return (
         f"; the backbone's stiffnesses differ by a factor of {ratio:.2g}, and from "
-        f"{MOST_CONTRAST:g} on digits may not suffice"
+        f"{LARGEST_STIFFNESS_RATIO:g} on digits may not suffice"
     )

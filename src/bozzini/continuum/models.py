@@ -11,8 +11,8 @@ MODULES = (arc, linkage, energy, rod)
 
 CONTINUUM_MODELS: Registry[ContinuumModel] = Registry(
     "bozzini.continuum",
-    ContinuumModel,  # type: ignore[type-abstract]
+    lambda: ContinuumModel,
     lambda: collect_named(MODULES, ContinuumModel),  # type: ignore[type-abstract]
-    noun="model",
+    arguments=1,
 )
 """Classes of models by name; each is built from a robot, with options of its own."""

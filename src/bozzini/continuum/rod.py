@@ -648,7 +648,7 @@ def follow(rod: Rod, target: Target, *, convex: bool) -> Shot:
 
 
 def find_play(rod: Rod, target: Target, loose: float, found: Shot) -> str:
-    """Say whether displacements that are the same within the tolerance put the tip elsewhere.
+    """Return why the tip is undetermined within the tolerance of the displacements; else nothing.
 
     Parallel tendons that do not stretch hold the twist so that it grows with the root of what
     they have too much: then the tolerance decides where the tip is, not the loads.

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeGuard, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import Quantity, check_array, check_fields, list_quantities, quantity
+from ..checks import Quantity, check_array, check_fields, check_word, list_quantities, quantity
 from ..errors import InputError
 from .checks import Floats, check_items, check_name, check_text, check_travel, take_items
 
@@ -23,7 +23,7 @@ ArcLength = Annotated[float, ARC_LENGTH]
 
 Knots = tuple[tuple[ArcLength, float], ...]
 
-INTERPOLATION = Literal["linear", "cubic"]
+Interpolation = Literal["linear", "cubic"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,9 @@ def _is_row(given: object) -> TypeGuard[Sequence[object]]:
     return isinstance(given, Sequence) and not isinstance(given, str)
 
 
-def evaluate_profile(profile: Profile, places: Floats, interpolation: str) -> tuple[Floats, Floats]:
+def evaluate_profile(
+    profile: Profile, places: Floats, interpolation: Interpolation
+) -> tuple[Floats, Floats]:
     """Return value and slope at arc lengths inside the knots.
 
     Straight lines between knots, or monotone cubics (Fritsch and Carlson 1980), which never
@@ -103,7 +105,7 @@ def evaluate_profile(profile: Profile, places: Floats, interpolation: str) -> tu
     return knots[piece, 1] + slopes[piece] * (places - knots[piece, 0]), slopes[piece]
 
 
-# A tendon: where it runs in the robot's cross-sections, and where it ends.
+# A tendon: its path through the robot's cross-sections.
 
 ROUND_OFF_MM = 1e-9
 """Length that is round-off [mm]."""
@@ -155,16 +157,12 @@ class Tendon:
     travel: tuple[float | None, float | None] | None = quantity(
         "length", "Smallest and largest displacement.", default=(-math.inf, math.inf)
     )
-    interpolation: INTERPOLATION = "linear"
+    interpolation: Interpolation = "linear"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
         label, known = f"tendon '{self.name}'", list_quantities(Tendon)
-        legal = get_args(INTERPOLATION)
-        if not isinstance(self.interpolation, str) or self.interpolation not in legal:
-            raise InputError(
-                f"{label} interpolation is {self.interpolation!r}: choose one of {legal}"
-            )
+        check_word(f"{label} interpolation", self.interpolation, get_args(Interpolation))
         if not isinstance(self.pushes, bool):
             raise InputError(f"{label} pushes is {self.pushes!r}: it must be true or false")
         object.__setattr__(self, "travel", check_travel(label, self.travel))
@@ -298,7 +296,7 @@ def _check_span(name: str, knots: Knots, end: float) -> None:
         )
 
 
-DISCS = 10
+DEFAULT_DISCS = 10
 """Discs of a section whose discs are not given."""
 
 POISSON_RATIO = 0.3
@@ -371,7 +369,7 @@ class Section:
         for name, value in (
             ("torsional_stiffness", torsion),
             ("disc_positions", places),
-            ("discs", self.discs or len(places) or DISCS),
+            ("discs", self.discs or len(places) or DEFAULT_DISCS),
             ("tendons", check_items("section tendons", self.tendons, Tendon)),
             ("name", check_text("section name", self.name)),
         ):

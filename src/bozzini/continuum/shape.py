@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-MATCH = 1e-6
+STATION_TOLERANCE_MM = 1e-6
 """Distance at which a station counts as the place of a disc [mm]."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Shape(Result):
     """Shapes of a robot, one for each set of displacements. The base frame is the identity.
 
@@ -48,7 +48,7 @@ class Shape(Result):
     tensions : (..., t) ndarray
         Tension of each tendon [N]; t is 0 where the model knows no forces.
     slack : (..., t) ndarray of bool
-        Tendons that hang loose.
+        Tendons that are slack.
     residual : (...) ndarray
         How far the shape misses what was commanded, the largest over the tendons [mm].
     iterations : (...) ndarray of int
@@ -108,7 +108,7 @@ class Shape(Result):
                 raise InputError(f"shape's {name} has shape {array.shape}: it must be {words}")
         index = self._disc_index()
         off = np.abs(self.arc_length[index] - self.disc_arc_length)
-        if off.size and off.max() > MATCH:
+        if off.size and off.max() > STATION_TOLERANCE_MM:
             place = self.disc_arc_length[int(np.argmax(off))]
             raise InputError(f"shape's arc_length has no station at the disc at {place:g} mm")
 
@@ -137,7 +137,7 @@ class Shape(Result):
         """Points of each tendon at the stations it passes, each of shape (..., k_i, 3) [mm]."""
         lines = []
         for tendon, end in zip(self.robot.tendons, self.robot.tendon_ends, strict=True):
-            places = self.arc_length[self.arc_length <= end + MATCH]
+            places = self.arc_length[self.arc_length <= end + STATION_TOLERANCE_MM]
             frames = self.frames[..., : len(places), :3, :]
             path = tendon.path(np.minimum(places, end))
             across = frames[..., :2] @ path[..., None]
@@ -230,7 +230,7 @@ class Shape(Result):
         return axes
 
     def _disc_index(self) -> NDArray[np.int64]:
-        index = np.searchsorted(self.arc_length, self.disc_arc_length - MATCH)
+        index = np.searchsorted(self.arc_length, self.disc_arc_length - STATION_TOLERANCE_MM)
         return np.minimum(index, len(self.arc_length) - 1).astype(np.int64)
 
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_integer, check_number
+from ..checks import check_integer, check_number, check_word
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .arc import displacements_for, jacobian
-from .checks import FARTHEST, Floats, check_cell, check_places, check_values
+from .checks import MAX_COORDINATE_MM, Floats, check_cell, check_places, check_values
 from .coupling import find_limits, require_arcs
 from .inverse import solve_tip
 from .kernels.arc import fill_tip_jacobians
@@ -24,7 +24,7 @@ from .robot import RobotDesign
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FLAT = 1e-9
+FLAT_THICKNESS_RATIO = 1e-9
 """Thickness over width below which a set of points has no volume."""
 
 
@@ -116,19 +116,6 @@ class TendonTravel:
         """Length of travel of each tendon [mm]."""
         return self.high - self.low
 
-    @property
-    def exceeded(self) -> tuple[str, ...]:
-        """A sentence for each tendon that needs more than its drive allows."""
-        words = []
-        for index, name in enumerate(self.names):
-            low, high = self.allowed[index]
-            if self.low[index] < low or self.high[index] > high:
-                words.append(
-                    f"tendon '{name}' needs [{self.low[index]:.4g}, {self.high[index]:.4g}] mm: "
-                    f"its travel is [{low:g}, {high:g}] mm"
-                )
-        return tuple(words)
-
 
 def sample_workspace(
     robot: RobotDesign, count: int = 20_000, *, seed: int = 0, bend_cap: float = math.pi
@@ -210,7 +197,7 @@ def measure_volume(tips: ArrayLike, *, cell: float) -> WorkspaceVolume:
     points = check_places("tips", tips)
     if points.ndim != 2 or not len(points):
         raise InputError(f"tips has shape {points.shape}: it must be (n, 3), n at least 1")
-    edge = check_number("cell", cell, low=1e-6, high=FARTHEST, unit="mm")
+    edge = check_number("cell", cell, low=1e-6, high=MAX_COORDINATE_MM, unit="mm")
     _, counts = np.unique(np.floor(points / edge).astype(np.int64), axis=0, return_counts=True)
     return WorkspaceVolume(
         hull=_hull_volume(points),
@@ -257,7 +244,7 @@ def _hull_volume(points: Floats) -> float:
     from scipy.spatial import ConvexHull
 
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if len(points) < 4 or spread[2] <= FLAT * spread[0]:
+    if len(points) < 4 or spread[2] <= FLAT_THICKNESS_RATIO * spread[0]:
         return 0.0
     return float(ConvexHull(points).volume)
 
@@ -265,9 +252,12 @@ def _hull_volume(points: Floats) -> float:
 # How well a robot of arcs moves and turns its tip: manipulability, and directions at a place.
 
 
-PARTS = {"position": slice(0, 3), "rotation": slice(3, 6), "pose": slice(0, 6)}
+Part = Literal["position", "rotation", "pose"]
+"""Which motion of the tip."""
 
-SINGULAR = 1e-12
+PARTS: dict[Part, slice] = {"position": slice(0, 3), "rotation": slice(3, 6), "pose": slice(0, 6)}
+
+SINGULAR_VALUE_RATIO = 1e-12
 """Ratio of singular values that counts as 0."""
 
 
@@ -283,7 +273,7 @@ class Manipulability:
         Of the Jacobian, largest first: mm/rad for position, rad/rad for rotation.
     """
 
-    part: str
+    part: Part
     singular_values: Floats
 
     @property
@@ -298,7 +288,7 @@ class Manipulability:
     def condition(self) -> Floats:
         """Largest over smallest singular value, at least 1; infinite where singular."""
         most, least = self.singular_values[..., 0], self.singular_values[..., -1]
-        regular = least > SINGULAR * most
+        regular = least > SINGULAR_VALUE_RATIO * most
         return np.where(regular, most / np.where(regular, least, 1.0), math.inf)
 
 
@@ -386,7 +376,7 @@ def manipulability(
     robot: RobotDesign,
     bends: ArrayLike,
     *,
-    part: str = "position",
+    part: Part = "position",
     turn_length: float | None = None,
 ) -> Manipulability:
     """Return how the tip moves with the bends that the tendons control.
@@ -414,8 +404,7 @@ def manipulability(
     GeometryError
         If the tendons are not parallel.
     """
-    if part not in PARTS:
-        raise InputError(f"part is {part!r}: choose one of {tuple(PARTS)}")
+    check_word("part", part, PARTS)
     scale = check_number(
         "turn_length",
         robot.length / math.pi if turn_length is None else turn_length,
@@ -427,7 +416,7 @@ def manipulability(
 
 
 def _measure(
-    robot: RobotDesign, jacobians: Floats, part: str, turn_length: float
+    robot: RobotDesign, jacobians: Floats, part: Part, turn_length: float
 ) -> Manipulability:
     rows = jacobians[..., PARTS[part], :] @ find_limits(robot).basis.T
     if part == "pose":
@@ -480,7 +469,7 @@ def measure_dexterity(
     ways = spread_directions(directions)
     reached = np.zeros(directions, dtype=bool)
     for index, way in enumerate(ways):
-        reached[index] = solve_tip(robot, target, direction=way, starts=starts).success
+        reached[index] = solve_tip(robot, target, direction=way, starts=starts).converged
         progress("directions", (index + 1) / directions)
     return Dexterity(place=target, directions=ways, reached=reached)
 
@@ -488,7 +477,7 @@ def measure_dexterity(
 def map_dexterity(
     sample: WorkspaceSample, *, cell: float, directions: int = 100, half_plane: bool = False
 ) -> DexterityMap:
-    """Sort a sample's tips into cells, and say how freely they look and move there.
+    """Sort a sample's tips into cells, and measure how freely they look and move there.
 
     Parameters
     ----------
@@ -561,10 +550,10 @@ def _turn_to_half_plane(tips: Floats, tangents: Floats) -> tuple[Floats, Floats]
     return turned, np.stack([along, aside, tangents[:, 2]], axis=-1)
 
 
-CELLS = 30.0
+CELLS_ALONG_ROBOT = 30.0
 """Cells along the robot's length, where no size is asked for."""
 
-COVERED = 0.9
+ENOUGH_COVERAGE = 0.9
 """Coverage from which a sample is large enough for its cells."""
 
 
@@ -592,7 +581,7 @@ class ContinuumWorkspace(Result):
     @property
     def converged(self) -> bool:
         """Whether the sample is large enough for its cells: its coverage is 0.9 or more."""
-        return self.volume.coverage >= COVERED
+        return self.volume.coverage >= ENOUGH_COVERAGE
 
     @property
     def reason(self) -> str:
@@ -610,6 +599,9 @@ class ContinuumWorkspace(Result):
         travel, volume = self.travel, self.volume
         plain = to_plain(
             {
+                "converged": self.converged,
+                "reason": self.reason,
+                "residual": self.residual,
                 "reach_mm": volume.reach,
                 "hull_mm3": volume.hull,
                 "occupied_mm3": volume.occupied,
@@ -670,7 +662,7 @@ def measure_workspace(
     InputError
         If a number is outside its range.
     """
-    edge = sample.robot.length / CELLS if cell is None else cell
+    edge = sample.robot.length / CELLS_ALONG_ROBOT if cell is None else cell
     dexterity = map_dexterity(sample, cell=edge, directions=directions, half_plane=half_plane)
     return ContinuumWorkspace(
         sample=sample,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from .base import Duct, Eroded, PackedDuct, PlanarField, SampledField, Shape
+from .base import Duct, DuctShape, Eroded, PackedDuct, PlanarField, SampledField
 from .centreline import Centreline, find_centreline
 from .compose import Moved, Union, Without, union, without
 from .field import RefinedField, build_field, field_from_mask, field_from_mesh, refine_field
 from .fitting.fit import FittedDuct, ShapeFitOptions, fit
 from .shape_files import load_shapes as load
 from .shape_files import save_shapes as save
-from .shapes import SHAPES
+from .shapes import DUCT_SHAPES
 from .shapes.cones import Circles, RoundCones
 from .shapes.curves import BetweenCurves
 from .shapes.cylinders import ConnectedCylinders
@@ -20,7 +20,7 @@ from .shapes.quads import Polygon, StitchedQuads
 from .shapes.super_ellipses import SuperEllipses, SuperEllipsoids
 
 __all__ = [
-    "SHAPES",
+    "DUCT_SHAPES",
     "BetweenCurves",
     "Centreline",
     "Circles",
@@ -38,7 +38,7 @@ __all__ = [
     "RefinedField",
     "RoundCones",
     "SampledField",
-    "Shape",
+    "DuctShape",
     "StitchedQuads",
     "SuperEllipses",
     "SuperEllipsoids",

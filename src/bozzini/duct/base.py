@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number
+from ..checks import check_array, check_fields, check_number
 from ..errors import GeometryError, InputError
 from ..results import take_axes
 from .checks import check_places, check_rotation, check_wall, set_fields
@@ -36,6 +37,9 @@ NODES_MAX = 400_000_000
 NODES_WANTED = 4_000_000
 """A sampled grid has about this many nodes where no spacing is given."""
 
+ROUND_OFF_SLOPE, ROUND_OFF_DISTANCE_MM = 1e-6, 1e-6
+"""By how much a distance may be steeper than 1, and wrong [mm], by round-off."""
+
 MARGIN_NODES = 2.0
 """How far a sampled grid reaches beyond the duct."""
 
@@ -46,10 +50,10 @@ PLOT_CELLS = 160, 72
 class Duct(ABC):
     """A lumen, as planners see it: a signed distance to its wall, negative inside [mm].
 
-    A shape of one's own derives from this class, or from `Shape`, as a frozen dataclass, and brings
-    `bounds` and `signed_distance`. All else follows, and a shape that knows better overrides it:
-    the clearance bound from the distance, the gradient by differences, and what compiled kernels
-    see from a sampled field, whose error is stated. With kernels of its own it derives from
+    A shape of one's own derives from this class, or from `DuctShape`, as a frozen dataclass, and
+    brings `bounds` and `signed_distance`. All else follows, and a shape that knows better overrides
+    it: the clearance bound from the distance, the gradient by differences, and what compiled
+    kernels see from a sampled field, whose error is stated. With kernels of its own it derives from
     `PackedDuct` too. A class-level `name` is its name in files.
 
     The signed distance changes by at most 1 mm per mm (1-Lipschitz), the interpolant of a sampled
@@ -62,6 +66,12 @@ class Duct(ABC):
     """What a file holds of each piece: the field that it is from, and in which form.
 
     Without columns a file holds all fields of the dataclass, as one piece.
+    """
+
+    unit_kinds: ClassVar[dict[str, str | tuple[str, ...]]] = {}
+    """Fields of several numbers whose text may have units in a file, and of which kind each is.
+
+    A tuple has one kind for each number of a row. Fields made by `quantity` state theirs.
     """
 
     joined: ClassVar[bool] = False
@@ -195,6 +205,9 @@ class Duct(ABC):
         ------
         InputError
             If `voxel` is not positive, or the grid would have more than 400 million nodes.
+        GeometryError
+            If the signed distance is none: it is not finite, of another shape than the points,
+            steeper than 1 between nodes, or negative outside `bounds`.
 
         Notes
         -----
@@ -210,10 +223,14 @@ class Duct(ABC):
         axes = [low[k] + spacing * np.arange(counts[k]) for k in range(dim)]
         values = np.empty(tuple(counts), dtype=np.float32)
         sheet = np.stack(np.meshgrid(*axes[1:], indexing="ij"), axis=-1)
+        before = None
         for index, x in enumerate(axes[0]):
             points = np.concatenate([np.full((*sheet.shape[:-1], 1), x), sheet], axis=-1)
+            distance = np.asarray(self.signed_distance(points))
+            self._check_distance(points, distance, before, spacing)
+            before = distance
             # The field takes its inflation off again.
-            values[index] = self.signed_distance(points) + (self.error + self.inflation)
+            values[index] = distance + (self.error + self.inflation)
         # An interpolant is not exact; at its nodes only it may be.
         known_outside = self.kind != "sampled" and self.exact_outside
         sampled = SampledField(
@@ -251,6 +268,52 @@ class Duct(ABC):
         ax.contour(axes[right], axes[up], clearance.T, levels=[0.0], colors="black", linewidths=1.0)
         ax.figure.colorbar(picture, ax=ax, label="clearance [mm]")
         return ax
+
+    def _check_distance(
+        self, points: Floats, distance: Floats, before: Floats | None, voxel: float
+    ) -> None:
+        """Raise `GeometryError` unless the values on a sheet of nodes are a signed distance.
+
+        `before` has the values on the sheet before. Between neighbours in all directions of the
+        grid, diagonals too, a distance changes by no more than they are apart.
+        """
+        what = f"the signed distance of a {type(self).__name__}"
+        if distance.shape != points.shape[:-1]:
+            raise GeometryError(
+                f"{what} has shape {distance.shape} at points of shape {points.shape}: it must be "
+                f"{points.shape[:-1]}"
+            )
+
+        def refuse(wrong: NDArray[np.bool_], found: str, legal: str) -> None:
+            if wrong.any():
+                index = int(np.argmax(wrong))
+                place = ", ".join(f"{x:.4g}" for x in points.reshape(-1, self.dim)[index])
+                value = float(distance.flat[index])
+                raise GeometryError(f"{what} {found.format(value)} at ({place}) mm: {legal}")
+
+        refuse(~np.isfinite(distance), "is {}", "it must be finite")
+        if self.kind != "sampled":  # its wall may be moved beyond the grid
+            low, high = self.bounds
+            inside = distance < -self.error - ROUND_OFF_DISTANCE_MM
+            inside[inside] = ((points[inside] < low) | (points[inside] > high)).any(axis=-1)
+            refuse(inside, "is {:g} mm", "bounds must be a box that holds the whole duct")
+        pairs = [(distance, shift) for shift in _list_shifts(self.dim - 1, half=True)]
+        if before is not None:
+            pairs += [(before, shift) for shift in _list_shifts(self.dim - 1)]
+        for other, shift in pairs:
+            apart = voxel * math.sqrt(sum(map(abs, shift)) + (other is before))
+            here = tuple(slice(max(-n, 0), -n if n > 0 else None) for n in shift)
+            there = tuple(slice(max(n, 0), n if n < 0 else None) for n in shift)
+            rise = distance[here] - other[there]
+            most = apart * self._lipschitz * (1.0 + ROUND_OFF_SLOPE) + ROUND_OFF_DISTANCE_MM
+            if max(rise.max(), -rise.min()) > most:
+                steep = np.zeros(distance.shape, dtype=np.bool_)
+                steep[here] = np.abs(rise) > most
+                refuse(
+                    steep,
+                    f"changes by more than {most:.3g} mm within {apart:.3g} mm, to {{:g}} mm",
+                    f"it must change by at most {self._lipschitz:.3g} mm per mm",
+                )
 
     def _lay_grid(self, voxel: float) -> tuple[Floats, NDArray[np.int64]]:
         """Return the first node of a grid around the duct, and how many there are per axis."""
@@ -294,9 +357,10 @@ def check_duct(name: str, duct: object) -> None:
         raise InputError(f"{name} is a {type(duct).__name__}: it must be a duct")
 
 
-def count_dimensions(duct: Duct) -> int:
-    """Return 3, or 2 for a planar duct."""
-    return duct.dim
+def _list_shifts(dim: int, *, half: bool = False) -> list[tuple[int, ...]]:
+    """Return the steps to neighbours in a sheet, or of each pair of opposite ones one."""
+    shifts = list(itertools.product((-1, 0, 1), repeat=dim))
+    return shifts[len(shifts) // 2 + 1 :] if half else shifts
 
 
 def _list_fields(duct: Duct) -> set[str]:
@@ -304,7 +368,7 @@ def _list_fields(duct: Duct) -> set[str]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shape(Duct):
+class DuctShape(Duct):
     """A duct that is given by numbers of its own, and not by other ducts.
 
     Parameters
@@ -321,6 +385,14 @@ class Shape(Duct):
     inflation: float = 0.0
     wall: str = ""
     wall_error: float | None = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the inflation, the wall error, and the fields made by `quantity`.
+
+        A class that checks more calls this too.
+        """
+        check_wall(self.inflation, self.wall_error)
+        check_fields(self)
 
 
 class PackedDuct(Duct):

@@ -481,7 +481,7 @@ def _lay_on_voxels(wall: VoxelWall, voxel: float | None, pad: float) -> Grid:
     """Return node 0, spacing and counts of the grid for a wall of voxels."""
     voxels = wall.spacing
     size = np.array(wall.lumen.shape) * voxels
-    spacing = _divide(voxels, size + 2 * pad) if voxel is None else np.full(3, float(voxel))
+    spacing = divide_voxels(voxels, size + 2 * pad) if voxel is None else np.full(3, float(voxel))
     parts = voxels / spacing
     if np.allclose(parts, np.rint(parts)):  # then nodes lie on the centres of the voxels
         start = -spacing * np.ceil((pad + 0.5 * voxels) / spacing)
@@ -540,7 +540,7 @@ def _measure(
     return values
 
 
-def _divide(spacing: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
+def divide_voxels(spacing: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
     """Divide voxels into nodes at most `NODE_SPACING` apart, as far as the grid may grow."""
     # The 1 % is for voxel sizes rounded in the header.
     parts = np.maximum(1.0, np.ceil(spacing / NODE_SPACING - 0.01))

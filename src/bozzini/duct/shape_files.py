@@ -14,13 +14,14 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
-from ..checks import Quantity, quantity, show_value
-from ..errors import FileFormatError, InputError
+from ..checks import Quantity, check_word, list_quantities, quantity
+from ..errors import FileFormatError, InputError, PluginError
 from ..io.files import check_new_file, write_text
 from ..io.records import format_yaml, load_data, read_record
 from ..results import Json
+from ..units import INTERNAL_UNITS, parse_quantity
 from .base import Duct, Form
-from .shapes import SHAPES
+from .shapes import DUCT_SHAPES
 
 VERSION = 1
 """Version of the file format that is written."""
@@ -57,7 +58,7 @@ class ShapesFile:
     Parameters
     ----------
     shapes : Duct
-        Of a class in `SHAPES`.
+        Of a class in `DUCT_SHAPES`.
     fit : str
         How they were fitted to a tract, one of `FITS`; empty if they were not, or that is not
         known. What is proved to pass shapes that are inscribed passes the tract, but for their
@@ -86,7 +87,7 @@ def save_shapes(
     Parameters
     ----------
     duct : Duct
-        Of a class in `SHAPES`.
+        Of a class in `DUCT_SHAPES`.
     path : path-like
         Ends in ``.json``, ``.yaml`` or ``.yml``.
     fit : str
@@ -158,8 +159,8 @@ def write_shapes(duct: Duct, *, fit: str = "", note: str = "") -> Json:
     """
     _check_fit(fit)
     kind = str(getattr(duct, "name", ""))
-    if kind not in SHAPES or SHAPES[kind] is not type(duct):
-        raise InputError(f"a {type(duct).__name__} has no file form: {', '.join(SHAPES)} have")
+    if kind not in DUCT_SHAPES or DUCT_SHAPES[kind] is not type(duct):
+        raise InputError(f"a {type(duct).__name__} has no file form: {', '.join(DUCT_SHAPES)} have")
     data: Json = {"format": FORMAT, "version": VERSION, "kind": kind, "units": "mm"}
     stated = {name for name in OPTIONS if name in _list_fields(type(duct))}
     data |= {key: _to_plain(getattr(duct, key)) for key in OPTIONS if key in stated}
@@ -194,16 +195,13 @@ def read_shapes(data: object) -> Duct:
 
 def _read_file(data: object) -> ShapesFile:
     record = read_record(data, _Record, name="the file")
-    if record.kind not in SHAPES:
-        raise InputError(
-            f"kind is {show_value(record.kind)}: it must be one of {', '.join(SHAPES)}"
-        )
+    check_word("kind", record.kind, DUCT_SHAPES)
     _check_fit(record.fit)
     if not record.shapes:
         raise InputError("shapes is []: it must be a list of 1 or more")
     given = cast(Json, data)
     options = {name: getattr(record, name) for name in OPTIONS if name in given}
-    shapes = _build(SHAPES[record.kind], given["shapes"], options)
+    shapes = _build(DUCT_SHAPES[record.kind], given["shapes"], options)
     return ShapesFile(shapes=shapes, fit=record.fit, note=record.note)
 
 
@@ -217,7 +215,11 @@ def _build(kind: type[Duct], items: Sequence[Json], options: Json) -> Duct:
     if not kind.columns:
         if len(items) != 1:
             raise InputError(f"shapes has {len(items)} items: a {kind.__name__} has 1")
-        given = {key: value for key, value in vars(pieces[0]).items() if key in items[0]}
+        given = {
+            key: _read_units(value, _find_kind(kind, key), f"shapes[0].{key}")
+            for key, value in vars(pieces[0]).items()
+            if key in items[0]
+        }
     for key, (name, form) in kind.columns.items():
         table = np.array([getattr(piece, key) for piece in pieces])
         given[name] = np.swapaxes(table, 1, 2) if form == "axes" else table
@@ -225,7 +227,7 @@ def _build(kind: type[Duct], items: Sequence[Json], options: Json) -> Duct:
         return kind(**given, **options)
     except InputError as error:
         raise type(error)(_name_field(kind, str(error))) from None
-    except (TypeError, ValueError) as error:  # a class of another package need not check
+    except (PluginError, TypeError, ValueError) as error:  # another package's need not check
         raise InputError(f"shapes cannot be made a {kind.__name__}: {error}") from None
 
 
@@ -240,6 +242,32 @@ def _make_pieces(kind: type[Duct]) -> Any:
         columns = [(i.name, Any) if _is_needed(i) else (i.name, Any, None) for i in own]
     piece = make_dataclass("Piece", columns, kw_only=True)
     return make_dataclass("Pieces", [("shapes", tuple[piece, ...])])  # type: ignore[valid-type]
+
+
+def _find_kind(kind: type[Duct], name: str) -> str | tuple[str, ...]:
+    """Return of which kind a field's numbers are, empty where text has no unit."""
+    known = list_quantities(kind).get(name)
+    return kind.unit_kinds.get(name, "") if known is None else known.kind
+
+
+def _read_units(value: object, kind: str | tuple[str, ...], where: str) -> object:
+    """Return numbers, nested as they are, with text such as "10 mm" as the number it stands for."""
+    if isinstance(value, (list, tuple)):
+        row = isinstance(kind, tuple) and len(value) == len(kind) and _is_flat(value)
+        return [
+            _read_units(item, kind[k] if row else kind, f"{where}[{k}]")
+            for k, item in enumerate(value)
+        ]
+    if not isinstance(value, str) or kind not in INTERNAL_UNITS:
+        return value
+    try:
+        return parse_quantity(value, str(kind))
+    except InputError as error:
+        raise type(error)(f"{where}: {error}") from None
+
+
+def _is_flat(values: Sequence[object]) -> bool:
+    return not any(isinstance(item, (list, tuple)) for item in values)
 
 
 def _find_type(form: Form, dim: int) -> Any:
@@ -282,8 +310,8 @@ def _name_field(kind: type[Duct], message: str) -> str:
 
 
 def _check_fit(fit: str) -> None:
-    if fit not in ("", *FITS):
-        raise InputError(f"fit is {show_value(fit)}: it must be one of {', '.join(FITS)}")
+    if fit:
+        check_word("fit", fit, FITS)
 
 
 def _format_json(data: Json) -> str:

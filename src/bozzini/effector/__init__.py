@@ -34,8 +34,8 @@ from .linkage import (
     lateral_slope,
     place_curve,
 )
+from .model import EffectorModel
 from .pose import POSE_METHODS, EffectorPose, find_resultant, pose
-from .section import Section
 from .steering import (
     CubicFit,
     Stick,
@@ -85,7 +85,7 @@ __all__ = [
     "PlacedMuscle",
     "ProjectedInverse",
     "Reach",
-    "Section",
+    "EffectorModel",
     "Sectors",
     "Stick",
     "Sweep",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..checks import (
     check_fields,
     check_number,
+    choose,
     describe_fields,
     list_quantities,
     quantity,
@@ -21,11 +22,12 @@ from ..checks import (
 from ..errors import GeometryError, InputError
 from ..muscle import Muscle
 from ..muscle import preset as muscle_preset
+from ..results import Json
 
 BEAM_FACTORS = (2.0, 3.0)
 """``k`` of the tip's deflection ``M L**2 / (k EI)`` under an end moment: derived, as printed."""
 
-_SAME_ANGLE = 1e-9
+_SAME_ANGLE_RAD = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +194,7 @@ class EffectorDesign:
             for other in muscles[:i]:
                 if other.name == placed.name:
                     raise InputError(f"two muscles are called '{placed.name}': names must differ")
-                if abs(math.remainder(placed.angle - other.angle, math.tau)) <= _SAME_ANGLE:
+                if abs(math.remainder(placed.angle - other.angle, math.tau)) <= _SAME_ANGLE_RAD:
                     raise InputError(
                         f"muscles {other.name} and {placed.name} are both at {placed.angle:g} rad "
                         f"({math.degrees(placed.angle):g} deg): angles must differ"
@@ -232,9 +234,7 @@ class EffectorDesign:
         InputError
             If there is no such muscle.
         """
-        if name not in self.names:
-            raise InputError(f"there is no muscle '{name}': choose one of {list(self.names)}")
-        return self.names.index(name)
+        return choose("muscle", name, {known: k for k, known in enumerate(self.names)})
 
     def replace(self, **changes: Any) -> EffectorDesign:
         """Return this design with some fields changed.
@@ -250,7 +250,7 @@ class EffectorDesign:
                 raise InputError(f"an effector has no field '{name}': its fields are {names}")
         return dataclasses.replace(self, **changes)
 
-    def describe(self) -> dict[str, object]:
+    def to_dict(self) -> Json:
         """Return the design as plain values, with units in the names."""
         fields = {k: v for k, v in describe_fields(self).items() if "diameter" not in k}
         return {
@@ -328,7 +328,4 @@ def effector_preset(name: str, **overrides: object) -> EffectorDesign:
     InputError
         If there is no such preset, or a field or its value is not legal.
     """
-    if name not in EFFECTOR_PRESETS:
-        known = sorted(EFFECTOR_PRESETS)
-        raise InputError(f"there is no effector preset '{name}': choose one of {known}")
-    return EFFECTOR_PRESETS[name].replace(**overrides)
+    return choose("effector preset", name, EFFECTOR_PRESETS).replace(**overrides)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from .inverse import EffectorInverse, solve_inverse
+from .model import EffectorModel
 from .pose import EffectorPose, PoseMethod, pose
-from .section import Section
 from .workspace import Workspace, workspace
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Effector(Section):
+class Effector(EffectorModel):
     """An end-effector: a design and a model of its muscles, with forward and inverse kinematics.
 
     Parameters
@@ -31,7 +31,7 @@ class Effector(Section):
     Raises
     ------
     InputError
-        As `Section` does.
+        As `EffectorModel` does.
     """
 
     def forward(

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number
+from ..checks import check_number, check_word
 from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.roots import MAX_ITERATIONS, polish
-from ..results import Result, measured, take_axes
+from ..results import Json, Result, measured, take_axes
 from .kernels import balance as kernels
 from .linkage import describe_end, lateral_deflection
-from .section import Section
+from .model import EffectorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ class Settled:
         )
 
 
-def settle_muscles(effector: Section, pressures: Floats) -> Settled:
+def settle_muscles(effector: EffectorModel, pressures: Floats) -> Settled:
     """Return the equilibria of each muscle alone, at pressures (k, m) [MPa]."""
     packed = effector.packed
     out = np.empty((3, *pressures.shape))
@@ -77,7 +77,9 @@ def settle_muscles(effector: Section, pressures: Floats) -> Settled:
     return Settled(out[0], out[1], out[2], iterations, codes)
 
 
-def describe(effector: Section, code: int, contraction: float, residual: float) -> str:
+def explain_equilibrium(
+    effector: EffectorModel, code: int, contraction: float, residual: float
+) -> str:
     """Return why an equilibrium is none, or "" if it is one."""
     peak = effector.packed.peak
     if code == kernels.SATURATED:
@@ -89,8 +91,16 @@ def describe(effector: Section, code: int, contraction: float, residual: float) 
     return ""
 
 
+def list_muscles(names: tuple[str, ...], **columns: NDArray[np.generic]) -> Json:
+    """Return what is known of each muscle (..., m) as plain values, by the muscles' names."""
+    return {
+        name: {key: values[..., k].tolist() for key, values in columns.items()}
+        for k, name in enumerate(names)
+    }
+
+
 def _settle_model(
-    effector: Section, model: MuscleModel, pressures: Floats
+    effector: EffectorModel, model: MuscleModel, pressures: Floats
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
     """The same for any model, by roots of its `force` less the load of the linkage."""
     packed = effector.packed
@@ -184,6 +194,11 @@ class Balance(Result):
     reason: NDArray[np.str_]
     table: Floats
 
+    def list_steps(self) -> list[dict[str, float]]:
+        """Return `table` of a single pressure as rows, units in the names."""
+        names = ("force_N", "contraction_mm", "lateral_mm", "next_force_N")
+        return [dict(zip(names, row, strict=True)) for row in self.table.tolist()]
+
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each pressure."""
         return self.list_measured()
@@ -196,7 +211,7 @@ class Balance(Result):
 
 
 def balance(
-    effector: Section,
+    effector: EffectorModel,
     name: str,
     pressure: ArrayLike,
     *,
@@ -210,8 +225,8 @@ def balance(
 
     - ``"root"`` solves that in a bracket, and always ends.
     - ``"fixed-point"`` is the thesis's iteration: contraction without load, deflection, the load
-      that it needs, contraction under that load, and so on. It ends where the root is if the muscle
-      is stiff enough, ``d lateral / d x < c * model.stiffness``, and otherwise does not converge. A
+      that it needs, contraction under that load, and so on. It converges to the root if the
+      muscle is stiff enough, ``d lateral / d x < c * model.stiffness``, and otherwise does not. A
       step may put more on the muscle than its model can hold, which is an `InputError`.
 
     With ``ThesisMuscle(preset("effector-45"), load_path="bulk")`` and the prototype, Tables 4.1,
@@ -243,8 +258,7 @@ def balance(
         If a step of the fixed point asks for a contraction at which a segment cannot close.
     """
     place = effector.design.index(name)
-    if method not in BALANCE_METHODS:
-        raise InputError(f"method is '{method}': it must be one of {list(BALANCE_METHODS)}")
+    check_word("method", method, BALANCE_METHODS)
     pressures = effector.take_pressures({name: pressure})[..., place]
     tolerance = check_number("tolerance", tolerance, low=0.0, high=1e3, low_open=True, unit="mm")
     if method == "fixed-point":
@@ -255,7 +269,7 @@ def balance(
     settled = settle_muscles(effector, cases).select(place, shape)
     codes = settled.code
     reasons = [
-        describe(effector, int(code), float(x), float(left))
+        explain_equilibrium(effector, int(code), float(x), float(left))
         for code, x, left in zip(
             codes.flat, settled.contraction.flat, settled.residual.flat, strict=True
         )
@@ -276,7 +290,7 @@ def balance(
     )
 
 
-def _iterate(effector: Section, place: int, pressures: Floats, tolerance: float) -> Balance:
+def _iterate(effector: EffectorModel, place: int, pressures: Floats, tolerance: float) -> Balance:
     """Solve by the thesis's fixed point."""
     name, model = effector.design.names[place], effector.models[place]
     packed = effector.packed

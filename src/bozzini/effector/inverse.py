@@ -10,24 +10,24 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_points, check_range
+from ..checks import check_array, check_axes, check_number, check_points, check_range
 from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.roots import polish
-from ..results import Result, list_coordinates, measured, take_axes
+from ..results import Json, Result, list_coordinates, measured, take_axes
 from .design import EffectorDesign
-from .equilibrium import settle_muscles
+from .equilibrium import list_muscles, settle_muscles
 from .kernels import inverse as kernels
 from .kernels.balance import SATURATED
 from .linkage import describe_end, lateral_slope
-from .section import PackedEffector, Section
+from .model import EffectorModel, PackedEffector
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
 
-HALF_TURN = math.pi - 1e-9
+UNCOVERED_GAP_RAD = math.pi - 1e-9
 """Gap from which two muscles no longer cover the directions between them [rad]."""
 
 
@@ -80,7 +80,7 @@ def find_sectors(design: EffectorDesign) -> Sectors:
         order=order,
         angles=angles,
         gaps=gaps,
-        covered=gaps < HALF_TURN,
+        covered=gaps < UNCOVERED_GAP_RAD,
         cosines=np.cos(angles),
         sines=np.sin(angles),
     )
@@ -180,8 +180,7 @@ def take_place(name: str, place: ArrayLike) -> Floats:
 
 def _take_places(name: str, places: ArrayLike) -> Floats:
     targets = check_points(name, check_array(name, places), dim=2)
-    for axis, values in zip("xy", np.moveaxis(targets, -1, 0), strict=True):
-        check_range(f"{name} {axis}", values, -TARGET_LIMIT_MM, TARGET_LIMIT_MM, "mm")
+    check_axes(name, targets, -TARGET_LIMIT_MM, TARGET_LIMIT_MM, "mm")
     return targets
 
 
@@ -267,7 +266,7 @@ class Reach:
 _KNOWN: WeakKeyDictionary[PackedEffector, Reach] = WeakKeyDictionary()
 
 
-def find_reach(effector: Section) -> Reach:
+def find_reach(effector: EffectorModel) -> Reach:
     """Return how far each muscle alone takes the tip; computed once for an effector.
 
     It is what it does at the pressure limit, which is the most as long as more pressure contracts
@@ -334,7 +333,7 @@ def _measure(model: MuscleModel, pressure: Floats, contraction: Floats, force: F
     return miss
 
 
-TOLERANCE = 1e-6
+MISS_TOLERANCE_MM = 1e-6
 """Miss up to which a pressure counts as converged [mm]; a linkage that ends is that steep."""
 
 
@@ -353,8 +352,9 @@ class EffectorInverse(ProjectedInverse, Result):
     residual : (...) float
         By how much a muscle's equations miss its displacement, the largest, to first order [mm].
         Of cubics: how far `delivered` is from what was asked of the muscles.
-    converged : (...) bool
-        Whether `residual` is at most 1e-6 mm; of cubics, whether that of the exact inverse is.
+    settled : (...) bool
+        Whether the equations were solved, for the target or for what is given in its place:
+        `residual` is at most 1e-6 mm; of cubics, that of the exact inverse is.
     iterations : (...) int
         Steps of all solvers together.
     reach : Reach
@@ -367,14 +367,19 @@ class EffectorInverse(ProjectedInverse, Result):
     contraction: Floats = measured("mm")
     force: Floats = measured("N")
     residual: Floats = measured("mm")
-    converged: NDArray[np.bool_]
+    settled: NDArray[np.bool_]
     iterations: NDArray[np.int64]
     reach: Reach
     pressure_map: Literal["exact", "cubic"] = "exact"
 
     @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Whether the target is met: it is in reach, and `residual` is at most 1e-6 mm."""
+        return self.reachable & self.settled & (self.residual <= MISS_TOLERANCE_MM)
+
+    @property
     def reason(self) -> NDArray[np.str_]:
-        """Why a target is not reached, one sentence each; empty where it is reached."""
+        """Why a target is not met, and by how much, one sentence each; empty where `converged`."""
         lines = [self._explain(index) for index in range(self.code.size)]
         return np.array(lines, dtype=np.str_).reshape(self.code.shape)
 
@@ -382,10 +387,11 @@ class EffectorInverse(ProjectedInverse, Result):
         code = int(self.code.flat[index])
         x, y = self.target.reshape(-1, 2)[index]
         residual = float(self.residual.flat[index])
-        if not self.converged.flat[index]:
+        if not self.settled.flat[index]:
             return f"not converged: a displacement is missed by {residual:.3g} mm"
         if code == kernels.REACHED:
-            return ""
+            missed = residual > MISS_TOLERANCE_MM
+            return f"the cubics miss the target by {residual:.3g} mm" if missed else ""
         known = self.reach
         size = math.hypot(x, y)
         goes = f"the target is {size:.4g} mm away, {self.share.flat[index] * size:.4g} mm are given"
@@ -408,6 +414,17 @@ class EffectorInverse(ProjectedInverse, Result):
             most = f"the backbone's largest deflection, {known.peak_reason}"
         return f"muscle {who} is at {most}: {goes}"
 
+    def to_dict(self) -> Json:
+        """Return the inverse as plain values, units in the names, ``muscles`` by theirs."""
+        muscles = list_muscles(
+            self.reach.names,
+            pressure_MPa=self.pressures,
+            displacement_mm=self.displacements,
+            contraction_mm=self.contraction,
+            force_N=self.force,
+        )
+        return super().to_dict() | {"muscles": muscles}
+
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each target."""
         columns = list_coordinates("target", self.target)
@@ -425,7 +442,7 @@ class EffectorInverse(ProjectedInverse, Result):
         return axes
 
 
-def solve_inverse(effector: Section, target: ArrayLike) -> EffectorInverse:
+def solve_inverse(effector: EffectorModel, target: ArrayLike) -> EffectorInverse:
     """Return the pressures that bring the backbone's end to lateral targets.
 
     The inverse of `pose` by superposition, exact and by roots in one unknown each: (4.13) gives the
@@ -464,14 +481,14 @@ def solve_inverse(effector: Section, target: ArrayLike) -> EffectorInverse:
         contraction=contractions.reshape(*shape, count),
         force=found.displacements / effector.packed.compliance,
         residual=residual,
-        converged=np.asarray(residual <= TOLERANCE),
+        settled=np.asarray(residual <= MISS_TOLERANCE_MM),
         iterations=iterations.reshape(shape),
         reach=known,
     )
 
 
 def solve_displacements(
-    effector: Section, displacements: Floats, *, limit: float
+    effector: EffectorModel, displacements: Floats, *, limit: float
 ) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
     """Return contractions, pressures (n, m), residuals and iterations (n,) of displacements (n, m).
 
@@ -510,7 +527,7 @@ def solve_displacements(
 
 
 def _find_miss(
-    effector: Section, index: int, contractions: Floats, pressures: Floats, left_over: Floats
+    effector: EffectorModel, index: int, contractions: Floats, pressures: Floats, left_over: Floats
 ) -> Floats:
     """What `kernels.measure_left_over` is, of any model that leaves over a pull [N]."""
     packed = effector.packed

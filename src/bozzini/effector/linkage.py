@@ -90,7 +90,7 @@ def bend(design: EffectorDesign, contraction: ArrayLike) -> LinkageBend:
     offset ``a``; all closes at any contraction if ``a >= (l + m)/2``.
 
     Small contractions are this model's weak side: the deflection grows with the square of the
-    contraction, where a section of constant curvature grows in proportion (0.65 against 5.6 mm at
+    contraction, where a section of constant curvature grows in proportion (0.64 against 5.6 mm at
     1 mm of the prototype). Do not trust it below about 2 mm.
 
     Parameters

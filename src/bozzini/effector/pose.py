@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_points
+from ..checks import check_array, check_points, check_word
 from ..errors import GeometryError, InputError
-from ..results import Result, list_coordinates, measured, take_axes
-from .equilibrium import Settled, describe, settle_muscles
+from ..results import Json, Result, list_coordinates, measured, take_axes
+from .equilibrium import Settled, explain_equilibrium, list_muscles, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
 from .linkage import describe_end, refuse_open
-from .section import Section
+from .model import EffectorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +59,7 @@ def find_resultant(angles: ArrayLike, forces: ArrayLike) -> Floats:
     return np.asarray(pulls @ units / np.where(total > 0.0, total, 1.0))
 
 
-def take_order(effector: Section, order: Sequence[str] | None) -> NDArray[np.int64]:
+def take_order(effector: EffectorModel, order: Sequence[str] | None) -> NDArray[np.int64]:
     """Return the places of the muscles in the order of pressing; the ones not named come after."""
     if order is not None and not isinstance(order, Sequence):
         raise InputError(f"order is {order!r:.60}: it must be a sequence of names")
@@ -71,7 +71,7 @@ def take_order(effector: Section, order: Sequence[str] | None) -> NDArray[np.int
 
 
 def combine_bends(
-    effector: Section, contractions: Floats, forces: Floats, order: NDArray[np.int64]
+    effector: EffectorModel, contractions: Floats, forces: Floats, order: NDArray[np.int64]
 ) -> Floats:
     """Return backbones (k, n + 1, 3) [mm] by the thesis's steps 1 to 8, node by node.
 
@@ -154,10 +154,10 @@ class EffectorPose(Result):
     saturated : (...) ndarray of bool
         Whether a muscle alone, or all together, ask for more than the largest deflection. The pose
         is the one of largest deflection then.
-    converged : (...) ndarray of bool
+    settled : (...) ndarray of bool
         Whether every muscle's equilibrium was found.
     reason : (...) ndarray of str
-        What is wrong where it is saturated or not converged; empty elsewhere.
+        What is wrong where it has not converged; empty elsewhere.
     length_error : (...) ndarray
         Length of the backbone's pieces together less the design's [mm]: 0 by superposition; what
         the thesis's steps lose or add.
@@ -177,14 +177,30 @@ class EffectorPose(Result):
     direction: Floats
     backbone: Floats = measured("mm")
     saturated: NDArray[np.bool_]
-    converged: NDArray[np.bool_]
+    settled: NDArray[np.bool_]
     reason: NDArray[np.str_]
     length_error: Floats = measured("mm")
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Whether the section deflects as the pulls ask for: `settled`, and not `saturated`."""
+        return self.settled & ~self.saturated
 
     @property
     def residual(self) -> Floats:
         """By how much the deflection falls short of what the pulls ask for [mm]."""
         return np.asarray(self.demanded_lateral - self.lateral)
+
+    def to_dict(self) -> Json:
+        """Return the poses as plain values, units in the names, ``muscles`` by theirs."""
+        muscles = list_muscles(
+            self.names,
+            pressure_MPa=self.pressures,
+            contraction_mm=self.contraction,
+            force_N=self.force,
+            iterations=self.iterations,
+        )
+        return super().to_dict() | {"muscles": muscles}
 
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each pose."""
@@ -205,7 +221,7 @@ class EffectorPose(Result):
 
 
 def pose(
-    effector: Section,
+    effector: EffectorModel,
     pressures: ArrayLike | Mapping[str, ArrayLike],
     *,
     method: PoseMethod = "superposition",
@@ -244,8 +260,7 @@ def pose(
     GeometryError
         If the thesis's steps have no answer.
     """
-    if method not in POSE_METHODS:
-        raise InputError(f"method is '{method}': it must be one of {list(POSE_METHODS)}")
+    check_word("method", method, POSE_METHODS)
     if order is not None and method != "thesis":
         raise InputError("an order of pressing is given: only method='thesis' depends on one")
     table = effector.take_pressures(pressures)
@@ -309,14 +324,14 @@ def pose(
         direction=ends.reshape(*shape, 3),
         backbone=backbone.reshape(*shape, joints, 3),
         saturated=saturated.reshape(shape),
-        converged=np.asarray((settled.code <= kernels.SLACK).all(axis=-1).reshape(shape)),
+        settled=np.asarray((settled.code <= kernels.SLACK).all(axis=-1).reshape(shape)),
         reason=reason.reshape(shape),
         length_error=error.reshape(shape),
     )
 
 
 def _explain(
-    effector: Section, settled: Settled, demanded: Floats, *, superposed: bool
+    effector: EffectorModel, settled: Settled, demanded: Floats, *, superposed: bool
 ) -> tuple[NDArray[np.bool_], NDArray[np.str_]]:
     """Return which poses are saturated, and the reasons."""
     peak = effector.packed.peak.lateral
@@ -330,7 +345,8 @@ def _explain(
         parts = []
         for j, name in enumerate(effector.design.names):
             code = int(settled.code[i, j])
-            cause = describe(effector, code, settled.contraction[i, j], settled.residual[i, j])
+            known = code, settled.contraction[i, j], settled.residual[i, j]
+            cause = explain_equilibrium(effector, *known)
             if cause:
                 parts.append(f"muscle {name} {cause}")
         if beyond[i]:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import (
     check_array,
+    check_axes,
     check_fields,
     check_integer,
     check_number,
@@ -20,9 +21,10 @@ from ..checks import (
     quantity,
 )
 from ..errors import InputError
-from ..results import Result, list_coordinates, take_axes
+from ..results import Json, Result, list_coordinates, take_axes, to_plain
 from .equilibrium import balance
 from .inverse import (
+    MISS_TOLERANCE_MM,
     EffectorInverse,
     find_reach,
     find_sectors,
@@ -32,8 +34,8 @@ from .inverse import (
     take_place,
     take_targets,
 )
+from .model import EffectorModel
 from .pose import pose
-from .section import Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -80,7 +82,7 @@ class CubicFit:
     rms_error: float
     largest_error: float
 
-    def describe(self) -> dict[str, object]:
+    def to_dict(self) -> Json:
         """Return the cubic as plain values, with units in the names."""
         return {
             "coefficients": self.coefficients.tolist(),
@@ -145,7 +147,9 @@ class CubicFit:
         return np.asarray(first + pressure * (second + pressure * (third + pressure * fourth)))
 
 
-def fit_cubic(effector: Section, name: str, *, start: float = 0.0, samples: int = 200) -> CubicFit:
+def fit_cubic(
+    effector: EffectorModel, name: str, *, start: float = 0.0, samples: int = 200
+) -> CubicFit:
     """Fit a cubic to the deflection by one muscle, in least squares.
 
     Parameters
@@ -244,7 +248,7 @@ def check_cubics(
             )
 
 
-def check_fit(cubics: Mapping[str, CubicFit], effector: Section) -> None:
+def check_fit(cubics: Mapping[str, CubicFit], effector: EffectorModel) -> None:
     """Raise `InputError` unless the cubics were fitted to this effector's muscles.
 
     Looked at is the deflection at the last pressure of each fit.
@@ -262,7 +266,7 @@ def check_fit(cubics: Mapping[str, CubicFit], effector: Section) -> None:
             )
 
 
-def _find_limit(effector: Section, name: str) -> tuple[float, bool]:
+def _find_limit(effector: EffectorModel, name: str) -> tuple[float, bool]:
     """Return the pressure up to which the deflection grows, and whether the backbone ends it."""
     place = effector.design.index(name)
     known = find_reach(effector)
@@ -319,8 +323,8 @@ class Trace(Result):
         Whether the target lies in the workspace.
     error : (n,) float
         Distance of `achieved` from `targets` [mm], whether these are in reach or not.
-    converged : (n,) bool
-        Whether inverse and pose were found, in reach or not.
+    settled : (n,) bool
+        Whether inverse and pose were solved, for the target or for what is given in its place.
     pressure_map : {"exact", "cubic"}
         Where the pressures come from.
     """
@@ -335,7 +339,7 @@ class Trace(Result):
     holder_tip: NDArray[np.float64]
     reachable: NDArray[np.bool_]
     error: NDArray[np.float64]
-    converged: NDArray[np.bool_]
+    settled: NDArray[np.bool_]
     pressure_map: Literal["exact", "cubic"]
 
     @property
@@ -354,14 +358,45 @@ class Trace(Result):
         return bool(self.reachable.all())
 
     @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Whether the target is met, to 2e-6 mm: each of two muscles may miss its part by half."""
+        return self.reachable & self.settled & (self.error <= 2.0 * MISS_TOLERANCE_MM)
+
+    @property
     def reason(self) -> str:
-        """How many targets are out of reach; empty if none is."""
-        return "" if self.complete else f"{int((~self.reachable).sum())} target(s) out of reach"
+        """How many targets are not met, why, and by how much; empty if all are."""
+        kinds = {
+            "out of reach": ~self.reachable,
+            "not solved": self.reachable & ~self.settled,
+            "missed by the cubics": self.reachable & self.settled & ~self.converged,
+        }
+        return "; ".join(
+            f"{int(which.sum())} target(s) {kind}, by up to {self.error[which].max():.3g} mm"
+            for kind, which in kinds.items()
+            if which.any()
+        )
 
     @property
     def residual(self) -> NDArray[np.float64]:
         """Distance from the targets [mm], `error`."""
         return self.error
+
+    def to_dict(self) -> Json:
+        """Return the path as plain values, `list_columns` among them; units in the names."""
+        return {
+            "kind": self.kind,
+            "pressure_map": self.pressure_map,
+            "targets": len(self.targets),
+            "reachable": int(self.reachable.sum()),
+            "complete": self.complete,
+            "converged": self.converged.tolist(),
+            "settled": self.settled.tolist(),
+            "reason": self.reason,
+            "residual": self.residual.tolist(),
+            "largest_error_mm": self.reachable_error,
+            "largest_distance_mm": self.largest_error,
+            "columns": to_plain(self.list_columns()),
+        }
 
     def list_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the columns of `to_frame`, a row for each target."""
@@ -381,7 +416,7 @@ class Trace(Result):
 
 
 def trace_path(
-    effector: Section,
+    effector: EffectorModel,
     targets: ArrayLike,
     *,
     cubics: Mapping[str, CubicFit] | None = None,
@@ -426,13 +461,13 @@ def trace_path(
         holder_tip=np.asarray(posed.holder_tip),
         reachable=inverse.reachable,
         error=np.hypot(*(achieved - wanted).T),
-        converged=np.asarray(inverse.converged & (posed.converged | posed.saturated)),
+        settled=np.asarray(inverse.settled & (posed.settled | posed.saturated)),
         pressure_map="exact" if cubics is None else "cubic",
     )
 
 
 def trace_line(
-    effector: Section,
+    effector: EffectorModel,
     start: ArrayLike,
     end: ArrayLike,
     *,
@@ -462,7 +497,7 @@ def trace_line(
 
 
 def trace_circle(
-    effector: Section,
+    effector: EffectorModel,
     radius: float,
     *,
     centre: ArrayLike = (0.0, 0.0),
@@ -549,8 +584,7 @@ class Stick:
             If a reading is outside ``[0, highest]``.
         """
         readings = check_points("stick reading", check_array("stick reading", raw), dim=2)
-        for axis, values in zip("xy", np.moveaxis(readings, -1, 0), strict=True):
-            check_range(f"stick reading {axis}", values, 0.0, self.highest)
+        check_axes("stick reading", readings, 0.0, self.highest)
         travel = (readings - self.centre) * np.array([1.0, -1.0])
         if self.dead_zone == 0.0:
             return np.asarray(travel / self.span + 0.0)  # no -0
@@ -559,7 +593,7 @@ class Stick:
         return np.asarray(travel / np.where(size > 0.0, size, 1.0) * beyond + 0.0)
 
 
-def find_stick_scale(effector: Section, *, amplitudes: ArrayLike | None = None) -> float:
+def find_stick_scale(effector: EffectorModel, *, amplitudes: ArrayLike | None = None) -> float:
     """Return the deflection of a full stick [mm]: the largest one of the projected workspace.
 
     ``max(A_i, |A_i e_i + A_j e_j|)`` over the muscles and the sectors (thesis 4.6), at most the
@@ -587,7 +621,7 @@ def find_stick_scale(effector: Section, *, amplitudes: ArrayLike | None = None) 
 
 
 def steer(
-    effector: Section,
+    effector: EffectorModel,
     raw: ArrayLike,
     *,
     stick: Stick | None = None,
@@ -630,7 +664,7 @@ def steer(
 
 
 def _use_cubics(
-    effector: Section, exact: EffectorInverse, cubics: Mapping[str, CubicFit]
+    effector: EffectorModel, exact: EffectorInverse, cubics: Mapping[str, CubicFit]
 ) -> EffectorInverse:
     check_fit(cubics, effector)
     pressures = look_up_pressures(cubics, effector.design.names, exact.displacements)
@@ -643,6 +677,6 @@ def _use_cubics(
         force=posed.force,
         delivered=posed.lateral_vector,
         residual=np.hypot(away[..., 0], away[..., 1]),
-        converged=np.asarray(exact.converged & (posed.converged | posed.saturated)),
+        settled=np.asarray(exact.settled & (posed.settled | posed.saturated)),
         pressure_map="cubic",
     )

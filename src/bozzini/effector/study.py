@@ -16,11 +16,11 @@ from ..checks import Quantity, check_integer, check_number, list_quantities
 from ..errors import BozziniError, InputError
 from ..muscle import Muscle
 from ..progress import Progress, no_progress
-from ..results import Result, measured, take_axes
+from ..results import Json, Result, measured, take_axes, to_plain
 from ..units import add_unit
 from .design import EffectorDesign, PlacedMuscle
 from .effector import Effector
-from .inverse import TOLERANCE, find_reach, solve_displacements
+from .inverse import MISS_TOLERANCE_MM, find_reach, solve_displacements
 from .workspace import workspace
 
 if TYPE_CHECKING:
@@ -177,6 +177,19 @@ class Sweep(Result):
         """Why no design is feasible, the first reason; empty if one is."""
         return "" if self.feasible or not self.rows else self.rows[0].reason
 
+    def to_dict(self) -> Json:
+        """Return the designs as plain values: `list_columns`, and how many are feasible."""
+        return {
+            "parameters": list(self.parameters),
+            "deflection_mm": self.deflection,
+            "designs": len(self.rows),
+            "feasible": len(self.feasible),
+            "converged": self.converged,
+            "reason": self.reason,
+            "residual": self.residual,
+            "columns": to_plain(self.list_columns()),
+        }
+
     def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each design."""
         columns: dict[str, list[object]] = {
@@ -288,21 +301,21 @@ def find_needed_pressure(effector: Effector, deflection: float) -> float:
     names = effector.design.names
     moves = wanted * np.eye(len(names))
     # The thesis's muscle contracts less again at several MPa: below the limit first.
-    for limit in (effector.design.pressure_limit, _HIGHEST_PRESSURE):
+    for limit in (effector.design.pressure_limit, _HIGHEST_PRESSURE_MPA):
         _, pressures, residual, _ = solve_displacements(effector, moves, limit=limit)
         needed = pressures.diagonal()
-        failed = np.flatnonzero(~(residual <= TOLERANCE) | ~(needed > 0.0))
+        failed = np.flatnonzero(~(residual <= MISS_TOLERANCE_MM) | ~(needed > 0.0))
         if not failed.size:
             break
     if failed.size:
         raise InputError(
             f"deflection is {wanted:g} mm: muscle {names[failed[0]]} does not reach it at any "
-            f"pressure up to {_HIGHEST_PRESSURE:g} MPa"
+            f"pressure up to {_HIGHEST_PRESSURE_MPA:g} MPa"
         )
     return float(needed.max())
 
 
-_HIGHEST_PRESSURE = 10.0
+_HIGHEST_PRESSURE_MPA = 10.0
 """Pressure up to which one is looked for [MPa]: the largest that a design may have as limit."""
 
 
@@ -379,9 +392,9 @@ def _try_design(effector: Effector, changes: Changes, deflection: float) -> Swee
 MOST_GRID_DESIGNS = 10_000
 """Designs that a grid may have."""
 
-_WORST = 1e3
+_INFEASIBLE_MPA = 1e3
 """What a design that does not reach the deflection counts as [MPa]: above all others."""
-_BEYOND = 100.0
+_ABOVE_LIMIT_MPA = 100.0
 """What is added to a pressure above the design's limit [MPa]."""
 
 
@@ -391,17 +404,17 @@ class Optimum(Result):
 
     Attributes
     ----------
-    success : bool
+    converged : bool
         Whether there is a design within the bounds that reaches the deflection at or below its
         pressure limit.
     reason : str
-        Why not; or, with success, which bounds it lies on; empty if none.
+        Why not; or, where `converged`, which bounds it lies on; empty if none.
     effector : Effector
         With the best design, or the one given if none reaches the deflection.
     changes : dict
         Its parameters.
     pressure : float
-        Pressure that every muscle alone needs [MPa]; without success the least that was found,
+        Pressure that every muscle alone needs [MPa]; unless `converged` the least that was found,
         above the limit, or 0 if no design reaches the deflection at any.
     pressure_before : float
         The same of the design given [MPa]; 0 if that does not reach the deflection.
@@ -414,7 +427,7 @@ class Optimum(Result):
         pressure limit.
     """
 
-    success: bool
+    converged: bool
     reason: str
     effector: Effector
     changes: Changes
@@ -425,14 +438,14 @@ class Optimum(Result):
     infeasible: int
 
     @property
-    def converged(self) -> bool:
-        """Whether a design was found, `success`."""
-        return self.success
-
-    @property
     def residual(self) -> float:
-        """Pressure above the limit [MPa]; 0 with success."""
+        """Pressure above the limit [MPa]; 0 where `converged`."""
         return max(0.0, self.pressure - self.effector.design.pressure_limit)
+
+    def to_dict(self) -> Json:
+        """Return the design as plain values; units are in the names, those of the changes too."""
+        changes = {name_column(name): to_plain(value) for name, value in self.changes.items()}
+        return super().to_dict() | {"changes": changes, "effector": self.effector.design.to_dict()}
 
 
 class _Search:
@@ -442,7 +455,7 @@ class _Search:
         self.effector = effector
         self.deflection = deflection
         self.names = names
-        self.best = _WORST
+        self.best = _INFEASIBLE_MPA
         self.best_changes: Changes = {}
         self.best_effector = effector
         self.evaluations = 0
@@ -458,12 +471,12 @@ class _Search:
         except BozziniError as error:
             self.infeasible += 1
             self.last_reason = str(error)
-            return _WORST
+            return _INFEASIBLE_MPA
         limit = tried.design.pressure_limit
         if needed > limit:
             # Worse than any that is legal, and the less so the nearer it is.
             self.infeasible += 1
-            needed += _BEYOND
+            needed += _ABOVE_LIMIT_MPA
         if needed < self.best:
             self.best, self.best_changes, self.best_effector = needed, changes, tried
         return needed
@@ -534,7 +547,7 @@ def optimise_design(
             values.append(search.measure(point, fixed))
             progress("designs", (number + 0.8 * (index + 1) / len(points)) / len(cases))
         start = int(np.argmin(values))
-        if values[start] < _WORST:
+        if values[start] < _INFEASIBLE_MPA:
             minimize(
                 search.measure,
                 points[start],
@@ -550,13 +563,13 @@ def optimise_design(
             )
         progress("designs", (number + 1) / len(cases))
     success, reason = _judge(search, box)
-    found = search.best < _WORST
+    found = search.best < _INFEASIBLE_MPA
     return Optimum(
-        success=success,
+        converged=success,
         reason=reason,
         effector=search.best_effector,
         changes=search.best_changes,
-        pressure=(search.best - (0.0 if success else _BEYOND)) if found else 0.0,
+        pressure=(search.best - (0.0 if success else _ABOVE_LIMIT_MPA)) if found else 0.0,
         pressure_before=before,
         deflection=wanted,
         evaluations=search.evaluations,
@@ -595,11 +608,11 @@ def _start_simplex(
 
 
 def _judge(search: _Search, box: NDArray[np.float64]) -> tuple[bool, str]:
-    if search.best >= _WORST:
+    if search.best >= _INFEASIBLE_MPA:
         return False, f"no design within the bounds is feasible; the last: {search.last_reason}"
-    if search.best >= _BEYOND:
+    if search.best >= _ABOVE_LIMIT_MPA:
         limit = search.best_effector.design.pressure_limit
-        least = search.best - _BEYOND
+        least = search.best - _ABOVE_LIMIT_MPA
         return False, f"the least pressure is {least:.4g} MPa, above the limit of {limit:g} MPa"
     on_bound = []
     for name, (low, high) in zip(search.names, box, strict=True):

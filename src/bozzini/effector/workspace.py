@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_points
 from ..errors import InputError
-from ..results import ClosedForm, list_coordinates, measured, take_axes
+from ..results import ClosedForm, Json, list_coordinates, measured, take_axes
 from .design import EffectorDesign
 from .equilibrium import settle_muscles
 from .inverse import Reach, Sectors, find_reach, solve_inverse, split, take_place
 from .kernels.inverse import PEAK
 from .linkage import bend, contraction_for_lateral, find_peak, lateral_slope
-from .section import Section
+from .model import EffectorModel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,6 +83,16 @@ class Workspace(ClosedForm):
         """Which directions no two muscles cover; empty if none."""
         return self.reach.sectors.describe_gaps(self.reach.names)
 
+    def to_dict(self) -> Json:
+        """Return the workspace as plain values, units in the names, muscles by theirs."""
+        known = self.reach
+        return super().to_dict() | {
+            "amplitudes_mm": dict(zip(known.names, known.amplitudes.tolist(), strict=True)),
+            "saturated": dict(zip(known.names, known.saturated.tolist(), strict=True)),
+            "largest_deflection_mm": known.peak,
+            "gaps": self.reason,
+        }
+
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`: the boundary."""
         return {
@@ -99,7 +109,7 @@ class Workspace(ClosedForm):
         return axes
 
 
-def workspace(effector: Section, *, directions: int = 360, samples: int = 2000) -> Workspace:
+def workspace(effector: EffectorModel, *, directions: int = 360, samples: int = 2000) -> Workspace:
     """Return the workspace of an end-effector.
 
     Parameters
@@ -300,7 +310,9 @@ def passive_stiffness(design: EffectorDesign) -> float:
     return 3.0 * design.rigidity / design.backbone_length**3
 
 
-def tip_stiffness(effector: Section, pressures: ArrayLike | Mapping[str, ArrayLike]) -> Floats:
+def tip_stiffness(
+    effector: EffectorModel, pressures: ArrayLike | Mapping[str, ArrayLike]
+) -> Floats:
     """Return the lateral stiffness of the tip (..., 2, 2) [N/mm] at constant pressures.
 
     A lateral force ``f`` at the tip deflects the section, as a beam, by ``s f`` with
@@ -344,7 +356,7 @@ def tip_stiffness(effector: Section, pressures: ArrayLike | Mapping[str, ArrayLi
 
 
 def tip_force(
-    effector: Section, direction: ArrayLike, *, lateral: ArrayLike = (0.0, 0.0)
+    effector: EffectorModel, direction: ArrayLike, *, lateral: ArrayLike = (0.0, 0.0)
 ) -> TipForce:
     """Return the largest force that the tip exerts in a direction while something holds it.
 
@@ -403,7 +415,7 @@ def tip_force(
     )
 
 
-def _measure_pulls(effector: Section, contraction: Floats) -> Floats:
+def _measure_pulls(effector: EffectorModel, contraction: Floats) -> Floats:
     """Pull of each muscle at the pressure limit and contractions (m,) [N], 0 if it is slack."""
     limit = effector.design.pressure_limit
     pulls = np.zeros(len(effector.models))

@@ -35,7 +35,10 @@ from typing import (
     get_type_hints,
 )
 
-from ..checks import Quantity, list_quantities, show_value
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import Quantity, check_points, list_quantities, show_value
 from ..errors import FileFormatError, InputError
 from ..results import Json, to_plain
 from ..units import parse_quantity
@@ -304,6 +307,8 @@ def _converter() -> Converter:
             return None
         listed, mapped = isinstance(data, (list, tuple)), isinstance(data, Mapping)
         members = [member for member in get_args(kind) if member is not type(None)]
+        if type(data) in members:
+            return converter.structure(data, type(data))
         for member in members:
             is_list, is_record = get_origin(member) is tuple, dataclasses.is_dataclass(member)
             if listed == is_list and mapped == is_record:
@@ -323,6 +328,7 @@ def _converter() -> Converter:
         (lambda kind: bool(get_origin(kind) is Literal), _read_choice),
         (lambda kind: bool(get_origin(kind) is tuple), read_list),
         (_is_union, read_union),
+        (lambda kind: get_origin(kind) is np.ndarray, _read_point),
     )
     for is_kind, read in chosen:
         converter.register_structure_hook_func(is_kind, read)
@@ -421,6 +427,12 @@ def _read_number(data: object, _: object) -> float:
 
 def _read_count(data: object, _: object) -> int:
     return int(Quantity(whole=True, low=-sys.maxsize, high=sys.maxsize).check("", data))
+
+
+def _read_point(data: object, _: object) -> NDArray[np.float64]:
+    if not isinstance(data, (list, tuple)) or not data:
+        raise InputError(f" is {show_value(data)}: it must be a list of numbers")
+    return check_points("", data, dim=len(data))
 
 
 def _read_text(data: object, _: object) -> str:

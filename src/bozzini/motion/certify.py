@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number, quantity
-from ..duct.base import Duct, count_dimensions
+from ..duct.base import Duct
 from ..errors import InputError
 from .space import FreeSpace
 
@@ -117,10 +117,9 @@ def certify_motion(
     array = np.asarray(joints, dtype=np.float64)
     if array.ndim != 3 or array.shape[1] < 2 or not np.all(np.isfinite(array)):
         raise InputError(f"joints of shape {array.shape} must be finite and (steps, joints, dim)")
-    if array.shape[2] != count_dimensions(duct):
+    if array.shape[2] != duct.dim:
         raise InputError(
-            f"joints have shape {array.shape}: the duct needs (steps, joints, "
-            f"{count_dimensions(duct)})"
+            f"joints have shape {array.shape}: the duct needs (steps, joints, {duct.dim})"
         )
     check_number("radius", radius, low=0.0, unit="mm")
     check_number("tolerance", tolerance, low=1e-4, high=10.0, unit="mm")

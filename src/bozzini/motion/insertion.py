@@ -42,7 +42,6 @@ class FollowPlanner(TubePlanner):
     """As `TubePlanner`, with every joint on the head's path."""
 
     name = "follow"
-    help = "the leader"
     style = Style(freedom=0.0)
 
 
@@ -50,7 +49,6 @@ class BestPlanner(TubePlanner):
     """The best of `TubePlanner`, `FollowPlanner` and some between."""
 
     name = "best"
-    help = "of tube, follow and some between"
     style = Style(compare=True)
 
     def move(

@@ -128,7 +128,7 @@ def find_advice(job: Job, refusal: Refusal, *, progress: Progress = no_progress)
     scope = job.scope
     trials = _Trials(job.space, job.options, job.style)
     trials.progress = lambda count: progress("advice", min(0.95, count / 40.0))
-    passage = job.ways.passage if min(job.bound[0], job.bound[-1]) > 0.0 else None
+    passage = job.passages.passage if min(job.bound[0], job.bound[-1]) > 0.0 else None
     level = float(job.bound.min())
     if passage is not None:
         level = max(level, min(passage.level, float(job.bound[0]), float(job.bound[-1])))
@@ -195,8 +195,8 @@ class _Trials:
         """Whether a certified plan of the whole way is found for a scope."""
         self.count += 1
         self.progress(self.count)
-        line = self.space.way
-        if self.space.ways.bound[0] < scope.radius or scope.link_length > line.length:
+        line = self.space.centreline
+        if self.space.passages.bound[0] < scope.radius or scope.link_length > line.length:
             return False
         try:
             check_size(scope, line, self.options)

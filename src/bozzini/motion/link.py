@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points, check_range
-from ..duct.base import Duct, check_duct, count_dimensions
+from ..checks import check_number, check_points, check_range, check_word
+from ..duct.base import Duct, check_duct
 from ..errors import InputError
 from .space import FreeSpace
 
@@ -133,7 +133,7 @@ def place_tail(
     space = space if isinstance(space, FreeSpace) else FreeSpace(space)
     duct = space.duct
     check_duct("duct", duct)
-    dim = count_dimensions(duct)
+    dim = duct.dim
     planar = dim == 2
     ends = [_check_point("head", head, dim), _check_point("old tail", old_tail, dim)]
     length = check_number("length", length, low=1e-6, high=COORDINATE_MAX_MM, unit="mm")
@@ -155,7 +155,7 @@ def place_tail(
     slack = slope * (0.5 * links.MARCH if planar else length * math.sqrt(2.0) * finest)
     most, least = math.inf, 0.0
     if code == links.INFEASIBLE:
-        lack, least = links.find_roomiest(
+        lack, least = links.find_clearest(
             *(data, tube, start, frame, length, clearance, slope, planar, CLOSE * slack),
             *(BUDGET, tail),
         )
@@ -297,8 +297,7 @@ def move_free_chain(
     if shortest <= 0.0:
         raise InputError(f"link {int(np.argmin(lengths)) + 1} has length 0: it must be above 0 mm")
     check_number("slip", slip, low=0.0, high=1.0)
-    if scheme not in SCHEMES:
-        raise InputError(f"scheme is {scheme!r}: it must be one of {', '.join(SCHEMES)}")
+    check_word("scheme", scheme, SCHEMES)
     pitch = 0.0
     if scheme == "exact":
         pitch = SUBSTEP * shortest if substep is None else substep

@@ -59,7 +59,7 @@ def find_crossing(joints: NDArray[np.float64], space: FreeSpace) -> Crossing | N
     from scipy import ndimage
     from scipy.spatial import cKDTree
 
-    field, line, introducer = grid_of(space.duct), space.way, space.tube
+    field, line, introducer = grid_of(space.duct), space.centreline, space.tube
     if field is None or field.inflation <= 0.0:
         return None
     rest = field.inflate(-field.inflation)
@@ -161,7 +161,7 @@ def measure_motion(
     clearance, worst = measure_body(space, joints, scope)
     moves = np.linalg.norm(np.diff(joints, axis=0), axis=2)
     # Planar motions are measured in the kernels' frame too, which is 3-D and isometric.
-    points, place = space.duct.to_grid(space.way.points), space.duct.to_grid(worst[:-1])
+    points, place = space.duct.to_grid(space.centreline.points), space.duct.to_grid(worst[:-1])
     near = int(np.argmin(np.linalg.norm(points - place, axis=1)))
     step = int(np.unravel_index(int(np.argmin(clearance)), clearance.shape)[0])
     angles = measure_angles(joints) if joints.shape[1] > 2 else np.zeros(1)
@@ -171,7 +171,7 @@ def measure_motion(
         joint_angle_max=float(angles.max()),
         joint_travel=float(moves.sum()),
         clearance_min=float(worst[-1]),
-        clearance_where=float(space.way.arc_length[near]),
+        clearance_where=float(space.centreline.arc_length[near]),
         clearance_insertion=float(head_arc_length[step]),
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_number, check_points
-from ..duct.base import Duct, count_dimensions
+from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..duct.field import RefinedField, SampledField
 from ..errors import InputError
@@ -76,7 +76,7 @@ def plan_with_soft_wall(
         As `plan_insertion`, or if `soft_wall` is negative.
     """
     check_number("soft wall", soft_wall, low=0.0, high=SOFT_WALL_MAX_MM, unit="mm")
-    duct, line, options = space.duct, space.way, options or PlannerOptions()
+    duct, line, options = space.duct, space.centreline, options or PlannerOptions()
     if not isinstance(duct, (SampledField, RefinedField)):
         raise InputError(f"the duct is a {type(duct).__name__}: a soft wall takes a sampled field")
 
@@ -255,10 +255,10 @@ def _check(plan: Plan, duct: Duct, line: Centreline | None) -> None:
             f"a plan by method {plan.method!r} cannot be planned again: it must be by 'tube' or "
             "'follow' (use plan_insertion)"
         )
-    if plan.path.shape[1] != count_dimensions(duct):
+    if plan.path.shape[1] != duct.dim:
         raise InputError(
             f"the last plan has {plan.path.shape[1]} dimensions, the duct has "
-            f"{count_dimensions(duct)}: they must agree"
+            f"{duct.dim}: they must agree"
         )
     if plan.status != "complete" and line is None:
         raise InputError(

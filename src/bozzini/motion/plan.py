@@ -12,19 +12,21 @@ import io
 import json
 import math
 import os
+import re
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, check_number, check_points, name_at, quantity
+from ..checks import Quantity, check_number, name_at, quantity
 from ..duct.centreline import Centreline
 from ..errors import FileFormatError, InputError
+from ..io import records
 from ..io.files import write_atomically
 from ..results import Json, Result, take_axes, to_plain
 from ..units import add_unit
@@ -57,20 +59,8 @@ Floats = NDArray[np.float64]
 Status = Literal["complete", "stopped"]
 
 
-class _Read(NamedTuple):
-    """How a field that is no number is read from JSON: its type in words, and a check of it."""
-
-    words: str
-    kinds: tuple[type, ...]
-    items: tuple[type, ...] = ()
-    """What the items of a list must be."""
-
-
-_TEXT = {"read": _Read("text", (str,))}
-_NAMES = {"read": _Read("a list of numbers and names", (list,), (int, str))}
-_PART = {"read": _Read("a name, a number or a list of them", (int, str, list), (int, str))}
-_TRUTH = {"read": _Read("true or false", (bool,))}
-_NUMBERS = {"read": _Read("a list of numbers", (list,), (int, float)), "omitted": True}
+_OMITTED = {"omitted": True}
+"""A field that is left out of a file where it is None."""
 
 
 def _length(
@@ -100,11 +90,11 @@ class FieldSummary:
         Of the finer grid, and how far from the centreline it reaches [mm].
     """
 
-    kind: str = field(default="", metadata=_TEXT)
+    kind: str = ""
     spacing: tuple[float, ...] | None = field(
-        default=None, metadata={**_NUMBERS, "key": "spacing_mm"}
+        default=None, metadata={**_OMITTED, "key": "spacing_mm"}
     )
-    nodes: tuple[int, ...] | None = field(default=None, metadata=_NUMBERS)
+    nodes: tuple[int, ...] | None = field(default=None, metadata=_OMITTED)
     inflation: float = _length("Inflation.", default=0.0)
     interpolation_error: float | None = _length("Error of a distance.")
     wall_error: float | None = _length("Error of the wall.")
@@ -141,7 +131,7 @@ class Measures:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Candidate:
+class CandidateMotion:
     """A motion that was compared for a plan, as `bozzini.motion.plan_insertion` does it.
 
     Parameters
@@ -201,11 +191,11 @@ class Replanned:
         Why it did not serve.
     """
 
-    warm: bool = field(metadata=_TRUTH)
+    warm: bool
     margin: float | None = _length("Margin.")
     sweeps: int = quantity(whole=True, low=0, high=10**9, default=0)
     tissue_move: float = _length("Move of the tissue.", default=0.0)
-    reason: str = field(default="", metadata=_TEXT)
+    reason: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,15 +215,15 @@ class TractInput:
         Anything else that JSON takes: how start and end were given, for example.
     """
 
-    source: str | None = field(default=None, metadata={**_TEXT, "omitted": True})
-    file: str | None = field(default=None, metadata={**_TEXT, "omitted": True})
-    sha256: str | None = field(default=None, metadata={**_TEXT, "omitted": True})
-    labels: tuple[int | str, ...] | None = field(default=None, metadata=_NAMES)
-    part: int | str | tuple[int | str, ...] | None = field(default=None, metadata=_PART)
-    unit: str | None = field(default=None, metadata=_TEXT)
-    frame: str | None = field(default=None, metadata=_TEXT)
-    repair: bool | None = field(default=None, metadata=_TRUTH)
-    organ: str | None = field(default=None, metadata=_TEXT)
+    source: str | None = field(default=None, metadata=_OMITTED)
+    file: str | None = field(default=None, metadata=_OMITTED)
+    sha256: str | None = field(default=None, metadata=_OMITTED)
+    labels: tuple[int | str, ...] | None = None
+    part: int | str | tuple[int | str, ...] | None = None
+    unit: str | None = None
+    frame: str | None = None
+    repair: bool | None = None
+    organ: str | None = None
     voxel: float | None = _length("Voxel of the field.")
     inflate: float | None = _length("Inflation.")
     more: Mapping[str, object] = field(default_factory=dict, metadata={"recorded": False})
@@ -281,49 +271,24 @@ def read_record(kind: type[Kind], given: object, place: str) -> Kind:
     """Read a dataclass from what `write_record` gives; what is null or lacks takes its default."""
     if not isinstance(given, dict):
         raise InputError(f"{place} is {_show(given)}: it must be an object")
+    items = {_name_key(item): item for item in dataclasses.fields(kind)}  # type: ignore[arg-type]
     values: dict[str, object] = {}
-    keys = set()
-    for item in dataclasses.fields(kind):  # type: ignore[arg-type]
-        key = _name_key(item)
-        keys.add(key)
-        value, where = given.get(key), f"{place}.{key}"
-        if value is None or not item.metadata.get("recorded", True):
-            if item.default is MISSING and item.default_factory is MISSING:
-                raise InputError(f"{where} is missing")
-            continue
-        values[item.name] = _read_value(item, value, where)
-    if issubclass(kind, TractInput):
-        values["more"] = {key: value for key, value in given.items() if key not in keys}
-    return kind(**values)
-
-
-def _read_value(item: dataclasses.Field[object], value: object, where: str) -> object:
-    known, read = item.metadata.get("quantity"), item.metadata.get("read")
-    if known is not None:
-        low, high = (0.0 if callable(end) else end for end in (known.low, known.high))
-        given: Any = value
-        number = check_number(
-            where, given, low=low, high=high, low_open=known.low_open, unit=known.unit
-        )
-        return int(number) if known.whole else number
-    if read is None:  # of a certificate: numbers, truth, text and a place
-        plain = (bool, int, float, str)
-        if "NDArray" in str(item.type) and not (isinstance(value, list) and value):
-            raise InputError(f"{where} is {_show(value)}: it must be a list of numbers")
-        if item.type == "str" and not isinstance(value, str):
-            raise InputError(f"{where} is {_show(value)}: it must be a text")
-        if isinstance(value, list):
-            return check_points(where, value, dim=len(value))
-        if isinstance(item.default, plain) and not isinstance(value, type(item.default)):
-            if not (isinstance(item.default, float) and type(value) is int):
-                raise InputError(f"{where} is {_show(value)}: it must be like {item.default!r}")
-        return value
-    items = value if isinstance(value, list) else []
-    if type(value) not in read.kinds or not all(type(each) in read.items for each in items):
-        raise InputError(f"{where} is {_show(value)}: it must be {read.words}")
-    if isinstance(value, list) and not value:
-        raise InputError(f"{where} is empty: it must be {read.words}")
-    return tuple(value) if isinstance(value, list) else value
+    for key, item in items.items():
+        value = given.get(key)
+        if isinstance(value, str) and "quantity" in item.metadata:
+            raise InputError(f"{place}.{key} is {_show(value)}: it must be a number")
+        if value is not None and item.metadata.get("recorded", True):
+            values[item.name] = value
+    try:
+        record = records.read_record(values, kind, name=place)
+    except InputError as error:
+        names = {item.name: f"{place}.{key}" for key, item in items.items()}
+        words = re.sub(r"^\w+(?=[ .[])", lambda name: names.get(name[0], name[0]), str(error))
+        raise type(error)(words if words.startswith(place) else f"{place}: {words}") from None
+    if isinstance(record, TractInput):
+        more = {key: value for key, value in given.items() if key not in items}
+        return dataclasses.replace(record, more=more)
+    return record
 
 
 _PARTS: Mapping[str, type] = {
@@ -371,7 +336,7 @@ class Plan(Result):
         The planner that was asked for: "best" compares several.
     freedom : float, optional
         Share of the free tube that the best motion uses.
-    candidates : tuple of Candidate, optional
+    candidates : tuple of CandidateMotion, optional
         The motions that were compared for it.
     wall : str
         What the wall is.
@@ -414,7 +379,7 @@ class Plan(Result):
     options: PlannerOptions | None = None
     asked: str = ""
     freedom: float | None = None
-    candidates: tuple[Candidate, ...] | None = None
+    candidates: tuple[CandidateMotion, ...] | None = None
     wall: str = ""
     certificate: Certificate | None = None
     field: FieldSummary | None = None
@@ -536,11 +501,6 @@ class Plan(Result):
             part = getattr(self, name)
             if part is not None:
                 record[name] = write_record(part)
-        if self.scope is not None:
-            record["scope"] = {
-                "diameter_mm": self.scope.diameter,
-                "link_length_mm": self.scope.link_length,
-            }
         if self.certificate is not None:
             record["certified"] = self.certified
         if self.options is not None:
@@ -677,7 +637,7 @@ def _read_meta(meta: Mapping[str, object]) -> dict[str, object]:
         values["input"] = read_record(TractInput, rest.pop("input"), "meta.input")
     if "candidates" in rest:
         values["candidates"] = tuple(
-            read_record(Candidate, each, "meta.candidates")
+            read_record(CandidateMotion, each, "meta.candidates")
             for each in _pop_list(rest, "candidates")
         )
     if "findings" in rest:

@@ -7,27 +7,24 @@ import functools
 import platform
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number
-from ..duct.base import Duct, count_dimensions
+from ..checks import check_number, check_word
+from ..duct.base import Duct
 from ..duct.centreline import Centreline
-from ..errors import InputError
+from ..errors import InputError, PluginError
 from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .measures import measure_motion
-from .plan import LENGTH_ROUND_OFF_MM, Candidate, FieldSummary, Plan
-from .planners import PLANNERS, PlannerOptions
+from .plan import LENGTH_ROUND_OFF_MM, CandidateMotion, FieldSummary, Plan
+from .planners import HEAD_STEP_MIN_MM, PLANNERS, PlannerOptions
 from .refusal import Refusal
 from .scope import Scope
 from .space import FreeSpace, grid_of
-
-HEAD_STEP_MIN_MM = 1e-3
-"""Least step of the head."""
 
 LINKS_MAX = 10_000
 """A scope has at most as many links."""
@@ -59,7 +56,7 @@ class Motion:
         Which planner made it, where a planner chooses between several.
     freedom : float, optional
         Share of the free tube that the joints use.
-    candidates : tuple of Candidate
+    candidates : tuple of CandidateMotion
         The motions that were compared for it.
     """
 
@@ -72,7 +69,7 @@ class Motion:
     certificate: Certificate | None = None
     method: str = ""
     freedom: float | None = None
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[CandidateMotion, ...] = ()
 
 
 class Planner(ABC):
@@ -85,14 +82,11 @@ class Planner(ABC):
     ----------
     name : str
         By which it is chosen.
-    help : str
-        What it does, in a few words.
     ignored : tuple of str
         Fields of `PlannerOptions` that it does not know: they must be as by default.
     """
 
     name: ClassVar[str]
-    help: ClassVar[str] = ""
     ignored: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
@@ -127,9 +121,9 @@ class Planner(ABC):
         """
         options = options or PlannerOptions()
         self.check(scope, options)
-        line = space.way
+        line = space.centreline
         check_link(scope, line)
-        dim = count_dimensions(space.duct)
+        dim = space.duct.dim
         if line.points.shape[1] != dim:
             raise InputError(
                 f"the centreline's points have shape {line.points.shape}: this duct needs "
@@ -140,7 +134,7 @@ class Planner(ABC):
             space = FreeSpace(space.duct, line.cut(float(scope.length or 0.0)), space.introducer)
         if space.introducer is None:
             space = space.for_link(scope.link_length)
-        check_size(scope, space.way, options)
+        check_size(scope, space.centreline, options)
         advise = options.advise and not short
         asked = dataclasses.replace(options, advise=advise)
         motion = self.move(space, scope, asked, progress=progress)
@@ -152,25 +146,29 @@ class Planner(ABC):
         return plan
 
     def _check_motion(self, motion: Motion, scope: Scope, options: PlannerOptions) -> None:
-        """Raise `InputError` for a motion that is none of this scope, or ends for no reason."""
+        """Raise `PluginError` for a motion that is none of this scope, or ends for no reason."""
+        if not isinstance(motion, Motion):
+            raise PluginError(
+                f"the planner {self.name} gave a {type(motion).__name__}: it must give a Motion"
+            )
         joints, heads = np.asarray(motion.joints), np.asarray(motion.head_arc_length)
         if joints.ndim != 3 or heads.shape != joints.shape[:1] or joints.shape[1] < 2:
-            raise InputError(
+            raise PluginError(
                 f"the planner {self.name} gave joints of shape {joints.shape} for {heads.shape} "
                 "arc lengths of the head: it must give (steps, joints, dim) and (steps,)"
             )
         if not (np.isfinite(joints).all() and np.isfinite(heads).all()):
-            raise InputError(f"the planner {self.name} gave places that are not finite")
+            raise PluginError(f"the planner {self.name} gave places that are not finite")
         links = np.linalg.norm(np.diff(joints, axis=1), axis=2)
         off = float(np.abs(links - scope.link_length).max())
         if off > LENGTH_ROUND_OFF_MM:
-            raise InputError(
+            raise PluginError(
                 f"the planner {self.name} gave links {off:.3g} mm off {scope.link_length:g} mm: "
                 f"they must keep that within {LENGTH_ROUND_OFF_MM:g} mm"
             )
         end = options.route[-1] * float(measure_arc_length(np.asarray(motion.path))[-1])
         if not (motion.reason_code or motion.refusal) and abs(heads[-1] - end) > scope.link_length:
-            raise InputError(
+            raise PluginError(
                 f"the planner {self.name} stopped with the head at {heads[-1]:.1f} mm of "
                 f"{end:.1f} mm: it must state why"
             )
@@ -188,9 +186,10 @@ class Planner(ABC):
         default = PlannerOptions()
         if any(getattr(options, name) != getattr(default, name) for name in self.ignored):
             *names, last = (name.replace("_", " ") for name in self.ignored)
+            words = f"{', '.join(names)} or {last}" if names else last
             others = (name for name in PLANNERS if name != self.name)
             raise InputError(
-                f"method '{self.name}' has no {', '.join(names)} or {last}: leave them out, or "
+                f"method '{self.name}' has no {words}: leave {'them' if names else 'it'} out, or "
                 f"use one of {', '.join(others)}"
             )
 
@@ -246,14 +245,8 @@ def plan_insertion(
 
 def make_planner(method: str) -> Planner:
     """Return a planner by its name in `bozzini.motion.PLANNERS`."""
-    if method not in PLANNERS:
-        raise InputError(f"method is {method!r}: it must be one of {', '.join(PLANNERS)}")
-    planner = PLANNERS[method]()
-    if not isinstance(planner, Planner):
-        raise InputError(
-            f"the planner {method} is a {type(planner).__name__}: it must be a Planner"
-        )
-    return planner
+    kind = cast(type[Planner], PLANNERS[check_word("method", method, PLANNERS)])
+    return kind()
 
 
 def finish_plan(

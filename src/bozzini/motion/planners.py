@@ -9,30 +9,32 @@ Another package adds one in its ``pyproject.toml``::
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
 
-from ..checks import check_fields, check_number, quantity
+from ..checks import check_fields, check_number, quantity, show_value
 from ..errors import InputError
 from ..registry import Registry
 
 GROUP = "bozzini.planners"
+
+HEAD_STEP_MIN_MM, HEAD_STEP_MAX_MM = 1e-3, 10_000.0
+"""Least step of the head, and the largest: the longest link that a scope can have."""
 
 
 class _OwnPlanners(Mapping[str, type[object]]):
     """The planners of this package, each imported when it is asked for."""
 
     places = {
-        "best": "bozzini.motion.insertion:BestPlanner",
-        "tube": "bozzini.motion.insertion:TubePlanner",
-        "follow": "bozzini.motion.insertion:FollowPlanner",
-        "thesis": "bozzini.motion.thesis:ThesisPlanner",
+        "best": "insertion:BestPlanner",
+        "tube": "insertion:TubePlanner",
+        "follow": "insertion:FollowPlanner",
+        "thesis": "thesis:ThesisPlanner",
     }
 
     def __getitem__(self, name: str) -> type[object]:
-        kind: type[object] = EntryPoint(name, self.places[name], GROUP).load()
-        return kind
+        return _load(self.places[name])
 
     def __contains__(self, name: object) -> bool:  # without importing it
         return name in self.places
@@ -44,7 +46,14 @@ class _OwnPlanners(Mapping[str, type[object]]):
         return len(self.places)
 
 
-PLANNERS: Registry[object] = Registry(GROUP, object, _OwnPlanners, noun="planner")
+def _load(place: str) -> type[object]:
+    kind: type[object] = EntryPoint("", f"bozzini.motion.{place}", GROUP).load()
+    return kind
+
+
+PLANNERS: Registry[object] = Registry(
+    GROUP, lambda: _load("planner:Planner"), _OwnPlanners, noun="planner", arguments=0
+)
 """Subclasses of `bozzini.motion.Planner` by name: ``"best"``, ``"tube"``, ``"follow"``,
 ``"thesis"``, and those that other installed packages add."""
 
@@ -56,8 +65,8 @@ class PlannerOptions:
     Parameters
     ----------
     head_step : float
-        How far the head moves per step, at least 0.001 mm and at most a link [mm]; checked when a
-        scope is planned.
+        How far the head moves per step, at least 0.001 mm [mm]; when a scope is planned, at most a
+        link.
     slip : float
         Thesis Appendix C, corrected: 0 tractrix ... 1 the tail moves like the head.
     angle_limit : float, optional
@@ -74,7 +83,13 @@ class PlannerOptions:
         If a value is outside its range, or the route has no fraction above 0.
     """
 
-    head_step: float = quantity("length", "How far the head moves per step.", default=0.25)
+    head_step: float = quantity(
+        "length",
+        "How far the head moves per step.",
+        low=HEAD_STEP_MIN_MM,
+        high=HEAD_STEP_MAX_MM,
+        default=0.25,
+    )
     slip: float = quantity(
         help="0: tails are pulled; 1: they move like the head (thesis App. C).",
         low=0.0,
@@ -96,7 +111,14 @@ class PlannerOptions:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        route = tuple(check_number("route", share, low=0.0, high=1.0) for share in self.route)
-        if max(route, default=0.0) <= 0.0:
-            raise InputError(f"route is {route}: one of its fractions must lie in (0, 1]")
-        object.__setattr__(self, "route", route)
+        object.__setattr__(self, "route", check_route(self.route))
+
+
+def check_route(route: object) -> tuple[float, ...]:
+    """Return the fractions of a route, any sequence of numbers, or raise `InputError`."""
+    if isinstance(route, (str, bytes)) or not isinstance(route, Iterable):
+        raise InputError(f"route is {show_value(route)}: it must be a sequence of fractions")
+    shares = tuple(check_number("route", share, low=0.0, high=1.0) for share in route)
+    if max(shares, default=0.0) <= 0.0:
+        raise InputError(f"route is {shares}: one of its fractions must lie in (0, 1]")
+    return shares

@@ -44,8 +44,9 @@ class Refusal:
         A key of `REASON_CODES`.
     at : float
         Arc length along the centreline of the place that decides [mm].
-    needs, offers : float
-        Clearance needed and clearance there, from the scope's axis to the wall [mm].
+    needs, offers : float or None
+        Clearance needed and clearance there, from the scope's axis to the wall [mm]; None where it
+        is not clearance that lacks.
     what : str
         The statement, one sentence without its full stop; empty in a plan read from a file, whose
         `reason` has it.
@@ -61,8 +62,8 @@ class Refusal:
 
     code: str
     at: float = quantity("length")
-    needs: float = quantity("length")
-    offers: float = quantity("length", default=-math.inf)
+    needs: float | None = quantity("length", default=None)
+    offers: float | None = quantity("length", default=None)
     what: str = field(default="", metadata={"recorded": False})
     diameter_max: float | None = quantity("length", default=None)
     link_max: float | None = quantity("length", default=None)
@@ -85,8 +86,9 @@ class Refusal:
             advice.append(f"the wall inflated by {self.inflate:.1f} mm")
         if advice:
             return f"{statement}. Would fit, planned and certified: {' or '.join(advice)}"
-        if self.diameter_bound is not None and self.diameter_bound < 2.0 * self.needs:
-            bound = math.ceil(100.0 * self.diameter_bound) / 100.0
+        most = math.inf if self.diameter_bound is None else self.diameter_bound
+        if self.needs is not None and most < 2.0 * self.needs:
+            bound = math.ceil(100.0 * most) / 100.0
             return (
                 f"{statement}. A scope of at most {bound:.2f} mm could pass, but no plan was "
                 "found for one"
@@ -115,8 +117,6 @@ class Refusal:
         return cls(
             code="ANGLE",
             at=at,
-            needs=limit,
-            offers=limit,
             what=f"neighbouring links would turn by more than {math.degrees(limit):.1f} deg beyond "
             f"{at:.1f} mm of the centreline, with the head {head:.1f} mm inserted along its path",
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_fields, quantity
+from ..checks import Quantity, check_fields, quantity
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 
@@ -55,13 +55,18 @@ class Scope:
         high=LENGTH_MAX_MM,
         label="link length",
     )
-    length: float | None = quantity(
-        "length",
-        "Length of the scope.",
-        low=lambda scope: scope.link_length,
-        high=LENGTH_MAX_MM,
-        label="scope length",
+    length: float | None = field(
         default=None,
+        metadata={
+            "quantity": Quantity(
+                kind="length",
+                help="Length of the scope.",
+                low=lambda scope: scope.link_length,
+                high=LENGTH_MAX_MM,
+                label="scope length",
+            ),
+            "omitted": True,  # from a plan's file, if there is none
+        },
     )
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The free space of a scope: a duct, the introducer before it, and the ways through.
+"""The free space of a scope: a duct, the introducer before it, and the passages through it.
 
 The passage bounds how wide any way from the entry to the goal can be, proved. If a scope of radius
 r came through at all, its centre would have a clearance of r everywhere. Where its way crosses
@@ -18,15 +18,16 @@ lie on the wall: outside, the distance is exact, and its foot point is one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..duct.base import Duct
+from ..duct.base import Duct, check_duct
 from ..duct.centreline import Centreline, find_clear_path
+from ..duct.checks import set_fields
 from ..duct.field import SampledField
 from ..errors import InputError
 from .scope import Introducer
@@ -86,11 +87,11 @@ def _find_in_shape(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
 
     low, high = duct.bounds
     dim = len(low)
-    rooms = [float(duct.clearance_bound(point)) for point in (start, goal)]
-    if min(rooms) <= 0.0:
+    clearances = [float(duct.clearance_bound(point)) for point in (start, goal)]
+    if min(clearances) <= 0.0:
         raise InputError("start or goal of the passage lies outside the duct")
     floor = float(np.prod(high - low) / NODES_MAX) ** (1.0 / dim)
-    pitch = max(PITCH * max(rooms), floor)
+    pitch = max(PITCH * max(clearances), floor)
     axes = [np.arange(low[k] - pitch, high[k] + 2.0 * pitch, pitch) for k in range(dim)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     shape = (*nodes.shape[:-1], *(1,) * (3 - dim))
@@ -159,7 +160,7 @@ def _find_in_field(duct: SampledField, start: ArrayLike, goal: ArrayLike) -> Pas
         ends.append(int(np.ravel_multi_index(tuple(near), shape)))
     level, limit, node = _find_widest(clearance, nodes, shape, ends)
     if duct.inflation > 0.0:
-        limit = _find_widest(_bound_inflated_room(duct, nodes), nodes, shape, ends)[1]
+        limit = _find_widest(_bound_inflated_clearance(duct, nodes), nodes, shape, ends)[1]
     half = 0.5 * float(np.linalg.norm(np.sort(duct.spacing)[1:]))
     index = np.array(np.unravel_index(max(node, 0), shape))
     return Passage(
@@ -169,7 +170,7 @@ def _find_in_field(duct: SampledField, start: ArrayLike, goal: ArrayLike) -> Pas
     )
 
 
-def _bound_inflated_room(duct: SampledField, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
+def _bound_inflated_clearance(duct: SampledField, nodes: NDArray[np.int64]) -> NDArray[np.float64]:
     """Upper bounds (n,) of the distance of nodes to the moved wall [mm]; infinite if unknown.
 
     The nearest node in the moved wall is next to one that is not: a step towards would be nearer.
@@ -196,8 +197,8 @@ def _bound_inflated_room(duct: SampledField, nodes: NDArray[np.int64]) -> NDArra
     return clearance
 
 
-ROOMY_STEP_MM = 0.5
-"""Ways along nodes are found for clearances that are multiples of this."""
+CLEARANCE_STEP_MM = 0.5
+"""Paths along nodes are found for clearances that are multiples of this."""
 
 
 def grid_of(duct: Duct) -> SampledField | None:
@@ -208,26 +209,26 @@ def grid_of(duct: Duct) -> SampledField | None:
     return coarse if isinstance(coarse, SampledField) else None
 
 
-class Ways:
-    """The ways through one duct between two ends: what any scope's plan there can share.
+class Passages:
+    """The passages through one duct between two ends: what any scope's plan there can share.
 
     Parameters
     ----------
     duct, line
         As for `FreeSpace`.
-    before : Ways, optional
+    before : Passages, optional
         Of the same duct, inflated by less: its widest way is this one's, and so are its ways
         along nodes. How wide any way can be at most is then not bounded.
     """
 
-    def __init__(self, duct: Duct, line: Centreline, *, before: Ways | None = None) -> None:
+    def __init__(self, duct: Duct, line: Centreline, *, before: Passages | None = None) -> None:
         self.grid = grid_of(duct)
         self.duct: Duct = duct if self.grid is None else self.grid
         self.ends = line.points[0], line.points[-1]
         self.bound = np.asarray(duct.clearance_bound(line.points))
-        self._roomy: dict[float, NDArray[np.float64] | None] = {}
+        self._paths: dict[float, NDArray[np.float64] | None] = {}
         if before is not None and before.passage.level > 0.0:
-            self._roomy = before._roomy
+            self._paths = before._paths
             more = self.duct.inflation - before.duct.inflation
             self.passage = replace(before.passage, level=before.passage.level + more, bound=np.inf)
 
@@ -236,18 +237,18 @@ class Ways:
         """The widest way between the ends."""
         return find_passage(self.duct, *self.ends)
 
-    def find_roomy(self, clearance: float) -> NDArray[np.float64] | None:
-        """Return a way along nodes that all have this clearance, or a little more [mm]."""
+    def find_path(self, clearance: float) -> NDArray[np.float64] | None:
+        """Return a path along nodes that all have this clearance, or a little more [mm]."""
         grid = self.grid
         if grid is None:
             return None
         # Few different ways serve all scopes and inflations.
-        level = np.ceil((clearance - grid.inflation) / ROOMY_STEP_MM - 1e-6) * ROOMY_STEP_MM
+        level = np.ceil((clearance - grid.inflation) / CLEARANCE_STEP_MM - 1e-6) * CLEARANCE_STEP_MM
         level = min(level, self.passage.level - grid.inflation - 1e-6)
         level = round(float(max(level, clearance - grid.inflation)), 6)
-        if level not in self._roomy:
-            self._roomy[level] = find_clear_path(grid, *self.ends, clearance=level + grid.inflation)
-        return self._roomy[level]
+        if level not in self._paths:
+            self._paths[level] = find_clear_path(grid, *self.ends, clearance=level + grid.inflation)
+        return self._paths[level]
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +256,7 @@ class FreeSpace:
     """Where a scope may be: the lumen of a duct and the bore of an introducer.
 
     Planners, certificate and checks share it: duct and introducer are packed once for compiled
-    code, and the ways through are found once.
+    code, and the passages are found once.
 
     Parameters
     ----------
@@ -265,11 +266,22 @@ class FreeSpace:
         The way from the entry to the goal; only a certificate does without it.
     introducer : Introducer, optional
         The straight tube before the entry.
+
+    Raises
+    ------
+    InputError
+        If `duct` is none, or its signed distance is none: see `bozzini.duct.Duct.sample`.
     """
 
     duct: Duct
     line: Centreline | None = None
     introducer: Introducer | None = None
+    data: object = field(init=False, repr=False)
+    """The duct as compiled code takes it."""
+
+    def __post_init__(self) -> None:
+        check_duct("duct", self.duct)
+        set_fields(self, data=self.duct.pack())
 
     @classmethod
     def at_entry(cls, duct: Duct, line: Centreline, *, along: float) -> FreeSpace:
@@ -277,7 +289,7 @@ class FreeSpace:
         return cls(duct, line, Introducer.at_entry(duct, line, along=along))
 
     @property
-    def way(self) -> Centreline:
+    def centreline(self) -> Centreline:
         """The line; without one `InputError` is raised."""
         if self.line is None:
             raise InputError("this free space has no line from the entry to the goal: give one")
@@ -291,19 +303,14 @@ class FreeSpace:
         return self.introducer
 
     @cached_property
-    def data(self) -> object:
-        """The duct as compiled code takes it."""
-        return self.duct.pack()
-
-    @cached_property
     def intro(self) -> NDArray[np.float64]:
         """The introducer as compiled code takes it, (7,); zeros without one."""
         return np.zeros(7) if self.introducer is None else self.introducer.pack(self.duct)
 
     @cached_property
-    def ways(self) -> Ways:
-        """The ways from the entry to the goal."""
-        return Ways(self.duct, self.way)
+    def passages(self) -> Passages:
+        """The passages from the entry to the goal."""
+        return Passages(self.duct, self.centreline)
 
     @cached_property
     def pitch(self) -> float:
@@ -312,15 +319,15 @@ class FreeSpace:
         return BODY_PITCH_MM if grid is None else 0.5 * float(np.min(grid.spacing))
 
     def for_link(self, length: float) -> FreeSpace:
-        """Return the same space for another link length: its introducer, with the ways shared."""
-        other = FreeSpace.at_entry(self.duct, self.way, along=length)
-        other.__dict__["ways"] = self.ways
+        """Return the same space, and its passages, with an introducer for another link length."""
+        other = FreeSpace.at_entry(self.duct, self.centreline, along=length)
+        other.__dict__["passages"] = self.passages
         return other
 
     def moved_to(self, duct: Duct) -> FreeSpace:
         """Return the space of the same lumen inflated by more, without an introducer."""
-        other = FreeSpace(duct, self.way)
-        other.__dict__["ways"] = Ways(duct, self.way, before=self.ways)
+        other = FreeSpace(duct, self.centreline)
+        other.__dict__["passages"] = Passages(duct, self.centreline, before=self.passages)
         return other
 
 

@@ -15,7 +15,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..duct.base import count_dimensions
 from ..duct.centreline import Centreline
 from ..progress import Progress, no_progress
 from .link import bound_slope
@@ -56,7 +55,7 @@ class ThesisPlanner(Planner):
         return move_by_thesis(
             space,
             scope,
-            links=scope.count_links(space.way.length),
+            links=scope.count_links(space.centreline.length),
             head_step=options.head_step,
             progress=progress,
         )
@@ -73,7 +72,7 @@ def move_by_thesis(
     """Move a chain of some links along the space's line by the thesis's scheme."""
     from .kernels import chain as kernels
 
-    duct, line, length = space.duct, space.way, float(scope.link_length)
+    duct, line, length = space.duct, space.centreline, float(scope.link_length)
     path = np.ascontiguousarray(duct.to_grid(line.points))
     chain = np.ascontiguousarray(duct.to_grid(space.tube.place_chain(links + 1, length)))
     state = np.zeros(4)
@@ -85,7 +84,7 @@ def move_by_thesis(
     while code == kernels.BUFFER_FULL:
         code, rows = kernels.advance_chain(
             space.data, space.intro, path, line.arc_length, length, float(scope.radius),
-            bound_slope(duct), count_dimensions(duct) == 2, float(head_step),
+            bound_slope(duct), duct.dim == 2, float(head_step),
             JUMP_STEPS * head_step, chain, state, out, trail,
         )  # fmt: skip
         parts.append(out[:rows].copy())

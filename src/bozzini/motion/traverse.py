@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_integer, check_number, describe_fields, quantity
-from ..duct.base import Duct, count_dimensions
+from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..duct.field import SampledField
 from ..errors import InputError
@@ -67,7 +67,7 @@ class Ceiling:
     @property
     def planar(self) -> bool:
         """Whether the duct is planar."""
-        return count_dimensions(self.duct) == 2
+        return self.duct.dim == 2
 
     def to_local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Turn world points (..., dim) into the grid's frame (..., 3) [mm]."""
@@ -81,7 +81,7 @@ class Ceiling:
         """Turn points (..., 3) of the grid's frame into world points (..., dim) [mm]."""
         if isinstance(self.duct, SampledField):
             return self.duct.to_world(points)
-        return np.asarray((points + self.origin)[..., : count_dimensions(self.duct)])
+        return np.asarray((points + self.origin)[..., : self.duct.dim])
 
     def measure(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return upper bounds (n,) of the clearance at local points (n, 3) [mm]."""

@@ -21,7 +21,7 @@ from ..numeric.polylines import measure_arc_length
 from ..progress import Progress, no_progress
 from .certify import Certificate, certify_motion
 from .measures import Crossing, find_crossing, measure_angles, measure_step_ratio
-from .plan import Candidate
+from .plan import CandidateMotion
 from .planner import Motion
 from .planners import PlannerOptions
 from .refusal import Refusal, floor_mm
@@ -99,9 +99,9 @@ class TubeMotion(Motion):
         """Largest step of a joint over the head's."""
         return measure_step_ratio(self.joints, self.head_arc_length)
 
-    def summarise(self) -> Candidate:
+    def summarise(self) -> CandidateMotion:
         """Return what it is compared by."""
-        return Candidate(
+        return CandidateMotion(
             freedom=1.0 if self.freedom is None else self.freedom,
             margin=self.margin,
             clearance=float(self.certificate.clearance),
@@ -150,9 +150,9 @@ class Job:
         links: int | None = None,
     ) -> None:
         self.space, self.scope, self.options, self.style = space, scope, options, style
-        self.duct, self.line, self.ways = space.duct, space.way, space.ways
+        self.duct, self.line, self.passages = space.duct, space.centreline, space.passages
         self.links = links or scope.count_links(self.line.length)
-        self.bound = self.ways.bound
+        self.bound = self.passages.bound
         self.failed: ShapedPath | None = None
         self.fold: ShapedPath | None = None
         self.largest_link = 0.0
@@ -197,20 +197,20 @@ class Job:
         """Return a way to the goal whose points have this clearance: the centreline, or another."""
         if self.bound[0] < clearance or self.bound[-1] < clearance:
             return None
-        if self.bound.min() >= clearance or self.ways.grid is None:
+        if self.bound.min() >= clearance or self.passages.grid is None:
             return self.line.points
         for level, known in self.bases:
             if level >= clearance:
                 return known
-        passage = self.ways.passage
+        passage = self.passages.passage
         if passage.level >= clearance:
-            base = self.ways.find_roomy(clearance)
+            base = self.passages.find_path(clearance)
             if base is not None:
                 self.bases.append((clearance, base))
                 return base
         # The widest way along nodes: between them there may be a wider one.
         if self.widest is None and passage.level > 0.0 and passage.bound >= clearance:
-            self.widest = self.ways.find_roomy(passage.level - 1e-6)
+            self.widest = self.passages.find_path(passage.level - 1e-6)
         return self.widest if passage.bound >= clearance else None
 
     def improve(self, motion: TubeMotion) -> TubeMotion:
@@ -411,8 +411,8 @@ def explain_stop(job: Job) -> Refusal:
     goal = float(job.bound[-1])
     entry, slack = float(job.bound[0]), MARGINS[-1]
     passage = None
-    if entry > 0.0 and (job.ways.grid is not None or goal > 0.0):
-        passage = job.ways.passage
+    if entry > 0.0 and (job.passages.grid is not None or goal > 0.0):
+        passage = job.passages.passage
         at = _locate(job, passage.place)
     if entry < radius + slack:
         return Refusal.at_entry(job.scope, entry, slack=slack if entry >= radius else 0.0)
@@ -484,7 +484,7 @@ def explain_stop(job: Job) -> Refusal:
 
 def _mention_grid(job: Job) -> str:
     """Return a remark where the grid, not the lumen, may be what is too narrow."""
-    if job.ways.grid is None or job.duct.error < 0.25 * job.scope.radius:
+    if job.passages.grid is None or job.duct.error < 0.25 * job.scope.radius:
         return ""
     return f" (not proved: the grid may hide up to {job.duct.error:.2f} mm, try a smaller --voxel)"
 
@@ -538,7 +538,7 @@ def _find_guide(job: Job, clearance: float) -> NDArray[np.float64] | None:
     """Return the way (n, dim) with a clearance that goes farthest along the centreline."""
     points = job.line.points
     fits = job.bound >= clearance
-    grid = job.ways.grid
+    grid = job.passages.grid
     if grid is None:
         reached = np.flatnonzero(fits)
         return points[: reached[-1] + 1] if len(reached) and reached[-1] > 1 else None
@@ -591,7 +591,7 @@ def _no_path(job: Job, at: float, level: float, bound: float) -> Refusal:
 
 def _unresolved(job: Job) -> Refusal:
     certificate = job.unresolved
-    remedy = ": use a smaller --voxel" if job.ways.grid is not None else ""
+    remedy = ": use a smaller --voxel" if job.passages.grid is not None else ""
     proved = float("nan") if certificate is None else certificate.clearance
     at = 0.0 if certificate is None else _locate(job, certificate.place)
     return Refusal(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import LabelTract, SurfaceTract
 from ..checks import check_number
-from ..duct.base import Duct, count_dimensions
+from ..duct.base import Duct
 from ..duct.field import RefinedField, SampledField, build_field, refine_field
 from ..errors import InputError
 from ..numeric.polylines import measure_arc_length
@@ -20,7 +20,7 @@ from ..progress import Progress, no_progress
 from ..results import to_plain
 from .certify import BUDGET, TOLERANCE_MM, Certificate, certify_motion
 from .measures import measure_angles, measure_body
-from .plan import LENGTH_ROUND_OFF_MM, ROUND_OFF_MM, Plan, TractInput
+from .plan import LENGTH_ROUND_OFF_MM, ROUND_OFF_MM, Plan, TractInput, write_record
 from .planners import PLANNERS
 from .recheck import Recheck, Tube, Wall, recheck_motion, surface_wall, voxel_wall
 from .space import FreeSpace, grid_of
@@ -106,7 +106,7 @@ class Verification:
                 "path_length_mm": float(plan.path_arc_length[-1]),
                 "steps": plan.steps,
                 "links": plan.links,
-                "scope": plan.meta.get("scope"),
+                "scope": None if plan.scope is None else write_record(plan.scope),
                 "inflation_mm": None if plan.field is None else plan.inflation,
                 "soft_wall_mm": None if plan.soft_wall is None else plan.displaced,
                 "wall": None if proof is None else proof.wall,
@@ -231,10 +231,10 @@ def verify_plan(
     checks = check_consistency(plan)
     if duct is None:
         return Verification(plan=plan, checks=checks)
-    if plan.joints.shape[2] != count_dimensions(duct):
+    if plan.joints.shape[2] != duct.dim:
         raise InputError(
             f"the plan has {plan.joints.shape[2]} dimensions, the duct has "
-            f"{count_dimensions(duct)}: they must agree"
+            f"{duct.dim}: they must agree"
         )
     progress("certify", 0.0)
     certificate, claimed, tolerance = certify_plan(plan, duct), plan.proved, TOLERANCE_MM

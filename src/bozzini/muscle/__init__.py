@@ -97,4 +97,6 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return __all__
+    from .models import MODELS
+
+    return sorted({*__all__, *(kind.__name__ for kind in MODELS.own.values())})

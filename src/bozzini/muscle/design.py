@@ -16,6 +16,8 @@ from ..checks import (
     check_array,
     check_fields,
     check_range,
+    check_word,
+    choose,
     legal_range,
     list_quantities,
     quantity,
@@ -436,9 +438,7 @@ class Muscle:
             If `name` is not a field that takes any number.
         """
         names = [known for known in list_quantities(Muscle) if known != "strands"]
-        if name not in names:
-            raise InputError(f"'{name}' has no legal range: choose one of {names}")
-        return legal_range(self, name)
+        return legal_range(self, check_word("field", name, names))
 
     @property
     def braid_radius(self) -> float:
@@ -507,6 +507,4 @@ def preset(name: str, **overrides: object) -> Muscle:
     InputError
         If there is no such preset, or a field or its value is not legal.
     """
-    if name not in PRESETS:
-        raise InputError(f"there is no muscle preset '{name}': choose one of {sorted(PRESETS)}")
-    return PRESETS[name].replace(**overrides)
+    return choose("muscle preset", name, PRESETS).replace(**overrides)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number
+from ..checks import check_number, describe_fields
 from ..errors import BozziniError, InputError
-from ..results import Result, take_axes
+from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements, take_measurements
 from .problem import (
     PARAMETER_UNITS,
@@ -536,6 +536,31 @@ class Calibration(Result):
     def residual(self) -> float:
         """Standard deviation of a row about the fit [mm], `sigma`."""
         return self.sigma
+
+    def to_dict(self) -> Json:
+        """Return the fit as plain values, with units in the names or beside the values."""
+        estimates = {
+            name: {
+                "value": self.estimates[name],
+                "unit": self.units[name],
+                "standard_error": self.standard_errors[name],
+                "interval_95": self.intervals[name],
+            }
+            for name in self.free
+        }
+        values: Json = {
+            "estimates": estimates,
+            "held": self.held,
+            "correlations": self.correlations,
+            "condition": self.condition,
+            "sigma_mm": self.sigma,
+            "warnings": self.warnings,
+            "converged": self.converged,
+            "reason": self.reason,
+            "residual": self.residual,
+            "muscle": describe_fields(self.muscle),
+        }
+        return {name: to_plain(value) for name, value in values.items()}
 
     def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each parameter."""

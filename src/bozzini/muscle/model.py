@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import broadcast, check_array, check_range, name_at
-from ..errors import BozziniError, InputError
+from ..checks import broadcast, check_array, check_range, name_at, show_value
+from ..errors import BozziniError, InputError, PluginError
 from ..results import Result, measured, take_axes
 from .design import Muscle
 from .hysteresis import Hysteresis
@@ -247,7 +247,7 @@ class MuscleModel(ABC):
         InputError
             As `contraction` does.
         """
-        contraction = self.contraction(pressure, load, direction=direction)
+        contraction = ask_contraction(self, pressure, load, direction)
         shape = contraction.shape
         loads = np.broadcast_to(np.asarray(load, dtype=np.float64), shape)
         force = self.force(pressure, contraction, direction=direction) if self.takes_load else loads
@@ -392,6 +392,19 @@ def take_arguments(
         ("pressure", pressures), (name, others), ("direction", parse_direction(direction))
     )
     return first, second, third
+
+
+def ask_contraction(
+    model: MuscleModel, pressure: ArrayLike, load: ArrayLike, direction: ArrayLike | None
+) -> Floats:
+    """Return a model's contraction [mm], or raise `PluginError` if it is not of numbers."""
+    found = model.contraction(pressure, load, direction=direction)
+    if not (isinstance(found, np.ndarray | np.floating | float) and np.isfinite(found).all()):
+        raise PluginError(
+            f"the model {model.name} gave {show_value(found)} as contraction: it must give a "
+            "number for each pressure"
+        )
+    return np.asarray(found)
 
 
 def is_as_defined(model: MuscleModel, kind: type[MuscleModel]) -> bool:

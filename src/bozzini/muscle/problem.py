@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_number, list_quantities
-from ..errors import BozziniError, InputError
+from ..errors import BozziniError, InputError, PluginError
 from .data import Measurements
 from .design import BRAID_ANGLES, Muscle
-from .model import MuscleModel
+from .model import MuscleModel, ask_contraction
 from .models.base import CatalogueModel, ExplicitModel
 
 if TYPE_CHECKING:
-    from .model import MuscleModel
     from .models.card import Parameter
 
 
@@ -35,6 +34,8 @@ def answer_rows(
     try:
         values = answer(data)
         return values, np.ones(len(data), dtype=np.bool_)
+    except PluginError:
+        raise
     except BozziniError:
         if len(data) == 1:
             return np.zeros((1, 1)), np.zeros(1, dtype=np.bool_)
@@ -49,12 +50,12 @@ def answer_rows(
 def predict_contraction(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
     """Return the model's contraction at each row [mm]; an error names the row."""
     try:
-        return model.contraction(data.pressure, data.load, direction=data.branch)
+        return ask_contraction(model, data.pressure, data.load, data.branch)
     except BozziniError as error:
         for row in range(len(data)):
             word = str(data.direction[row]) or None
             try:
-                model.contraction(float(data.pressure[row]), float(data.load[row]), direction=word)
+                ask_contraction(model, float(data.pressure[row]), float(data.load[row]), word)
             except BozziniError as at_row:
                 raise type(at_row)(f"{data.name_row(row)}: {at_row}") from None
         raise error
@@ -69,7 +70,7 @@ def try_contraction(
             return model.try_contraction(data.pressure, data.load, direction=data.branch)
 
     def answer(rows: Measurements) -> NDArray[np.float64]:
-        return model.contraction(rows.pressure, rows.load, direction=rows.branch)[:, None]
+        return ask_contraction(model, rows.pressure, rows.load, rows.branch)[:, None]
 
     predicted, held = answer_rows(answer, data)
     return predicted[:, 0], held

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number
+from ..checks import check_array, check_integer, check_number, check_word
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
-from ..results import Result, take_axes
+from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements, take_measurements
 from .design import Muscle, preset
 from .fit import Calibration, FitOptions, calibrate, find_minimum
@@ -73,7 +73,7 @@ class ModelScore:
     largest: float
     predicted: NDArray[np.float64]
 
-    def describe(self) -> dict[str, object]:
+    def to_dict(self) -> Json:
         """Return the score as plain values, with units in the names."""
         return {
             "model": self.name,
@@ -107,6 +107,16 @@ class ScoredModels(Result):
     @abstractmethod
     def _list_scores(self) -> Sequence[ModelScore]:
         """The scores, the best first."""
+
+    def to_dict(self) -> Json:
+        """Return the models as plain values, the best first, and why others have no answer."""
+        values = {name: getattr(self, name) for name in ("converged", "reason", "residual")}
+        values |= {"models": self._list_models(), "refusals": self.refusals}
+        return {name: to_plain(value) for name, value in values.items()}
+
+    def _list_models(self) -> list[Json]:
+        """Return what `to_dict` has of each model."""
+        return [{**score.to_dict(), "fitted": {}} for score in self._list_scores()]
 
     @property
     def converged(self) -> bool:
@@ -157,7 +167,7 @@ class Comparison(ScoredModels):
 
     def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model."""
-        return list_columns([score.describe() for score in self.scores])
+        return list_columns([score.to_dict() for score in self.scores])
 
     def _list_scores(self) -> Sequence[ModelScore]:
         return self.scores
@@ -415,7 +425,7 @@ class RankedModel:
         found = self.validation
         return math.inf if found is None or found.reason else found.error
 
-    def describe(self) -> dict[str, object]:
+    def to_dict(self) -> Json:
         """Return the entry as plain values, with units in the names."""
         left_out, found = self.validation, self.calibration
         fit: dict[str, object] = {"fitted": {}}
@@ -427,7 +437,7 @@ class RankedModel:
                 "fit_reason": found.reason,
             }
         return {
-            **self.score.describe(),
+            **self.score.to_dict(),
             "aicc": self.aicc,
             "bic": self.bic,
             "weight": self.weight,
@@ -524,9 +534,22 @@ class Ranking(ScoredModels):
         lines += [f"{name}: not fitted: {reason}" for name, reason in self.refusals.items()]
         return "\n".join(lines)
 
+    def to_dict(self) -> Json:
+        """Return the ranking as plain values, the best model first."""
+        values = {
+            "ranked_by": self.criterion,
+            "folds": self.folds,
+            "seed": self.seed,
+            "notes": self.notes,
+        }
+        return super().to_dict() | {name: to_plain(value) for name, value in values.items()}
+
+    def _list_models(self) -> list[Json]:
+        return [entry.to_dict() for entry in self.models]
+
     def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row for each model, the best first."""
-        rows = [entry.describe() for entry in self.models]
+        rows = [entry.to_dict() for entry in self.models]
         return list_columns(
             [
                 {name: value for name, value in row.items() if not isinstance(value, (dict, tuple))}
@@ -607,8 +630,8 @@ def rank(
     Returns
     -------
     Ranking
-        Models that cannot be fitted are in `Ranking.refusals`: a law is missing, or the model has
-        no answer for a row.
+        Models that cannot be fitted are in `Ranking.refusals`: a law is missing, the model has no
+        answer for a row, or it is another package's that is broken.
 
     Raises
     ------
@@ -623,8 +646,7 @@ def rank(
     refused = dict(refusals or {})
     if not kinds and not refused:
         raise InputError("there are 0 models to rank: give 1 or more")
-    if criterion not in CRITERIA:
-        raise InputError(f"criterion is {criterion!r}: it must be one of {', '.join(CRITERIA)}")
+    check_word("criterion", criterion, CRITERIA)
     check_integer("seed", seed, low=0)
     check_largest(data)
     parts = _choose_parts(data, folds, seed)
@@ -636,10 +658,10 @@ def rank(
             )
         raise InputError(f"folds is {folds}: to rank by the rows left out it must be 2 or more")
     entries = []
-    for index, (name, kind) in enumerate(kinds.items()):
+    for index, name in enumerate(kinds):
         progress(f"fitting {name}", index / len(kinds))
         try:
-            entries.append(_fit_model(name, kind, muscle, data, options, parts))
+            entries.append(_fit_model(name, kinds[name], muscle, data, options, parts))
         except BozziniError as error:
             refused[name] = str(error)
     progress("fitted", 1.0)

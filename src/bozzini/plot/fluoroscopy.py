@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..anatomy.frame import find_axis
-from ..checks import check_number, check_points
-from ..errors import GeometryError, InputError
+from ..checks import check_number, check_points, check_word
+from ..errors import GeometryError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -87,18 +87,6 @@ class Projection:
         result: NDArray[np.float64] = check_points("points", points) @ self.matrix.T
         return result
 
-    def find_pixel(self, points: ArrayLike) -> NDArray[np.int64]:
-        """Return ``(..., 2)`` row and column of the pixel under each world point ``(..., 3)``.
-
-        Points beside the picture give indices outside the image.
-        """
-        place = self.project(points)
-        rows, columns = self.image.shape
-        left, _, _, top = self.extent
-        column = np.floor((place[..., 0] - left) * columns / self.width)
-        row = np.floor((top - place[..., 1]) * rows / self.height)
-        return np.stack([row, column], axis=-1).astype(np.int64)
-
 
 def render_fluoroscopy(
     field: SampledField, *, axis: str = "coronal", margin: float = 10.0
@@ -126,8 +114,7 @@ def render_fluoroscopy(
     GeometryError
         If the field has no inside.
     """
-    if axis not in VIEWS:
-        raise InputError(f"view is {axis!r}: it must be one of {', '.join(map(repr, VIEWS))}")
+    check_word("view", axis, VIEWS)
     check_number("margin", margin, low=0.0, unit="mm")
     along, right, up = VIEWS[axis]
     # Where the patient's right, front and head lie in the world.

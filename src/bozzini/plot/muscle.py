@@ -417,28 +417,6 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
     axes.legend(frameon=False, fontsize=8, loc="lower left")
 
 
-def fade_loops(
-    largest: float, *, smallest: float = 0.0, loops: int = 4, count: int = 60
-) -> NDArray[np.float64]:
-    """Return a history of loops that shrink, each from `smallest` less far than the one before.
-
-    Parameters
-    ----------
-    largest, smallest : float
-        Turning points of the first loop.
-    loops : int
-        How many.
-    count : int
-        Samples of each branch.
-    """
-    parts: list[NDArray[np.float64]] = []
-    for loop in range(loops):
-        top = smallest + (largest - smallest) * (1.0 - loop / loops)
-        up = np.linspace(smallest, top, count)
-        parts += [up[1 if parts else 0 :], up[-2::-1]]
-    return np.concatenate(parts)
-
-
 def draw_loops(
     operators: Mapping[str, Hysteresis],
     history: ArrayLike,

@@ -461,11 +461,6 @@ class PlanClearance:
     inflation: float
     soft: SoftWall | None
 
-    @property
-    def headline(self) -> float | None:
-        """The clearance to quote first [mm]: the proved one where there is one."""
-        return self.proved if self.certified and self.proved is not None else self.estimate
-
 
 def read_clearance(plan: Plan, summary: Record) -> PlanClearance:
     """Return the clearance of a plan by its certificate, summary and arrays.

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..io.files import write_text
-from ..motion.plan import Plan
+from ..motion.plan import Plan, write_record
 from ..plot.fluoroscopy import Projection, render_fluoroscopy
 from ..plot.plan_data import (
     MotionSample,
@@ -435,20 +435,23 @@ def _describe_frame(pictures: Sequence[Projection], frame: str | None) -> str:
 
 
 def _render_provenance(plan: Plan, summary: Record) -> str:
-    parts, meta = [], plan.meta
-    if meta.get("command"):
-        parts.append(f"<pre>{escape(str(meta['command']))}</pre>")
+    parts = []
+    if plan.more.get("command"):
+        parts.append(f"<pre>{escape(str(plan.more['command']))}</pre>")
     rows = []
-    for key in ("input", "scope", "introducer", "field", "versions"):
-        value = meta.get(key)
-        if isinstance(value, Mapping):
-            rows += [(f"{key}: {name}".replace("_", " "), _show(v)) for name, v in value.items()]
-        elif value:
-            rows.append((key, _show(value)))
+    stated: dict[str, Mapping[str, object]] = {
+        "input": {} if plan.input is None else plan.input.describe(),
+        "scope": {} if plan.scope is None else write_record(plan.scope),
+        "introducer": {} if plan.introducer is None else write_record(plan.introducer),
+        "field": {} if plan.field is None else write_record(plan.field),
+        "versions": plan.versions,
+    }
+    for key, values in stated.items():
+        rows += [(f"{key}: {name}".replace("_", " "), _show(v)) for name, v in values.items()]
     if rows:
         parts.append(f"<table>{render_table(rows)}</table>")
-    if meta.get("attribution"):
-        parts.append(f"<p><b>Data:</b> {escape(str(meta['attribution']))}</p>")
+    if plan.more.get("attribution"):
+        parts.append(f"<p><b>Data:</b> {escape(str(plan.more['attribution']))}</p>")
     text = json.dumps(dict(summary), indent=2, default=str, ensure_ascii=False)
     parts.append(
         f"<details><summary>The whole summary</summary><pre>{escape(text)}</pre></details>"

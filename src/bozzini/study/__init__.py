@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .insertion import InsertionStudy, run_insertion
-    from .options import FitOptions, InsertionOptions, PathOptions, ReadOptions
+    from .options import InsertionOptions, PathOptions, ReadOptions, TractFitOptions
     from .shapes import FitStudy, SectionStudy, run_fit, run_sections
     from .traverse import LimitsStudy, run_limits
 
 __all__ = [
-    "FitOptions",
+    "TractFitOptions",
     "FitStudy",
     "InsertionOptions",
     "InsertionStudy",
@@ -28,7 +28,7 @@ __all__ = [
 
 _MODULES = {
     "insertion": ("InsertionStudy", "run_insertion"),
-    "options": ("FitOptions", "InsertionOptions", "PathOptions", "ReadOptions"),
+    "options": ("TractFitOptions", "InsertionOptions", "PathOptions", "ReadOptions"),
     "shapes": ("FitStudy", "SectionStudy", "run_fit", "run_sections"),
     "traverse": ("LimitsStudy", "run_limits"),
 }

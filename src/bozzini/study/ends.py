@@ -27,7 +27,7 @@ from ..progress import Progress, no_progress
 from ..results import Json
 
 __all__ = [
-    "Candidate",
+    "CandidateEnd",
     "OrientedCentreline",
     "Place",
     "find_introducer_crossing",
@@ -87,7 +87,7 @@ class Place:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Candidate:
+class CandidateEnd:
     """A place of the tract where a centreline could begin or end.
 
     Attributes
@@ -137,7 +137,7 @@ class OrientedCentreline:
         Whether that is known; otherwise the other end may be the entry as well.
     goal : str
         The name of its end: of an opening or of what was given, else ``"the far end"``.
-    candidates : tuple of Candidate
+    candidates : tuple of CandidateEnd
     findings : tuple of Finding
     given : bool
         Whether an end was given; else the centreline is to lead through the whole lumen.
@@ -149,7 +149,7 @@ class OrientedCentreline:
     basis: str
     decided: bool
     goal: str
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[CandidateEnd, ...]
     findings: tuple[Finding, ...] = ()
     given: bool = False
     goal_given: bool = False
@@ -449,7 +449,7 @@ def measure_gap(tract: Tract, point: Point) -> float:
     return float(np.sqrt(gap))
 
 
-def _name_goal(candidates: Sequence[Candidate]) -> str:
+def _name_goal(candidates: Sequence[CandidateEnd]) -> str:
     """Return what an end is called that was found: its opening, if it has one."""
     names = [c.name for c in candidates if c.kind == "opening" and c.role == "goal"]
     return names[0] if names else "the far end"
@@ -546,9 +546,9 @@ def _marks_entry(name: str, organ: str) -> bool:
     return bool(ENTRY_LANDMARKS[organ].search(name.lower().replace("_", " ")))
 
 
-def _list_candidates(tract: Tract, line: Centreline) -> tuple[Candidate, ...]:
+def _list_candidates(tract: Tract, line: Centreline) -> tuple[CandidateEnd, ...]:
     """Return the two ends of the line, the others that were found, openings and landmarks."""
-    found: list[Candidate] = []
+    found: list[CandidateEnd] = []
     openings = sorted(tract.openings, key=lambda opening: -opening.radius)
     roles: dict[str, Literal["entry", "goal"]] = {}
     ends: tuple[tuple[Literal["entry", "goal"], int], ...] = (("entry", 0), ("goal", -1))
@@ -564,9 +564,9 @@ def _list_candidates(tract: Tract, line: Centreline) -> tuple[Candidate, ...]:
             roles[min(near)[1]] = role
         x, y, z = (float(v) for v in point)
         name = f"{role}, at the opening '{min(near)[1]}'" if near else role
-        found.append(Candidate(kind="end", name=name, point=(x, y, z), role=role))
+        found.append(CandidateEnd(kind="end", name=name, point=(x, y, z), role=role))
     found += [
-        Candidate(
+        CandidateEnd(
             kind="end",
             name=f"further end, could be the {'entry' if other.end == 'start' else 'goal'}",
             point=other.point,
@@ -575,13 +575,13 @@ def _list_candidates(tract: Tract, line: Centreline) -> tuple[Candidate, ...]:
         for other in line.other_ends
     ]
     found += [
-        Candidate(
+        CandidateEnd(
             kind="opening", name=o.name, point=o.point, role=roles.get(o.name, ""), radius=o.radius
         )
         for o in openings
     ]
     found += [
-        Candidate(kind="landmark", name=name, point=place)
+        CandidateEnd(kind="landmark", name=name, point=place)
         for name, place in name_landmarks(tract).items()
     ]
     return tuple(found)

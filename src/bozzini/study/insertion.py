@@ -21,6 +21,7 @@ from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
 from ..duct.field import RefinedField, refine_field
+from ..errors import PluginError
 from ..io.files import new_directory, write_bytes, write_text
 from ..motion import (
     PLANNERS,
@@ -38,7 +39,7 @@ from ..motion import (
 from ..motion.actuate.actuate import actuate_plan
 from ..motion.actuate.actuation import Actuation
 from ..motion.measures import measure_displacement
-from ..motion.plan import TractInput
+from ..motion.plan import FieldSummary, Measures, TractInput, write_record
 from ..motion.refusal import floor_mm
 from ..progress import Progress, no_progress
 from ..results import Json, Result
@@ -69,8 +70,7 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> Json:
     line : Centreline
         From the entry to the goal.
     """
-    meta = plan.meta
-    measures = meta["measures"]
+    measures = plan.measures or Measures()
     inside = bool(np.isfinite(plan.clearance).any())
     narrow = int(np.argmin(line.radius))
     summary: Json = {
@@ -86,15 +86,15 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> Json:
         "inserted_mm": plan.inserted,
         "steps": plan.steps,
         "links": plan.links,
-        "clearance_min_mm": measures["clearance_min_mm"] if inside else None,
-        "clearance_where_mm": measures["clearance_where_mm"] if inside else None,
-        "clearance_insertion_mm": measures["clearance_insertion_mm"] if inside else None,
-        "clearance_error_mm": meta["field"]["clearance_error_mm"],
-        "joint_step_max_mm": measures["joint_step_max_mm"],
-        "joint_step_ratio_max": measures["joint_step_ratio_max"],
-        "head_step_mm": meta["head_step_mm"],
-        "joint_angle_max_rad": measures["joint_angle_max_rad"],
-        "joint_travel_mm": measures["joint_travel_mm"],
+        "clearance_min_mm": measures.clearance_min if inside else None,
+        "clearance_where_mm": measures.clearance_where if inside else None,
+        "clearance_insertion_mm": measures.clearance_insertion if inside else None,
+        "clearance_error_mm": (plan.field or FieldSummary()).clearance_error,
+        "joint_step_max_mm": measures.joint_step_max,
+        "joint_step_ratio_max": measures.joint_step_ratio_max,
+        "head_step_mm": (plan.options or PlannerOptions()).head_step,
+        "joint_angle_max_rad": measures.joint_angle_max,
+        "joint_travel_mm": measures.joint_travel,
         "displacement_ratio": measure_displacement(plan),
         "radius_min_mm": float(line.radius[narrow]),
         "radius_min_where_mm": float(line.arc_length[narrow]),
@@ -102,11 +102,15 @@ def summarise_plan(plan: Plan, field: SampledField, line: Centreline) -> Json:
         "wall_error_mm": field.wall_error,
         "voxel_mm": [float(h) for h in field.spacing],
         "inflation_mm": field.inflation,
-        "scope": meta["scope"],
+        "scope": write_record(plan.get_scope()),
     }
-    for key in ("refusal", "soft_wall", "candidates", "input"):
-        if meta.get(key) is not None:
-            summary[key] = meta[key]
+    for name, part in (("refusal", plan.refusal), ("soft_wall", plan.soft_wall)):
+        if part is not None:
+            summary[name] = write_record(part)
+    if plan.candidates is not None:
+        summary["candidates"] = [write_record(each) for each in plan.candidates]
+    if plan.input is not None:
+        summary["input"] = plan.input.describe()
     return summary
 
 
@@ -490,6 +494,13 @@ def run_insertion(
     options.check(scope)
     times: dict[str, float] = {}
     places = resolve_places(tract, options.start, options.end, options.via)
+    given: Json = {"source": tract.source, **(inputs or {})}
+    for name, place in (("start", places[0]), ("end", places[1])):
+        if place is not None:
+            given[name] = place.given
+    if places[2]:
+        given["via"] = [place.given for place in places[2]]
+    stated = TractInput.read(given)
     with explain_scale(tract):
         with _clock(times, "distance"):
             field = build_field(
@@ -562,19 +573,16 @@ def run_insertion(
         with _clock(times, "compare"):
             others = [name for name in PLANNERS if name != "best"]
             for other in others:
-                ignored = getattr(PLANNERS[other], "ignored", ())
-                plain = {name: getattr(PlannerOptions(), name) for name in ignored}
-                chosen = replace(options.motion, **plain)
-                comparison.append(
-                    plan_insertion(field, line, scope=scope, method=other, options=chosen)
-                )
+                try:
+                    ignored = getattr(PLANNERS[other], "ignored", ())
+                    plain = {name: getattr(PlannerOptions(), name) for name in ignored}
+                    chosen = replace(options.motion, **plain)
+                    comparison.append(
+                        plan_insertion(field, line, scope=scope, method=other, options=chosen)
+                    )
+                except PluginError as error:
+                    findings = (*findings, Finding("plugin", "warning", str(error)))
                 progress("compare", len(comparison) / len(others))
-    given: Json = {"source": tract.source, **(inputs or {})}
-    for name, place in (("start", places[0]), ("end", places[1])):
-        if place is not None:
-            given[name] = place.given
-    if places[2]:
-        given["via"] = [place.given for place in places[2]]
     rounded = Centreline(
         points=_round(line.points), arc_length=_round(line.arc_length), radius=_round(line.radius)
     )
@@ -582,7 +590,7 @@ def run_insertion(
     def state(each: Plan) -> Plan:
         return replace(
             each,
-            input=TractInput.read(given),
+            input=stated,
             centreline=rounded,
             findings=tuple(f"{item.severity}: {item.message}" for item in findings),
             more={"ends": [candidate.describe() for candidate in ends.candidates]},
@@ -622,8 +630,10 @@ def _may_profit(plan: Plan, field: SampledField) -> bool:
         return False
     if plan.reason_code not in GRID_CODES:
         return False
-    lack = 0.0 if plan.refusal is None else plan.refusal.needs - plan.refusal.offers
-    return plan.reason_code == "CERTIFICATE_UNRESOLVED" or lack <= field.error
+    if plan.reason_code == "CERTIFICATE_UNRESOLVED" or plan.refusal is None:
+        return True
+    needs, offers = plan.refusal.needs, plan.refusal.offers
+    return needs is None or offers is None or needs - offers <= field.error
 
 
 def _choose_finer(plan: Plan, fine: Plan) -> tuple[Plan, tuple[Finding, ...]]:

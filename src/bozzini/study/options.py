@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..checks import check_fields, quantity
-from ..motion.planners import PLANNERS, PlannerOptions
+from ..motion.planners import PLANNERS, PlannerOptions, check_route
 from ..results import Json
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 ORGANS = ("upper-tract", "small-bowel", "colon")
 """As `bozzini.anatomy.ORGANS`."""
 
-SHAPES = ("cones", "cylinders", "superellipsoids")
+FITTED_KINDS = ("cones", "cylinders", "superellipsoids")
 """As `bozzini.duct.fitting.fit` knows them."""
 
 ROUTES = {"in": (1.0,), "in-out": (1.0, 0.0), "in-out-in": (1.0, 0.0, 1.0)}
@@ -183,7 +183,7 @@ class PathOptions:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FitOptions(PathOptions):
+class TractFitOptions(PathOptions):
     """What shapes are fitted to a tract.
 
     Parameters
@@ -198,7 +198,7 @@ class FitOptions(PathOptions):
     """
 
     kind: str = quantity(
-        "text", "What shapes stand for the lumen.", default="cones", words=SHAPES, option="as"
+        "text", "What shapes stand for the lumen.", default="cones", words=FITTED_KINDS, option="as"
     )
     max_error: float = quantity(
         "length",
@@ -284,6 +284,11 @@ class InsertionOptions(PathOptions):
         "flag", "Also find the largest diameter and longest link.", default=False
     )
     compare: bool = quantity("flag", "Also plan by the other methods, side by side.", default=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.route, str):
+            object.__setattr__(self, "route", check_route(self.route))
+        super().__post_init__()
 
     @property
     def fractions(self) -> tuple[float, ...]:

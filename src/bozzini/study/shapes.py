@@ -16,7 +16,7 @@ from ..duct.shapes.mesh import TriangleMesh
 from ..progress import Progress, no_progress
 from ..results import Json, Result
 from .ends import OrientedCentreline, orient_centreline, resolve_places
-from .options import FitOptions, PathOptions, explain_scale
+from .options import PathOptions, TractFitOptions, explain_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -170,7 +170,7 @@ class SectionStudy(Result):
 
 def run_fit(
     tract: LabelTract | SurfaceTract,
-    options: FitOptions | None = None,
+    options: TractFitOptions | None = None,
     *,
     progress: Progress = no_progress,
 ) -> FitStudy:
@@ -179,7 +179,7 @@ def run_fit(
     Parameters
     ----------
     tract : LabelTract or SurfaceTract
-    options : FitOptions, optional
+    options : TractFitOptions, optional
     progress : Progress
 
     Raises
@@ -187,7 +187,7 @@ def run_fit(
     BozziniError
         If an input is not legal, or no shapes follow the centreline.
     """
-    options = FitOptions() if options is None else options
+    options = TractFitOptions() if options is None else options
     field, ends = find_line(tract, options, progress)
     how = ShapeFitOptions(
         kind=options.kind,  # type: ignore[arg-type]  # which it checks

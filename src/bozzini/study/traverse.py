@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
-from ..checks import check_number
+from ..checks import check_number, check_word
 from ..duct import (
     Centreline,
     Duct,
@@ -154,8 +154,8 @@ def run_limits(
     check_number("diameter", diameter, low=0.0, low_open=True, unit="mm")
     if link is not None:
         check_number("link", link, low=0.0, low_open=True, unit="mm")
-    if fit not in ("", *FITS):
-        raise InputError(f"fit is '{fit}': it must be one of {', '.join(FITS)}")
+    if fit:
+        check_word("fit", fit, FITS)
     findings: tuple[Finding, ...]
     duct: Duct
     if isinstance(source, (LabelTract, SurfaceTract)):
@@ -165,7 +165,7 @@ def run_limits(
         duct, line = _prepare_duct(source, options, progress)
         if options.reverse:
             line = line.reverse()
-        findings = (*_explain_fit(fit, duct), *list_branches(line))
+        findings = (*explain_fit(fit, duct), *list_branches(line))
     links = find_link_limits(duct, line, diameter=diameter, progress=progress)
     diameters = _lower_top(find_diameter_limits(duct, line, progress=progress), links)
     narrow = None
@@ -192,7 +192,7 @@ def _lower_top(diameters: DiameterLimits, links: LinkLimits) -> DiameterLimits:
     return replace(diameters, high=links.diameter, high_at=links.link_high_at)
 
 
-def _explain_fit(fit: str, duct: Duct) -> tuple[Finding, ...]:
+def explain_fit(fit: str, duct: Duct) -> tuple[Finding, ...]:
     """Return a warning that bounds of fitted shapes are not bounds of the tract."""
     if fit == "inscribed":
         message = (

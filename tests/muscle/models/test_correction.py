@@ -158,10 +158,10 @@ def test_davis_scale_is_hertz_contact_of_two_spheres():
     pressure = np.array([0.1, 0.8])
     radius, modulus = MUSCLE.strand_radius, MUSCLE.strand_modulus / (2.0 * (1.0 - 0.4**2))
     contact = np.cbrt(3.0 * pressure * (2.0 * radius) ** 2 * 0.5 * radius / (4.0 * modulus))
-    ratio = rub("davis-caldwell", scale="radii").find_scale(pressure)
+    ratio = 1.0 / rub("davis-caldwell", scale="radii").find_share(pressure)
     assert ratio == pytest.approx(radius / contact, rel=1e-12)
     assert ratio[0] / ratio[1] == pytest.approx(2.0, rel=1e-12)  # goes as P^(-1/3)
-    areas = rub("davis-caldwell").find_scale(pressure)
+    areas = 1.0 / rub("davis-caldwell").find_share(pressure)
     assert areas == pytest.approx(ratio**2, rel=1e-12)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...anatomy.tract import LabelTract, SurfaceTract
-from ...checks import check_integer, check_number
+from ...checks import check_integer, check_number, check_word
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
 from ...results import Result
@@ -174,8 +174,7 @@ class ShapeFitOptions:
     inside: bool = True
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise InputError(f"kind is '{self.kind}': it must be one of {', '.join(KINDS)}")
+        check_word("kind", self.kind, KINDS)
         check_number("max error", self.max_error, low=0.0, low_open=True, unit="mm")
         if self.pieces is not None:
             check_integer("pieces", self.pieces, low=1, high=PIECES_MAX)

@@ -6,14 +6,14 @@ from ...registry import Registry, collect_named
 from ..base import Duct
 from . import cones, curves, cylinders, mesh, points, polyhedron, quads, super_ellipses
 
-__all__ = ["SHAPES"]
+__all__ = ["DUCT_SHAPES"]
 
 MODULES = (quads, curves, super_ellipses, cones, cylinders, polyhedron, mesh, points)
 """Where the shapes of this package are; a new module is named here."""
 
-SHAPES: Registry[Duct] = Registry(
+DUCT_SHAPES: Registry[Duct] = Registry(
     "bozzini.ducts",
-    Duct,  # type: ignore[type-abstract]
+    lambda: Duct,
     lambda: collect_named(MODULES, Duct),  # type: ignore[type-abstract]
     noun="shape",
 )

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base import PackedDuct, Shape
+from ..base import DuctShape, PackedDuct
 from ..packed import ShapesData, measure_slack, pack_shapes
 
 Floats = NDArray[np.float64]
@@ -18,7 +18,7 @@ FAMILY: dict[int, type[ShapeUnion]] = {}
 """The class of each kind of shape that kernels know, by its code in `kernels.shapes`."""
 
 
-class ShapeUnion(Shape, PackedDuct):
+class ShapeUnion(DuctShape, PackedDuct):
     """A union of shapes of one kind that compiled kernels know.
 
     A new kind is a frozen dataclass that brings its `code`, `numbers` and `move`, and a kernel of

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from ...checks import check_number
 from ...errors import InputError
-from ..base import Shape
+from ..base import DuctShape
 from ..checks import (
     check_counts,
     check_radii,
-    check_wall,
     freeze_array,
     freeze_places,
     set_fields,
@@ -24,7 +23,7 @@ from .base import ShapeUnion
 Floats = NDArray[np.float64]
 
 
-class _Balls(Shape):
+class _Balls(DuctShape):
     """What unions of balls share."""
 
     centres: NDArray[np.float64]
@@ -38,7 +37,7 @@ class _Balls(Shape):
         radii = freeze_array("radii", self.radii, ())
         check_counts(len(centres), {"radii": radii})
         check_radii(radii)
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         set_fields(self, centres=centres, radii=radii)
 
     @property
@@ -59,7 +58,7 @@ class Circles(_Balls, ShapeUnion):
     radii : (n,) float
         Of the discs [mm].
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -124,7 +123,7 @@ class RoundCones(_Balls, ShapeUnion):
     radii : (n,) float
         Of the balls [mm]. Between two centres the radius changes linearly.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------

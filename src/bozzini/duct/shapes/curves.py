@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import broadcast, check_array, check_number, check_points
 from ...errors import GeometryError, InputError
-from ..base import Kind, PackedDuct, Shape
-from ..checks import check_places, check_wall, freeze_places, set_fields
+from ..base import DuctShape, Kind, PackedDuct
+from ..checks import check_places, freeze_places, set_fields
 from ..packed import ShapesData
 from .quads import StitchedQuads
 
@@ -173,7 +173,7 @@ class CurveCoordinates:
 
 
 @dataclass(frozen=True, eq=False)
-class BetweenCurves(Shape, PackedDuct):
+class BetweenCurves(DuctShape, PackedDuct):
     """All points ``(1 - v) first(u) + v second(u)``, v in [0, 1] (thesis eq. 5.26).
 
     Parameters
@@ -190,7 +190,7 @@ class BetweenCurves(Shape, PackedDuct):
         step h of u then err by at most ``curvature * h^2 / 8``. Without it the error is estimated:
         twice the largest found at seven places in each chord.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -218,10 +218,11 @@ class BetweenCurves(Shape, PackedDuct):
 
     name = "curves"
     dim = 2
+    unit_kinds = dict.fromkeys(("first", "second", "tolerance", "curvature"), "length")
 
     def __post_init__(self) -> None:
         check_number("tolerance", self.tolerance, low=0.0, low_open=True, unit="mm")
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         if self.curvature is None and callable(self.first) and not self.wall.endswith(ESTIMATED):
             set_fields(self, wall=self.wall + ESTIMATED)
         if self.curvature is not None:

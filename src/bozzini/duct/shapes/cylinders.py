@@ -13,7 +13,6 @@ from ..checks import (
     check_counts,
     check_places,
     check_radii,
-    check_wall,
     freeze_array,
     freeze_places,
     scale_to_unit_normals,
@@ -60,7 +59,7 @@ class ConnectedCylinders(ShapeUnion):
     radii : (n,) float
         Of the circles [mm].
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -107,7 +106,7 @@ class ConnectedCylinders(ShapeUnion):
         radii = freeze_array("radii", self.radii, (), least=2)
         check_counts(len(centres), {"normals": normals, "radii": radii})
         check_radii(radii)
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         normals = scale_to_unit_normals("normals", normals)
         _turn_normals(centres, normals)
         _check_apart(centres, normals, radii)

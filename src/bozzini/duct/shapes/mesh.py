@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import GeometryError, InputError
 from ...numeric.vectors import order_points
-from ..base import SampledField, Shape
-from ..checks import check_places, check_wall, freeze_places, set_fields
+from ..base import DuctShape, SampledField
+from ..checks import check_places, freeze_places, set_fields
 from ..field import MeshWall, field_from_mesh, measure_parts
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ THIN_MM = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class TriangleMesh(Shape):
+class TriangleMesh(DuctShape):
     """The inside of a closed triangle mesh.
 
     Parameters
@@ -86,7 +86,7 @@ class TriangleMesh(Shape):
     faces : (m, 3) int
         Triangles that agree in their turn. Kept outward.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -113,6 +113,7 @@ class TriangleMesh(Shape):
     wall_error: float | None = field(default=None, kw_only=True)
 
     name = "mesh"
+    unit_kinds = {"vertices": "length"}
     dim = 3
     exact_outside = True
 
@@ -129,7 +130,7 @@ class TriangleMesh(Shape):
                 f"faces point at vertices {span}: they must lie in [0, {len(vertices) - 1}]"
             )
         faces = faces.astype(np.int64)
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         _check_closed(vertices, faces)
         volume = measure_parts(vertices, faces)[1].sum() / 6.0
         if abs(volume) <= 1e-9 * float(np.ptp(vertices[faces], axis=(0, 1)).max()) ** 3:

@@ -214,6 +214,7 @@ class PointCloud(Duct):
     wall_error: float | None = field(default=None, init=False)
 
     name = "cloud"
+    unit_kinds = dict.fromkeys(("points", "spacing", "seeds"), "length")
     dim = 3
 
     def __post_init__(self) -> None:

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import GeometryError, InputError
 from ..checks import (
     COORDINATE_MAX,
-    check_wall,
     freeze_array,
     freeze_places,
     scale_to_unit_normals,
@@ -41,7 +40,7 @@ class ConvexPolyhedra(ShapeUnion):
     connected : bool
         Whether pieces that are not all connected are refused.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -63,6 +62,7 @@ class ConvexPolyhedra(ShapeUnion):
     wall: str = field(default="union of convex polyhedra, ends closed", kw_only=True)
 
     name = "polyhedra"
+    unit_kinds = {"pieces": ("dimensionless", "dimensionless", "dimensionless", "length")}
     code = 12
     dim = 3
 
@@ -78,7 +78,7 @@ class ConvexPolyhedra(ShapeUnion):
             raise InputError(
                 f"pieces is one array of {len(self.pieces)} rows: it must be a sequence of arrays"
             )
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         pieces = []
         for k, rows in enumerate(self.pieces):
             planes = freeze_array(f"pieces[{k}]", rows, (4,), least=4)

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import check_array
 from ...errors import GeometryError, InputError
 from ...numeric.vectors import cross_planar
-from ..base import Kind, PackedDuct, Shape
-from ..checks import check_places, check_wall, freeze_places, set_fields
+from ..base import DuctShape, Kind, PackedDuct
+from ..checks import check_places, freeze_places, set_fields
 from ..packed import ShapesData
 from .base import ShapeUnion
 
@@ -29,7 +29,7 @@ class Polygon(ShapeUnion):
         In order, either way round [mm]; edge k joins vertices k and k + 1, the last one closes.
         The first vertex may be repeated at the end. Kept counter-clockwise.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -48,6 +48,7 @@ class Polygon(ShapeUnion):
     wall: str = field(default="polygon", kw_only=True)
 
     name = "polygon"
+    unit_kinds = {"vertices": "length"}
     code = 3
     dim = 2
     exact_outside = True
@@ -56,7 +57,7 @@ class Polygon(ShapeUnion):
         vertices = freeze_places("vertices", self.vertices, 2, least=3)
         if len(vertices) > 3 and np.array_equal(vertices[0], vertices[-1]):
             vertices = vertices[:-1]
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         check_simple(vertices)
         if measure_area(vertices) < 0.0:
             vertices = vertices[::-1].copy()
@@ -182,7 +183,7 @@ class QuadCoordinates:
 
 
 @dataclass(frozen=True, eq=False)
-class StitchedQuads(Shape, PackedDuct):
+class StitchedQuads(DuctShape, PackedDuct):
     """Convex quadrilaterals, each sharing a rung with the next.
 
     Quad k has the corners ``left[k], left[k + 1], right[k + 1], right[k]``.
@@ -194,7 +195,7 @@ class StitchedQuads(Shape, PackedDuct):
     right : (n + 1, 2) float
         Points along the other: Q [mm].
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -216,6 +217,7 @@ class StitchedQuads(Shape, PackedDuct):
     wall: str = field(default="stitched quadrilaterals", kw_only=True)
 
     name = "quads"
+    unit_kinds = {"left": "length", "right": "length"}
     dim = 2
     exact_outside = True
 
@@ -226,7 +228,7 @@ class StitchedQuads(Shape, PackedDuct):
             raise InputError(
                 f"right has {len(right)} point(s): it must have as many as left, {len(left)}"
             )
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         check_quads(left, right)
         set_fields(self, left=left, right=right)
         crossing = find_crossing(np.concatenate([left, right[::-1]]))

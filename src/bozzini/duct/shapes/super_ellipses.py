@@ -16,7 +16,6 @@ from ..checks import (
     check_half_axes,
     check_places,
     check_rotation,
-    check_wall,
     freeze_array,
     freeze_places,
     set_fields,
@@ -90,7 +89,7 @@ class SuperEllipses(ShapeUnion):
     connected : bool
         Whether shapes that are not all connected are refused; obstacles need not.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -133,7 +132,7 @@ class SuperEllipses(ShapeUnion):
         check_counts(len(centres), {"half axes": half_axes, "powers": powers, "angles": angles})
         check_half_axes(half_axes)
         check_exponents("powers", powers, POWER_MIN, POWER_MAX, pinched="below")
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         set_fields(self, centres=centres, half_axes=half_axes, powers=powers, angles=angles)
         if self.connected:
             self._check_union(0.0)
@@ -301,7 +300,7 @@ class SuperEllipsoids(ShapeUnion):
     connected : bool
         Whether shapes that are not all connected are refused.
     inflation, wall, wall_error
-        See `Shape`.
+        See `DuctShape`.
 
     Raises
     ------
@@ -351,7 +350,7 @@ class SuperEllipsoids(ShapeUnion):
             check_exponents(name, array, EXPONENT_MIN, EXPONENT_MAX, pinched="above")
         for k, rotation in enumerate(rotations):
             check_rotation(f"rotations[{k}]", rotation)
-        check_wall(self.inflation, self.wall_error)
+        super().__post_init__()
         set_fields(self, centres=centres, half_axes=half_axes, e1=e1, e2=e2, rotations=rotations)
         if self.connected and len(centres) > 1:
             _check_union(self)

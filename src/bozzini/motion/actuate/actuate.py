@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...checks import check_number
 from ...continuum import ContinuumRobot
 from ...continuum.coupling import Coupling, require_arcs
-from ...duct.base import Duct, count_dimensions
+from ...duct.base import Duct
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
 from ..plan import Plan, write_record
@@ -468,7 +468,7 @@ def actuate_plan(
         If the tendons do not control all bends, or are not parallel.
     """
     check_number("roll", roll, unit="rad")
-    if count_dimensions(duct) != 3 or plan.path.shape[1] != 3:
+    if duct.dim != 3 or plan.path.shape[1] != 3:
         raise InputError("the plan or the duct is planar: a robot moves in 3 dimensions")
     introducer = plan.get_introducer()
     space = FreeSpace(duct, introducer=introducer)

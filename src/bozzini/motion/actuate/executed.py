@@ -45,7 +45,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_array, check_integer, check_number, check_points, check_range, quantity
 from ...continuum import ContinuumRobot
-from ...duct.base import count_dimensions
 from ...errors import InputError
 from ..certify import TOLERANCE_MM, certify_motion
 from ..plan import read_record, write_record
@@ -291,7 +290,7 @@ def certify_arcs(
     advance = advance[..., 0]
     if advance.shape != bend.shape[:1]:
         raise InputError(f"advances has shape {advance.shape}: it must be ({len(bend)},)")
-    if count_dimensions(space.duct) != 3:
+    if space.duct.dim != 3:
         raise InputError("the duct is planar: a robot moves in a duct of 3 dimensions")
     check_number("deviation", deviation, low=1e-5, high=1.0, unit="mm")
     check_number("roll", roll, unit="rad")

@@ -15,7 +15,7 @@ from numba import njit
 from ...continuum.kernels.arc import fill_arc, put_arc
 from ...duct.kernels.clearance import clearance_slope
 
-# Numba kernels a fit is made of: nearest point of a path, room, normal equations.
+# Numba kernels a fit is made of: nearest point of a path, clearance, normal equations.
 
 
 @njit(cache=True)
@@ -81,7 +81,7 @@ def project_on_path(path, tangents, guess, x, y, z, foot):
 
 
 @njit(cache=True)
-def find_room(duct, placing, bore, point, slope):
+def find_clearance(duct, placing, bore, point, slope):
     """Return the estimated clearance in duct and introducer; fill `slope` (3,), its gradient.
 
     `placing` (4, 3) turns a point into the duct's frame: three axes, then the origin.
@@ -212,7 +212,7 @@ def fill_bodies(lengths, chords, frame, outward, total, bends, advances, steps, 
 
 
 WALL_WEIGHT = 10.0
-"""Weight of a missing millimetre of room against one beside the path."""
+"""Weight of a missing millimetre of clearance against one beside the path."""
 
 TIP_WEIGHT = 20.0
 """Weight of the tip's place along the path [mm]."""
@@ -244,7 +244,7 @@ def _assemble(
     tangents,
     arc,
     head,
-    room,
+    needed,
     bends,
     advance,
     first,
@@ -331,16 +331,16 @@ def _assemble(
                 for p in range(used):
                     row[p] = columns[p, 0] * ux + columns[p, 1] * uy + columns[p, 2] * uz
                 add_row(row, used, miss, pitch, hessian, gradient)
-            if room > 0.0:
-                g = find_room(duct, placing, bore, place, slope)
-                if g < room:
+            if needed > 0.0:
+                g = find_clearance(duct, placing, bore, place, slope)
+                if g < needed:
                     for p in range(used):
                         row[p] = -(
                             columns[p, 0] * slope[0]
                             + columns[p, 1] * slope[1]
                             + columns[p, 2] * slope[2]
                         )
-                    add_row(row, used, room - g, WALL_WEIGHT * pitch, hessian, gradient)
+                    add_row(row, used, needed - g, WALL_WEIGHT * pitch, hessian, gradient)
     # The tip stands at the head's arc length.
     k = min(max(np.searchsorted(arc, head) - 1, 0), path.shape[0] - 2)
     w = (head - arc[k]) / (arc[k + 1] - arc[k])
@@ -406,7 +406,7 @@ def fit_motion(
     tangents,
     arc,
     heads,
-    room,
+    needed,
     rounds,
     bends,
     advances,
@@ -426,7 +426,7 @@ def fit_motion(
         Tendon displacements per bend, and their limits [mm].
     path, tangents, arc : (n, 3), (n, 3), (n,) float
         The path, from inside the introducer to the goal; arc length is 0 at the entry.
-    room : float
+    needed : float
         Clearance of the backbone below which the wall pushes [mm]; 0 for none.
     rounds : int
         Iterations per step at most.
@@ -475,7 +475,7 @@ def fit_motion(
                 tangents,
                 arc,
                 head,
-                room,
+                needed,
                 current,
                 advance,
                 first,

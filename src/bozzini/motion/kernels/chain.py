@@ -270,7 +270,7 @@ def search_sphere(
 
 
 @njit(cache=True)
-def find_roomiest(duct, intro, head, frame, length, needed, slope, planar, floor, budget, tail):
+def find_clearest(duct, intro, head, frame, length, needed, slope, planar, floor, budget, tail):
     """Find the direction where the least clearance lacks: branch and bound.
 
     Parameters
@@ -547,7 +547,7 @@ def _search(duct, intro, head, length, needed, slope, planar, known, work, tail)
             point_tail(head, frame, length, start[0], start[1], tail)
             return WALL, 0.0
     floor = CLOSE * slope * length * FINEST
-    lack, _ = find_roomiest(
+    lack, _ = find_clearest(
         duct, intro, head, frame, length, needed, slope, planar, floor, BUDGET, tail
     )
     if lack <= 0.0:

@@ -9,7 +9,7 @@ from numba import njit
 
 from ...duct.kernels.clearance import clearance_bound
 
-# Numba kernels: the chords of a line that have the room for a body, and those that have not.
+# Numba kernels: the chords of a line that have the clearance for a body, and those that have not.
 
 WALL = 1
 TURN = 2
@@ -32,13 +32,13 @@ def _chord_room(duct, middles, i, j, need, grain):
     dy = middles[j, 1] - ay
     dz = middles[j, 2] - az
     size = math.sqrt(dx * dx + dy * dy + dz * dz)
-    room = clearance_bound(duct, ax, ay, az)
-    if room < need:
-        return room
-    least = room
+    free = clearance_bound(duct, ax, ay, az)
+    if free < need:
+        return free
+    least = free
     t = 0.0
     while t < size:
-        hop = max(room - need, grain)
+        hop = max(free - need, grain)
         end = min(t + hop, size)
         hop = end - t
         u = end / size
@@ -46,10 +46,10 @@ def _chord_room(duct, middles, i, j, need, grain):
         if last < need:
             return last
         # From either end the clearance falls by at most 1 per mm.
-        least = min(least, 0.5 * (room + last - hop))
+        least = min(least, 0.5 * (free + last - hop))
         if least < need:
             return least
-        room = last
+        free = last
         t = end
     return least
 
@@ -205,8 +205,8 @@ def measure_ceiling(values, step, floor, x, y, z):
             flat = dx * dx + dy * dy
             for c in range(2):
                 dz = cz - (k + c) * step[2]
-                room = max(-float(values[i + a, j + b, k + c]), floor)
-                best = min(best, room + math.sqrt(flat + dz * dz))
+                free = max(-float(values[i + a, j + b, k + c]), floor)
+                best = min(best, free + math.sqrt(flat + dz * dz))
     if cx != x or cy != y or cz != z:
         off = math.sqrt((x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2)
         best = min(best + off, max(best, 0.0) - off)
@@ -223,12 +223,12 @@ def _reach(values, step, floor, cell, u, sign, radius, slack, spread, limit, gra
     while t < limit:
         need = radius - slack - t * spread
         way = sign * t
-        room = measure_ceiling(
+        free = measure_ceiling(
             values, step, floor, cell[1] + way * u[0], cell[2] + way * u[1], cell[3] + way * u[2]
         )
-        if room < need:
+        if free < need:
             return t
-        t += max((room - need) / (1.0 + spread), grain)
+        t += max((free - need) / (1.0 + spread), grain)
     return limit
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import broadcast, check_array, check_integer, check_number, refuse_first
+from ...checks import broadcast, check_array, check_number, refuse_first
 from ...errors import InputError
 from ..kernels import hysteresis as kernels
 from .operator import (
@@ -25,7 +25,7 @@ from .operator import (
     take_numbers,
     take_same_count,
 )
-from .prandtl_ishlinskii import PrandtlIshlinskii, default_thresholds
+from .prandtl_ishlinskii import PrandtlIshlinskii, choose_thresholds
 
 Floats = NDArray[np.float64]
 
@@ -165,9 +165,8 @@ class MaxwellSlip(Operator):
             How many, 1 to 200.
         """
         loops = Loops.take(history, response, skip)
-        count = check_integer("count", count, low=1, high=200)
         inputs = loops.inputs
-        ladder = default_thresholds(inputs, count + 1)[1:] if yields is None else yields
+        ladder = choose_thresholds(inputs, yields, count, counts=(1, 200), from_zero=False)
         rungs = take_ladder("yields", ladder, low_open=True)
         found = fit_linear(
             loops.pick(kernels.trace_slips(inputs, np.array(rungs))),

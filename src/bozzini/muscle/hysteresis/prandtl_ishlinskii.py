@@ -132,13 +132,26 @@ def trace_plays(inputs: Floats, lower: Floats, upper: Floats) -> Floats:
     )
 
 
-def default_thresholds(inputs: Floats, count: int) -> tuple[float, ...]:
-    """Return thresholds from 0, evenly spaced, up to half the span of the inputs: not included.
+def choose_thresholds(
+    inputs: Floats,
+    given: Sequence[float] | None,
+    count: int,
+    *,
+    counts: tuple[int, int],
+    from_zero: bool = True,
+) -> Sequence[float]:
+    """Return the thresholds of a fit: those given, or evenly spaced ones.
 
-    A play that is wider never moves again once it has been at both ends.
+    These begin at 0, or above it, and stay below half the span of the inputs: a play that is wider
+    never moves again once it has been at both ends.
     """
+    low, high = counts
+    count = check_integer("count", count, low=low, high=high)
+    if given is not None:
+        return given
+    parts = count + (not from_zero)
     span = float(inputs.max() - inputs.min())
-    return tuple((0.5 * span * np.arange(count) / count).tolist())
+    return tuple((0.5 * span * np.arange(not from_zero, parts) / parts).tolist())
 
 
 @dataclass(frozen=True)
@@ -276,8 +289,7 @@ class PrandtlIshlinskii(PlaySum):
         """
         origin = check_number("origin", origin, low=-LIMIT, high=LIMIT)
         loops = Loops.take(history, response, skip)
-        count = check_integer("count", count, low=1, high=200)
-        ladder = default_thresholds(loops.inputs, count) if thresholds is None else thresholds
+        ladder = choose_thresholds(loops.inputs, thresholds, count, counts=(1, 200))
         rungs = take_ladder("thresholds", ladder)
         lower, upper = _symmetric_edges(rungs)
         columns = loops.pick(trace_plays(loops.inputs - origin, lower, upper))
@@ -390,9 +402,8 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
             a0, a1, a2 where they are known; fitted without.
         """
         loops = Loops.take(history, response, skip)
-        count = check_integer("count", count, low=1, high=100)
         inputs = loops.inputs
-        ladder = default_thresholds(inputs, count + 1)[1:] if thresholds is None else thresholds
+        ladder = choose_thresholds(inputs, thresholds, count, counts=(1, 100), from_zero=False)
         rungs = take_ladder("thresholds", ladder)
         names = ["slope"]
         names += [f"{way}_weights[{i}]" for way in _WAYS for i in range(len(rungs))]
@@ -581,9 +592,8 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
             How many, 2 to 200.
         """
         loops = Loops.take(history, response, skip)
-        count = check_integer("count", count, low=2, high=200)
         inputs = loops.inputs
-        ladder = default_thresholds(inputs, count) if thresholds is None else thresholds
+        ladder = choose_thresholds(inputs, thresholds, count, counts=(2, 200))
         rungs = take_ladder("thresholds", ladder)
         wide = np.array(rungs) > 0.0
         if not wide.any():

@@ -30,8 +30,9 @@ class ModelRegistry(Registry[MuscleModel]):
     def __init__(self) -> None:
         super().__init__(
             "bozzini.muscles",
-            MuscleModel,  # type: ignore[type-abstract]
+            lambda: MuscleModel,
             lambda: collect_named(MODULES, MuscleModel),  # type: ignore[type-abstract]
+            arguments=1,
         )
 
     @property

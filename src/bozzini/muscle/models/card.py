@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from ...checks import check_number
+from ...checks import check_number, check_word
 from ...errors import InputError, MissingLawError
 
 STATUSES = ("self-contained", "corrected", "fitted", "partial")
@@ -76,8 +76,7 @@ class Parameter:
 
     def __post_init__(self) -> None:
         _split_unit(self)
-        if self.source not in SOURCES:
-            raise InputError(f"source of {self.name} is '{self.source}': choose one of {SOURCES}")
+        check_word(f"source of {self.name}", self.source, SOURCES)
         low, high = self.bounds
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise InputError(f"bounds of {self.name} are {self.bounds}: low must be below high")
@@ -223,8 +222,7 @@ class Card:
     missing: str = ""
 
     def __post_init__(self) -> None:
-        if self.status not in STATUSES:
-            raise InputError(f"status of {self.name} is '{self.status}': choose one of {STATUSES}")
+        check_word(f"status of {self.name}", self.status, STATUSES)
         names = self.keywords
         if len(set(names)) < len(names):
             raise InputError(f"{self.name} has a parameter, choice or law twice: {names}")
@@ -275,11 +273,7 @@ class Card:
             If there is no such choice, or it has no such word.
         """
         words = self._find(self.choices, "choice", name).words
-        if word not in words:
-            raise InputError(
-                f"{name} of the model {self.name} is {word!r}: it must be one of {list(words)}"
-            )
-        return word
+        return check_word(f"{name} of the model {self.name}", word, words)
 
     def _find(self, items: tuple[_Item, ...], kind: str, name: str) -> _Item:
         for item in items:

@@ -305,10 +305,6 @@ class DavisCaldwell(TonduLopez):
         share = self._cover * (math.sin(self.braid.angle) if geometric else 1.0)
         return 0.5 * math.asin(min(share, 1.0))
 
-    def find_scale(self, pressure: Floats) -> Floats:
-        """Return how much more flat strands touch than round ones, by `scale`; not at 0 MPa."""
-        return np.asarray(1.0 / self._find_share(pressure))
-
     def _check(self) -> None:
         if self.keywords["minimum_angle"] == "thesis" and self._cover > 1.0:
             most = math.pi * self.braid.radius / self.muscle.strands
@@ -317,8 +313,8 @@ class DavisCaldwell(TonduLopez):
                 f"it must be at most {most:g} mm"
             )
 
-    def _find_share(self, pressure: Floats) -> Floats:
-        """Round contact over flat contact."""
+    def find_share(self, pressure: Floats) -> Floats:
+        """Return round contact over flat contact, by `scale`."""
         ratio = self.parameters["strand_poisson_ratio"]
         strain = pressure * (1.0 - ratio**2) / self.muscle.strand_modulus
         radii = (1.442 if self.as_printed else math.cbrt(3.0)) * np.cbrt(strain)
@@ -335,9 +331,7 @@ class DavisCaldwell(TonduLopez):
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         area = self.find_contact_area(pressure, length)
-        return np.asarray(
-            self.parameters["friction"] * pressure * area * self._find_share(pressure)
-        )
+        return np.asarray(self.parameters["friction"] * pressure * area * self.find_share(pressure))
 
 
 class Meller(StrainCorrected):

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import name_at
+from ...checks import check_word, name_at
 from ...errors import InputError
 from ..design import Muscle
 from ..hysteresis import Hysteresis
@@ -132,8 +132,7 @@ class EnergyMuscle(MuscleModel):
 
     def __post_init__(self) -> None:
         check_hysteresis(self.hysteresis)
-        if self.ends not in ENDS:
-            raise InputError(f"ends is '{self.ends}': it must be one of {list(ENDS)}")
+        check_word("ends", self.ends, ENDS)
         if self._tapered and self.muscle.active_length < 6.0 * self.taper_length:
             raise InputError(
                 f"muscle active length is {self.muscle.active_length:g} mm: with trellis ends it "

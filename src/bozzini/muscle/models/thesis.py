@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array, name_at, refuse_first
+from ...checks import check_array, check_word, name_at, refuse_first
 from ...errors import InputError
 from ...numeric.roots import bisect
 from ..design import Muscle
@@ -158,10 +158,7 @@ class ThesisMuscle(MuscleModel):
 
     def __post_init__(self) -> None:
         check_hysteresis(self.hysteresis)
-        if self.load_path not in LOAD_PATHS:
-            raise InputError(
-                f"load path is '{self.load_path}': it must be one of {list(LOAD_PATHS)}"
-            )
+        check_word("load path", self.load_path, LOAD_PATHS)
         if self.load_path == "bulk" and self.muscle.poisson_ratio < 0.01:
             raise InputError(
                 f"Poisson's ratio is {self.muscle.poisson_ratio:g}: with the load path 'bulk' it "

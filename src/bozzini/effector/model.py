@@ -1,4 +1,4 @@
-"""A section that can be computed with: a design, and a model of its muscles."""
+"""An end-effector that can be computed with: a design, and a model of its muscles."""
 
 from __future__ import annotations
 
@@ -61,8 +61,10 @@ def pack_effector(design: EffectorDesign, models: tuple[MuscleModel, ...]) -> Pa
 
 
 @dataclass(frozen=True)
-class Section:
-    """A design with a model of its muscles.
+class EffectorModel:
+    """A design with a model of its muscles: what all functions of an end-effector take.
+
+    `Effector` is the same with forward and inverse kinematics.
 
     Parameters
     ----------
@@ -105,7 +107,7 @@ class Section:
         object.__setattr__(self, "models", models)
         object.__setattr__(self, "packed", pack_effector(self.design, models))
 
-    def __reduce__(self) -> tuple[type[Section], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[type[EffectorModel], tuple[object, ...]]:
         """Pickle design and model: addresses of compiled functions hold in one process only."""
         return type(self), (self.design, self.model)
 

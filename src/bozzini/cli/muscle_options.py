@@ -17,12 +17,14 @@ from .common import (
     ModelType,
     QuantityType,
     gather,
+    make_option,
+    option,
 )
 
 if TYPE_CHECKING:
     from ..muscle.data import Measurements
     from ..muscle.model import MuscleModel
-    from ..muscle.models import Card, Parameter
+    from ..muscle.models import Card, ModelRegistry, Parameter
 
 CHOICES = {"ends": ("energy", ("none", "trellis")), "load_path": ("thesis", ("none", "bulk"))}
 """Choices that have an option of their own: the model, and the words; the first is the default.
@@ -36,38 +38,13 @@ FIELDS = list_quantities(Muscle)
 _Function = Callable[..., Any]
 
 
-def option(
-    declaration: str, help: str, kind: object = None, **more: Any
-) -> Callable[[_Function], _Function]:
-    """Return an option of a command.
-
-    Parameters
-    ----------
-    declaration : str
-        Its name, that of its argument if that is another, and what stands for its value in the help
-        text, in capitals: ``"--to target X,Y"``.
-    help : str
-    kind : object
-        A type of click, a kind of quantity, or a tuple of words to choose from.
-    **more
-        For `click.option`; a default is shown.
-    """
-    flag, *words = declaration.split()
-    names = [word for word in words if word.islower()]
-    metavar = next((word for word in words if not word.islower()), None)
-    taken: object = QuantityType(kind) if isinstance(kind, str) else kind
-    taken = click.Choice(kind) if isinstance(kind, tuple) else taken
-    shown = "default" in more
-    return click.option(
-        flag, *names, type=taken, metavar=metavar, help=help, show_default=shown, **more
-    )
-
-
 def design_options(function: _Function) -> _Function:
     """Add the options that make a muscle: ``preset``, and the fields by their names."""
     for name, known in reversed(list(FIELDS.items())):
-        flag = "--" + name.replace("_", "-")
-        function = option(f"{flag} {name}", known.help, known.kind)(function)
+        item = Muscle.__dataclass_fields__[name]
+        function = make_option(
+            item, type=QuantityType(known.kind), default=None, show_default=False
+        )(function)
     presets = "thesis-40, thesis-45, thesis-60, effector-45, fitted-45"
     return option("--preset NAME", f"Where the fields begin: {presets}.", default="effector-45")(
         function
@@ -96,7 +73,7 @@ direction_option = option(
 )
 
 
-def list_kinds() -> Mapping[str, type[MuscleModel]]:
+def list_kinds() -> ModelRegistry:
     """Return the classes of all models by name."""
     from ..muscle import MODELS
 
@@ -120,17 +97,17 @@ def select_choices(
 ) -> dict[str, dict[str, str]]:
     """Return the choices given, by model; one that none of the models has is refused."""
     chosen: dict[str, dict[str, str]] = {name: {} for name in names}
-    for option, value in (("ends", ends), ("load_path", load_path)):
-        owner, _ = CHOICES[option]
+    for choice, value in (("ends", ends), ("load_path", load_path)):
+        owner, _ = CHOICES[choice]
         if value is None:
             continue
         if owner not in chosen:
-            raise InputError(_describe_unused(f"--{option.replace('_', '-')}", names))
-        chosen[owner][option] = value
+            raise InputError(_describe_unused(f"--{choice.replace('_', '-')}", names))
+        chosen[owner][choice] = value
     return chosen
 
 
-def check_fields(names: Sequence[str], fields: Mapping[str, float | None]) -> None:
+def refuse_unused_fields(names: Sequence[str], fields: Mapping[str, float | None]) -> None:
     """Refuse a field of the muscle that was given and makes no difference to any of the models."""
     kinds = list_kinds()
     for field, value in fields.items():
@@ -220,7 +197,7 @@ class Request:
 
     def make(self) -> Callable[[Muscle], MuscleModel]:
         """Return what makes the one model, options without effect being refused."""
-        check_fields([self.model_name], self.fields)
+        refuse_unused_fields([self.model_name], self.fields)
         return make_class(
             self.model_name, ends=self.ends, load_path=self.load_path, constants=self.constants
         )
@@ -389,12 +366,14 @@ directed_options = gather(
 def check_friction(
     fields: Mapping[str, float | None], data: Measurements, *, free: tuple[str, ...]
 ) -> None:
+    """Refuse friction without a direction in the data."""
     given = fields.get("friction_length") is not None and "friction_length" not in free
     if given and not (data.direction != "").any():
         raise InputError("--friction-length has no effect: no row of the data has a direction")
 
 
 def note_data(data: Measurements) -> str:
+    """Return what a user should know of the data, as lines."""
     lines = [f"note: {text}\n" for text in data.notes]
     if data.ignored:
         lines.insert(0, f"ignored columns: {', '.join(data.ignored)}\n")

@@ -1,0 +1,248 @@
+"""Packages that add something broken: named in one line, and harmless to everything else."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bozzini.anatomy import tract_from_labels
+from bozzini.cli.main import main
+from bozzini.continuum import CONTINUUM_MODELS
+from bozzini.duct import DUCT_SHAPES, Centreline, RoundCones, load
+from bozzini.errors import FileFormatError, InputError, PluginError
+from bozzini.motion import PLANNERS, Scope, plan_insertion
+from bozzini.muscle import MODELS, Measurements, preset, rank, write_measurements
+from bozzini.study import InsertionOptions, run_insertion
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+MODULE = """
+import numpy as np
+from bozzini.continuum.coupling import ParallelModel
+from bozzini.duct.base import DuctShape
+from bozzini.errors import InputError
+from bozzini.motion import Planner
+from bozzini.muscle import MuscleModel
+
+class Plain:
+    name = "plain"
+
+class Muscle(MuscleModel):
+    def __init__(self, muscle): self.muscle = muscle
+    def force(self, pressure, contraction, *, direction=None): return 1 / 0
+    def contraction(self, pressure, load=0.0, *, direction=None): return {}["gain"]
+
+class Raising(Muscle): name = "raising"
+class Nameless(Muscle): pass
+class Renamed(Muscle): name = "another"
+class Greedy(Muscle):
+    name = "greedy"
+    def __init__(self, muscle, gain): pass
+class Unbuilt(Muscle):
+    name = "unbuilt"
+    def __init__(self, muscle): raise OSError("no table")
+class Unfinished(MuscleModel):
+    name = "unfinished"
+    def force(self, pressure, contraction, *, direction=None): pass
+class Nothing(Muscle):
+    name = "nothing"
+    def contraction(self, pressure, load=0.0, *, direction=None): return None
+class Honest(Muscle):
+    name = "honest"
+    def contraction(self, pressure, load=0.0, *, direction=None): raise InputError("no answer")
+
+class Lost(Planner):
+    name = "lost"
+    def move(self, space, scope, options, *, progress=None): raise IndexError("no way")
+class Mute(Lost):
+    name = "mute"
+    def move(self, space, scope, options, *, progress=None): pass
+class Fussy(Lost):
+    name = "fussy"
+    def __init__(self, speed): pass
+
+class Hole(DuctShape):
+    name = "hole"
+    @property
+    def bounds(self): return np.array([[-1.0] * 3, [1.0] * 3])
+    def signed_distance(self, points): return points / None
+
+class Stiff(ParallelModel):
+    name = "stiff"
+    def shape(self, displacements): raise np.linalg.LinAlgError("singular")
+"""
+NAMES = {
+    "bozzini.muscles": {
+        "missing": "no_such_module:Model", "spelled": "odd_syntax:Model", "absent": "odd:Model",
+        "plain": "odd:Plain", "nameless": "odd:Nameless", "renamed": "odd:Renamed",
+        "greedy": "odd:Greedy", "unbuilt": "odd:Unbuilt", "unfinished": "odd:Unfinished",
+        "raising": "odd:Raising", "nothing": "odd:Nothing", "honest": "odd:Honest",
+    },
+    "bozzini.planners": {
+        "missing": "no_such_module:Planner", "plain": "odd:Plain", "lost": "odd:Lost",
+        "mute": "odd:Mute", "fussy": "odd:Fussy",
+    },
+    "bozzini.ducts": {"missing": "no_such_module:Duct", "hole": "odd:Hole"},
+    "bozzini.continuum": {"missing": "no_such_module:Model", "stiff": "odd:Stiff"},
+}  # fmt: skip
+BROKEN = {
+    "missing": "cannot be imported: ModuleNotFoundError: No module named 'no_such_module'",
+    "spelled": "cannot be imported: SyntaxError",
+    "absent": "cannot be imported: AttributeError",
+    "plain": "it must be a MuscleModel",
+    "nameless": "the class is without a name, its name must be 'nameless'",
+    "renamed": "the class is named 'another', its name must be 'renamed'",
+    "greedy": "it must be made with 1 argument(s): missing a required argument: 'gain'",
+    "unfinished": "it has no contraction",
+}
+FAILING = {
+    "unbuilt": "failed in __init__: OSError: no table",
+    "raising": "failed in contraction: KeyError: 'gain'",
+}
+SOLVE = "muscle", "solve", "--pressure", "0.3MPa", "--model"
+
+
+@pytest.fixture(autouse=True)
+def installed(tmp_path, monkeypatch):
+    """Install a package with nothing but odd classes."""
+    (tmp_path / "odd.py").write_text(MODULE)
+    (tmp_path / "odd_syntax.py").write_text("class Model(\n")
+    about = tmp_path / "odd_package-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: odd-package\nVersion: 1.0\n")
+    text = "".join(
+        f"[{group}]\n" + "".join(f"{name} = {place}\n" for name, place in names.items())
+        for group, names in NAMES.items()
+    )
+    (about / "entry_points.txt").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for registry in (MODELS, PLANNERS, DUCT_SHAPES, CONTINUUM_MODELS):
+        monkeypatch.delitem(registry.__dict__, "plugins", raising=False)
+        monkeypatch.setattr(registry, "_loaded", {})
+    yield
+    for registry in (MODELS, PLANNERS, DUCT_SHAPES, CONTINUUM_MODELS):
+        registry.__dict__.pop("plugins", None)
+
+
+@pytest.fixture
+def run(capsys):
+    def call(*arguments):
+        capsys.readouterr()
+        code = main([str(item) for item in arguments])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def data():
+    pressure = np.linspace(0.2, 0.8, 12)
+    contraction = MODELS["energy"](preset("effector-45")).contraction(pressure)
+    return Measurements(pressure=pressure, contraction=contraction)
+
+
+@pytest.mark.parametrize(("name", "words"), (BROKEN | FAILING).items())
+def test_a_broken_model_asked_for_by_name_is_one_line(run, name, words):
+    code, out, err = run(*SOLVE, name)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert f"'{name}' of odd-package ({NAMES['bozzini.muscles'][name]})" in err and words in err
+
+
+def test_broken_models_are_listed_with_the_reason(run):
+    code, out, _ = run("muscle", "models", "--json")
+    listed = json.loads(out)
+    assert code == 0 and listed["plugins"] == NAMES["bozzini.muscles"]
+    assert {*listed["broken"]} == {*BROKEN} == {*MODELS.broken}
+    for name, words in BROKEN.items():
+        assert words in listed["broken"][name]
+    assert "broken: the model 'spelled' of odd-package" in run("muscle", "models")[1]
+    assert "cannot be imported" in run("continuum", "models")[1]
+
+
+def test_broken_models_are_refused_in_a_ranking_and_the_others_ranked(run, data, monkeypatch):
+    one = {"thesis": MODELS["thesis"]}
+    monkeypatch.setitem(MODELS.__dict__, "own", one)
+    refused = BROKEN | FAILING | {"honest": "no answer", "nothing": "it must give a number"}
+    table = write_measurements("data.csv", data)
+    code, out, err = run("muscle", "compare", table, "--folds", "0", "--json")
+    assert code == 0, err
+    found = json.loads(out)
+    assert [entry["model"] for entry in found["models"]] == ["thesis"]
+    assert {*found["refusals"]} == {*refused}
+    ranking = rank(data).refusals
+    for name, words in refused.items():
+        assert words in found["refusals"][name] and words in ranking[name]
+
+
+def test_an_exception_of_a_model_keeps_its_cause():
+    model = MODELS["raising"](preset("effector-45"))
+    for call in (lambda: model.force(0.3, 0.0), lambda: model.contraction(0.3)):
+        with pytest.raises(PluginError, match="'raising' of odd-package") as caught:
+            call()
+        assert isinstance(caught.value.__cause__, (ZeroDivisionError, KeyError))
+    with pytest.raises(InputError, match="^no answer$"):
+        MODELS["honest"](preset("effector-45")).contraction(0.3)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("missing", "cannot be imported"),
+        ("plain", "it must be a Planner"),
+        ("fussy", "it must be made with 0 argument(s)"),
+        ("lost", "failed in move: IndexError: no way"),
+        ("mute", "gave a NoneType: it must give a Motion"),
+    ],
+)
+def test_a_planner_that_is_broken_or_fails_is_named(name, words):
+    duct = RoundCones([(0, 0, 0), (60, 0, 0)], [5.0, 5.0])
+    line = Centreline.from_points([(0, 0, 0), (50, 0, 0)], duct)
+    scope = Scope(diameter=3.0, link_length=6.0)
+    with pytest.raises(PluginError) as caught:
+        plan_insertion(duct, line, scope=scope, method=name)
+    assert f"planner '{name}' of odd-package" in str(caught.value) or name == "mute"
+    assert words in str(caught.value)
+
+
+def test_a_shape_that_is_broken_or_fails_is_named(tmp_path):
+    head = {"format": "bozzini shapes", "version": 1, "units": "mm", "shapes": [{}]}
+    path = tmp_path / "shapes.json"
+    path.write_text(json.dumps(head | {"kind": "missing"}))
+    with pytest.raises(PluginError, match="the shape 'missing' of odd-package"):
+        load(path)
+    path.write_text(json.dumps(head | {"kind": "hole"}))
+    with pytest.raises(PluginError, match="'hole' of odd-package .* failed in signed_distance"):
+        load(path).signed_distance([(0.0, 0.0, 0.0)])
+    path.write_text(json.dumps(head | {"kind": "hole", "shapes": [{"radius": 1.0}]}))
+    with pytest.raises(FileFormatError, match="radius"):
+        load(path)
+
+
+def test_a_continuum_model_that_is_broken_or_fails_is_refused(run):
+    robot = EXAMPLES / "two_sections.yaml"
+    command = [robot, "--displacement", "T1=1mm,T2=-0.5mm,T3=-0.5mm"]
+    code, out, err = run("continuum", "compare", *command, "--json")
+    assert code == 0, err
+    rows = json.loads(out)["models"]
+    assert {name for name, row in rows.items() if row["refused"]} == {"missing", "stiff"}
+    assert "failed in shape: LinAlgError: singular" in rows["stiff"]["reason"]
+    for name in ("missing", "stiff"):
+        code, out, err = run("continuum", "pose", *command, "--model", name)
+        assert (code, out, err.count("\n")) == (2, "", 1) and "odd-package" in err
+
+
+@pytest.mark.slow
+def test_a_comparison_of_plans_goes_on_without_broken_planners():
+    tract = tract_from_labels(np.pad(np.ones((9, 9, 30), dtype=np.uint8), 2), np.eye(4))
+    options = InsertionOptions(voxel=1.0, head_step=2.0, compare=True)
+    study = run_insertion(tract, Scope(diameter=4.0, link_length=6.0), options)
+    assert [plan.asked for plan in study.comparison] == ["tube", "follow", "thesis"]
+    named = [item.message for item in study.findings if item.code == "plugin"]
+    assert len(named) == len(NAMES["bozzini.planners"])
+    assert {line.split("'")[1] for line in named if "odd-package" in line} == {
+        *NAMES["bozzini.planners"]
+    } - {"mute"}
+    assert all(f"warning: {line}" in study.plan.findings for line in named)
