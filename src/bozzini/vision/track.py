@@ -159,7 +159,7 @@ class Track(Result):
     @property
     def uncertainty(self) -> Floats:
         """Standard uncertainty of each coordinate, shape (n, m, 3) [mm]."""
-        return np.sqrt(np.einsum("...ii->...i", self.covariance))
+        return np.asarray(np.sqrt(np.einsum("...ii->...i", self.covariance)))
 
     def to_dict(self) -> Json:
         """Return a summary as plain values with units in their names."""
@@ -223,7 +223,7 @@ class Track(Result):
         return ax
 
 
-def _repeat(values: list[object], count: int) -> list[object]:
+def _repeat(values: Sequence[object], count: int) -> list[object]:
     return [value for value in values for _ in range(count)]
 
 
@@ -430,9 +430,8 @@ def _centre_spot(values: Floats, start: Floats, diameter: float) -> Floats:
     half = math.ceil(diameter)
     middle = start
     for _ in range(3):
-        column, row = np.round(middle).astype(int)
-        column = int(np.clip(column, half, values.shape[1] - 1 - half))
-        row = int(np.clip(row, half, values.shape[0] - 1 - half))
+        column = int(np.clip(round(middle[0]), half, values.shape[1] - 1 - half))
+        row = int(np.clip(round(middle[1]), half, values.shape[0] - 1 - half))
         patch = values[row - half : row + half + 1, column - half : column + half + 1]
         y, x = np.mgrid[-half : half + 1, -half : half + 1]
         away = np.hypot(x + column - middle[0], y + row - middle[1])
@@ -498,9 +497,8 @@ def track_markers(
                 reason = "not seen by two cameras"
             elif not why and refused[k, i]:
                 reason = f"rays miss each other by {misses[k, i]:.1f} px"
-            status = "failed" if reason else "flagged" if words else "ok"
-            rows.append((status, ";".join(words), reason))
-    status, flags, reasons = zip(*rows, strict=True)
+            verdict = "failed" if reason else "flagged" if words else "ok"
+            rows.append((verdict, ";".join(words), reason))
     return Track(
         markers=table.markers,
         points=points,
@@ -508,9 +506,9 @@ def track_markers(
         misses=misses,
         pixels=pixels,
         pixel_uncertainty=uncertainty,
-        status=status,
-        flags=flags,
-        reasons=reasons,
+        status=tuple(verdict for verdict, _, _ in rows),
+        flags=tuple(words for _, words, _ in rows),
+        reasons=tuple(reason for _, _, reason in rows),
         options=options,
         world=cameras.world,
         copied=table.copied,
