@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 import os
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from ..errors import FileFormatError, InputError
 from ..io.files import write_bytes, write_text
 from ..io.records import load_data, read_record, write_record
 from .camera import Floats
-from .pictures import Picture, import_opencv
+from .pictures import Grey, Picture, import_opencv
 
 MARKER_SHARE = 0.65
 """Side of a marker as a share of its square: the gap between is what a corner is refined in."""
@@ -241,7 +242,9 @@ class _Strip:
             parts.append(marker + np.tile(place, 2))
         return np.asarray(np.concatenate(parts) + np.array([self.left, 0.0, self.left, 0.0]))
 
-    def find(self, picture: Picture, markers: Any, numbers: Any) -> tuple[Floats, Any]:
+    def find(
+        self, picture: Picture, markers: Sequence[Grey], numbers: NDArray[np.int32]
+    ) -> tuple[Floats, NDArray[np.int64]]:
         """Return corners and their numbers from the markers of a picture."""
         cv2 = import_opencv()
         mine = np.isin(np.ravel(numbers), self.numbers)
@@ -264,12 +267,14 @@ class _Strip:
         return np.asarray(corners, float).reshape(-1, 2), np.ravel(ids).astype(np.int64)
 
 
-def _get_dictionary(name: str) -> Any:
+def _get_dictionary(name: str) -> object:
     cv2 = import_opencv()
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, _DICTIONARIES[name]))
 
 
-def _find_markers(values: NDArray[np.uint8], dictionary: str) -> tuple[Any, Any]:
+def _find_markers(
+    values: NDArray[np.uint8], dictionary: str
+) -> tuple[Sequence[Grey], NDArray[np.int32]]:
     """Return the corners and numbers of the markers in a picture."""
     cv2 = import_opencv()
     parameters = cv2.aruco.DetectorParameters()

@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, quantity
 from ..errors import FileFormatError, InputError
@@ -27,7 +27,7 @@ from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .board import CHECK_LINE, Board, Detection
 from .camera import Area, Camera, CameraSet, Floats, align, triangulate
-from .pictures import SUFFIXES, import_opencv, measure_each, read_picture
+from .pictures import SUFFIXES, Grey, import_opencv, measure_each, read_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -592,7 +592,7 @@ def _fit(views: Sequence[View], start: _Fit | None = None) -> _Fit:
     )
 
 
-def _fit_lens(points: list[Any], pixels: list[Any], size: tuple[int, int]) -> Camera:
+def _fit_lens(points: list[Grey], pixels: list[Grey], size: tuple[int, int]) -> Camera:
     """Return a camera by itself, to start from."""
     cv2 = import_opencv()
     _, matrix, lens, *_ = cv2.calibrateCamera(
@@ -601,7 +601,7 @@ def _fit_lens(points: list[Any], pixels: list[Any], size: tuple[int, int]) -> Ca
     return _make_camera(matrix, lens, size)
 
 
-def _make_camera(matrix: Any, lens: Any, size: tuple[int, int]) -> Camera:
+def _make_camera(matrix: ArrayLike, lens: ArrayLike, size: tuple[int, int]) -> Camera:
     return Camera(matrix=np.asarray(matrix), distortion=np.ravel(lens)[:5], size=size)
 
 
