@@ -189,6 +189,27 @@ def test_what_cannot_be_found_has_a_reason(charuco):
     assert "7 x 6" in dataclasses.replace(CHESS, columns=7).detect(picture).reason
 
 
+def test_one_marker_read_wrongly_costs_only_its_corners(charuco, monkeypatch):
+    camera, picture = charuco
+    whole = BOARD.detect(picture)
+    detector = cv2.aruco.ArucoDetector
+
+    class Misread:
+        def __init__(self, *given):
+            self.detector = detector(*given)
+
+        def detectMarkers(self, *given):
+            corners, numbers, *more = self.detector.detectMarkers(*given)
+            wrong = np.array(numbers)
+            wrong[5] = wrong[20]
+            return corners, wrong, *more
+
+    monkeypatch.setattr(cv2.aruco, "ArucoDetector", Misread)
+    found = BOARD.detect(picture)
+    assert len(whole.ids) - 4 <= len(found.ids) <= len(whole.ids)
+    assert found.corners == pytest.approx(camera.project(found.points), abs=0.15)
+
+
 def test_a_board_of_other_columns_does_not_fit_a_plane(charuco):
     camera, picture = charuco
     wrong = CharucoBoard(columns=10, rows=8).detect(picture)
