@@ -155,11 +155,12 @@ def test_a_description_comes_back(tmp_path, board):
     ("text", "said"),
     [
         ("kind: chess", "kind is 'chess'"),
+        ("kind: {a: 1}", "choose one of"),
         ("columns: 3", "must hold 'kind'"),
         ("[1, 2]", "must hold 'kind'"),
         ("{kind: strips, square: 0}", "square"),
         ("{kind: strips, sqare: 5}", "did you mean 'square'"),
-        ("{kind: strips, rows: 33}", r"has 98 markers|at most 100|rows"),
+        ("{kind: strips, columns: 4, rows: 30}", "has 120 markers"),
         ("{kind: charuco, check_line: 4cm}", "check_line"),
         ("{kind: charuco, columns: 20, rows: 20}", "last marker is 199"),
         ("{kind: checkerboard, columns: 8, rows: 6}", "upside down"),
@@ -167,9 +168,6 @@ def test_a_description_comes_back(tmp_path, board):
 )
 def test_a_wrong_description_is_one_line(tmp_path, text, said):
     (tmp_path / "b.yaml").write_text(text)
-    if "rows: 33" in text:
-        assert load_board(tmp_path / "b.yaml").rows == 33  # 98 markers: the most
-        return
     with pytest.raises(FileFormatError, match=said) as caught:
         load_board(tmp_path / "b.yaml")
     assert "\n" not in str(caught.value)

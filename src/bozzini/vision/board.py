@@ -574,7 +574,7 @@ def load_board(path: str | os.PathLike[str]) -> Board:
     if not isinstance(data, dict) or "kind" not in data:
         raise FileFormatError(f"{path}: not a board: it must hold 'kind', one of {kinds}")
     kind = data.pop("kind")
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise FileFormatError(f"{path}: kind is {show_value(kind)}: choose one of {kinds}")
     try:
         return read_record(data, KINDS[kind], name="the board")
