@@ -417,7 +417,7 @@ def calibrate_cameras(
     for k in range(options.resamples):
         progress("uncertainty", k / options.resamples)
         again = _fit([used[i] for i in _draw(rng, len(used))], start=fit)
-        drawn.append(_place_world(again.cameras, world))
+        drawn.append(_place_world(again.cameras, _draw_corners(rng, world)))
     hold_out = _hold_out(used)
     progress("uncertainty", 1.0)
     cameras = CameraSet(
@@ -652,6 +652,20 @@ def _draw(rng: np.random.Generator, count: int) -> list[int]:
         chosen = rng.integers(0, count, count).tolist()
         if len(set(chosen)) >= count // 2:
             return [int(k) for k in chosen]
+
+
+def _draw_corners(rng: np.random.Generator, view: View) -> View:
+    """Return a view with a draw of the corners that all cameras see, with replacement."""
+    points, pixels = _share(view)
+    rows = rng.integers(0, len(points), len(points))
+    names = np.arange(len(points))
+    return dataclasses.replace(
+        view,
+        detections=tuple(
+            dataclasses.replace(found, corners=own[rows], points=points[rows], ids=names)
+            for found, own in zip(view.detections, pixels, strict=True)
+        ),
+    )
 
 
 def _hold_out(views: Sequence[View]) -> HoldOut:
