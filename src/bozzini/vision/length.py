@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from ..checks import check_fields, quantity
 from ..errors import GeometryError, InputError
 from ..results import Json, Result, take_axes
-from .board import Detection, StripBoard
+from .board import BORDER, Detection, StripBoard
 from .camera import Camera, Floats, distort
 from .pictures import Picture, import_opencv
+from .render import HungMuscle, Sensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +61,12 @@ _LINES = 9
 _SHARE = 0.3
 """Lines along the muscle, within this share of its diameter either side of the axis."""
 
-_PIXEL_FLOOR = 0.03
+_CORNER_NOISE = 0.05
+"""Of a corner of the board, for predictions [px]."""
+_PAPER = 0.85
+_ROUND = 1.0 / math.sqrt(12.0)
+
+_PIXEL_FLOOR = 0.015
 """Uncertainty of a ring's middle that no residual shows [px]: sampling and compression."""
 
 
@@ -330,6 +336,87 @@ def measure_length(
         mode="pose" if camera else "homography",
         flags=tuple(dict.fromkeys(flags)),
     )
+
+
+def predict_budget(
+    camera: Camera,
+    board: StripBoard,
+    options: LengthOptions,
+    *,
+    length: float,
+    sensor: Sensor,
+) -> tuple[dict[str, float], int]:
+    """Predict the error budget of a length in the middle of a board's window.
+
+    A ring's middle has the least variance that the noise allows (Cramer and Rao) for an edge of the
+    muscle's grey values, blurred by the sensor; the map has that of the corners that are seen.
+
+    Parameters
+    ----------
+    camera : Camera
+        Placed in front of the board. It is taken for calibrated unless the options have a distance.
+    board : StripBoard
+    options : LengthOptions
+    length : float
+        [mm]
+    sensor : Sensor
+
+    Returns
+    -------
+    budget : dict
+        Standard uncertainty by cause [mm], see `MuscleLength.budget`.
+    corners : int
+        Corners of the board in the picture.
+
+    Raises
+    ------
+    GeometryError
+        If too few corners or not both rings are in the picture.
+    """
+    size = np.array(camera.size)
+    pixels = camera.project(board.corners)
+    inside = np.all((pixels > BORDER) & (pixels < size - 1.0 - BORDER), axis=1)
+    count = int(inside.sum())
+    if count < LEAST_CORNERS:
+        raise GeometryError(f"{count} corners of the board are in view, {LEAST_CORNERS} are needed")
+    noise = _CORNER_NOISE * np.random.default_rng(0).standard_normal((count, 2))
+    seen = Detection(
+        pixels[inside] + noise, board.corners[inside], np.flatnonzero(inside), camera.size
+    )
+    plane = _fit_homography(seen, options.distance) if options.distance else _fit_pose(seen, camera)
+    left, top, right, foot = board.window
+    middle = np.array([0.5 * (left + right), 0.5 * (top + foot)])
+    ends = middle + np.outer([-0.5, 0.5], [0.0, length])
+    depth = -options.seen_height
+    marks = camera.project(_lift(ends, depth))
+    reach = camera.project(
+        _lift(middle + np.outer([-0.5, 0.5], [0.0, length + 3.0 * options.ring]), depth)
+    )
+    if np.any(reach < 2.0) or np.any(reach > size - 3.0):
+        raise GeometryError(f"rings {length:g} mm apart are not both in the picture")
+    pitch = plane.find_pitch(middle, depth)
+    body, ring = (
+        albedo * sensor.exposure / _PAPER for albedo in (HungMuscle.body, HungMuscle.dark)
+    )
+    mean = 0.5 * (body + ring)
+    slope = mean ** (1.0 / sensor.gamma - 1.0) / sensor.gamma
+    spread = math.hypot(
+        sensor.noise * math.sqrt(0.1 + 0.9 * mean) * slope, _ROUND / (2**sensor.bits)
+    )
+    depth_of_ring = body ** (1.0 / sensor.gamma) - ring ** (1.0 / sensor.gamma)
+    lines = max(2.0 * _SHARE * options.diameter / pitch, 1.0)
+    edge = (
+        spread
+        / depth_of_ring
+        * math.sqrt(2.0 * math.sqrt(math.pi) * math.hypot(sensor.blur, 0.3) / lines)
+    )
+    ring_spread = pitch * math.hypot(edge / math.sqrt(2.0), _PIXEL_FLOOR)
+    return {
+        "ring_1": ring_spread,
+        "ring_2": ring_spread,
+        "map": plane.spread_length(marks, depth),
+        **_share_budget(board, options, plane, ends, length),
+    }, count
 
 
 def _share_budget(
