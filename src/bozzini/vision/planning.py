@@ -12,6 +12,7 @@ import dataclasses
 import io
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -87,7 +88,7 @@ class LengthSetup:
     @property
     def sensor(self) -> Sensor:
         """The camera's sensor."""
-        return Sensor(blur=self.blur, noise=self.noise, supersampling=4)
+        return Sensor(blur=self.blur, noise=self.noise, supersampling=3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -357,10 +358,10 @@ def write_demo(
             manifest.append((name, "muscle-1", kpa, word, repeat + 1, 0))
             true.append((name, kpa, word, repeat + 1, f"{length:.6f}"))
             progress("pictures", (number + 1) / len(rows))
-        columns = ("image", "specimen", "pressure_kpa", "direction", "repeat", "load_n")
-        _write_rows(folder / "manifest.csv", columns, manifest)
-        columns = ("image", "pressure_kpa", "direction", "repeat", "length_mm")
-        _write_rows(folder / "truth.csv", columns, true)
+        states_head = ("image", "specimen", "pressure_kpa", "direction", "repeat", "load_n")
+        _write_rows(folder / "manifest.csv", [states_head, *manifest])
+        truth_head = ("image", "pressure_kpa", "direction", "repeat", "length_mm")
+        _write_rows(folder / "truth.csv", [truth_head, *true])
         board.save(folder / "board.yaml")
         board.write_pdf(folder / "board.pdf")
         cameras = CameraSet(names=("cam0",), cameras=(camera,), world="the board")
@@ -377,9 +378,7 @@ def write_demo(
         return write_summary(folder, settings=options, inputs=(), result=result)
 
 
-def _write_rows(path: Path, columns: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
+def _write_rows(path: Path, rows: Sequence[Sequence[object]]) -> None:
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
+    csv.writer(text, lineterminator="\n").writerows(rows)
     write_text(path, text.getvalue())
