@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -29,6 +29,7 @@ from .common import (
 if TYPE_CHECKING:
     from ..vision.board import StripBoard
     from ..vision.calibrate import Calibration
+    from ..vision.camera import Camera
     from ..vision.series import LengthSeries
     from ..vision.track import Track
 
@@ -281,23 +282,50 @@ def _load_strips(path: Path | None) -> StripBoard:
     return board
 
 
+@dataclasses.dataclass(frozen=True)
+class _Rig:
+    """The files of a set-up: the board, and the camera if it is calibrated."""
+
+    board_file: Path
+    cameras_file: Path | None
+
+    def load(self) -> tuple[StripBoard, Camera | None]:
+        """Return both, or raise `InputError`."""
+        from ..vision.camera import load_cameras
+
+        board = _load_strips(self.board_file)
+        if self.cameras_file is None:
+            return board, None
+        cameras = load_cameras(self.cameras_file).cameras
+        if len(cameras) != 1:
+            raise InputError(f"{self.cameras_file} has {len(cameras)} cameras: lengths need one")
+        return board, cameras[0]
+
+
+rig_options = gather(
+    "rig",
+    _Rig,
+    click.option(
+        "--board",
+        "board_file",
+        metavar="BOARD.yaml",
+        type=click.Path(path_type=Path),
+        required=True,
+        help="The description of the board of strips.",
+    ),
+    click.option(
+        "--cameras",
+        "cameras_file",
+        metavar="CAMERAS.yaml",
+        type=click.Path(path_type=Path),
+        help="The calibrated camera; without it --distance is needed.",
+    ),
+)
+
+
 @command.command("length")
 @click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
-@click.option(
-    "--board",
-    "board_file",
-    metavar="BOARD.yaml",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="The description of the board of strips.",
-)
-@click.option(
-    "--cameras",
-    "cameras_file",
-    metavar="CAMERAS.yaml",
-    type=click.Path(path_type=Path),
-    help="The calibrated camera; without it --distance is needed.",
-)
+@rig_options
 @length_options
 @jobs_option
 @strict_option
@@ -308,11 +336,11 @@ def _load_strips(path: Path | None) -> StripBoard:
 )
 def length_command(
     table: Path,
-    board_file: Path,
-    cameras_file: Path | None,
+    rig: _Rig,
     options: LengthOptions,
+    jobs: int,
+    strict: bool,
     answer: Answer,
-    **run: Any,
 ) -> None:
     """Measure the length between two ring marks of a muscle in the pictures of TABLE.
 
@@ -324,27 +352,20 @@ def length_command(
     their row; 2: bad input.
     """
     from ..io.files import reserve_directory
-    from ..vision.camera import load_cameras
     from ..vision.pictures import read_manifest
     from ..vision.series import measure_series, write_series
 
-    board, camera = _load_strips(board_file), None
-    inputs = [table, board_file]
-    if cameras_file:
-        cameras = load_cameras(cameras_file).cameras
-        if len(cameras) != 1:
-            raise InputError(f"{cameras_file} has {len(cameras)} cameras: lengths need one")
-        camera = cameras[0]
-        inputs.append(cameras_file)
+    board, camera = rig.load()
+    inputs = [table, rig.board_file, *([rig.cameras_file] if rig.cameras_file else [])]
     manifest = read_manifest(table, ("image", "pressure_kpa"))
     with reserve_directory(answer.target, force=answer.force):
         with answer.show_progress() as progress:
             found = measure_series(
-                manifest, board, options=options, camera=camera, jobs=run["jobs"], progress=progress
+                manifest, board, options=options, camera=camera, jobs=jobs, progress=progress
             )
         summary = write_series(found, answer.target, inputs=inputs, force=answer.force)
     answer.give(summary | {"directory": answer.target}, _describe_lengths(found, answer.target))
-    if not found.converged or (run["strict"] and "flagged" in found.status):
+    if not found.converged or (strict and "flagged" in found.status):
         run_exit(EXIT_NEGATIVE)
 
 

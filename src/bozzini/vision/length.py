@@ -66,7 +66,7 @@ _CORNER_NOISE = 0.05
 _PAPER = 0.85
 _ROUND = 1.0 / math.sqrt(12.0)
 
-_PIXEL_FLOOR = 0.015
+_PIXEL_FLOOR = 0.018
 """Uncertainty of a ring's middle that no residual shows [px]: sampling and compression."""
 
 
