@@ -22,7 +22,9 @@ ifneq ($(SOUND),yes)
 $(shell rm -f $(CORE) $(DEV) $(DOCS))
 endif
 
-.PHONY: help demo test test-all oldest fuzz bench docs check format picture figures clean
+RIG_TOOLS := $(RUN) -c 'from bozzini.rig.firmware import find_missing_tools as f; print(*f().values())'
+
+.PHONY: help demo test test-all rig oldest fuzz bench docs check format picture figures clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -35,6 +37,12 @@ test: $(DEV) ## Run the tests
 
 test-all: test ## Run all tests, those that take minutes too
 	@$(RUN) -m pytest -m slow -n auto --maxprocesses 4 --dist worksteal
+
+rig: $(DEV) ## Build the firmware and run the tests of the rig (installs nothing)
+	@missing="$$($(RIG_TOOLS))" && if [ -n "$$missing" ]; then \
+	  echo "make: the firmware needs these, which are missing; on Debian: apt-get install $$missing" >&2; exit 1; fi
+	@$(MAKE) --no-print-directory -C firmware BUILD=../build/firmware avr native emulator size
+	@$(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal tests/rig
 
 oldest: $(DEV) ## Run the tests with the lowest versions declared, in .venv-oldest
 	@$(PIP) uv

@@ -83,7 +83,8 @@ def bench_long_plan(benchmark: Any, long_tube: tuple[SampledField, Centreline]) 
     assert plan.steps >= 4900
     assert plan.joints.shape[1] >= 100
     benchmark.extra_info.update(
-        what=f"{plan.steps} steps x {plan.joints.shape[1]} joints, method tube: plan with certificate",
+        what=f"{plan.steps} steps x {plan.joints.shape[1]} joints, method tube: plan with "
+        "certificate",
         measured=f"{took * 1e3:.0f} ms",
         required="500 ms at most",
     )

@@ -43,6 +43,12 @@ def upper_gi_dir() -> Path:
 
 
 @pytest.fixture(scope="session")
+def festo10_dir() -> Path:
+    """Give the directory of curves of McKibben muscles that fill and leak (Bolen et al.)."""
+    return _find_data("festo10")
+
+
+@pytest.fixture(scope="session")
 def colon_dir() -> Path:
     """Give the directory of the colon of the Visible Human female (GCA-Models, CC BY 4.0)."""
     return _find_data("colon")

@@ -41,6 +41,10 @@ KNOWN = [
     ("2 cN m", "moment", 20.0),
     ("1 kNm", "moment", 1e6),
     ("1 N/m", "line force", 1e-3),
+    ("2 cm^2", "area", 200.0),
+    ("1 L", "volume", 1e6),
+    ("6 L/min", "volume flow", 1e5),
+    ("500 mV", "voltage", 0.5),
 ]
 
 

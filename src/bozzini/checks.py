@@ -284,6 +284,8 @@ class Quantity:
         The legal words, where it is one of a few.
     option : str
         Its option of the command line, if not ``--`` and the field's name.
+    source : str
+        Where the default comes from.
     """
 
     kind: str = "dimensionless"
@@ -296,6 +298,7 @@ class Quantity:
     label: str = ""
     words: tuple[str, ...] = ()
     option: str = ""
+    source: str = ""
 
     @property
     def unit(self) -> str:

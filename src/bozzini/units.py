@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 INTERNAL_UNITS = {
     "length": "mm",
+    "area": "mm^2",
+    "volume": "mm^3",
+    "volume flow": "mm^3/s",
     "force": "N",
     "pressure": "MPa",
     "angle": "rad",
@@ -29,6 +32,8 @@ INTERNAL_UNITS = {
     "moment": "N mm",
     "rigidity": "N mm^2",
     "angle in turns": "turn",
+    "voltage": "V",
+    "frequency": "Hz",
     "dimensionless": "",
 }
 """The unit that each kind of quantity has inside Bozzini."""
@@ -40,6 +45,10 @@ _LARGEST_OTHER = 1e15
 
 _EXAMPLES = {
     "length": "5mm, 0.5 cm, 0.2in",
+    "area": "0.03 mm^2",
+    "volume": "30 mm^3, 1 L",
+    "volume flow": "10 L/min, 500 mm^3/s",
+    "frequency": "0.5Hz, 30 1/min",
     "force": "0.5N, 50 gf",
     "pressure": "100psi, 689 kPa, 0.7MPa",
     "angle": "36deg, 0.63 rad",
@@ -49,6 +58,7 @@ _EXAMPLES = {
     "moment": "5Nmm, 0.02 N m",
     "rigidity": "200Nmm^2, 2e-4 N m^2",
     "angle in turns": "0.5, 180deg",
+    "voltage": "0.5V, 500mV",
     "dimensionless": "0.5",
 }
 # One number, then at most one unit. The number is not left to pint, which reads 5,0mm as 50 mm.

@@ -45,12 +45,14 @@ FILES = {
     "tract or shapes": (*TRACTS, *("shapes.json", "shapes.yaml") * 6),
     "robot": ROBOTS,
     "table": ("table.csv",),
+    "curve": ("curve.csv", "curve.mat"),
     "plan": ("plan.npz",),
     "plan's tract": ("tube.stl",),
     "ct": ("ct.nii.gz",),
     "board": ("board.yaml",),
     "cameras": ("cameras.yaml", "cameras.json"),
     "markers": ("markers.csv",),
+    "log": ("log.csv",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
@@ -70,6 +72,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "muscle models": (1, "chou"),
     "muscle fit": (5, "<table --free modulus"),
     "muscle compare": (5, "<table --model energy --model thesis"),
+    "rig identify": (5, "<curve --check <curve"),
     "effector pose": (3, "--pressure R=300kPa,G=200kPa"),
     "effector curve": (2, "--points 5"),
     "effector reach": (3, "--to 5mm,-3mm"),
@@ -78,6 +81,11 @@ LEGAL: dict[str, tuple[int, str]] = {
     "effector trace circle": (2, "--radius 4mm --points 6"),
     "effector study sweep": (2, "--vary offset=3mm:5mm:3"),
     "effector study least-pressure": (2, "--between offset=3mm:4mm --deflection 8mm"),
+    "rig demo": (1, "--board native --out >"),
+    "rig run": (2, "--board native --duration 0.2s"),
+    "rig replay": (2, "<log --board native"),
+    "rig characterise": (1, "--board native --steps 2 --repeats 1 --hold 0.3s --out >.csv"),
+    "rig flash": (1, "--port /dev/ttyACM0"),
     "continuum models": (1, ""),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
@@ -87,6 +95,8 @@ LEGAL: dict[str, tuple[int, str]] = {
     "vision calibrate": (3, ". --board <board --jobs 1 --out >.yaml"),
     "vision track": (6, "<markers --cameras <cameras --jobs 1 --out >"),
 }
+REAL_TIME = {"rig emulate", "rig selftest"}
+"""Commands that are left out: they run in real time."""
 OUTPUTS = {"--out"}
 UNITS = {
     "length": "mm", "force": "N", "pressure": "kPa", "angle": "deg", "time": "s", "rigidity":
@@ -144,6 +154,7 @@ def make_originals(folder: Path) -> None:
     """Write the sound files that the cases damage."""
     import numpy as np
     import trimesh
+    from scipy.io import savemat
     from skimage.measure import marching_cubes
 
     from bozzini.cli.main import main
@@ -183,6 +194,10 @@ def make_originals(folder: Path) -> None:
     seen = np.hstack([each.project(np.linspace([0, 0, 10], [9, 5, 30], 9)) for each in pair])
     rows = [",".join(f"{value:.2f}" for value in row) for row in seen]
     (folder / "markers.csv").write_text("\n".join(["Lx1,Ly1,Rx1,Ry1", *rows]) + "\n")
+    time = np.linspace(0.0, 2.0, 60)
+    curve = np.column_stack([time, 600.0 * np.minimum(time, 1.0) * (2.0 - np.minimum(time, 1.0))])
+    np.savetxt(folder / "curve.csv", curve, delimiter=",", header="time,pressure", comments="")
+    savemat(folder / "curve.mat", {"data": curve})
     for name in set(ROBOTS):
         shutil.copy(EXAMPLES / name, folder / name)
     here = Path.cwd()
@@ -191,6 +206,8 @@ def make_originals(folder: Path) -> None:
         with _quiet():
             plan = ["--diameter", "5mm", "--link", "8mm", "--head-step", "1mm", "--out", "made"]
             assert main(["plan", "tube.stl", *plan]) in (0, 1)
+            run = ["rig", "run", "--board", "native", "--duration", "0.3s", "--out", "log.csv"]
+            assert main(run) == 0
             for suffix in ("json", "yaml"):
                 fit = ["duct", "fit", "tube.stl", "--pieces", "6", "--out", f"shapes.{suffix}"]
                 assert main(fit) in (0, 1)
@@ -294,6 +311,10 @@ def _add_option(
             ["out", "out.png", "out.csv", "out.json", "out.stl", "out.nii.gz", "no/out.csv", ".",
              "..", "/dev/null", "/proc/x", "\udcff.png", "out/", rng.choice(WORDS)]
         )  # fmt: skip
+    elif flag in ("--steps", "--repeats"):
+        value = rng.choice(["1", "3", "0", "-2", "1.5", *WORDS])
+    elif flag in ("--duration", "--hold"):  # any other would be simulated, however long
+        value = rng.choice(["0.1s", "30 ms", "0", "-1s", "1e9s", "5parsec", *WORDS])
     elif flag == "--robot":
         value = _take("robot", rng, originals, folder, damages, damaged=rng.random() < 0.7)
     elif flag == "--over":
@@ -455,7 +476,7 @@ def run_cases(
     `seconds` is how much time of a processor each may take.
     """
     commands = find_commands()
-    missing = sorted(set(commands) - set(LEGAL))
+    missing = sorted(set(commands) - set(LEGAL) - REAL_TIME)
     if missing:
         raise SystemExit(f"fuzz: no legal command line is known for: {', '.join(missing)}")
     originals = place / "originals"

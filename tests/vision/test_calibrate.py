@@ -215,3 +215,23 @@ def test_the_picture_shows_every_corner(pair_calibration):
     assert [text.get_text() for text in ax.texts] == list(NAMES)
     drawn = sum(len(item.get_offsets()) for item in ax.collections)
     assert drawn == sum(len(errors) for errors in pair_calibration.errors)
+
+
+@pytest.mark.slow  # six sets of pictures
+def test_the_claimed_uncertainty_is_that_of_many_calibrations():
+    points = TARGET + np.random.default_rng(0).uniform(-20.0, 20.0, (200, 3))
+    pixels = np.stack([camera.project(points) for camera in PAIR])
+    ratios = []
+    for seed in range(6):
+        pictures, poses = render_views(seed=seed)
+        views = [
+            View(f"{k:02d}", tuple(map(BOARD.detect, pair))) for k, pair in enumerate(pictures)
+        ]
+        found = calibrate_cameras(views, BOARD, NAMES)
+        assert found.converged
+        cameras = dataclasses.replace(found.cameras, scale_uncertainty=0.0)  # the print is perfect
+        turn, shift = poses[[not view.reason for view in found.views].index(True)]
+        off = cameras.triangulate(pixels) - (points - shift) @ turn
+        claimed = np.trace(cameras.calibration_covariance(pixels), axis1=-2, axis2=-1).mean()
+        ratios.append(np.mean(np.sum(off**2, axis=1)) / claimed)
+    assert 0.7 < np.sqrt(np.mean(ratios)) < 2.0

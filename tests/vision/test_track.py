@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from bozzini.errors import FileFormatError, GeometryError, InputError
 from bozzini.vision import (
@@ -182,19 +183,24 @@ def _photograph(points, folder, row, *, seed=0) -> str:
 
 
 def test_markers_are_found_in_pictures(tmp_path):
-    points = _way(4)
-    rows = [f"{k},{_photograph(points[k], tmp_path, k)}" for k in range(4)]
-    rows += ["4,left0.png,none.png"]
+    points = _way(3)
+    rows = [f"{k},{_photograph(points[k], tmp_path, k)}" for k in range(3)]
+    rows += ["3,left0.png,none.png", "4,turned.png,right0.png"]
+    note = Image.Exif()
+    note[274] = 6
+    Image.open(tmp_path / "left0.png").save(tmp_path / "turned.png", exif=note)
     (tmp_path / "m.csv").write_text("\n".join(["pose,left,right", *rows]) + "\n")
     manifest = read_manifest(tmp_path / "m.csv", ())
     options = TrackOptions(diameter=12.0, pixel_uncertainty=0.1)
     found = track_markers(find_pixels(manifest, CAMERAS, options), CAMERAS, options=options)
-    flipped = found.points[:4] if found.points[0, 0, 1] < 4.0 else found.points[:4, ::-1]
+    flipped = found.points[:3] if found.points[0, 0, 1] < 4.0 else found.points[:3, ::-1]
     off = np.linalg.norm(flipped - points, axis=2)
     assert off.max() < 0.1
-    assert found.status[:8] == ("ok",) * 8
-    assert found.status[8:] == ("failed",) * 2
-    assert "no such picture" in found.reasons[8]
+    assert found.status[:6] == ("ok",) * 6
+    assert found.status[6:] == ("failed",) * 2 + ("flagged",) * 2
+    assert found.flags[8] == "exif_rotated"
+    assert found.points[4] == pytest.approx(found.points[0])
+    assert "no such picture" in found.reasons[6]
 
     out = tmp_path / "out"
     summary = write_track(found, out, manifest=manifest, cameras=CAMERAS)
@@ -203,8 +209,8 @@ def test_markers_are_found_in_pictures(tmp_path):
     import pandas
 
     table = pandas.read_csv(out / "points.csv")
-    assert table["x_mm"].to_numpy()[:8] == pytest.approx(found.points[:4, :, 0].ravel())
-    assert table["u_z_mm"].to_numpy()[:8] == pytest.approx(found.uncertainty[:4, :, 2].ravel())
+    assert table["x_mm"].to_numpy()[:6] == pytest.approx(found.points[:3, :, 0].ravel())
+    assert table["u_z_mm"].to_numpy()[:6] == pytest.approx(found.uncertainty[:3, :, 2].ravel())
     assert table["x_mm"].isna().sum() == 2
     assert table["pose"].tolist() == [k for k in range(5) for _ in range(2)]
 

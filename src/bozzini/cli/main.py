@@ -38,6 +38,7 @@ COMMANDS = {
     "duct": "Fit shapes to a tract, show them, find the longest link.",
     "muscle": "Solve a pneumatic muscle, compare models with data, fit them.",
     "continuum": "Bend a tendon robot: pose, reach, compare models, workspace.",
+    "rig": "Drive the pneumatic rig, emulated or on the bench.",
     "effector": "Bend a catheter tip by pneumatic muscles: pose, reach, trace.",
     "vision": "Measure lengths, shapes and points in pictures: boards, cameras.",
 }

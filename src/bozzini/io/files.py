@@ -396,6 +396,28 @@ def find_provided_cache() -> str | None:
     return _provided.get("NUMBA_CACHE_DIR")
 
 
+def find_cache(name: str) -> Path:
+    """Return a directory for files that can be made anew, in the user's cache directory.
+
+    Where that cannot be written it lies in a temporary directory that nobody else can write.
+
+    Parameters
+    ----------
+    name : str
+        What the files are for.
+    """
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    place = Path(base, "bozzini", name)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        pass
+    if not _takes_files(str(place)):
+        place = Path(_find_private_directory(), name)
+        place.mkdir(exist_ok=True)
+    return place
+
+
 def _list_packages() -> list[str]:
     """Return the directory of this package if it and all below it can be written, else nothing."""
     here = os.path.dirname(os.path.abspath(__file__))

@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 import os
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from ..errors import FileFormatError, InputError
 from ..io.files import write_bytes, write_text
 from ..io.records import load_data, read_record, write_record
 from .camera import Floats
-from .pictures import Picture, import_opencv
+from .pictures import Grey, Picture, import_opencv
 
 MARKER_SHARE = 0.65
 """Side of a marker as a share of its square: the gap between is what a corner is refined in."""
@@ -230,18 +231,25 @@ class _Strip:
     @property
     def rectangles(self) -> Floats:
         """What is black, shape (m, 4) [mm]."""
+        squares = _black_squares(self.columns, self.rows, self.square)
+        parts = [squares + np.array([self.left, 0.0, self.left, 0.0])]
         side = MARKER_SHARE * self.square
-        gap = 0.5 * (self.square - side)
-        y, x = np.nonzero((np.add.outer(np.arange(self.rows), np.arange(self.columns))) % 2 == 1)
-        parts = [_black_squares(self.columns, self.rows, self.square)]
-        for marker, i, j in zip(
-            _marker_rectangles(self.dictionary, self.numbers, side), x, y, strict=True
-        ):
-            place = np.array([i, j]) * self.square + gap
+        drawn = _marker_rectangles(self.dictionary, self.numbers, side)
+        for marker, place in zip(drawn, self.marker_places, strict=True):
             parts.append(marker + np.tile(place, 2))
-        return np.asarray(np.concatenate(parts) + np.array([self.left, 0.0, self.left, 0.0]))
+        return np.concatenate(parts)
 
-    def find(self, picture: Picture, markers: Any, numbers: Any) -> tuple[Floats, Any]:
+    @property
+    def marker_places(self) -> Floats:
+        """Upper left corner of each marker, shape (count, 2) [mm]."""
+        y, x = np.nonzero((np.add.outer(np.arange(self.rows), np.arange(self.columns))) % 2 == 1)
+        gap = 0.5 * (1.0 - MARKER_SHARE) * self.square
+        start = np.array([self.left + gap, gap])
+        return np.asarray(self.square * np.stack([x, y], axis=1) + start)
+
+    def find(
+        self, picture: Picture, markers: Sequence[Grey], numbers: NDArray[np.int32]
+    ) -> tuple[Floats, NDArray[np.int64]]:
         """Return corners and their numbers from the markers of a picture."""
         cv2 = import_opencv()
         mine = np.isin(np.ravel(numbers), self.numbers)
@@ -264,12 +272,14 @@ class _Strip:
         return np.asarray(corners, float).reshape(-1, 2), np.ravel(ids).astype(np.int64)
 
 
-def _get_dictionary(name: str) -> Any:
+def _get_dictionary(name: str) -> object:
     cv2 = import_opencv()
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, _DICTIONARIES[name]))
 
 
-def _find_markers(values: NDArray[np.uint8], dictionary: str) -> tuple[Any, Any]:
+def _find_markers(
+    values: NDArray[np.uint8], dictionary: str
+) -> tuple[Sequence[Grey], NDArray[np.int32]]:
     """Return the corners and numbers of the markers in a picture."""
     cv2 = import_opencv()
     parameters = cv2.aruco.DetectorParameters()
@@ -304,9 +314,11 @@ class _Charuco(Board):
     def _find(self, picture: Picture) -> tuple[Floats, NDArray[np.int64], str]:
         strips = self._strips
         markers, numbers = _find_markers(picture.bytes, strips[0].dictionary)
+        sound = self._find_sound(markers, np.ravel(numbers))
+        taken, names = [markers[i] for i in sound], numbers[sound]
         corners, ids, first = [], [], 0
         for strip in strips:
-            part, which = strip.find(picture, markers, numbers)
+            part, which = strip.find(picture, taken, names)
             corners.append(part)
             ids.append(which + first)
             first += len(strip.corners)
@@ -322,6 +334,29 @@ class _Charuco(Board):
                 words = "markers of another board" if len(numbers) else "no marker of the board"
                 reason = f"{words} found"
         return np.concatenate(corners), np.concatenate(ids), reason
+
+    def _find_sound(self, markers: Sequence[Grey], numbers: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Return which markers of the board lie where its plane has them.
+
+        OpenCV's detector drops a whole board for one marker that was read wrongly.
+        """
+        cv2 = import_opencv()
+        strips = self._strips
+        side = MARKER_SHARE * strips[0].square
+        places = np.concatenate([strip.marker_places for strip in strips])
+        first = strips[0].first
+        own = np.flatnonzero((numbers >= first) & (numbers < first + len(places)))
+        if len(own) < 3:
+            return own
+        round_it = side * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        drawn = (places[numbers[own] - first][:, None] + round_it).reshape(-1, 1, 2)
+        seen = np.concatenate([np.reshape(markers[i], (4, 2)) for i in own.tolist()]).astype(float)
+        size = float(np.median(np.linalg.norm(seen[1::4] - seen[::4], axis=1)))
+        plane, _ = cv2.findHomography(drawn, seen, cv2.RANSAC, 0.3 * size)
+        if plane is None:
+            return own
+        off = np.linalg.norm(cv2.perspectiveTransform(drawn, plane).reshape(-1, 2) - seen, axis=1)
+        return np.asarray(own[off.reshape(-1, 4).max(axis=1) < 0.5 * size])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -539,7 +574,7 @@ def load_board(path: str | os.PathLike[str]) -> Board:
     if not isinstance(data, dict) or "kind" not in data:
         raise FileFormatError(f"{path}: not a board: it must hold 'kind', one of {kinds}")
     kind = data.pop("kind")
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise FileFormatError(f"{path}: kind is {show_value(kind)}: choose one of {kinds}")
     try:
         return read_record(data, KINDS[kind], name="the board")

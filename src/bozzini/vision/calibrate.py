@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, quantity
 from ..errors import FileFormatError, InputError
@@ -27,7 +27,7 @@ from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .board import CHECK_LINE, Board, Detection
 from .camera import Area, Camera, CameraSet, Floats, align, triangulate
-from .pictures import SUFFIXES, import_opencv, measure_each, read_picture
+from .pictures import SUFFIXES, Grey, import_opencv, measure_each, read_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -417,7 +417,7 @@ def calibrate_cameras(
     for k in range(options.resamples):
         progress("uncertainty", k / options.resamples)
         again = _fit([used[i] for i in _draw(rng, len(used))], start=fit)
-        drawn.append(_place_world(again.cameras, world))
+        drawn.append(_place_world(again.cameras, _draw_corners(rng, world)))
     hold_out = _hold_out(used)
     progress("uncertainty", 1.0)
     cameras = CameraSet(
@@ -592,7 +592,7 @@ def _fit(views: Sequence[View], start: _Fit | None = None) -> _Fit:
     )
 
 
-def _fit_lens(points: list[Any], pixels: list[Any], size: tuple[int, int]) -> Camera:
+def _fit_lens(points: list[Grey], pixels: list[Grey], size: tuple[int, int]) -> Camera:
     """Return a camera by itself, to start from."""
     cv2 = import_opencv()
     _, matrix, lens, *_ = cv2.calibrateCamera(
@@ -601,7 +601,7 @@ def _fit_lens(points: list[Any], pixels: list[Any], size: tuple[int, int]) -> Ca
     return _make_camera(matrix, lens, size)
 
 
-def _make_camera(matrix: Any, lens: Any, size: tuple[int, int]) -> Camera:
+def _make_camera(matrix: ArrayLike, lens: ArrayLike, size: tuple[int, int]) -> Camera:
     return Camera(matrix=np.asarray(matrix), distortion=np.ravel(lens)[:5], size=size)
 
 
@@ -652,6 +652,20 @@ def _draw(rng: np.random.Generator, count: int) -> list[int]:
         chosen = rng.integers(0, count, count).tolist()
         if len(set(chosen)) >= count // 2:
             return [int(k) for k in chosen]
+
+
+def _draw_corners(rng: np.random.Generator, view: View) -> View:
+    """Return a view with a draw of the corners that all cameras see, with replacement."""
+    points, pixels = _share(view)
+    rows = rng.integers(0, len(points), len(points))
+    names = np.arange(len(points))
+    return dataclasses.replace(
+        view,
+        detections=tuple(
+            dataclasses.replace(found, corners=own[rows], points=points[rows], ids=names)
+            for found, own in zip(view.detections, pixels, strict=True)
+        ),
+    )
 
 
 def _hold_out(views: Sequence[View]) -> HoldOut:

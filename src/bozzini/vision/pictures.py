@@ -92,6 +92,7 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     source = Path(path)
     try:
         with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # damaged notes in a picture that is whole
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(source) as file:
                 turned = file.getexif().get(_EXIF_ORIENTATION, 1) not in (0, 1)

@@ -597,7 +597,7 @@ def _match_markers(
         squares = np.minimum(np.where(np.isnan(squares), most, squares), most)
         costs = np.stack([squares[:, range(count), order].sum(axis=1) for order in orders])
         best = np.where(costs[0] - costs.min(axis=0) > 0.5 * most, costs.argmin(axis=0), 0)
-        for k in np.flatnonzero(best):
+        for k in np.flatnonzero(best).tolist():
             matched[i, k] = pixels[i, k, orders[best[k]]]
     points = cameras.triangulate(matched)
     good = _square_misses(cameras.cameras, matched, points) < most

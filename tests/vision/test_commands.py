@@ -9,20 +9,25 @@ import sys
 import numpy as np
 import pytest
 
+from bozzini.cli import common
 from bozzini.cli.main import main
 from bozzini.vision import Picture, load_board, load_cameras, write_picture
-from tests.vision.sets import BOARD, PAIR, render_views
+from tests.vision.sets import BOARD, PAIR
 
-pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
+
+@pytest.fixture(autouse=True)
+def no_lines_of_progress(monkeypatch):
+    """Keep a slow machine from adding lines of progress to what the tests read."""
+    monkeypatch.setattr(common.LineProgress, "interval", float("inf"))
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, pair_pictures):
     """Give a folder with the pictures of a calibration, the board and a table of markers."""
     place = tmp_path_factory.mktemp("vision")
     BOARD.save(place / "board.yaml")
     (place / "pictures").mkdir()
-    for k, pictures in enumerate(render_views(count=8, seed=3)[0]):
+    for k, pictures in enumerate(pair_pictures[0][:8]):
         for i, picture in enumerate(pictures):
             write_picture(picture, place / "pictures" / f"cam{i}_{k:02d}.bmp")
     (place / "blank").mkdir()

@@ -1,0 +1,297 @@
+"""Measure the control of the rig: steps, wrong models, runaway hosts and circles of the stick.
+
+    python examples/rig_control.py                    the emulated chip, 12 seeds (minutes)
+    python examples/rig_control.py --board native     the same code compiled for this computer
+    python examples/rig_control.py --seeds 2 steps    less of it
+
+Each controller gets the same plants with the same seeds. The tables are in Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bozzini.effector import Effector, effector_preset
+from bozzini.muscle.hysteresis import MaxwellSlip
+from bozzini.rig import (
+    BoardStick,
+    Chamber,
+    Cosimulation,
+    EmulatedBoard,
+    Feedforward,
+    Host,
+    HysteresisCompensator,
+    HystereticPlant,
+    LockstepLink,
+    NativeBoard,
+    Plant,
+    PlantDesign,
+    ScriptedStick,
+    Steering,
+)
+from bozzini.rig.demo import VOLTS_PER_COUNT, judge_step
+from bozzini.rig.firmware import find_sources
+from bozzini.rig.protocol import SetPoint
+
+BOARDS = {"native": NativeBoard, "emulated": EmulatedBoard}
+STEPS = ((0.6, 0.3, 0.1), (0.1, 0.6, 0.827))  # [MPa], one second each
+FAST, SLOW = 0.002, 0.01  # periods of the host [s]
+TRUE = PlantDesign()
+PLANTS = {
+    "as modelled": TRUE,
+    "orifices +20 %": replace(TRUE, fill_area=0.0365, bleed_area=0.0365),
+    "orifices -20 %": replace(TRUE, fill_area=0.0243, bleed_area=0.0243),
+    "line +20 %": replace(TRUE, dead_volume=TRUE.dead_volume + 86.0),
+    "line -20 %": replace(TRUE, tube_length=390.0),
+    "dead zone +3 points": replace(TRUE, valve_dead_zone=0.33),
+    "dead zone -3 points": replace(TRUE, valve_dead_zone=0.27),
+    "valve lag 6 ms": replace(TRUE, valve_lag=6e-3),
+    "all that make it faster": replace(
+        TRUE, fill_area=0.0365, bleed_area=0.0365, tube_length=390.0, valve_dead_zone=0.27
+    ),
+    "all that make it slower": replace(
+        TRUE, fill_area=0.0243, bleed_area=0.0243, dead_volume=123.0, valve_dead_zone=0.33
+    ),
+}
+FRICTION = MaxwellSlip((0.3, 0.2, 0.2), (0.01, 0.01, 0.01)).to_plays()  # [MPa]: loops of 60 kPa
+EFFECTOR = Effector(effector_preset("prototype"))
+CHAMBERS = [Chamber.from_model(model) for model in EFFECTOR.models]
+
+
+def connect(board, plant, period):
+    """Return the host of a rig in lock-step, the link, and the board's configuration."""
+    link = LockstepLink(Cosimulation(board, plant))
+    host = Host(link, period=period)
+    return host, link, host.connect()
+
+
+def judge_steps(board, design, period, model, seed):
+    """Return settle time, overshoot (of 300 kPa and more) and steady error: [ms], [kPa]."""
+    host, link, configuration = connect(board, Plant(CHAMBERS, design, seed=seed), period)
+    forward = model and Feedforward(model, CHAMBERS, configuration, period=period)
+
+    def control(time, told):
+        wanted = STEPS[min(int(time + 1e-9), len(STEPS) - 1)]
+        return (forward.shape(time, wanted, told) if forward else SetPoint(wanted)), {}
+
+    run = host.run(control, float(len(STEPS)))
+    if not run.converged:
+        return np.full((3, 3 * len(STEPS)), np.nan)
+    time, pressures = link.list_pressures()
+    time = time - run.link_start
+    rows = []
+    for k, wanted in enumerate(np.array(STEPS)):
+        part = pressures[np.searchsorted(time, k) : np.searchsorted(time, k + 1.0)]
+        settle, over, steady = 1e3 * judge_step(part, wanted, 1e-3)
+        rows.append([settle, np.where(wanted >= 0.3, over, 0.0), steady])
+    return np.moveaxis(rows, 1, 0).reshape(3, -1)
+
+
+def print_steps(name, make, design, period, model, seeds):
+    """Print a row of figures over the seeds."""
+    found = []
+    for seed in range(seeds):
+        with make() as board:
+            found.append(judge_steps(board, design, period, model, seed))
+    settle, over, steady = np.moveaxis(found, 1, 0)
+    if np.isnan(settle).any():
+        print(f"| {name} | trips | | | | |", flush=True)
+        return
+    print(
+        f"| {name} | {np.median(settle):.0f} | {settle.max():.0f} | {over.max():.1f} "
+        f"| {np.median(steady):.1f} | {steady.max():.1f} |",
+        flush=True,
+    )
+
+
+def print_head(first):
+    """Print the head of a table of `print_steps`."""
+    print(
+        f"\n| {first} | settle median [ms] | largest | overshoot [kPa] | steady median | largest |"
+    )
+    print("|---|---|---|---|---|---|")
+
+
+def compare_steps(make, seeds):
+    """Both controllers on the plant that the feed-forward has as its model."""
+    print_head("steps")
+    for period in (FAST, SLOW):
+        words = f", host {1e3 * period:g} ms"
+        print_steps("board alone" + words, make, TRUE, period, None, seeds)
+        print_steps("with feed-forward" + words, make, TRUE, period, TRUE, seeds)
+    bound = find_bound()
+    print(f"| valves fully open until there | {np.median(bound):.0f} | {bound.max():.0f} | | | |")
+
+
+def find_bound():
+    """Return the times in which valves that are open until then bring the pressures there [ms]."""
+    times, before = [], (0.0, 0.0, 0.0)
+    for wanted in STEPS:
+        for k in range(3):
+            plant = Plant(CHAMBERS)
+            plant.set_pressures(before[k])
+            duty = np.zeros(6)
+            duty[0 if wanted[k] > before[k] else 3] = 1.0
+            while abs(plant.pressures[0] - wanted[k]) > 0.02 * wanted[k] + 0.004:
+                plant.step(duty, 1e-4)
+            times.append(1e3 * plant.time)
+        before = wanted
+    return np.array(times)
+
+
+def compare_plants(make, seeds):
+    """Both controllers on plants that the feed-forward does not know."""
+    for period in (FAST, SLOW):
+        print_head(f"plant, host {1e3 * period:g} ms")
+        for name, design in PLANTS.items():
+            print_steps(f"{name}, board alone", make, design, period, None, seeds)
+            print_steps(f"{name}, with feed-forward", make, design, period, TRUE, seeds)
+
+
+def patch_slew(folder, slew, shaped):
+    """Return sources of the firmware with other slew limits [hPa/ms]."""
+    place = Path(folder) / f"firmware-{slew}-{shaped}"
+    shutil.copytree(find_sources(), place, ignore=shutil.ignore_patterns("build"))
+    config = place / "src" / "config.h"
+    text = config.read_text()
+    for name, value in (("BZ_SLEW ", slew), ("BZ_SLEW_SHAPED ", shaped)):
+        head, tail = text.split(f"#define {name}")
+        text = f"{head}#define {name}{value} {tail.lstrip().split(' ', 1)[1]}"
+    config.write_text(text)
+    return place
+
+
+def compare_slews(make, seeds):
+    """Steps and runaway hosts under other slew limits."""
+    short = replace(TRUE, tube_length=150.0)
+    with tempfile.TemporaryDirectory() as folder:
+        print_head("slew limit [kPa/ms]: of the board alone, with feed-forward")
+        for slew in (20, 30, 50, 100):
+            sources = patch_slew(folder, slew, slew)
+            for name, design in (("", TRUE), (", tube of 150 mm", short)):
+
+                def make_patched(sources=sources):
+                    return make(sources=sources)
+
+                words = f"{slew / 10:g}{name}"
+                print_steps(f"{words}, board alone", make_patched, design, FAST, None, seeds)
+                print_steps(f"{words}, feed-forward", make_patched, design, FAST, design, seeds)
+        print("\n| runaway host, reservoir 930 kPa | fastest rise [kPa/ms] | peak [kPa] | end |")
+        print("|---|---|---|---|")
+        for slew in (20, 100):
+            for words, design in (("", TRUE), (", tube of 150 mm", short)):
+                for forward in ((), (1.0, 1.0, 1.0)):
+                    with make(sources=Path(folder) / f"firmware-{slew}-{slew}") as board:
+                        name = f"slew {slew / 10:g}{words}, " + (
+                            "fill valves open for good" if forward else "set-point 827 kPa"
+                        )
+                        print_runaway(name, board, design, SetPoint((0.827,) * 3, forward))
+
+
+def print_runaway(name, board, design, command):
+    """Print what a host does that sends one command all the time."""
+    plant = Plant(CHAMBERS, replace(design, reservoir_pressure=0.93), seed=1)
+    host, link, _ = connect(board, plant, FAST)
+    run = host.run(lambda time, told: (command, {}), 1.0)
+    _, pressures = link.list_pressures()
+    rise = 1e3 * (pressures[20:] - pressures[:-20]).max() / 20.0
+    end = run.reason.rpartition("(")[2].rstrip(")") or "armed"
+    print(f"| {name} | {rise:.1f} | {1e3 * pressures.max():.0f} | {end} |", flush=True)
+
+
+def run_stick(board, period, forward, compensate, operator, script, duration, design=TRUE):
+    """Return the run, the true tip (n, 2) [mm] and the effective pressures."""
+    plant = Plant(CHAMBERS, design) if operator is None else HystereticPlant(
+        CHAMBERS, operator, design
+    )  # fmt: skip
+    host, link, configuration = connect(board, plant, period)
+    steering = Steering(
+        EFFECTOR,
+        BoardStick(),
+        feedforward=Feedforward(TRUE, CHAMBERS, configuration, period=period) if forward else None,
+        compensator=HysteresisCompensator(operator) if compensate else None,
+    )
+    acting = []
+
+    def control(time, told):
+        plant.stick_voltages = script.read(time, script.readings[0]) * VOLTS_PER_COUNT
+        acting.append(getattr(plant, "effective_pressures", plant.pressures))
+        return steering(time, told)
+
+    run = host.run(control, duration)
+    tip = EFFECTOR.forward(np.clip(acting, 0.0, EFFECTOR.design.pressure_limit)).lateral_vector
+    return run, np.asarray(tip), link
+
+
+def compare_circles(make):
+    """The tip against where the stick wants it, by the true state of the plant."""
+    print("\n| circle at 0.5 Hz | host [ms] | error rms [mm] | largest | by the transducers, rms |")
+    print("|---|---|---|---|---|")
+    script = ScriptedStick.circle(0.5, 6.5)
+    for operator, words in ((None, ""), (FRICTION, "hysteresis, ")):
+        for period in (FAST, SLOW):
+            for forward in (False, True):
+                for compensate in (False, True) if operator else (False,):
+                    with make() as board:
+                        run, tip, _ = run_stick(
+                            board, period, forward, compensate, operator, script, 6.5
+                        )
+                    table = run.to_frame()
+                    after = table["time_s"].to_numpy() > 0.6  # at the circle
+                    target = table[["target_x_mm", "target_y_mm"]].to_numpy()
+                    error = np.hypot(*(tip - target)[after].T)
+                    name = words + ("feed-forward" if forward else "board alone")
+                    name += ", compensated" if compensate else ""
+                    rms, told = (np.sqrt(np.mean(e**2)) for e in (error, run.tip_errors[after]))
+                    print(
+                        f"| {name} | {1e3 * period:g} | {rms:.2f} | {error.max():.2f} "
+                        f"| {told:.2f} |"
+                    )
+
+
+def time_stick_step(make):
+    """From the stick to the first 10 kPa in a muscle."""
+    print("\n| step of the stick | host [ms] | first 10 kPa after [ms] |")
+    print("|---|---|---|")
+    script = ScriptedStick(
+        [0.0, 0.3, 0.3001, 1.0], [[512, 512], [512, 512], [1023, 512], [1023, 512]]
+    )
+    for period in (FAST, SLOW):
+        for forward in (False, True):
+            with make() as board:
+                run, _, link = run_stick(board, period, forward, False, None, script, 0.6)
+            time, pressures = link.list_pressures()
+            time = time - run.link_start
+            risen = time[np.argmax((pressures > 0.01).any(axis=1) & (time > 0.3))]
+            name = "feed-forward" if forward else "board alone"
+            print(f"| {name} | {1e3 * period:g} | {1e3 * (risen - 0.3):.0f} |")
+
+
+def main():
+    """Take the options and print the tables."""
+    parts = ("steps", "plants", "slews", "stick")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--board", choices=BOARDS, default="emulated")
+    parser.add_argument("--seeds", type=int, default=12)
+    parser.add_argument("parts", nargs="*", choices=parts, default=list(parts))
+    given = parser.parse_args()
+    make = BOARDS[given.board]
+    if "steps" in given.parts:
+        compare_steps(make, given.seeds)
+    if "plants" in given.parts:
+        compare_plants(make, max(given.seeds // 4, 1))
+    if "slews" in given.parts:
+        compare_slews(make, max(given.seeds // 4, 1))
+    if "stick" in given.parts:
+        compare_circles(make)
+        time_stick_step(make)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""Muscles with hysteresis on the rig, and its compensation by the inverse operator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..checks import check_array
+from ..errors import InputError
+from ..muscle.hysteresis import Operator, PrandtlIshlinskii
+from ..muscle.model import MuscleModel
+from .plant import MUSCLES, Chamber, Plant, PlantDesign
+from .protocol import SETPOINT_MAX
+
+Floats = NDArray[np.float64]
+
+
+class HystereticPlant(Plant):
+    """A plant whose muscles do not contract by their pressure, but by an effective one.
+
+    The operator stands between the pressure and the model of the muscle; the volume of the muscle
+    follows the pressure itself.
+
+    Parameters
+    ----------
+    muscles : MuscleModel or Chamber, or sequence of three
+        As `Plant` takes them.
+    operator : Operator
+        From the pressure to the effective one [MPa], the same for each muscle, each with a memory
+        of its own; at rest without pressure.
+    design : PlantDesign, optional
+        The constants.
+    seed : int
+        Seed of the transducers' noise.
+
+    Attributes
+    ----------
+    effective_pressures : (3,) ndarray
+        What the muscles contract by [MPa gauge], 0 or more.
+    """
+
+    def __init__(
+        self,
+        muscles: MuscleModel | Chamber | Sequence[MuscleModel | Chamber],
+        operator: Operator,
+        design: PlantDesign | None = None,
+        *,
+        seed: int = 0,
+    ) -> None:
+        super().__init__(muscles, design, seed=seed)
+        if not isinstance(operator, Operator):
+            raise InputError(f"operator is a {type(operator).__name__}: it must be an Operator")
+        self._operator, self._state = operator, operator.rest((MUSCLES,))
+        self._follow_operator()
+
+    def step(self, duty: ArrayLike, duration: float) -> None:
+        """Move on in time under duties of the valves; see `Plant.step`."""
+        super().step(duty, duration)
+        self._follow_operator()
+
+    def _follow_operator(self) -> None:
+        output, self._state = self._operator.run(self.pressures[:, None], initial=self._state)
+        self.effective_pressures = np.maximum(output[:, 0], 0.0)
+
+    @property
+    def contractions(self) -> Floats:
+        """Contractions of the muscles, shape (3,) [mm]."""
+        pairs = zip(self.effective_pressures, self.chambers, strict=True)
+        return np.array([np.interp(p, c.pressure, c.contraction) for p, c in pairs])
+
+
+class HysteresisCompensator:
+    """Turns effective pressures that are wanted into those that the muscles must have.
+
+    The inverse operator is applied sample by sample, with the memory that belongs to the pressures
+    asked for so far. The pressures of the muscles should go from one to the next without detours:
+    those of more than the smallest width of a loop are not known to it.
+
+    Parameters
+    ----------
+    operator : PrandtlIshlinskii
+        From the pressure to the effective one [MPa]; other operators of muscles are turned into
+        such a one, as `bozzini.muscle.hysteresis.MaxwellSlip.to_plays`, or fitted.
+
+    Raises
+    ------
+    InputError
+        If the operator has no inverse; see `PrandtlIshlinskii.invert`.
+    """
+
+    def __init__(self, operator: PrandtlIshlinskii) -> None:
+        if not isinstance(operator, PrandtlIshlinskii):
+            raise InputError(
+                f"operator is a {type(operator).__name__}: it must be a PrandtlIshlinskii"
+            )
+        self.operator, self.inverse = operator, operator.invert()
+        self._asked = self._measured = operator.rest((MUSCLES,))
+
+    def compensate(self, effective: ArrayLike) -> Floats:
+        """Return the pressures (3,) for effective ones (3,), in the board's range [MPa]."""
+        wanted = check_array("effective", effective)
+        found, _ = self.inverse.run(
+            wanted[:, None], initial=self.operator.invert_state(self._asked)
+        )
+        pressures = np.clip(found, 0.0, SETPOINT_MAX)
+        _, self._asked = self.operator.run(pressures, initial=self._asked)
+        return np.asarray(pressures[:, 0])
+
+    def observe(self, pressures: ArrayLike) -> Floats:
+        """Return the effective pressures (3,) at measured ones (3,) [MPa], 0 or more."""
+        measured = check_array("pressures", pressures)
+        output, self._measured = self.operator.run(measured[:, None], initial=self._measured)
+        return np.maximum(output[:, 0], 0.0)

@@ -1,0 +1,1 @@
+"""Compiled kernels of the rig: scalars and arrays, no Python objects."""
