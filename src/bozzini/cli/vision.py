@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +11,8 @@ import click
 
 from ..errors import InputError
 from ..vision.calibrate import CalibrationOptions
+from ..vision.length import LengthOptions
+from ..vision.planning import DemoOptions, LengthSetup
 from ..vision.track import TrackOptions
 from .common import (
     EXIT_NEGATIVE,
@@ -17,12 +20,17 @@ from .common import (
     QuantityType,
     answer_options,
     format_rows,
+    gather,
+    make_option,
     options_of,
     run_exit,
 )
 
 if TYPE_CHECKING:
+    from ..vision.board import StripBoard
     from ..vision.calibrate import Calibration
+    from ..vision.camera import Camera
+    from ..vision.series import LengthSeries
     from ..vision.track import Track
 
 
@@ -249,3 +257,236 @@ def _describe_track(found: Track, target: Path) -> str:
         lines.append(f"Standard uncertainty (median): {parts}")
     lines += [f"Failed: {found.reason}"] if found.reason else []
     return "\n".join([*lines, f"Results: {target}"])
+
+
+_LENGTH_FIELDS = dataclasses.fields(LengthOptions)
+length_options = gather(
+    "options",
+    LengthOptions,
+    *(
+        make_option(item, required=True, default=None, show_default=False)
+        if item.default is dataclasses.MISSING
+        else make_option(item)
+        for item in _LENGTH_FIELDS
+    ),
+)
+
+
+def _load_strips(path: Path | None) -> StripBoard:
+    """Return the board of a file, which must be strips; without a file, the usual one."""
+    from ..vision.board import StripBoard, load_board
+
+    board = load_board(path) if path else StripBoard()
+    if not isinstance(board, StripBoard):
+        raise InputError(f"{path}: the board is {board.kind}: lengths are measured before strips")
+    return board
+
+
+@dataclasses.dataclass(frozen=True)
+class _Rig:
+    """The files of a set-up: the board, and the camera if it is calibrated."""
+
+    board_file: Path
+    cameras_file: Path | None
+
+    def load(self) -> tuple[StripBoard, Camera | None]:
+        """Return both, or raise `InputError`."""
+        from ..vision.camera import load_cameras
+
+        board = _load_strips(self.board_file)
+        if self.cameras_file is None:
+            return board, None
+        cameras = load_cameras(self.cameras_file).cameras
+        if len(cameras) != 1:
+            raise InputError(f"{self.cameras_file} has {len(cameras)} cameras: lengths need one")
+        return board, cameras[0]
+
+
+rig_options = gather(
+    "rig",
+    _Rig,
+    click.option(
+        "--board",
+        "board_file",
+        metavar="BOARD.yaml",
+        type=click.Path(path_type=Path),
+        required=True,
+        help="The description of the board of strips.",
+    ),
+    click.option(
+        "--cameras",
+        "cameras_file",
+        metavar="CAMERAS.yaml",
+        type=click.Path(path_type=Path),
+        help="The calibrated camera; without it --distance is needed.",
+    ),
+)
+
+
+@command.command("length")
+@click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
+@rig_options
+@length_options
+@jobs_option
+@strict_option
+@answer_options(
+    required=True,
+    metavar="DIR",
+    help="Directory to make: lengths.csv, summary.csv, contractions.csv, overlays.",
+)
+def length_command(
+    table: Path,
+    rig: _Rig,
+    options: LengthOptions,
+    jobs: int,
+    strict: bool,
+    answer: Answer,
+) -> None:
+    """Measure the length between two ring marks of a muscle in the pictures of TABLE.
+
+    TABLE has a row for each picture, with the columns image (relative to the table) and
+    pressure_kpa and, if there, specimen, direction (inflate, deflate, none), load_n, and
+    override_x1, override_y1, override_x2, override_y2 for marks that a person sets. Other columns
+    are kept. Contractions are from the rows without pressure; contractions.csv is what 'bozzini
+    muscle fit' reads. Exit code 0: all lengths are there; 1: some are not, and have the reason in
+    their row; 2: bad input.
+    """
+    from ..io.files import reserve_directory
+    from ..vision.pictures import read_manifest
+    from ..vision.series import measure_series, write_series
+
+    board, camera = rig.load()
+    inputs = [table, rig.board_file, *([rig.cameras_file] if rig.cameras_file else [])]
+    manifest = read_manifest(table, ("image", "pressure_kpa"))
+    with reserve_directory(answer.target, force=answer.force):
+        with answer.show_progress() as progress:
+            found = measure_series(
+                manifest, board, options=options, camera=camera, jobs=jobs, progress=progress
+            )
+        summary = write_series(found, answer.target, inputs=inputs, force=answer.force)
+    answer.give(summary | {"directory": answer.target}, _describe_lengths(found, answer.target))
+    if not found.converged or (strict and "flagged" in found.status):
+        run_exit(EXIT_NEGATIVE)
+
+
+def _describe_lengths(found: LengthSeries, target: Path) -> str:
+    counts = {word: found.status.count(word) for word in ("ok", "flagged", "failed")}
+    listed = ", ".join(f"{count} {word}" for word, count in counts.items())
+
+    def show(value: float | None) -> str:
+        return "" if value is None else f"{value:.3f}"
+
+    rows = [
+        [
+            item["specimen"],
+            f"{item['load_n']:g}",
+            f"{item['pressure_kpa']:g}",
+            item["direction"],
+            str(item["n"]),
+            *(
+                show(item[name])
+                for name in ("length_mm", "U95_mm", "contraction_mm", "U95_contraction_mm")
+            ),
+        ]
+        for item in found.summarise()
+    ]
+    head = ["specimen", "load [N]", "p [kPa]", "direction", "n"]
+    head += ["length [mm]", "U95", "contraction [mm]", "U95"]
+    lines = [f"{len(found.rows)} pictures: {listed}", format_rows(head, rows)]
+    lines += [f"Failed: {found.reason}"] if found.reason else []
+    return "\n".join([*lines, f"Results: {target}"])
+
+
+@command.command("demo")
+@options_of(DemoOptions, "options")
+@answer_options(required=True, metavar="DIR", help="Directory to make.")
+def demo_command(options: DemoOptions, answer: Answer) -> None:
+    """Render the pictures of an inflating muscle of known model, with all files to measure them.
+
+    The directory holds manifest.csv, pictures, board.yaml, board.pdf, cameras.yaml, and the truth:
+    truth.csv and summary.json.
+    """
+    from ..io.files import reserve_directory
+    from ..vision.planning import DEMO_LENGTH, write_demo
+
+    with reserve_directory(answer.target, force=answer.force):
+        with answer.show_progress() as progress:
+            summary = write_demo(
+                answer.target, options=options, force=answer.force, progress=progress
+            )
+    known = DEMO_LENGTH
+    target = answer.target
+    text = (
+        f"{summary['pictures']} pictures. Measure them by\n"
+        f"  bozzini vision length {target}/manifest.csv --board {target}/board.yaml "
+        f"--cameras {target}/cameras.yaml --height {known.height:g}mm "
+        f"--diameter {known.diameter:g}mm --ring {known.ring:g}mm "
+        f"--height-uncertainty {known.height_uncertainty:g}mm "
+        f"--tilt-uncertainty {known.tilt_uncertainty:g}rad --out lengths"
+    )
+    answer.give(summary | {"directory": target}, text)
+
+
+@command.command("plan-setup")
+@options_of(LengthSetup, "setup")
+@click.option(
+    "--board",
+    "board_file",
+    metavar="BOARD.yaml",
+    type=click.Path(path_type=Path),
+    help="The description of the board of strips, if it is not the usual one.",
+)
+@length_options
+@click.option(
+    "--length",
+    type=QuantityType("length"),
+    default="40mm",
+    show_default=True,
+    help="Of the muscle between its rings.",
+)
+@click.option(
+    "--pictures",
+    type=int,
+    default=0,
+    show_default=True,
+    help="Pictures to render, as a test of the prediction.",
+)
+@answer_options(".png", ".pdf", ".svg", help="A picture of the budget.")
+def plan_setup_command(
+    setup: LengthSetup,
+    board_file: Path | None,
+    options: LengthOptions,
+    length: float,
+    pictures: int,
+    answer: Answer,
+) -> None:
+    """Predict the uncertainty of a muscle's length from a planned camera position.
+
+    Without --distance the camera is taken for calibrated. Exit code 0: predicted; 1: a rendered
+    picture could not be measured; 2: bad input, or the view does not hold the board.
+    """
+    from ..vision.planning import plan_setup
+
+    board = _load_strips(board_file)
+    with answer.show_progress() as progress:
+        plan = plan_setup(
+            setup, board, options=options, length=length, pictures=pictures, progress=progress
+        )
+    answer.draw(plan.plot)
+    rows = [[name, f"{1e3 * value:.1f}"] for name, value in plan.budget.items()]
+    rows.append(["combined", f"{1e3 * plan.uncertainty:.1f}"])
+    lines = [
+        f"{plan.corners} corners of the board are in view",
+        format_rows(["cause", "u [um]"], rows),
+    ]
+    if pictures:
+        values = plan.to_dict()
+        lines.append(
+            f"{pictures} rendered pictures, {len(plan.failures)} failed; errors over the predicted "
+            f"uncertainty: {plan.residual:.2f} rms"
+            if values["error_rms_mm"] is not None
+            else f"{pictures} rendered pictures, all failed: {plan.reason}"
+        )
+    answer.give(plan.to_dict() | {"file": answer.out}, "\n".join(lines))
+    if not plan.converged:
+        run_exit(EXIT_NEGATIVE)

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from .board import Board, CharucoBoard, Checkerboard, Detection, StripBoard, load_board
     from .camera import Camera, CameraSet, aim_camera, load_cameras, triangulate
+    from .length import LengthOptions, MuscleLength, measure_length
     from .pictures import Picture, read_picture, write_picture
+    from .planning import DemoOptions, LengthSetup, SetupPlan, plan_setup, write_demo
     from .render import (
         HungMuscle,
         Light,
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
         make_board_poses,
         render_picture,
     )
+    from .series import LengthSeries, measure_series, write_series
 
 __all__ = [
     "Board",
@@ -31,13 +34,19 @@ __all__ = [
     "CameraSet",
     "CharucoBoard",
     "Checkerboard",
+    "DemoOptions",
     "Detection",
     "HungMuscle",
+    "LengthOptions",
+    "LengthSeries",
+    "LengthSetup",
     "Light",
+    "MuscleLength",
     "PairLayout",
     "Picture",
     "Scene",
     "Sensor",
+    "SetupPlan",
     "StripBoard",
     "Tube",
     "aim_camera",
@@ -46,10 +55,15 @@ __all__ = [
     "load_cameras",
     "make_backbone_scene",
     "make_board_poses",
+    "measure_length",
+    "measure_series",
+    "plan_setup",
     "read_picture",
     "render_picture",
     "triangulate",
+    "write_demo",
     "write_picture",
+    "write_series",
 ]
 
 _MODULES = {
@@ -57,7 +71,10 @@ _MODULES = {
     for module, names in {
         "board": ("Board", "CharucoBoard", "Checkerboard", "Detection", "StripBoard", "load_board"),
         "camera": ("Camera", "CameraSet", "aim_camera", "load_cameras", "triangulate"),
+        "length": ("LengthOptions", "MuscleLength", "measure_length"),
         "pictures": ("Picture", "read_picture", "write_picture"),
+        "planning": ("DemoOptions", "LengthSetup", "SetupPlan", "plan_setup", "write_demo"),
+        "series": ("LengthSeries", "measure_series", "write_series"),
         "render": (
             "HungMuscle",
             "Light",
