@@ -7,6 +7,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas
 import pytest
 
 from bozzini.effector import (
@@ -18,6 +19,7 @@ from bozzini.effector import (
     tip_force,
     trace_circle,
 )
+from bozzini.errors import InputError
 from bozzini.muscle import (
     EnergyMuscle,
     Measurements,
@@ -90,6 +92,15 @@ def test_verbs_are_the_functions() -> None:
     assert EFFECTOR.inverse(tip=found.lateral_vector).delivered == pytest.approx(
         found.lateral_vector
     )
+
+
+def test_columns_of_a_table_are_muscles() -> None:
+    table = pandas.DataFrame({"B": [0.0, 0.1], "R": [0.5, 0.2]})
+    wanted = EFFECTOR.forward([[0.5, 0.0, 0.0], [0.2, 0.0, 0.1]]).tip
+    assert np.array_equal(EFFECTOR.forward(table).tip, wanted)
+    assert np.array_equal(EFFECTOR.forward(table.iloc[1]).tip, wanted[1])
+    with pytest.raises(InputError, match="no muscle 'Q'"):
+        EFFECTOR.forward(table.rename(columns={"B": "Q"}))
 
 
 def test_tables_of_pandas_are_measurements() -> None:

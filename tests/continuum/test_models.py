@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
@@ -126,6 +127,22 @@ def test_forward_chooses_the_model_and_takes_names() -> None:
     assert ROBOT.forward(PULLED, **load).tip.tolist() == (
         RodModel(ROBOT, **load).shape(PULLED).tip.tolist()
     )
+
+
+def test_names_of_a_table_are_those_of_the_tendons() -> None:
+    mixed = ROBOT.tendon_names[::-1]
+    table = pandas.DataFrame([PULLED, 0.5 * PULLED], columns=ROBOT.tendon_names)[list(mixed)]
+    wanted = ROBOT.forward([PULLED, 0.5 * PULLED]).tip.tolist()
+    assert ROBOT.forward(table).tip.tolist() == wanted
+    assert ArcModel(ROBOT).shape(table).tip.tolist() == wanted
+    assert ROBOT.forward(table.iloc[1]).tip == pytest.approx(np.array(wanted[1]), abs=1e-12)
+    assert ROBOT.forward(pandas.DataFrame([PULLED])).tip.tolist() == wanted[:1]
+    some = table[[mixed[0]]].to_dict("series")
+    assert ROBOT.forward(table[[mixed[0]]]).tip.tolist() == ROBOT.forward(some).tip.tolist()
+    with pytest.raises(InputError, match="there is no tendon 'a'"):
+        ROBOT.forward(table.rename(columns={mixed[0]: "a"}))
+    with pytest.raises(InputError, match="twice"):
+        ROBOT.forward(table.rename(columns={mixed[0]: mixed[1]}))
 
 
 def test_inverse_takes_a_place_a_pose_and_a_curve() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import broadcast, check_array
+from ..checks import check_array, take_named
 from ..errors import InputError
 from .arc import jacobian
 from .checks import Floats
@@ -60,7 +60,8 @@ class ContinuumRobot(RobotDesign):
         ----------
         displacements : array_like, shape (..., t), or mapping
             How far each tendon is pulled [mm]; or by the tendons' names, numbers or arrays of one
-            shape, 0 for those left out.
+            shape, 0 for those left out. The columns of a table and the labels of a series are
+            names.
         model : str, optional
             Name in `CONTINUUM_MODELS`; arc for parallel tendons, energy for others and rod under
             loads unless given.
@@ -74,8 +75,9 @@ class ContinuumRobot(RobotDesign):
         GeometryError
             If the model does not take such a robot.
         """
-        if isinstance(displacements, Mapping):
-            displacements = self.order_displacements(displacements)
+        named = take_named("displacements", displacements)
+        if named is not None:
+            displacements = self.order_displacements(named)
         chosen = self._default_model if model is None and not options else None
         return (chosen or self.model(model, **options)).shape(displacements)
 
@@ -146,25 +148,3 @@ class ContinuumRobot(RobotDesign):
         if any(options.get(load) is not None for load in LOADS):
             return "rod"
         return "energy" if find_crooked(self) else "arc"
-
-    def order_displacements(self, displacements: Mapping[str, ArrayLike]) -> Floats:
-        """Return displacements (...) [mm] by the tendons' names as an array (..., t).
-
-        Those left out are 0.
-
-        Raises
-        ------
-        InputError
-            If there is no such tendon, or a displacement is no number or array of numbers.
-        """
-        for name in displacements:
-            if name not in self.tendon_names:
-                raise InputError(
-                    f"there is no tendon '{name}': those of robot '{self.name}' are "
-                    f"{', '.join(self.tendon_names) or 'none'}"
-                )
-        named = [
-            (name, check_array(f"displacement of tendon '{name}'", displacements.get(name, 0.0)))
-            for name in self.tendon_names
-        ]
-        return np.stack(broadcast(*named), axis=-1) if named else np.zeros(0)
