@@ -73,6 +73,9 @@ def test_a_result_is_plain_values_a_table_and_a_picture(name: str) -> None:
     assert json.loads(json.dumps(plain, allow_nan=False)) == plain
     frame = found.to_frame()
     assert rows is None or len(frame) == rows
+    if found.rows_have_verdict:
+        assert np.array_equal(frame["converged"], found.converged)
+        assert np.array_equal(frame["reason"], found.reason)
     assert frame.to_html(max_rows=20) in found._repr_html_()
     if hasattr(found, "plot"):
         axes = found.plot()
@@ -83,6 +86,13 @@ def test_a_result_is_plain_values_a_table_and_a_picture(name: str) -> None:
 
 def test_a_cell_names_the_reason() -> None:
     assert "the target is 300 mm away" in EFFECTOR.inverse([300.0, 0.0])._repr_html_()
+
+
+def test_a_target_out_of_reach_is_missed_by_what_is_left() -> None:
+    found = EFFECTOR.inverse([[3.0, -4.0], [30.0, 0.0]])
+    missed = np.linalg.norm(found.target - EFFECTOR.forward(found.pressures).lateral_vector, axis=1)
+    assert found.residual == pytest.approx(missed, abs=1e-9)
+    assert found.converged.tolist() == (missed < 1e-6).tolist() == [True, False]
 
 
 def test_verbs_are_the_functions() -> None:

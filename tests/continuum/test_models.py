@@ -168,6 +168,12 @@ def test_results_are_plain_values_tables_and_pictures() -> None:
     batch = ROBOT.forward([PULLED, -PULLED])
     assert len(batch.to_frame()) == 2 * len(shape.to_frame())
     assert batch.to_dict()["sections"][1]["bend_rad"] == pytest.approx([np.hypot(*BENDS[1])] * 2)
+    stuck = ROBOT.forward([PULLED, np.full(len(PULLED), 9.0)])
+    stations = len(stuck.arc_length)
+    assert stuck.to_frame()["converged"].tolist() == [True] * stations + [False] * stations
+    assert set(stuck.to_frame()["reason"]) == set(stuck.reason)
+    far = ROBOT.inverse([0.0, 0.0, 700.0]).to_frame()
+    assert not far["converged"].any() and far["reason"].str.contains("700 mm").all()
     assert found.to_frame()["displacement_mm"].tolist() == found.displacements.tolist()
     assert space.to_dict()["reach_mm"] == space.volume.reach
     assert shape == shape and shape != ROBOT.forward(PULLED)  # noqa: PLR0124  # by identity

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -76,10 +76,11 @@ class ContinuumRobot(RobotDesign):
             If the model does not take such a robot.
         """
         named = take_named("displacements", displacements)
-        if named is not None:
-            displacements = self.order_displacements(named)
+        ordered = (
+            cast("ArrayLike", displacements) if named is None else self.order_displacements(named)
+        )
         chosen = self._default_model if model is None and not options else None
-        return (chosen or self.model(model, **options)).shape(displacements)
+        return (chosen or self.model(model, **options)).shape(ordered)
 
     def inverse(
         self,

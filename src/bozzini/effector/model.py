@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -137,7 +138,7 @@ class EffectorModel:
                 ]
                 table = np.stack(np.broadcast_arrays(*columns), axis=-1)
             else:
-                table = np.array(check_array("pressures", pressures), order="C")
+                table = np.array(check_array("pressures", cast("ArrayLike", pressures)), order="C")
         except InputError:
             raise
         except ValueError:
