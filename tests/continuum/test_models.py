@@ -30,7 +30,7 @@ from bozzini.continuum import (
     solve_tip,
 )
 from bozzini.continuum.coupling import check_displacements, coupling_matrix
-from bozzini.errors import InputError
+from bozzini.errors import InputError, PluginError
 from tests.continuum.robots import THIRD, make_robot
 
 BENDS = np.array([[0.5, -0.2], [0.3, 0.6]])
@@ -85,6 +85,23 @@ def test_a_model_of_another_package_stands_beside_ours(
         ROBOT.forward(PULLED, model="soft", share=2.0)
 
 
+CHANGES = {
+    "stretched": np.diag([3.0, 3.0, 3.0, 1.0]),
+    "mirrored": np.diag([1.0, -1.0, 1.0, 1.0]),
+    "turned": np.diag([-1.0, -1.0, 1.0, 1.0]),
+    "scaled": np.diag([1.0, 1.0, 1.0, 2.0]),
+}
+WORDS = {
+    "nan": "frames of the model wrong are not finite",
+    "stretched": "orthonormal by 8",
+    "mirrored": "left-handed",
+    "turned": "identity at the base",
+    "scaled": "last row",
+    "frames": "frames of the model wrong has shape",
+    "residual": "residual of the model wrong has shape",
+}
+
+
 @dataclass(frozen=True)
 class WrongModel(ContinuumModel):
     """What goes wrong in a model of one's own."""
@@ -100,17 +117,18 @@ class WrongModel(ContinuumModel):
         given = {name: getattr(right, name) for name in ("arc_length", "frames", "residual")}
         if self.change == "nan":
             given["frames"] = np.where(given["frames"] == 0.0, np.nan, given["frames"])
+        elif self.change in CHANGES:
+            given["frames"] = CHANGES[self.change] @ given["frames"]
         elif self.change:
             given[self.change] = np.zeros((7, *given[self.change].shape[1:]))
         return self.make_shape(commands, **given)
 
 
-@pytest.mark.parametrize("field", ["nan", "frames", "residual"])
+@pytest.mark.parametrize("field", WORDS)
 def test_shapes_that_a_model_makes_wrongly_are_refused(field: str) -> None:
     batch = [PULLED, 0.5 * PULLED]
     assert WrongModel(ROBOT).shape(batch).tip.tolist() == ArcModel(ROBOT).shape(batch).tip.tolist()
-    words = "frames of the model wrong are not finite for" if field == "nan" else f"{field} "
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(PluginError, match=WORDS[field]):
         WrongModel(ROBOT, change=field).shape(batch)
 
 
@@ -151,10 +169,10 @@ def test_inverse_takes_a_place_a_pose_and_a_curve() -> None:
         found = ROBOT.inverse(target, tolerance=0.01)
         assert found.converged
         assert found.bends.tolist() == solve(ROBOT, target, tolerance=0.01).bends.tolist()
-    found = ROBOT.inverse(shape.tip_frame, starts=8)
+    found = ROBOT.inverse(tip=shape.tip_frame, starts=8)
     assert found.bends.tolist() == solve_pose(ROBOT, shape.tip_frame, starts=8).bends.tolist()
     assert found.shape().tip == pytest.approx(found.tip)
-    assert ROBOT.jacobian(BENDS).tolist() == jacobian(ROBOT, BENDS).tolist()
+    assert ROBOT.jacobian(bends=BENDS).tolist() == jacobian(ROBOT, BENDS).tolist()
     assert ROBOT.workspace(100, seed=3).sample.bends.tolist() == (
         sample_workspace(ROBOT, 100, seed=3).bends.tolist()
     )

@@ -74,17 +74,19 @@ class ContinuumRobot(RobotDesign):
             If an input has another shape, or there is no such model or option.
         GeometryError
             If the model does not take such a robot.
+        PluginError
+            If a model of another package gives no shape.
         """
         named = take_named("displacements", displacements)
         ordered = (
             cast("ArrayLike", displacements) if named is None else self.order_displacements(named)
         )
         chosen = self._default_model if model is None and not options else None
-        return (chosen or self.model(model, **options)).shape(ordered)
+        return (chosen or self.model(model, **options)).find_shape(ordered)
 
     def inverse(
         self,
-        target: ArrayLike,
+        tip: ArrayLike,
         *,
         direction: ArrayLike | None = None,
         **options: Unpack[InverseOptions],
@@ -93,9 +95,9 @@ class ContinuumRobot(RobotDesign):
 
         Parameters
         ----------
-        target : array_like
+        tip : array_like
             A place of the tip, shape (3,); its frame, shape (4, 4); or points along the whole
-            backbone, shape (k, 3) [mm].
+            backbone, the tip among them, shape (k, 3) [mm].
         direction : array_like, shape (3,), optional
             Where the tip's tangent shall point; with a place only.
         **options
@@ -108,17 +110,20 @@ class ContinuumRobot(RobotDesign):
         GeometryError
             If the tendons are not parallel, or the limits leave no shape at all.
         """
-        shape = check_array("target", target).shape
+        shape = check_array("target", tip).shape
         if shape == (3,):
-            return solve_tip(self, target, direction=direction, **options)
+            return solve_tip(self, tip, direction=direction, **options)
         if shape != (4, 4) and (len(shape) != 2 or shape[1] != 3):
             raise InputError(f"target has shape {shape}: it must be (3,), (4, 4) or (k, 3)")
         if direction is not None:
             raise InputError(f"target has shape {shape}: a direction goes with a place, (3,), only")
-        return (solve_pose if shape == (4, 4) else solve_curve)(self, target, **options)
+        return (solve_pose if shape == (4, 4) else solve_curve)(self, tip, **options)
 
-    def jacobian(self, bends: ArrayLike) -> Floats:
-        """Return how the tip moves and turns with the bends; see `bozzini.continuum.jacobian`."""
+    def jacobian(self, *, bends: ArrayLike) -> Floats:
+        """Return how the tip moves and turns with the bends; see `bozzini.continuum.jacobian`.
+
+        `bends` are ``shape.section_parameters``; by keyword, for `forward` takes displacements.
+        """
         return jacobian(self, bends)
 
     def workspace(self, count: int = 20_000, *, seed: int = 0) -> ContinuumWorkspace:
