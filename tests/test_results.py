@@ -125,6 +125,14 @@ def test_tables_of_pandas_are_measurements() -> None:
     assert list(ranking.to_frame()["model"]) == ["energy"]
 
 
+def test_measurements_are_drawn_row_by_row() -> None:
+    axes = DATA.plot()
+    assert axes.lines[0].get_xydata().tolist() == (
+        np.stack([DATA.pressure, DATA.contraction], axis=1).tolist()
+    )
+    mpl.pyplot.close(axes.figure)
+
+
 def test_a_model_draws_itself() -> None:
     import bozzini as bz
 

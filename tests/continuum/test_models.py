@@ -195,7 +195,10 @@ def test_results_are_plain_values_tables_and_pictures() -> None:
     assert found.to_frame()["displacement_mm"].tolist() == found.displacements.tolist()
     assert space.to_dict()["reach_mm"] == space.volume.reach
     assert shape == shape and shape != ROBOT.forward(PULLED)  # noqa: PLR0124  # by identity
-    for result in (shape, found, space):
+    assert space.sample.to_frame()["tip_z_mm"].tolist() == space.sample.tips[:, 2].tolist()
+    assert space.map.to_frame().equals(space.to_frame())
+    assert space.volume.to_frame()["hull_mm3"].tolist() == [space.volume.hull]
+    for result in (shape, found, space, space.sample, space.map, space.volume):
         assert {"converged", "reason"} <= set(result.to_dict())
-    for result in (shape, found, space, ROBOT):
+    for result in (shape, found, space, space.sample, space.map, ROBOT):
         assert isinstance(result.plot(), Axes)

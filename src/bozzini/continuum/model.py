@@ -176,7 +176,7 @@ class ContinuumModel(ABC):
                     f"each set of displacements, whose shape is {displacements.shape}"
                 ) from None
         try:
-            shape = Shape(
+            made = Shape(
                 robot=self.robot,
                 model=self.name,
                 arc_length=arc_length,
@@ -188,10 +188,10 @@ class ContinuumModel(ABC):
             raise PluginError(f"the model {self.name} makes no shape: {error}") from None
         # Those of this package are rotations by construction: a check costs more than an arc.
         own_model = type(self).__module__.startswith(f"{__name__.partition('.')[0]}.")
-        wrong = find_wrong_frames(shape.frames[shape.converged], whole=not own_model)
+        wrong = find_wrong_frames(made.frames[made.converged], whole=not own_model)
         if wrong:
             raise PluginError(f"frames of the model {self.name} {wrong}")
-        return shape
+        return made
 
 
 def find_wrong_frames(frames: Floats, *, whole: bool) -> str:
