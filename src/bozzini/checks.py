@@ -133,7 +133,7 @@ def check_array(name: str, values: ArrayLike) -> NDArray[np.float64]:
         raise _no_array(name, given) from None
 
 
-def take_named(name: str, values: object) -> Mapping[str, Any] | None:
+def take_named(name: str, values: object) -> Mapping[str, ArrayLike] | None:
     """Return values that have names, as a mapping; None for what has none, such as an array.
 
     Names are the keys of a mapping, the columns of a table or the labels of a series. Labels that
@@ -148,10 +148,9 @@ def take_named(name: str, values: object) -> Mapping[str, Any] | None:
         return values
     if isinstance(values, (np.ndarray, np.generic)):
         return None
-    table: Any = values
-    labels = getattr(table, "columns", None)
+    labels = getattr(values, "columns", None)
     if labels is None:
-        keys = getattr(table, "keys", None)
+        keys = getattr(values, "keys", None)
         labels = keys() if callable(keys) else None
     if labels is None:
         return None
@@ -161,7 +160,7 @@ def take_named(name: str, values: object) -> Mapping[str, Any] | None:
     if len(set(labels)) < len(labels):
         twice = next(label for k, label in enumerate(labels) if label in labels[:k])
         raise InputError(f"{name} has the name {twice!r} twice: each may be there once")
-    return {label: table[label] for label in labels}
+    return {label: values[label] for label in labels}  # type: ignore[index]
 
 
 def _no_array(name: str, values: object, more: str = "") -> InputError:
