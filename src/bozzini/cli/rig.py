@@ -155,6 +155,11 @@ def demo_command(board: BoardKind, seed: int, answer: Answer) -> None:
     default="circle",
 )
 @option("--frequency FREQUENCY", "Of the circles.", "frequency", default="0.5Hz")
+@option(
+    "--feedforward",
+    "Open the valves by the model of the plant, of the constants that the emulated rig has.",
+    is_flag=True,
+)
 @duration_option
 @period_option
 @answer_options(".parquet", ".csv", *PICTURES, help="The log (.parquet, .csv), or a picture.")
@@ -165,6 +170,7 @@ def run_command(
     preset: str,
     stick: str,
     frequency: float,
+    feedforward: bool,
     duration: float,
     period: float,
     answer: Answer,
@@ -173,14 +179,19 @@ def run_command(
 
     Without --port the rig is an emulated one in lock-step: the same numbers every time.
     """
-    from ..rig import Host, Steering, make_stick
+    from ..rig import Chamber, Feedforward, Host, PlantDesign, Steering, make_stick
 
     effector = _make_effector(preset)
     source = make_stick(stick, frequency=frequency, duration=duration)
     with _open_link(port, effector, board, seed) as link, answer.show_progress() as progress:
         host = Host(link, period=period)
-        host.connect()
-        run = host.run(Steering(effector, source), duration, progress=progress)
+        found = host.connect()
+        ahead = None
+        if feedforward:
+            chambers = [Chamber.from_model(model) for model in effector.models]
+            ahead = Feedforward(PlantDesign(), chambers, found, period=period)
+        steering = Steering(effector, source, feedforward=ahead)
+        run = host.run(steering, duration, progress=progress)
     _write_log(run, answer)
     answer.give(run, _describe_run(run))
     _end(run)
