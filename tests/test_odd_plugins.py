@@ -72,6 +72,9 @@ class Hole(DuctShape):
 class Stiff(ParallelModel):
     name = "stiff"
     def shape(self, displacements): raise np.linalg.LinAlgError("singular")
+class Blank(ParallelModel):
+    name = "blank"
+    def shape(self, displacements): return None
 """
 NAMES = {
     "bozzini.muscles": {
@@ -85,7 +88,10 @@ NAMES = {
         "mute": "odd:Mute", "fussy": "odd:Fussy",
     },
     "bozzini.ducts": {"missing": "no_such_module:Duct", "hole": "odd:Hole"},
-    "bozzini.continuum": {"missing": "no_such_module:Model", "stiff": "odd:Stiff"},
+    "bozzini.continuum": {
+        "missing": "no_such_module:Model", "stiff": "odd:Stiff",
+        "blank": "odd:Blank",
+    },
 }  # fmt: skip
 BROKEN = {
     "missing": "cannot be imported: ModuleNotFoundError: No module named 'no_such_module'",
@@ -227,11 +233,13 @@ def test_a_continuum_model_that_is_broken_or_fails_is_refused(run):
     code, out, err = run("continuum", "compare", *command, "--json")
     assert code == 0, err
     rows = json.loads(out)["models"]
-    assert {name for name, row in rows.items() if row["refused"]} == {"missing", "stiff"}
+    assert {name for name, row in rows.items() if row["refused"]} == {"missing", "stiff", "blank"}
     assert "failed in shape: LinAlgError: singular" in rows["stiff"]["reason"]
-    for name in ("missing", "stiff"):
+    assert rows["blank"]["reason"] == "the model blank gave a NoneType: it must give a Shape"
+    for name in ("missing", "stiff", "blank"):
         code, out, err = run("continuum", "pose", *command, "--model", name)
-        assert (code, out, err.count("\n")) == (2, "", 1) and "odd-package" in err
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert ("it must give a Shape" if name == "blank" else "odd-package") in err
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas
 import pytest
 
 from bozzini.effector import (
@@ -18,6 +19,7 @@ from bozzini.effector import (
     tip_force,
     trace_circle,
 )
+from bozzini.errors import InputError
 from bozzini.muscle import (
     EnergyMuscle,
     Measurements,
@@ -71,6 +73,9 @@ def test_a_result_is_plain_values_a_table_and_a_picture(name: str) -> None:
     assert json.loads(json.dumps(plain, allow_nan=False)) == plain
     frame = found.to_frame()
     assert rows is None or len(frame) == rows
+    if found.rows_have_verdict:
+        assert np.array_equal(frame["converged"], found.converged)
+        assert np.array_equal(frame["reason"], found.reason)
     assert frame.to_html(max_rows=20) in found._repr_html_()
     if hasattr(found, "plot"):
         axes = found.plot()
@@ -83,6 +88,13 @@ def test_a_cell_names_the_reason() -> None:
     assert "the target is 300 mm away" in EFFECTOR.inverse([300.0, 0.0])._repr_html_()
 
 
+def test_a_target_out_of_reach_is_missed_by_what_is_left() -> None:
+    found = EFFECTOR.inverse([[3.0, -4.0], [30.0, 0.0]])
+    missed = np.linalg.norm(found.target - EFFECTOR.forward(found.pressures).lateral_vector, axis=1)
+    assert found.residual == pytest.approx(missed, abs=1e-9)
+    assert found.converged.tolist() == (missed < 1e-6).tolist() == [True, False]
+
+
 def test_verbs_are_the_functions() -> None:
     found = EFFECTOR.forward({"R": 0.5})
     back = EFFECTOR.inverse(found.lateral_vector)
@@ -90,6 +102,15 @@ def test_verbs_are_the_functions() -> None:
     assert EFFECTOR.inverse(tip=found.lateral_vector).delivered == pytest.approx(
         found.lateral_vector
     )
+
+
+def test_columns_of_a_table_are_muscles() -> None:
+    table = pandas.DataFrame({"B": [0.0, 0.1], "R": [0.5, 0.2]})
+    wanted = EFFECTOR.forward([[0.5, 0.0, 0.0], [0.2, 0.0, 0.1]]).tip
+    assert np.array_equal(EFFECTOR.forward(table).tip, wanted)
+    assert np.array_equal(EFFECTOR.forward(table.iloc[1]).tip, wanted[1])
+    with pytest.raises(InputError, match="no muscle 'Q'"):
+        EFFECTOR.forward(table.rename(columns={"B": "Q"}))
 
 
 def test_tables_of_pandas_are_measurements() -> None:
@@ -102,6 +123,14 @@ def test_tables_of_pandas_are_measurements() -> None:
     ranking = rank(kilo, MUSCLE, models={"energy": EnergyMuscle}, options=RankOptions(folds=0))
     assert ranking.models[0].score.rmse < 1e-6
     assert list(ranking.to_frame()["model"]) == ["energy"]
+
+
+def test_measurements_are_drawn_row_by_row() -> None:
+    axes = DATA.plot()
+    assert axes.lines[0].get_xydata().tolist() == (
+        np.stack([DATA.pressure, DATA.contraction], axis=1).tolist()
+    )
+    mpl.pyplot.close(axes.figure)
 
 
 def test_a_model_draws_itself() -> None:

@@ -133,6 +133,36 @@ def check_array(name: str, values: ArrayLike) -> NDArray[np.float64]:
         raise _no_array(name, given) from None
 
 
+def take_named(name: str, values: object) -> Mapping[str, ArrayLike] | None:
+    """Return values that have names, as a mapping; None for what has none, such as an array.
+
+    Names are the keys of a mapping, the columns of a table or the labels of a series. Labels that
+    only count, 0 to n - 1, are no names.
+
+    Raises
+    ------
+    InputError
+        If a table has a name twice.
+    """
+    if isinstance(values, Mapping):
+        return values
+    if isinstance(values, (np.ndarray, np.generic)):
+        return None
+    labels = getattr(values, "columns", None)
+    if labels is None:
+        keys = getattr(values, "keys", None)
+        labels = keys() if callable(keys) else None
+    if labels is None:
+        return None
+    labels = list(labels)
+    if labels == list(range(len(labels))):
+        return None
+    if len(set(labels)) < len(labels):
+        twice = next(label for k, label in enumerate(labels) if label in labels[:k])
+        raise InputError(f"{name} has the name {twice!r} twice: each may be there once")
+    return {label: values[label] for label in labels}  # type: ignore[index]
+
+
 def _no_array(name: str, values: object, more: str = "") -> InputError:
     wrong = f"{name} is {show_value(values)}: it must be a number or an array of numbers"
     return InputError(wrong + more)

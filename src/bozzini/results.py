@@ -6,8 +6,9 @@ import dataclasses
 import math
 import os
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from .errors import InputError
 from .units import add_unit
 
 if TYPE_CHECKING:
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 Json = dict[str, Any]
 """Values by name that JSON takes."""
+
+DRAWN_LIMIT = 100
+"""Members of a batch that one picture may show."""
 
 SHOWN_ROWS = 20
 """Rows of a table that a notebook shows."""
@@ -44,6 +48,9 @@ class Result:
         reason: Any
         residual: Any
 
+    rows_have_verdict: ClassVar[bool] = False
+    """Whether each row of `to_frame` has `converged` and `reason`; `list_columns` is without."""
+
     def to_dict(self) -> Json:
         """Return the result as plain values, which JSON takes; not finite numbers are None.
 
@@ -60,9 +67,15 @@ class Result:
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the result as a table; units are in the names of the columns."""
+        import numpy
         import pandas
 
-        return pandas.DataFrame(self.list_columns())
+        frame = pandas.DataFrame(self.list_columns())
+        if self.rows_have_verdict:
+            for name in ("converged", "reason"):
+                values = numpy.ravel(getattr(self, name))
+                frame[name] = numpy.repeat(values, len(frame) // max(values.size, 1))
+        return frame
 
     def list_columns(self) -> Mapping[str, object]:
         """Return the columns of `to_frame`: by default one row, of what is a single value."""
@@ -144,6 +157,12 @@ def _flatten(value: object) -> list[Any]:
     if isinstance(value, list):
         return [item for part in value for item in _flatten(part)]
     return [value]
+
+
+def check_drawn(count: int, noun: str) -> None:
+    """Raise `InputError` if a batch is too large for one picture."""
+    if count > DRAWN_LIMIT:
+        raise InputError(f"the batch has {count} {noun}: at most {DRAWN_LIMIT} are drawn")
 
 
 def take_axes(ax: Axes | None, *, x: str, y: str, equal: bool = False) -> Axes:

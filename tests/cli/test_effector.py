@@ -445,7 +445,7 @@ def test_errors_are_of_targets_in_reach(run, ask):
 def test_reach_has_all_of_the_answer(ask, run):
     said = ask("reach", "--to", "6mm,-8mm")
     found = solve_inverse(EFFECTOR, (6.0, -8.0))
-    assert said["residual_mm"] == pytest.approx(float(found.residual))
+    assert said["residual_mm"] == pytest.approx(float(found.displacement_error))
     for k, name in enumerate("RGB"):
         assert said["muscles"][name]["force_N"] == pytest.approx(found.force[k])
         assert said["muscles"][name]["contraction_mm"] == pytest.approx(found.contraction[k])

@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
@@ -29,7 +30,7 @@ from bozzini.continuum import (
     solve_tip,
 )
 from bozzini.continuum.coupling import check_displacements, coupling_matrix
-from bozzini.errors import InputError
+from bozzini.errors import InputError, PluginError
 from tests.continuum.robots import THIRD, make_robot
 
 BENDS = np.array([[0.5, -0.2], [0.3, 0.6]])
@@ -84,6 +85,23 @@ def test_a_model_of_another_package_stands_beside_ours(
         ROBOT.forward(PULLED, model="soft", share=2.0)
 
 
+CHANGES = {
+    "stretched": np.diag([3.0, 3.0, 3.0, 1.0]),
+    "mirrored": np.diag([1.0, -1.0, 1.0, 1.0]),
+    "turned": np.diag([-1.0, -1.0, 1.0, 1.0]),
+    "scaled": np.diag([1.0, 1.0, 1.0, 2.0]),
+}
+WORDS = {
+    "nan": "frames of the model wrong are not finite",
+    "stretched": "orthonormal by 8",
+    "mirrored": "left-handed",
+    "turned": "identity at the base",
+    "scaled": "last row",
+    "frames": "frames of the model wrong has shape",
+    "residual": "residual of the model wrong has shape",
+}
+
+
 @dataclass(frozen=True)
 class WrongModel(ContinuumModel):
     """What goes wrong in a model of one's own."""
@@ -99,17 +117,18 @@ class WrongModel(ContinuumModel):
         given = {name: getattr(right, name) for name in ("arc_length", "frames", "residual")}
         if self.change == "nan":
             given["frames"] = np.where(given["frames"] == 0.0, np.nan, given["frames"])
+        elif self.change in CHANGES:
+            given["frames"] = CHANGES[self.change] @ given["frames"]
         elif self.change:
             given[self.change] = np.zeros((7, *given[self.change].shape[1:]))
         return self.make_shape(commands, **given)
 
 
-@pytest.mark.parametrize("field", ["nan", "frames", "residual"])
+@pytest.mark.parametrize("field", WORDS)
 def test_shapes_that_a_model_makes_wrongly_are_refused(field: str) -> None:
     batch = [PULLED, 0.5 * PULLED]
     assert WrongModel(ROBOT).shape(batch).tip.tolist() == ArcModel(ROBOT).shape(batch).tip.tolist()
-    words = "frames of the model wrong are not finite for" if field == "nan" else f"{field} "
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(PluginError, match=WORDS[field]):
         WrongModel(ROBOT, change=field).shape(batch)
 
 
@@ -128,16 +147,32 @@ def test_forward_chooses_the_model_and_takes_names() -> None:
     )
 
 
+def test_names_of_a_table_are_those_of_the_tendons() -> None:
+    mixed = ROBOT.tendon_names[::-1]
+    table = pandas.DataFrame([PULLED, 0.5 * PULLED], columns=ROBOT.tendon_names)[list(mixed)]
+    wanted = ROBOT.forward([PULLED, 0.5 * PULLED]).tip.tolist()
+    assert ROBOT.forward(table).tip.tolist() == wanted
+    assert ArcModel(ROBOT).shape(table).tip.tolist() == wanted
+    assert ROBOT.forward(table.iloc[1]).tip == pytest.approx(np.array(wanted[1]), abs=1e-12)
+    assert ROBOT.forward(pandas.DataFrame([PULLED])).tip.tolist() == wanted[:1]
+    some = table[[mixed[0]]].to_dict("series")
+    assert ROBOT.forward(table[[mixed[0]]]).tip.tolist() == ROBOT.forward(some).tip.tolist()
+    with pytest.raises(InputError, match="there is no tendon 'a'"):
+        ROBOT.forward(table.rename(columns={mixed[0]: "a"}))
+    with pytest.raises(InputError, match="twice"):
+        ROBOT.forward(table.rename(columns={mixed[0]: mixed[1]}))
+
+
 def test_inverse_takes_a_place_a_pose_and_a_curve() -> None:
     shape = ROBOT.forward(PULLED)
     for target, solve in ((shape.tip, solve_tip), (shape.points[1:], solve_curve)):
         found = ROBOT.inverse(target, tolerance=0.01)
         assert found.converged
         assert found.bends.tolist() == solve(ROBOT, target, tolerance=0.01).bends.tolist()
-    found = ROBOT.inverse(shape.tip_frame, starts=8)
+    found = ROBOT.inverse(tip=shape.tip_frame, starts=8)
     assert found.bends.tolist() == solve_pose(ROBOT, shape.tip_frame, starts=8).bends.tolist()
     assert found.shape().tip == pytest.approx(found.tip)
-    assert ROBOT.jacobian(BENDS).tolist() == jacobian(ROBOT, BENDS).tolist()
+    assert ROBOT.jacobian(bends=BENDS).tolist() == jacobian(ROBOT, BENDS).tolist()
     assert ROBOT.workspace(100, seed=3).sample.bends.tolist() == (
         sample_workspace(ROBOT, 100, seed=3).bends.tolist()
     )
@@ -151,10 +186,19 @@ def test_results_are_plain_values_tables_and_pictures() -> None:
     batch = ROBOT.forward([PULLED, -PULLED])
     assert len(batch.to_frame()) == 2 * len(shape.to_frame())
     assert batch.to_dict()["sections"][1]["bend_rad"] == pytest.approx([np.hypot(*BENDS[1])] * 2)
+    stuck = ROBOT.forward([PULLED, np.full(len(PULLED), 9.0)])
+    stations = len(stuck.arc_length)
+    assert stuck.to_frame()["converged"].tolist() == [True] * stations + [False] * stations
+    assert set(stuck.to_frame()["reason"]) == set(stuck.reason)
+    far = ROBOT.inverse([0.0, 0.0, 700.0]).to_frame()
+    assert not far["converged"].any() and far["reason"].str.contains("700 mm").all()
     assert found.to_frame()["displacement_mm"].tolist() == found.displacements.tolist()
     assert space.to_dict()["reach_mm"] == space.volume.reach
     assert shape == shape and shape != ROBOT.forward(PULLED)  # noqa: PLR0124  # by identity
-    for result in (shape, found, space):
+    assert space.sample.to_frame()["tip_z_mm"].tolist() == space.sample.tips[:, 2].tolist()
+    assert space.map.to_frame().equals(space.to_frame())
+    assert space.volume.to_frame()["hull_mm3"].tolist() == [space.volume.hull]
+    for result in (shape, found, space, space.sample, space.map, space.volume):
         assert {"converged", "reason"} <= set(result.to_dict())
-    for result in (shape, found, space, ROBOT):
+    for result in (shape, found, space, space.sample, space.map, ROBOT):
         assert isinstance(result.plot(), Axes)

@@ -16,8 +16,9 @@ from bozzini.continuum import (
     Section,
     Shape,
     Tendon,
+    displacements_for,
 )
-from tests.continuum.robots import THIRD, make_robot
+from tests.continuum.robots import QUARTER, THIRD, make_robot
 
 PULLED = np.array([[2.0, -1.0, -1.0, 2.0, -1.0, -1.0], [0.0, 0.0, 0.0, 1.0, -0.5, -0.5]])
 
@@ -118,3 +119,20 @@ def test_discs_meet_where_an_uneven_bend_is_tightest(name: str) -> None:
         shape = CONTINUUM_MODELS[name](robot).shape([6.0])
         assert bool(shape.converged) == converged, shape.reason
     assert "mm where it is tightest: its discs, of radius 45 mm, meet" in str(shape.reason)
+
+
+@pytest.mark.parametrize("turn", np.radians([0.0, 45.0, 90.0, 135.0, 200.0, 315.0]))
+def test_discs_are_drawn_across_the_bend_whatever_its_direction(turn: float) -> None:
+    robot = make_robot(QUARTER)
+    bend = 1.2 * np.array([[np.cos(turn), np.sin(turn)]])
+    shape = robot.forward(displacements_for(robot, bend))
+    batch = robot.forward([shape.displacements, 0.5 * shape.displacements])
+    axes = shape.plot()
+    discs = [np.array(line.get_data()) for line in axes.lines if line.get_color() == "0.7"]
+    assert len(discs) == len(shape.disc_arc_length)
+    assert len(batch.plot().lines) == 2 * len(axes.lines)
+    for disc, place in zip(discs, shape.disc_arc_length, strict=True):
+        along = (disc[:, 1] - disc[:, 0]) * (1.0 if disc[0, 1] > disc[0, 0] else -1.0)
+        slope = 1.2 * place / robot.length
+        radius = robot.sections[0].radius
+        assert along == pytest.approx(2.0 * radius * np.array([np.cos(slope), -np.sin(slope)]))

@@ -39,7 +39,7 @@ def draw_targets(count: int, *, radius: float = 25.0) -> np.ndarray:
 def test_the_pose_is_the_target(name: str) -> None:
     effector = Effector(PROTOTYPE, MODELS[name])
     found = solve_inverse(effector, draw_targets(400))
-    assert found.settled.all() and found.residual.max() < 1e-9
+    assert found.settled.all() and found.displacement_error.max() < 1e-9
     assert found.converged.tolist() == found.reachable.tolist()
     assert 20 < found.reachable.sum() < 400
     posed = pose(effector, found.pressures)

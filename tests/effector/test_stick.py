@@ -98,8 +98,10 @@ def test_steering_by_a_cubic_says_what_its_pressures_do():
     posed = pose(effector, cubic.pressures)
     assert cubic.delivered == pytest.approx(posed.lateral_vector)
     away = np.linalg.norm(posed.lateral_vector - exact.delivered, axis=-1)
-    assert cubic.residual == pytest.approx(away)
-    assert 0.0 < cubic.residual.max() < 1.0 and cubic.residual[2] == 0.0
+    assert cubic.displacement_error == pytest.approx(away)
+    assert 0.0 < away.max() < 1.0 and away[2] == 0.0
+    missed = np.linalg.norm(cubic.target - cubic.delivered, axis=-1)
+    assert cubic.residual == pytest.approx(missed)
     # A cubic that misses has not converged, and gives by how much.
     assert exact.converged.tolist() == [True, True, True, False]
     assert cubic.settled.all() and cubic.converged.tolist() == [False, False, True, False]

@@ -275,7 +275,7 @@ def pose_command(
         robot, read_displacements(robot, displacement), given["tolerance"]
     )
     model = make_model(model_name, robot, given)
-    shape = model.shape(displacements)
+    shape = model.find_shape(displacements)
     notes += model.notes
     result = {"model": model.name, "robot": describe_robot(robot), "file": None, "notes": notes}
     result |= shape.to_dict()
@@ -415,7 +415,7 @@ def compare_command(
         rows[name] = {"refused": False, "converged": False, "reason": ""}
         try:
             model = make_model(name, robot, given, strict=False)
-            shape = model.shape(displacements)
+            shape = model.find_shape(displacements)
         except (GeometryError, PluginError) as error:  # it takes no such robot, or is broken
             rows[name] |= {"refused": True, "reason": str(error)}
             continue
@@ -455,7 +455,7 @@ def _measure_time(model: ContinuumModel, displacements: Floats) -> float:
     begin = time.perf_counter()
     while not runs or (len(runs) < MOST_RUNS and time.perf_counter() - begin < TIMING_LIMIT_S):
         start = time.perf_counter()
-        model.shape(displacements)
+        model.find_shape(displacements)
         runs.append(time.perf_counter() - start)
     return statistics.median(runs)
 

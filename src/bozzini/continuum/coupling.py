@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number
+from ..checks import check_array, check_number, take_named
 from ..errors import GeometryError, InputError
 from .checks import Floats
 from .model import BendMeasure, ContinuumModel, check_limits, write_reasons
@@ -58,7 +58,7 @@ class BendSolution:
 
 
 def check_displacements(robot: RobotDesign, displacements: ArrayLike) -> Floats:
-    """Return displacements as a finite array of shape (..., t) [mm].
+    """Return displacements as a finite array of shape (..., t) [mm]; see `ContinuumRobot.forward`.
 
     Raises
     ------
@@ -66,7 +66,12 @@ def check_displacements(robot: RobotDesign, displacements: ArrayLike) -> Floats:
         If there is not one finite displacement for each tendon.
     """
     count = len(robot.tendons)
-    array = check_array("displacements", displacements)
+    named = take_named("displacements", displacements)
+    array = (
+        check_array("displacements", displacements)
+        if named is None
+        else robot.order_displacements(named)
+    )
     if array.ndim == 0 or array.shape[-1] != count:
         raise InputError(
             f"displacements has shape {array.shape}: it must be (..., {count}), one for each of "

@@ -154,6 +154,8 @@ class ContinuumInverse(Result):
         Why the target is not met, and by how much; empty where `converged`.
     """
 
+    rows_have_verdict = True
+
     robot: RobotDesign
     bends: Floats
     displacements: Floats

@@ -6,12 +6,12 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..checks import broadcast, check_array
+from ..checks import check_array, take_named
 from ..errors import InputError
 from .arc import jacobian
 from .checks import Floats
@@ -60,7 +60,8 @@ class ContinuumRobot(RobotDesign):
         ----------
         displacements : array_like, shape (..., t), or mapping
             How far each tendon is pulled [mm]; or by the tendons' names, numbers or arrays of one
-            shape, 0 for those left out.
+            shape, 0 for those left out. The columns of a table and the labels of a series are
+            names.
         model : str, optional
             Name in `CONTINUUM_MODELS`; arc for parallel tendons, energy for others and rod under
             loads unless given.
@@ -73,15 +74,19 @@ class ContinuumRobot(RobotDesign):
             If an input has another shape, or there is no such model or option.
         GeometryError
             If the model does not take such a robot.
+        PluginError
+            If a model of another package gives no shape.
         """
-        if isinstance(displacements, Mapping):
-            displacements = self.order_displacements(displacements)
+        named = take_named("displacements", displacements)
+        ordered = (
+            cast("ArrayLike", displacements) if named is None else self.order_displacements(named)
+        )
         chosen = self._default_model if model is None and not options else None
-        return (chosen or self.model(model, **options)).shape(displacements)
+        return (chosen or self.model(model, **options)).find_shape(ordered)
 
     def inverse(
         self,
-        target: ArrayLike,
+        tip: ArrayLike,
         *,
         direction: ArrayLike | None = None,
         **options: Unpack[InverseOptions],
@@ -90,9 +95,9 @@ class ContinuumRobot(RobotDesign):
 
         Parameters
         ----------
-        target : array_like
+        tip : array_like
             A place of the tip, shape (3,); its frame, shape (4, 4); or points along the whole
-            backbone, shape (k, 3) [mm].
+            backbone, the tip among them, shape (k, 3) [mm].
         direction : array_like, shape (3,), optional
             Where the tip's tangent shall point; with a place only.
         **options
@@ -105,17 +110,20 @@ class ContinuumRobot(RobotDesign):
         GeometryError
             If the tendons are not parallel, or the limits leave no shape at all.
         """
-        shape = check_array("target", target).shape
+        shape = check_array("target", tip).shape
         if shape == (3,):
-            return solve_tip(self, target, direction=direction, **options)
+            return solve_tip(self, tip, direction=direction, **options)
         if shape != (4, 4) and (len(shape) != 2 or shape[1] != 3):
             raise InputError(f"target has shape {shape}: it must be (3,), (4, 4) or (k, 3)")
         if direction is not None:
             raise InputError(f"target has shape {shape}: a direction goes with a place, (3,), only")
-        return (solve_pose if shape == (4, 4) else solve_curve)(self, target, **options)
+        return (solve_pose if shape == (4, 4) else solve_curve)(self, tip, **options)
 
-    def jacobian(self, bends: ArrayLike) -> Floats:
-        """Return how the tip moves and turns with the bends; see `bozzini.continuum.jacobian`."""
+    def jacobian(self, *, bends: ArrayLike) -> Floats:
+        """Return how the tip moves and turns with the bends; see `bozzini.continuum.jacobian`.
+
+        `bends` are ``shape.section_parameters``; by keyword, for `forward` takes displacements.
+        """
         return jacobian(self, bends)
 
     def workspace(self, count: int = 20_000, *, seed: int = 0) -> ContinuumWorkspace:
@@ -146,25 +154,3 @@ class ContinuumRobot(RobotDesign):
         if any(options.get(load) is not None for load in LOADS):
             return "rod"
         return "energy" if find_crooked(self) else "arc"
-
-    def order_displacements(self, displacements: Mapping[str, ArrayLike]) -> Floats:
-        """Return displacements (...) [mm] by the tendons' names as an array (..., t).
-
-        Those left out are 0.
-
-        Raises
-        ------
-        InputError
-            If there is no such tendon, or a displacement is no number or array of numbers.
-        """
-        for name in displacements:
-            if name not in self.tendon_names:
-                raise InputError(
-                    f"there is no tendon '{name}': those of robot '{self.name}' are "
-                    f"{', '.join(self.tendon_names) or 'none'}"
-                )
-        named = [
-            (name, check_array(f"displacement of tendon '{name}'", displacements.get(name, 0.0)))
-            for name in self.tendon_names
-        ]
-        return np.stack(broadcast(*named), axis=-1) if named else np.zeros(0)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_fields, quantity
-from ..errors import InputError
-from .checks import Floats
+from ..errors import InputError, PluginError
+from .checks import AXES_TOLERANCE, Floats
 from .robot import RobotDesign, check_robot
 from .shape import Shape
 
@@ -98,6 +98,21 @@ class ContinuumModel(ABC):
             If there is not one finite displacement for each tendon.
         """
 
+    def find_shape(self, displacements: ArrayLike) -> Shape:
+        """Return the answer of `shape`.
+
+        Raises
+        ------
+        PluginError
+            If it is no `Shape`.
+        """
+        found: object = self.shape(displacements)
+        if not isinstance(found, Shape):
+            raise PluginError(
+                f"the model {self.name} gave a {type(found).__name__}: it must give a Shape"
+            )
+        return found
+
     def make_shape(
         self,
         displacements: Floats,
@@ -127,8 +142,9 @@ class ContinuumModel(ABC):
 
         Raises
         ------
-        InputError
-            If the arrays do not go together, or the frames of a converged shape are not finite.
+        PluginError
+            If the arrays do not go together, or the frames of a converged shape are not finite, or
+            of another package's model no rigid motions that start at the base.
         """
         batch = displacements.shape[:-1]
         if verdict is None:
@@ -155,25 +171,46 @@ class ContinuumModel(ABC):
                     (*batch, *values.shape[values.ndim - own.get(name, 0) :])
                 )
             except ValueError:
-                raise InputError(
+                raise PluginError(
                     f"{name} of the model {self.name} has shape {values.shape}: it must be one for "
                     f"each set of displacements, whose shape is {displacements.shape}"
                 ) from None
-        finite = np.isfinite(shaped["frames"]).reshape(*batch, -1).all(axis=-1)
-        bad = shaped["converged"] & ~finite
-        if bad.any():
-            raise InputError(
-                f"frames of the model {self.name} are not finite for displacements "
-                f"{displacements[bad][0].tolist()} mm: a shape without an answer is not converged"
+        try:
+            made = Shape(
+                robot=self.robot,
+                model=self.name,
+                arc_length=arc_length,
+                displacements=displacements.copy(),
+                disc_arc_length=self.robot.disc_arc_length if discs is None else discs,
+                **shaped,
             )
-        return Shape(
-            robot=self.robot,
-            model=self.name,
-            arc_length=arc_length,
-            displacements=displacements.copy(),
-            disc_arc_length=self.robot.disc_arc_length if discs is None else discs,
-            **shaped,
-        )
+        except InputError as error:
+            raise PluginError(f"the model {self.name} makes no shape: {error}") from None
+        # Those of this package are rotations by construction: a check costs more than an arc.
+        own_model = type(self).__module__.startswith(f"{__name__.partition('.')[0]}.")
+        wrong = find_wrong_frames(made.frames[made.converged], whole=not own_model)
+        if wrong:
+            raise PluginError(f"frames of the model {self.name} {wrong}")
+        return made
+
+
+def find_wrong_frames(frames: Floats, *, whole: bool) -> str:
+    """Return what is wrong with frames (n, k, 4, 4), in words; unless `whole`, if not finite."""
+    if not np.isfinite(frames).all():
+        return "are not finite"
+    if not whole:
+        return ""
+    turns = frames[..., :3, :3]
+    miss = np.abs(np.swapaxes(turns, -1, -2) @ turns - np.eye(3))
+    if miss.max(initial=0.0) > AXES_TOLERANCE:
+        return f"have axes that miss being orthonormal by {miss.max():.3g}"
+    if np.any(np.linalg.det(turns) < 0.0):
+        return "have left-handed axes"
+    if np.any(frames[..., 3, :] != (0.0, 0.0, 0.0, 1.0)):
+        return "have a last row that is not [0, 0, 0, 1]"
+    if np.abs(frames[:, :1] - np.eye(4)).max(initial=0.0) > AXES_TOLERANCE:
+        return "do not start with the identity at the base"
+    return ""
 
 
 def write_reasons(shape: tuple[int, ...], reasons: dict[tuple[int, ...], str]) -> NDArray[np.str_]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer
+from ..checks import broadcast, check_array, check_integer
 from ..errors import InputError
 from ..io.records import load_record, read_record, save_record, write_record
 from ..results import Json
@@ -178,6 +179,28 @@ class RobotDesign:
         steps = np.arange(parts) / parts
         inner = discs[:-1, None] + np.diff(discs)[:, None] * steps
         return np.append(inner.ravel(), discs[-1])
+
+    def order_displacements(self, displacements: Mapping[str, ArrayLike]) -> Floats:
+        """Return displacements (...) [mm] by the tendons' names as an array (..., t).
+
+        Those left out are 0.
+
+        Raises
+        ------
+        InputError
+            If there is no such tendon, or a displacement is no number or array of numbers.
+        """
+        for name in displacements:
+            if name not in self.tendon_names:
+                raise InputError(
+                    f"there is no tendon '{name}': those of robot '{self.name}' are "
+                    f"{', '.join(self.tendon_names) or 'none'}"
+                )
+        named = [
+            (name, check_array(f"displacement of tendon '{name}'", displacements.get(name, 0.0)))
+            for name in self.tendon_names
+        ]
+        return np.stack(broadcast(*named), axis=-1) if named else np.zeros(0)
 
     @classmethod
     def from_dict(cls, fields: Json) -> Self:

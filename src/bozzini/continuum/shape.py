@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import GeometryError, InputError
-from ..results import Json, Result, take_axes, to_plain
+from ..results import Json, Result, check_drawn, take_axes, to_plain
 from .checks import Floats
 from .robot import RobotDesign
 
@@ -66,6 +66,8 @@ class Shape(Result):
     InputError
         If the arrays do not go together, or a disc is no station.
     """
+
+    rows_have_verdict = True
 
     robot: RobotDesign
     model: str
@@ -198,35 +200,38 @@ class Shape(Result):
         return {name: values.ravel() for name, values in columns.items()}
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw backbone, discs and tendons of one shape from the side, and return the axes.
+        """Draw backbones, discs and tendons from the side, and return the axes.
 
         The plane of the picture holds the base's axis and the place furthest from it; slack
-        tendons are dotted.
+        tendons are dotted. Shapes whose frames are not finite are left out.
 
         Raises
         ------
         InputError
-            If this is a batch of shapes.
+            If there are more than 100 shapes.
         """
-        if self.frames.ndim != 3:
-            raise InputError(f"shape is a batch of {self.frames.shape[:-3]}: one shape is drawn")
-        far = self.points[int(np.argmax(np.hypot(self.points[:, 0], self.points[:, 1])))]
+        check_drawn(int(np.prod(self.frames.shape[:-3])), "shapes")
+        places = self.points[np.isfinite(self.points).all(axis=(-2, -1))].reshape(-1, 3)
+        far = places[np.argmax(np.hypot(*places.T[:2]))] if len(places) else np.zeros(3)
         angle = float(np.arctan2(far[1], far[0]))
         view = np.array([[np.cos(angle), np.sin(angle), 0.0], [0.0, 0.0, 1.0]])
         axes = take_axes(ax, x=f"towards {np.degrees(angle):z.0f}° [mm]", y="z [mm]", equal=True)
-        robot = self.robot
-        owners = robot.section_at(self.disc_arc_length)
-        for frame, owner in zip(self.disc_frames, owners, strict=True):
-            across = view @ frame[:3, :2]
-            half = robot.sections[owner].radius * np.linalg.norm(across, axis=1)
-            ends = view @ frame[:3, 3] + np.outer((-1.0, 1.0), half * np.sign(across.sum(axis=1)))
-            axes.plot(*ends.T, color="0.7", linewidth=1.0)
-        for name, points, slack in zip(
-            robot.tendon_names, self.tendon_points, self.slack, strict=True
-        ):
-            style = ":" if slack else "-"
-            axes.plot(*(view @ points.T), style, linewidth=1.0, label=name)
-        axes.plot(*(view @ self.points.T), "k", linewidth=2.0, label="backbone")
+        radii = np.array([section.radius for section in self.robot.sections])
+        radii = radii[self.robot.section_at(self.disc_arc_length)]
+        discs, tendons, names = self.disc_frames, self.tendon_points, self.robot.tendon_names
+        for count, index in enumerate(np.ndindex(self.frames.shape[:-3])):
+            if not np.isfinite(self.frames[index]).all():
+                continue
+            # From the side a disc is an ellipse: its long axis is drawn.
+            ways, sizes, _ = np.linalg.svd(view @ discs[index][:, :3, :2])
+            half = (radii * sizes[:, 0])[:, None] * ways[:, :, 0]
+            middle = discs[index][:, :3, 3] @ view.T
+            axes.plot(*np.stack([middle - half, middle + half], axis=1).T, color="0.7", linewidth=1)
+            for name, points, slack in zip(names, tendons, self.slack[index], strict=True):
+                style, label = ":" if slack else "-", None if count else name
+                axes.plot(*(view @ points[index].T), style, linewidth=1.0, label=label)
+            label = None if count else "backbone"
+            axes.plot(*(view @ self.points[index].T), "k", linewidth=2.0, label=label)
         return axes
 
     def _disc_index(self) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_integer, check_number, check_word
 from ..errors import InputError
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes, to_plain
+from ..results import ClosedForm, Json, Result, list_coordinates, measured, take_axes, to_plain
 from .arc import displacements_for, jacobian
 from .checks import MAX_COORDINATE_MM, Floats, check_cell, check_places, check_values
 from .coupling import find_limits, require_arcs
@@ -29,7 +29,7 @@ FLAT_THICKNESS_RATIO = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WorkspaceSample:
+class WorkspaceSample(ClosedForm):
     """Legal shapes of a robot, drawn evenly in the bends, which is not evenly in space.
 
     Parameters
@@ -47,8 +47,8 @@ class WorkspaceSample:
     """
 
     robot: RobotDesign
-    bends: Floats
-    displacements: Floats
+    bends: Floats = measured("rad")
+    displacements: Floats = measured("mm")
     tip_frames: Floats
     jacobians: Floats
 
@@ -62,9 +62,24 @@ class WorkspaceSample:
         """Directions in which the tip looks, shape (n, 3)."""
         return self.tip_frames[:, :3, 2]
 
+    def list_columns(self) -> Json:
+        """Return the columns of `to_frame`, a row for each shape."""
+        moved = zip(self.robot.tendon_names, self.displacements.T, strict=True)
+        return {
+            **list_coordinates("tip", self.tips),
+            **{f"displacement_{name}_mm": column for name, column in moved},
+        }
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the tips by distance from the axis and height, and return the axes."""
+        axes = take_axes(ax, x="distance from the axis [mm]", y="z [mm]", equal=True)
+        x, y, z = self.tips.T
+        axes.plot(np.hypot(x, y), z, ".", markersize=2.0)
+        return axes
+
 
 @dataclass(frozen=True, kw_only=True)
-class WorkspaceVolume:
+class WorkspaceVolume(ClosedForm):
     """The volume that the tips of a sample take.
 
     Parameters
@@ -84,12 +99,12 @@ class WorkspaceVolume:
         Largest distance of a tip from the base [mm].
     """
 
-    hull: float
-    occupied: float
-    cell: float
+    hull: float = measured("mm3")
+    occupied: float = measured("mm3")
+    cell: float = measured("mm")
     cells: int
     coverage: float
-    reach: float
+    reach: float = measured("mm")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -317,7 +332,7 @@ class Dexterity:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DexterityMap:
+class DexterityMap(ClosedForm):
     """Cells of space with the tips of a sample in them.
 
     Parameters
@@ -341,8 +356,8 @@ class DexterityMap:
         ``r``, singular values that the measure is the product of.
     """
 
-    cell: float
-    centres: Floats
+    cell: float = measured("mm")
+    centres: Floats = measured("mm")
     counts: NDArray[np.int64]
     direction_share: Floats
     manipulability: Floats
@@ -364,6 +379,16 @@ class DexterityMap:
         if self.half_plane:
             del columns["y_mm"]
         return columns
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the share of directions in each cell, seen along y, and return the axes."""
+        across = "distance from the axis" if self.half_plane else "x"
+        axes = take_axes(ax, x=f"{across} [mm]", y="z [mm]", equal=True)
+        order = np.argsort(self.direction_share)
+        x, _, z = self.centres[order].T
+        drawn = axes.scatter(x, z, c=self.direction_share[order], s=9.0, vmin=0.0)
+        axes.figure.colorbar(drawn, ax=axes, label="share of directions")
+        return axes
 
     @property
     def most_directions(self) -> tuple[Floats, float]:
@@ -628,13 +653,8 @@ class ContinuumWorkspace(Result):
         return self.map.list_columns()
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the share of directions in each cell, seen along y, and return the axes."""
-        across = "distance from the axis" if self.map.half_plane else "x"
-        axes = take_axes(ax, x=f"{across} [mm]", y="z [mm]", equal=True)
-        order = np.argsort(self.map.direction_share)
-        x, _, z = self.map.centres[order].T
-        drawn = axes.scatter(x, z, c=self.map.direction_share[order], s=9.0, vmin=0.0)
-        axes.figure.colorbar(drawn, ax=axes, label="share of directions")
+        """Draw the map and the robot at rest, and return the axes; see `DexterityMap.plot`."""
+        axes = self.map.plot(ax)
         axes.plot([0.0, 0.0], [0.0, self.sample.robot.length], "k", linewidth=2.0)
         return axes
 

@@ -181,6 +181,8 @@ class Balance(Result):
         row. No rows by the root.
     """
 
+    rows_have_verdict = True
+
     name: str
     pressure: Floats = measured("MPa")
     contraction: Floats = measured("mm")

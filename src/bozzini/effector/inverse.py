@@ -14,7 +14,7 @@ from ..checks import check_array, check_axes, check_number, check_points, check_
 from ..errors import InputError
 from ..muscle import MuscleModel
 from ..numeric.roots import polish
-from ..results import Json, Result, list_coordinates, measured, take_axes
+from ..results import Json, Result, list_coordinates, measured, take_axes, to_plain
 from .design import EffectorDesign
 from .equilibrium import list_muscles, settle_muscles
 from .kernels import inverse as kernels
@@ -349,12 +349,12 @@ class EffectorInverse(ProjectedInverse, Result):
         Pressures in the order of the design [MPa]; 0 for a muscle that is not needed.
     contraction, force : (..., m) float
         Contraction of each muscle [mm], and its pull [N].
-    residual : (...) float
+    displacement_error : (...) float
         By how much a muscle's equations miss its displacement, the largest, to first order [mm].
         Of cubics: how far `delivered` is from what was asked of the muscles.
     settled : (...) bool
         Whether the equations were solved, for the target or for what is given in its place:
-        `residual` is at most 1e-6 mm; of cubics, that of the exact inverse is.
+        `displacement_error` is at most 1e-6 mm; of cubics, that of the exact inverse is.
     iterations : (...) int
         Steps of all solvers together.
     reach : Reach
@@ -363,10 +363,12 @@ class EffectorInverse(ProjectedInverse, Result):
         Where the pressures come from; "cubic" by `steer` only.
     """
 
+    rows_have_verdict = True
+
     pressures: Floats = measured("MPa")
     contraction: Floats = measured("mm")
     force: Floats = measured("N")
-    residual: Floats = measured("mm")
+    displacement_error: Floats = measured("mm")
     settled: NDArray[np.bool_]
     iterations: NDArray[np.int64]
     reach: Reach
@@ -374,8 +376,15 @@ class EffectorInverse(ProjectedInverse, Result):
 
     @property
     def converged(self) -> NDArray[np.bool_]:
-        """Whether the target is met: it is in reach, and `residual` is at most 1e-6 mm."""
-        return self.reachable & self.settled & (self.residual <= MISS_TOLERANCE_MM)
+        """Whether the target is met: it is in reach, and missed by at most 1e-6 mm."""
+        met = self.settled & (self.displacement_error <= MISS_TOLERANCE_MM)
+        return np.asarray(self.reachable & met)
+
+    @property
+    def residual(self) -> Floats:
+        """Distance from the target to `delivered`, shape (...) [mm]."""
+        away = self.target - self.delivered
+        return np.asarray(np.hypot(away[..., 0], away[..., 1]))
 
     @property
     def reason(self) -> NDArray[np.str_]:
@@ -386,12 +395,12 @@ class EffectorInverse(ProjectedInverse, Result):
     def _explain(self, index: int) -> str:
         code = int(self.code.flat[index])
         x, y = self.target.reshape(-1, 2)[index]
-        residual = float(self.residual.flat[index])
+        missed = float(self.displacement_error.flat[index])
         if not self.settled.flat[index]:
-            return f"not converged: a displacement is missed by {residual:.3g} mm"
+            return f"not converged: a displacement is missed by {missed:.3g} mm"
         if code == kernels.REACHED:
-            missed = residual > MISS_TOLERANCE_MM
-            return f"the cubics miss the target by {residual:.3g} mm" if missed else ""
+            words = f"the cubics miss the target by {missed:.3g} mm"
+            return words if missed > MISS_TOLERANCE_MM else ""
         known = self.reach
         size = math.hypot(x, y)
         goes = f"the target is {size:.4g} mm away, {self.share.flat[index] * size:.4g} mm are given"
@@ -423,7 +432,7 @@ class EffectorInverse(ProjectedInverse, Result):
             contraction_mm=self.contraction,
             force_N=self.force,
         )
-        return super().to_dict() | {"muscles": muscles}
+        return super().to_dict() | {"residual_mm": to_plain(self.residual), "muscles": muscles}
 
     def list_columns(self) -> dict[str, Floats]:
         """Return the columns of `to_frame`, a row for each target."""
@@ -480,7 +489,7 @@ def solve_inverse(effector: EffectorModel, target: ArrayLike) -> EffectorInverse
         pressures=pressures.reshape(*shape, count),
         contraction=contractions.reshape(*shape, count),
         force=found.displacements / effector.packed.compliance,
-        residual=residual,
+        displacement_error=residual,
         settled=np.asarray(residual <= MISS_TOLERANCE_MM),
         iterations=iterations.reshape(shape),
         reach=known,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_range
+from ..checks import check_array, check_range, take_named
 from ..errors import InputError
 from ..muscle import EnergyMuscle, Muscle, MuscleModel
 from ..muscle.model import NUMBERS_LIMIT
@@ -117,7 +118,8 @@ class EffectorModel:
         Parameters
         ----------
         pressures : array_like, shape (..., m), or mapping
-            Of all muscles in order, or by name; by name, a muscle left out has none.
+            Of all muscles in order, or by name; by name, a muscle left out has none. The columns
+            of a table and the labels of a series are names.
 
         Raises
         ------
@@ -126,16 +128,17 @@ class EffectorModel:
         """
         names = self.design.names
         try:
-            if isinstance(pressures, Mapping):
-                for name in pressures:
+            named = take_named("pressures", pressures)
+            if named is not None:
+                for name in named:
                     self.design.index(name)
                 columns = [
-                    check_array(f"pressure of muscle {name}", pressures.get(name, 0.0))
+                    check_array(f"pressure of muscle {name}", named.get(name, 0.0))
                     for name in names
                 ]
                 table = np.stack(np.broadcast_arrays(*columns), axis=-1)
             else:
-                table = np.array(check_array("pressures", pressures), order="C")
+                table = np.array(check_array("pressures", cast("ArrayLike", pressures)), order="C")
         except InputError:
             raise
         except ValueError:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_points, check_word
 from ..errors import GeometryError, InputError
-from ..results import Json, Result, list_coordinates, measured, take_axes
+from ..results import Json, Result, check_drawn, list_coordinates, measured, take_axes
 from .equilibrium import Settled, explain_equilibrium, list_muscles, settle_muscles
 from .kernels import balance as kernels
 from .kernels import pose as pose_kernels
@@ -163,6 +163,8 @@ class EffectorPose(Result):
         the thesis's steps lose or add.
     """
 
+    rows_have_verdict = True
+
     names: tuple[str, ...]
     pressures: Floats = measured("MPa")
     contraction: Floats = measured("mm")
@@ -213,7 +215,14 @@ class EffectorPose(Result):
         return {**columns, "lateral_mm": np.ravel(self.lateral)}
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the backbones, each in the plane of its bend, and return the axes."""
+        """Draw the backbones, each in the plane of its bend, and return the axes.
+
+        Raises
+        ------
+        InputError
+            If there are more than 100 poses.
+        """
+        check_drawn(self.lateral.size, "poses")
         axes = take_axes(ax, x="lateral [mm]", y="along the axis [mm]", equal=True)
         for line in self.backbone.reshape(-1, *self.backbone.shape[-2:]):
             axes.plot(np.hypot(line[:, 0], line[:, 1]), line[:, 2], ".-")

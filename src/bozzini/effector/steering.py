@@ -645,7 +645,7 @@ def steer(
     cubics : mapping of str to CubicFit, optional
         A cubic for each muscle, by name, as in the thesis's controller: the pressures come from
         these. `delivered`, `contraction` and `force` are then what these pressures do, by `pose`,
-        and `residual` is how far that is from what was asked of the muscles.
+        and `displacement_error` is how far that is from what was asked of the muscles.
 
     Raises
     ------
@@ -676,7 +676,7 @@ def _use_cubics(
         contraction=posed.contraction,
         force=posed.force,
         delivered=posed.lateral_vector,
-        residual=np.hypot(away[..., 0], away[..., 1]),
+        displacement_error=np.hypot(away[..., 0], away[..., 1]),
         settled=np.asarray(exact.settled & (posed.settled | posed.saturated)),
         pressure_map="cubic",
     )

@@ -22,11 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number
 from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
 from ..io.files import write_text
-from ..results import Json
+from ..results import Json, take_axes
 from ..units import parse_quantity
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
 
     from .design import Muscle
 
@@ -173,6 +174,16 @@ class Measurements:
 
         units = {name: f"{name} [{unit}]" for name, (_, _, unit) in _RANGES.items()}
         return pandas.DataFrame({units.get(name, name): getattr(self, name) for name in COLUMNS})
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw contraction over pressure, by direction, and return the axes."""
+        axes = take_axes(ax, x="pressure [MPa]", y="contraction [mm]")
+        for direction in np.unique(self.direction).tolist():
+            rows = self.direction == direction
+            label = direction or "measured"
+            axes.plot(self.pressure[rows], self.contraction[rows], "o", label=label)
+        axes.legend()
+        return axes
 
     def select(self, rows: ArrayLike) -> Measurements:
         """Return the rows of a mask or of indices.

@@ -67,6 +67,8 @@ class MuscleState(Result):
         Why the solver stopped where it did not converge; empty where it did.
     """
 
+    rows_have_verdict = True
+
     contraction: Floats = measured("mm")
     length: Floats = measured("mm")
     braid_angle: Floats = measured("rad")
