@@ -24,13 +24,17 @@ if TYPE_CHECKING:
         make_board_poses,
         render_picture,
     )
+    from .shape import BackboneShape, ShapeOptions, measure_shape
+    from .shape_series import Comparison, compare_shapes, measure_shapes
 
 __all__ = [
+    "BackboneShape",
     "Board",
     "Camera",
     "CameraSet",
     "CharucoBoard",
     "Checkerboard",
+    "Comparison",
     "Detection",
     "HungMuscle",
     "Light",
@@ -38,14 +42,18 @@ __all__ = [
     "Picture",
     "Scene",
     "Sensor",
+    "ShapeOptions",
     "StripBoard",
     "Tube",
     "aim_camera",
     "bend_curve",
+    "compare_shapes",
     "load_board",
     "load_cameras",
     "make_backbone_scene",
     "make_board_poses",
+    "measure_shape",
+    "measure_shapes",
     "read_picture",
     "render_picture",
     "triangulate",
@@ -70,6 +78,8 @@ _MODULES = {
             "make_board_poses",
             "render_picture",
         ),
+        "shape": ("BackboneShape", "ShapeOptions", "measure_shape"),
+        "shape_series": ("Comparison", "compare_shapes", "measure_shapes"),
     }.items()
     for name in names
 }

@@ -62,7 +62,7 @@ MOST_SATURATED = 0.05
 END_ON, NEARLY_END_ON = math.radians(15.0), math.radians(25.0)
 """Angles between tube and ray below which the uncertainty is doubled, and it is flagged."""
 
-_FLOOR = 0.25
+_FLOOR = 0.12
 """Standard uncertainty of the model of tube and edge, in pixels at the tube."""
 _CAP = 20.0
 """Most that a point or edge may miss by [px]."""
@@ -341,7 +341,6 @@ def measure_shape(
         seen = [_orient(find_silhouette(picture), options) for picture in pictures]
     except GeometryError as error:
         return _refuse(str(error), cameras, options)
-    lines = tuple(silhouette.line for silhouette in seen)
     try:
         matched = _match_lines(seen, cameras.cameras)
         theta = _start_rod(seen, matched, options)
@@ -601,8 +600,6 @@ class Eye:
         Values of the picture in proportion to the light, as coefficients of a cubic spline.
     corner : ndarray, shape (2,)
         Pixel of the first of these.
-    noise : float
-        Standard deviation of the ground, as light.
     """
 
     camera: Camera
@@ -804,9 +801,9 @@ def _locate_ring(eye: Eye, theta: Floats, k: int, options: ShapeOptions) -> Floa
         if gain > best:
             best, at = gain, i
     middle = offsets[at] + 0.5 * options.ring
-    scale = max(float(np.ptp(profile)), 1e-6)
+    height = max(float(np.ptp(profile)), 1e-6)
     local = np.abs(offsets - middle) < 1.1 * options.ring
-    x, y = offsets[local], profile[local] / scale
+    x, y = offsets[local], profile[local] / height
     per = np.linalg.norm(np.diff(near, axis=0), axis=1).mean() / step  # px a mm
 
     def model(p: Floats) -> Floats:
@@ -816,15 +813,15 @@ def _locate_ring(eye: Eye, theta: Floats, k: int, options: ShapeOptions) -> Floa
 
     start = np.array([middle, options.ring, 0.15, 0.8, y.max(), 0.0])
     scale = np.array([0.1, 0.1, 0.05, 0.1, 0.1, 0.1])
-    best, slope = _least_squares(lambda p: model(p) - y, start, scale, 0.05)
-    place, wide, _, depth = best[:4]
-    left = model(best) - y
+    fit, slope = _least_squares(lambda p: model(p) - y, start, scale, 0.05)
+    place, wide, _, depth = fit[:4]
+    left = model(fit) - y
     rms = math.sqrt(float(np.mean(left**2)))
     if depth < 0.4 or rms > 0.1 or abs(wide / options.ring - 1.0) > 0.25:
         return nothing
     if abs(place) > half - options.ring:
         return nothing
-    spread = np.linalg.pinv(slope.T @ slope) * rms**2 * (1.0 + 2.0 * _sum_correlation(left))
+    spread = np.linalg.pinv(slope.T @ slope) * rms**2
     u = math.sqrt(max(float(spread[0, 0]), 0.0))
     flat = lines[0]
     here = interpolate_polyline(flat, offsets, np.array([place - step, place, place + step]))
@@ -858,14 +855,15 @@ def _read_rod(theta: Floats, at: Floats) -> tuple[Floats, Floats]:
 
 
 def _sum_correlation(residuals: Floats) -> float:
-    """Return the sum of the autocorrelation of residuals up to where it becomes negative."""
+    """Return the sum of the autocorrelation of residuals up to where it may be by chance."""
     off = residuals - residuals.mean()
     n = len(off)
     if n < 8 or not off.any():
         return 0.0
     lags = np.correlate(off, off, "full")[n:] / float(off @ off)
-    negative = np.flatnonzero(lags < 0.0)
-    return float(lags[: negative[0] if len(negative) else n // 2].sum())
+    # Beyond the first that is not larger than by chance the sum would only grow by noise.
+    chance = np.flatnonzero(lags < 2.0 / math.sqrt(n))
+    return float(lags[: chance[0] if len(chance) else n // 2].sum())
 
 
 # The fit.
@@ -973,7 +971,13 @@ def _judge(
     residual = math.sqrt(float(np.mean(every**2))) if len(every) else math.inf
     resemble = float(np.average([_sum_correlation(limb) for limb in limbs]))
     factor = max(residual / _EDGE_SIGMA, 0.3) ** 2 * (1.0 + 2.0 * resemble)
-    spread = np.linalg.pinv(fit.jacobian.T @ fit.jacobian) * factor
+    # Edges next to each other are not independent, rings and what is given are.
+    factors = np.ones(len(fit.jacobian))
+    factors[: sum(map(len, misses))] = np.concatenate(
+        [np.full(len(miss), 1.0 if k in (2, 5) else factor) for k, miss in enumerate(misses)]
+    )
+    inverse = np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
+    spread = inverse @ (fit.jacobian.T @ (factors[:, None] * fit.jacobian)) @ inverse
 
     def answer(trial: Floats) -> Floats:
         """Return points, tip and tangents of a rod, one after the other."""
@@ -1073,29 +1077,40 @@ def _draw_limbs(theta: Floats, eyes: Sequence[Eye]) -> tuple[Floats, ...]:
 def _find_reason(shape: BackboneShape, pitch: float) -> str:
     """Return why a shape is not to be trusted; empty if it is."""
     options = shape.options
-    known = 0.5 * options.diameter
-    if not shape.rings.any(axis=0).all():
-        lost = [
-            name
-            for name, ok in zip(("base", "tip"), shape.rings.any(axis=0), strict=True)
-            if not ok
-        ]
-        return f"no picture shows the ring of the {' and the '.join(lost)}"
-    if not shape.residual <= MOST_RESIDUAL:
-        return f"the edges miss the rod by {shape.residual:.2f} px, at most {MOST_RESIDUAL:g} is allowed"
-    if shape.coverage < LEAST_COVERAGE:
-        return f"{100.0 * shape.coverage:.0f} % of the edges were found, {100.0 * LEAST_COVERAGE:.0f} % are needed"
-    most = 3.0 * shape.length_uncertainty + 0.2
-    if options.length and abs(shape.length - options.length) > most:
-        return f"the length is {shape.length:.2f} mm instead of {options.length:g} mm"
-    if abs(shape.radius / known - 1.0) > MOST_RADIUS_ERROR:
-        return f"the diameter is {2.0 * shape.radius:.2f} mm instead of {options.diameter:g} mm"
-    if not shape.tip_uncertainty <= MOST_TIP_UNCERTAINTY:
-        return f"the tip is uncertain by {shape.tip_uncertainty:.2f} mm, at most {MOST_TIP_UNCERTAINTY:g} is allowed"
+    base, end = (bool(shape.rings[:, k].any()) for k in range(2))
+    off = shape.length - options.length if options.length else 0.0
+    wide, tip, away = 2.0 * shape.radius, shape.tip_uncertainty, shape.epipolar_residual
     most = max(MOST_EPIPOLAR, MOST_EPIPOLAR_PIXELS * pitch)
-    if not shape.epipolar_residual <= most:
-        return f"points matched between the pictures miss the rod by {shape.epipolar_residual:.2f} mm, at most {most:.2f} is allowed"
-    return ""
+    tests = [
+        (base, "no picture shows the ring of the base"),
+        (end, "no picture shows the ring of the tip"),
+        (
+            shape.residual <= MOST_RESIDUAL,
+            f"the edges miss the rod by {shape.residual:.2f} px, at most {MOST_RESIDUAL:g}",
+        ),
+        (
+            shape.coverage >= LEAST_COVERAGE,
+            f"{shape.coverage:.0%} of the edges were found, {LEAST_COVERAGE:.0%} are needed",
+        ),
+        (
+            abs(off) <= 3.0 * shape.length_uncertainty + 0.2,
+            f"the length is {shape.length:.2f} mm instead of {options.length:g} mm",
+        ),
+        (
+            abs(wide / options.diameter - 1.0) <= MOST_RADIUS_ERROR,
+            f"the diameter is {wide:.2f} mm instead of {options.diameter:g} mm",
+        ),
+        (
+            tip <= MOST_TIP_UNCERTAINTY,
+            f"the tip is uncertain by {tip:.2f} mm, at most {MOST_TIP_UNCERTAINTY:g}",
+        ),
+        (
+            away <= most,
+            f"points matched in both pictures miss the rod by {away:.2f} mm, at most {most:.2f}",
+        ),
+    ]
+    legal = " is allowed"
+    return next((text + legal * ("at most" in text) for good, text in tests if not good), "")
 
 
 def _find_flags(shape: BackboneShape) -> list[str]:
@@ -1113,15 +1128,17 @@ def _find_flags(shape: BackboneShape) -> list[str]:
 
 def _blank(shape: BackboneShape) -> BackboneShape:
     """Return a refused shape: what was seen stays, what was to be measured is NaN."""
-    names = (
-        "arc_length",
-        "points",
-        "covariance",
-        "tip",
-        "tip_covariance",
-        "tangents",
-        "tangent_uncertainty",
+    return replace(
+        shape,
+        arc_length=np.full_like(shape.arc_length, np.nan),
+        points=np.full_like(shape.points, np.nan),
+        covariance=np.full_like(shape.covariance, np.nan),
+        tip=np.full(3, np.nan),
+        tip_covariance=np.full((3, 3), np.nan),
+        tangents=np.full_like(shape.tangents, np.nan),
+        tangent_uncertainty=np.full_like(shape.tangent_uncertainty, np.nan),
+        length=math.nan,
+        length_uncertainty=math.nan,
+        radius=math.nan,
+        radius_uncertainty=math.nan,
     )
-    nothing = {name: np.full_like(getattr(shape, name), np.nan) for name in names}
-    numbers = ("length", "length_uncertainty", "radius", "radius_uncertainty")
-    return replace(shape, **nothing, **dict.fromkeys(numbers, math.nan))

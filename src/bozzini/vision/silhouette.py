@@ -184,7 +184,7 @@ def _trace_part(mask: NDArray[np.bool_]) -> tuple[Floats, float] | None:
     while back[at] >= 0:
         at = int(back[at])
         way.append(at)
-    line = (places[way][:, ::-1] + 0.5) * step - 0.5
+    line: Floats = (places[way][:, ::-1].astype(float) + 0.5) * step - 0.5
     inner = np.round(line[len(line) // 4 : -(len(line) // 4) or None]).astype(int)
     inner = np.minimum(inner, np.array(mask.shape[::-1]) - 1)
     width = 2.0 * float(np.median(depth[inner[:, 1], inner[:, 0]]))

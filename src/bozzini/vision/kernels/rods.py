@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-CURVATURES = 4
+CURVATURES = 5
 """Coefficients of the curvature about each axis, of Legendre polynomials."""
 
 PARAMETERS = 8 + 2 * CURVATURES
@@ -39,7 +39,10 @@ def bend_rod(theta, steps):
     points[0], tangents[0] = at, frame[:, 2]
     for i in range(steps):
         x = 2.0 * (i + 0.5) / steps - 1.0
-        bases = (1.0, x, 1.5 * x * x - 0.5, 2.5 * x**3 - 1.5 * x)
+        bases = np.ones(n)
+        bases[1] = x
+        for k in range(2, n):
+            bases[k] = ((2 * k - 1) * x * bases[k - 1] - (k - 1) * bases[k - 2]) / k
         u, v = 0.0, 0.0
         for k in range(n):
             u += theta[6 + k] * bases[k]
