@@ -11,9 +11,11 @@ import pytest
 
 from bozzini.errors import InputError
 from bozzini.vision import (
+    PairLayout,
     Picture,
     Sensor,
     ShapeOptions,
+    Tube,
     bend_curve,
     compare_shapes,
     make_backbone_scene,
@@ -135,3 +137,55 @@ def test_a_table_gives_files_and_a_reason_for_each_row(bent, tmp_path) -> None:
     assert np.allclose(points[["x_mm", "y_mm", "z_mm"]], found.shapes[0].points)
     assert summary["comparison"]["rms_mm"] < 0.15
     assert {"shape_points.csv", "shape_summary.csv", "comparison.png"} <= set(summary["files"])
+
+
+LARGE = CameraSet(names=("cam0", "cam1"), cameras=PairLayout().make_cameras())
+BENT = bend_curve(LENGTH, math.radians(50.0), plane=1.0)
+
+
+def cover_point(point, *, radius, half, albedo=0.02, nearer=8.0) -> Tube:
+    """Return a bar across the view of a point by the first large camera."""
+    ahead = LARGE.cameras[0].centre - point
+    middle = point + nearer * ahead / np.linalg.norm(ahead)
+    return Tube(
+        curve=np.stack([middle - np.array(half), middle + np.array(half)]),
+        radius=radius,
+        albedo=albedo,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cover", "flag"),
+    [
+        (cover_point(BENT[200], radius=1.5, half=(20.0, 0.0, 0.0)), "parts"),
+        (cover_point(BENT[200], radius=7.5, half=(20.0, 0.0, 0.0)), ""),
+        (
+            cover_point(BENT[200], radius=3.0, half=(30.0, 0.0, 10.0), albedo=0.8, nearer=12.0),
+            "",
+        ),
+    ],
+    ids=["narrow", "wide", "bright"],
+)
+def test_what_covers_the_tube_is_flagged_or_refused(cover: Tube, flag: str) -> None:
+    pictures = render_pair(BENT, LARGE, covers=(cover, None))
+    shape = measure_shape(pictures, LARGE, options=KNOWN)
+    if not flag:
+        assert shape.reason and np.isnan(shape.tip).all()
+    else:
+        assert shape.converged and flag in shape.flags
+        assert np.linalg.norm(shape.tip - BENT[-1]) < 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "sensor",
+    [Sensor(noise=0.05), Sensor(aperture=8.0, focus=240.0), Sensor(exposure=0.08)],
+    ids=["noise", "defocus", "dark"],
+)
+def test_bad_pictures_keep_their_uncertainty(sensor: Sensor) -> None:
+    shape = measure_shape(render_pair(BENT, LARGE, sensor=sensor), LARGE, options=KNOWN)
+    error = shape.tip - BENT[-1]
+    assert shape.converged and np.linalg.norm(error) < 0.2
+    assert find_misses(shape, BENT).max() < 0.25
+    assert error @ np.linalg.solve(shape.tip_covariance, error) < 27.0

@@ -57,10 +57,12 @@ MOST_EPIPOLAR = 0.1
 """Of the distance from matched points to the rod, root mean square [mm], or..."""
 MOST_EPIPOLAR_PIXELS = 2.0
 """...in pixels at the tube, whichever is more."""
+LENGTH_OFF = 0.1
+"""Difference from the length that is given, above which it is flagged [mm]."""
 MOST_SATURATED = 0.05
 """Share of the tube with the largest value, above which it is flagged."""
-END_ON, NEARLY_END_ON = math.radians(15.0), math.radians(25.0)
-"""Angles between tube and ray below which the uncertainty is doubled, and it is flagged."""
+END_ON = math.radians(25.0)
+"""Angle between tube and ray below which the uncertainty is doubled and the shape flagged [rad]."""
 
 _FLOOR = 0.12
 """Standard uncertainty of the model of tube and edge, in pixels at the tube."""
@@ -1116,10 +1118,12 @@ def _find_reason(shape: BackboneShape, pitch: float) -> str:
 def _find_flags(shape: BackboneShape) -> list[str]:
     """Return what is to be known of a shape."""
     tests = {
-        "end_on": shape.view_angle < NEARLY_END_ON,
+        "end_on": shape.view_angle < END_ON,
         "ring_missing": not shape.rings.all(),
         "parts": max(shape.parts) > 1,
         "few_edges": shape.coverage < 0.95,
+        "length_off": bool(shape.options.length)
+        and abs(shape.length - shape.options.length) > LENGTH_OFF,
         "low_contrast": shape.contrast < BLURRED_CONTRAST,
         "saturated": shape.saturated > MOST_SATURATED,
     }
