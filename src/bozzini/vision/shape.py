@@ -1014,7 +1014,9 @@ def _judge(
     )
     own = np.concatenate([points, tip[None]])
     places = np.stack([camera.project(own) for camera in cameras.cameras])
-    double = 4.0 if view_angle < END_ON else 1.0
+    rings = np.stack([np.isfinite(one.rings[:, 0]) for one in edges])
+    # Where the tube is seen from its end, or a cover hides a ring, edges deceive more than they show.
+    double = 1.0 if view_angle >= END_ON and rings.all() else 4.0
     whole = double * covariance[: n + 1] + cameras.calibration_covariance(places)
     whole = whole + (_FLOOR * pitch) ** 2 * np.eye(3)
     turned = covariance[n + 1 :] + (2.0 * _FLOOR * pitch / theta[LENGTH]) ** 2 * np.eye(3)
@@ -1022,7 +1024,6 @@ def _judge(
     epipolar = _measure_epipolar(matched.points[matched.sure], line)
     u_length = math.sqrt(spread[LENGTH, LENGTH] + (0.5 * _FLOOR * pitch) ** 2)
     u_radius = math.sqrt(spread[RADIUS, RADIUS] + (0.5 * _FLOOR * pitch) ** 2)
-    rings = np.stack([np.isfinite(one.rings[:, 0]) for one in edges])
     outlines = _draw_limbs(theta, eyes)
     result = BackboneShape(
         arc_length=np.linspace(0.0, theta[LENGTH], n),
