@@ -1015,7 +1015,7 @@ def _judge(
     own = np.concatenate([points, tip[None]])
     places = np.stack([camera.project(own) for camera in cameras.cameras])
     rings = np.stack([np.isfinite(one.rings[:, 0]) for one in edges])
-    # Where the tube is seen from its end, or a cover hides a ring, edges deceive more than they show.
+    # Seen from its end, or with a ring hidden, the tube has edges that mislead.
     double = 1.0 if view_angle >= END_ON and rings.all() else 4.0
     whole = double * covariance[: n + 1] + cameras.calibration_covariance(places)
     whole = whole + (_FLOOR * pitch) ** 2 * np.eye(3)
