@@ -13,6 +13,8 @@ from ..errors import InputError
 from ..vision.calibrate import CalibrationOptions
 from ..vision.length import LengthOptions
 from ..vision.planning import DemoOptions, LengthSetup
+from ..vision.shape import ShapeOptions
+from ..vision.shape_series import ALIGNMENTS
 from ..vision.track import TrackOptions
 from .common import (
     EXIT_NEGATIVE,
@@ -27,10 +29,12 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from ..results import Json
     from ..vision.board import StripBoard
     from ..vision.calibrate import Calibration
     from ..vision.camera import Camera
     from ..vision.series import LengthSeries
+    from ..vision.shape_series import ShapeSeries
     from ..vision.track import Track
 
 
@@ -490,3 +494,112 @@ def plan_setup_command(
     answer.give(plan.to_dict() | {"file": answer.out}, "\n".join(lines))
     if not plan.converged:
         run_exit(EXIT_NEGATIVE)
+
+
+@command.command("shape")
+@click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
+@click.option(
+    "--cameras",
+    "cameras_file",
+    metavar="CAMERAS.yaml",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="The two calibrated cameras.",
+)
+@options_of(ShapeOptions, "options")
+@click.option(
+    "--model",
+    "model_file",
+    metavar="MODEL.csv",
+    type=click.Path(path_type=Path),
+    help="Curves to compare with: columns pose, x_mm, y_mm, z_mm, in order from the base.",
+)
+@click.option(
+    "--alignment",
+    type=click.Choice(ALIGNMENTS),
+    default="base",
+    show_default=True,
+    help="Frame of these: of the base, +z along the tube, or the cameras' world.",
+)
+@jobs_option
+@strict_option
+@answer_options(
+    required=True,
+    metavar="DIR",
+    help="Directory to make: shape_points.csv, shape_summary.csv, overlays.",
+)
+def shape_command(
+    table: Path,
+    cameras_file: Path,
+    options: ShapeOptions,
+    jobs: int,
+    strict: bool,
+    answer: Answer,
+    **model: Path | str | None,
+) -> None:
+    """Measure the shape of a tube in pairs of pictures, with its uncertainty.
+
+    TABLE has a row for each pair, a column with the name of each camera for the pictures, and
+    perhaps a column pose; other columns are copied. The tube is bright on a dark ground, with a
+    dark ring near its base and its tip. Exit code 0: all shapes are there; 1: some are refused or
+    failed, and have the reason in their row; 2: bad input.
+    """
+    from ..io.files import reserve_directory
+    from ..vision.camera import load_cameras
+    from ..vision.pictures import read_manifest
+    from ..vision.shape_series import compare_shapes, measure_shapes, read_model, write_shapes
+
+    cameras = load_cameras(cameras_file)
+    if len(cameras.names) != 2:
+        raise InputError(f"{cameras_file}: {len(cameras.names)} cameras: a shape needs two")
+    manifest = read_manifest(table, cameras.names)
+    numbers = [row.get("pose", str(k + 1)) for k, row in enumerate(manifest.rows)]
+    file = model["model_file"]
+    curves = read_model(file, numbers) if file else []
+    with reserve_directory(answer.target, force=answer.force):
+        with answer.show_progress() as progress:
+            found = measure_shapes(manifest, cameras, options=options, jobs=jobs, progress=progress)
+        known = [k for k, shape in enumerate(found.shapes) if shape is not None]
+        comparison = None
+        if curves and known:
+            comparison = compare_shapes(
+                [shape for shape in found.shapes if shape is not None],
+                [curves[k] for k in known],
+                names=[numbers[k] for k in known],
+                alignment=str(model["alignment"]),
+            )
+        summary = write_shapes(
+            found,
+            answer.target,
+            cameras=cameras,
+            comparison=comparison,
+            inputs=(table, cameras_file, *([Path(file)] if file else [])),
+            force=answer.force,
+        )
+    answer.give(summary | {"directory": answer.target}, _describe_shapes(found, summary))
+    if not found.converged or (strict and summary["flagged"]):
+        run_exit(EXIT_NEGATIVE)
+
+
+def _describe_shapes(found: ShapeSeries, summary: Json) -> str:
+    rows = [
+        [name, row["status"]]
+        + (
+            [
+                ", ".join(f"{row[f'tip_{axis}_mm']:.2f}" for axis in "xyz"),
+                f"{row['u_tip_mm']:.3f}",
+                row["flags"],
+            ]
+            if row["status"] != "failed"
+            else ["-", "-", row["reason"]]
+        )
+        for name, row in zip(found.names, found.rows, strict=True)
+    ]
+    text = format_rows(["pose", "status", "tip [mm]", "u [mm]", "flags or reason"], rows)
+    if "comparison" in summary and summary["comparison"]["converged"]:
+        far = summary["comparison"]
+        text += (
+            f"\nModel: {far['rms_mm']:.2f} mm rms from the measured shapes, "
+            f"{far['tip_greatest_mm']:.2f} mm at most at the tip"
+        )
+    return text

@@ -27,13 +27,17 @@ if TYPE_CHECKING:
         render_picture,
     )
     from .series import LengthSeries, measure_series, write_series
+    from .shape import BackboneShape, ShapeOptions, measure_shape
+    from .shape_series import Comparison, compare_shapes, measure_shapes
 
 __all__ = [
+    "BackboneShape",
     "Board",
     "Camera",
     "CameraSet",
     "CharucoBoard",
     "Checkerboard",
+    "Comparison",
     "DemoOptions",
     "Detection",
     "HungMuscle",
@@ -47,16 +51,20 @@ __all__ = [
     "Scene",
     "Sensor",
     "SetupPlan",
+    "ShapeOptions",
     "StripBoard",
     "Tube",
     "aim_camera",
     "bend_curve",
+    "compare_shapes",
     "load_board",
     "load_cameras",
     "make_backbone_scene",
     "make_board_poses",
     "measure_length",
     "measure_series",
+    "measure_shape",
+    "measure_shapes",
     "plan_setup",
     "read_picture",
     "render_picture",
@@ -87,6 +95,8 @@ _MODULES = {
             "make_board_poses",
             "render_picture",
         ),
+        "shape": ("BackboneShape", "ShapeOptions", "measure_shape"),
+        "shape_series": ("Comparison", "compare_shapes", "measure_shapes"),
     }.items()
     for name in names
 }
