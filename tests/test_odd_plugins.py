@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,18 @@ from bozzini.cli.main import main
 from bozzini.continuum import CONTINUUM_MODELS
 from bozzini.duct import DUCT_SHAPES, Centreline, RoundCones, load
 from bozzini.errors import FileFormatError, InputError, PluginError
-from bozzini.motion import PLANNERS, Scope, plan_insertion
+from bozzini.motion import (
+    PLANNERS,
+    FreeSpace,
+    Motion,
+    Planner,
+    PlannerOptions,
+    Scope,
+    certify_plan,
+    move_free_chain,
+    plan_insertion,
+    verify_plan,
+)
 from bozzini.muscle import MODELS, Measurements, preset, rank, write_measurements
 from bozzini.study import InsertionOptions, run_insertion
 
@@ -205,6 +217,72 @@ def test_a_planner_that_is_broken_or_fails_is_named(name, words):
         plan_insertion(duct, line, scope=scope, method=name)
     assert f"planner '{name}' of odd-package" in str(caught.value) or name == "mute"
     assert words in str(caught.value)
+
+
+class Rail(Planner):
+    """Pulls the joints along the line; `change` is what it states otherwise."""
+
+    name = "rail"
+
+    def __init__(self, **change):
+        self.change = change
+
+    def move(self, space, scope, options, *, progress=None):
+        line = space.centreline
+        heads = np.linspace(0.0, line.length, int(np.ceil(line.length / options.head_step)) + 1)
+        places = np.stack([np.interp(heads, line.arc_length, c) for c in line.points.T], axis=1)
+        chain = space.tube.place_chain(scope.count_links(line.length) + 1, scope.link_length)
+        joints = move_free_chain(chain, places, slip=options.slip)
+        given = {"joints": joints, "head_arc_length": heads, "path": line.points}
+        made = {k: v(given[k]) if callable(v) else v for k, v in self.change.items()}
+        return Motion(**(given | made))
+
+
+RAIL_DUCT = RoundCones([(0, 0, 0), (60, 0, 0)], [5.0, 5.0])
+
+
+def pull(**change):
+    line = Centreline.from_points([(0, 0, 0), (50, 0, 0)], RAIL_DUCT)
+    options = PlannerOptions(head_step=1.0, advise=False)
+    return Rail(**change).plan(
+        FreeSpace(RAIL_DUCT, line), Scope(diameter=3.0, link_length=6.0), options
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"joints": lambda j: np.repeat(j[:1], len(j), axis=0)}, "head is 50 mm off its path"),
+        ({"joints": lambda j: j[:0], "head_arc_length": lambda s: s[:0]}, "at least 1 step"),
+        ({"joints": lambda j: j[..., :2]}, r"must give (steps, joints, 3)"),
+        ({"joints": "all of them"}, "joints of a motion is 'all of them'"),
+        ({"path": None}, "path of a motion is None"),
+        ({"path": lambda p: p[0]}, "gave a path of shape (3,)"),
+        ({"path": lambda p: p[:1]}, "n at least 2"),
+        ({"path": lambda p: p * np.nan}, "not finite"),
+        ({"joints": lambda j: j[::9], "head_arc_length": lambda s: s[::9]}, "moves 9 mm in a step"),
+        ({"joints": lambda j: j[:-2], "head_arc_length": lambda s: s[:-2]}, "route ends at 50.0"),
+        ({"reason_code": "ANGLE", "reason": 5}, "the reason 5: it must give both as text"),
+        ({"reason_code": "ANGLE"}, "must give both as text"),
+        ({"refusal": "ANGLE"}, "must be a Refusal or None"),
+        ({"method": 5}, "gave the method 5"),
+    ],
+)
+def test_a_motion_that_is_none_is_refused(change, words):
+    with pytest.raises(PluginError) as caught:
+        pull(**change)
+    assert words in str(caught.value)
+
+
+def test_a_planner_may_give_lists_and_its_certificate_is_computed_anew():
+    plan = pull()
+    again = pull(joints=lambda j: j.tolist(), path=lambda p: p.tolist())
+    claimed = pull(certificate=replace(plan.certificate, clearance=99.0, evaluations=-1))
+    assert plan.status == "complete" and verify_plan(plan, RAIL_DUCT).certified
+    for other in (again, claimed):
+        assert np.array_equal(other.joints, plan.joints)
+        assert other.proved == plan.proved == certify_plan(plan, RAIL_DUCT).clearance
+    assert claimed.certificate.evaluations == plan.certificate.evaluations
 
 
 def test_a_shape_that_is_broken_or_fails_is_named(tmp_path):
