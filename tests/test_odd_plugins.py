@@ -12,8 +12,8 @@ import pytest
 from bozzini.anatomy import tract_from_labels
 from bozzini.cli.main import main
 from bozzini.continuum import CONTINUUM_MODELS
-from bozzini.duct import DUCT_SHAPES, Centreline, RoundCones, load
-from bozzini.errors import FileFormatError, InputError, PluginError
+from bozzini.duct import DUCT_SHAPES, Centreline, DuctShape, RoundCones, load, union
+from bozzini.errors import FileFormatError, GeometryError, InputError, PluginError
 from bozzini.motion import (
     PLANNERS,
     FreeSpace,
@@ -297,6 +297,66 @@ def test_a_shape_that_is_broken_or_fails_is_named(tmp_path):
     path.write_text(json.dumps(head | {"kind": "hole", "shapes": [{"radius": 1.0}]}))
     with pytest.raises(FileFormatError, match="radius"):
         load(path)
+
+
+class Ball(DuctShape):
+    """A ball of 10 mm that answers with what it is given, changed."""
+
+    def __init__(self, *, box=((-10.0,) * 3, (10.0,) * 3), change=lambda d: d):
+        super().__init__()
+        object.__setattr__(self, "box", box)
+        object.__setattr__(self, "change", change)
+
+    @property
+    def bounds(self):
+        return self.box
+
+    def signed_distance(self, points):
+        return self.change(np.linalg.norm(points, axis=-1) - 10.0)
+
+
+USES = {
+    "distance": lambda duct: duct.signed_distance([(1.0, 0.0, 0.0)]),
+    "bound": lambda duct: duct.clearance_bound([(1.0, 0.0, 0.0)]),
+    "gradient": lambda duct: duct.gradient([(1.0, 0.0, 0.0)]),
+    "erode": lambda duct: duct.erode(1.0),
+    "union": lambda duct: union(duct, Ball()),
+    "sample": lambda duct: duct.sample(2.0),
+    "plot": lambda duct: duct.plot(),
+}
+WRONG = {
+    "nan": (lambda d: d * np.nan, r"is nan at \(.*\) mm: it must be finite"),
+    "number": (lambda d: -1.0, r"has shape \(\) at points of shape"),
+    "none": (lambda d: None, "is None: it must be a number or an array"),
+}
+
+
+@pytest.mark.parametrize("use", USES)
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_distance_that_is_none_is_refused_wherever_it_is_used(wrong, use):
+    change, words = WRONG[wrong]
+    with pytest.raises(GeometryError, match=f"the signed distance of a Ball {words}"):
+        USES[use](Ball(change=change))
+
+
+def test_a_shape_may_answer_with_lists():
+    lists, arrays = Ball(change=lambda d: d.tolist()), Ball(box=np.array(Ball().bounds))
+    points = np.random.default_rng(0).uniform(-8.0, 8.0, (20, 3))
+    assert np.array_equal(lists.signed_distance(points), arrays.signed_distance(points))
+    assert np.array_equal(lists.gradient(points), arrays.gradient(points))
+    assert np.array_equal(lists.erode(1.0).bounds, arrays.erode(1.0).bounds)
+    with pytest.raises(InputError, match="1 point"):
+        lists.signed_distance([(np.nan, 0.0, 0.0)])
+
+
+@pytest.mark.parametrize(
+    "box",
+    [[(1.0,) * 3] * 2, [(0.0,) * 4, (1.0,) * 4], [(0.0,) * 3, (np.inf,) * 3], None, [[1.0], 2]],
+)
+def test_bounds_that_are_no_box_are_refused(box):
+    for use in (lambda duct: duct.dim, USES["erode"], USES["plot"], USES["union"]):
+        with pytest.raises(GeometryError, match="the bounds of a Ball"):
+            use(Ball(box=box))
 
 
 def test_a_continuum_model_that_is_broken_or_fails_is_refused(run):
