@@ -39,6 +39,7 @@ from bozzini.rig.demo import VOLTS_PER_COUNT, judge_step
 from bozzini.rig.firmware import find_sources
 from bozzini.rig.protocol import SetPoint
 
+PARTS = ("steps", "plants", "slews", "stick")
 BOARDS = {"native": NativeBoard, "emulated": EmulatedBoard}
 STEPS = ((0.6, 0.3, 0.1), (0.1, 0.6, 0.827))  # [MPa], one second each
 FAST, SLOW = 0.002, 0.01  # periods of the host [s]
@@ -275,11 +276,10 @@ def time_stick_step(make):
 
 def main():
     """Take the options and print the tables."""
-    parts = ("steps", "plants", "slews", "stick")
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--board", choices=BOARDS, default="emulated")
     parser.add_argument("--seeds", type=int, default=12)
-    parser.add_argument("parts", nargs="*", choices=parts, default=list(parts))
+    parser.add_argument("parts", nargs="*", default=PARTS, help=", ".join(PARTS))
     given = parser.parse_args()
     make = BOARDS[given.board]
     if "steps" in given.parts:

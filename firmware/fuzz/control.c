@@ -1,8 +1,9 @@
 /* Random measurements and commands into the state machine:  fuzz-control [ticks] [seed].
  *
  * After every tick it must hold: not armed means vented and supply off; fill and bleed valve are
- * never both open; the reference lies in its range and moves no faster than the slew limit; a
- * latched fault never becomes ARMED; a fault has a reason.
+ * never both open; the reference lies in its range and moves no faster than its slew limit, which is
+ * another one under a feed-forward; nothing fills at a reference of 0; a latched fault never becomes
+ * ARMED; a fault has a reason.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -57,7 +58,7 @@ int main(int argc, char **argv) {
     bz_device_init(&device, 0, 0);
     for (uint64_t tick = 0; tick < total; tick++) {
         const bz_safety *safety = &device.safety;
-        int16_t before[BZ_MUSCLES];
+        int16_t before[BZ_MUSCLES], limit[BZ_MUSCLES];
         uint8_t was = safety->state;
         for (uint8_t i = 0; i < BZ_MUSCLES; i++) before[i] = safety->muscle[i].reference;
         if (tick % 1024u == 0) mood = draw(&state) % 16u;
@@ -66,6 +67,9 @@ int main(int argc, char **argv) {
         bz_device_tick(&device);
         check(!(was == BZ_STATE_FAULT && safety->state == BZ_STATE_ARMED), "FAULT to ARMED", tick);
         measure(&scan, &device, mood);
+        for (uint8_t i = 0; i < BZ_MUSCLES; i++) {
+            limit[i] = safety->muscle[i].feedforward_left ? BZ_SLEW_SHAPED : BZ_SLEW;
+        }
         if (mood != 2 || draw(&state) % 8u == 0) bz_device_scan(&device, &scan);
         bz_device_report(&device);
         while (!bz_ring_is_empty(&device.sent)) bz_ring_pop(&device.sent);
@@ -81,7 +85,8 @@ int main(int argc, char **argv) {
             check(muscle->fill <= BZ_PWM_COUNTS && muscle->bleed <= BZ_PWM_COUNTS, "duty", tick);
             check(muscle->reference >= 0 && muscle->reference <= BZ_SETPOINT_MAX, "reference", tick);
             if (safety->state == BZ_STATE_ARMED) {
-                check(step <= BZ_SLEW && step >= -BZ_SLEW, "slew limit", tick);
+                check(step <= limit[i] && step >= -limit[i], "slew limit", tick);
+                check(!(muscle->fill && muscle->reference == 0), "fill without a reference", tick);
             } else {
                 check(!muscle->fill && muscle->bleed == BZ_PWM_COUNTS, "not vented", tick);
             }

@@ -46,9 +46,9 @@ static uint16_t find_root(uint32_t value) {
 
 /* The counts beyond the dead zone that give a rate of the pressure, in hPa/ms / 256.
  *
- * An open valve changes the pressure at the rate p1 phi / BZ_FILL_TIME (or BZ_BLEED_TIME).  With p1 and p2 the absolute
- * pressures before and behind it, p1 phi is p1 where the flow is choked (p2 < p1 / 2) and
- * 2 sqrt(p2 (p1 - p2)) otherwise: ISO 6358 with a critical pressure ratio of 0.5. */
+ * An open valve changes the pressure at the rate p1 phi / BZ_FILL_TIME, or BZ_BLEED_TIME.  With p1
+ * and p2 the absolute pressures before and behind it, p1 phi is p1 where the flow is choked
+ * (p2 < p1 / 2) and 2 sqrt(p2 (p1 - p2)) otherwise: ISO 6358 with a critical ratio of 0.5. */
 static int16_t invert_flow(int32_t rate, int16_t pressure, int16_t reservoir) {
     uint16_t inside = (uint16_t)(pressure > -BZ_ATMOSPHERE ? pressure + BZ_ATMOSPHERE : 0);
     uint16_t before = rate < 0 ? inside : (uint16_t)(reservoir + BZ_ATMOSPHERE);
@@ -57,7 +57,8 @@ static int16_t invert_flow(int32_t rate, int16_t pressure, int16_t reservoir) {
     if (behind > drop) drive = (uint16_t)(2u * find_root((uint32_t)behind * drop));
     if (drive < BZ_DRIVE_MIN) drive = BZ_DRIVE_MIN;
     rate *= (rate < 0 ? BZ_BLEED_TIME : BZ_FILL_TIME) * (BZ_PWM_COUNTS - BZ_JUMP) / 256;
-    return (int16_t)(rate / drive);
+    rate /= drive;
+    return rate > BZ_PWM_COUNTS ? BZ_PWM_COUNTS : rate < -BZ_PWM_COUNTS ? -BZ_PWM_COUNTS : (int16_t)rate;
 }
 
 void bz_control(bz_muscle *muscle, int16_t reservoir) {

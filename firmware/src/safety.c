@@ -78,10 +78,13 @@ static void check_reservoir(bz_safety *safety, uint16_t reading) {
 }
 
 void bz_safety_scan(bz_safety *safety, const bz_scan *scan) {
+    int16_t reservoir;
+
     safety->scan_age = 0;
     safety->stick_x = scan->stick_x;
     safety->stick_y = scan->stick_y;
     check_reservoir(safety, scan->reservoir);
+    reservoir = safety->warnings & BZ_WARN_RESERVOIR_SENSOR ? BZ_RESERVOIR_LOW : safety->reservoir;
     for (uint8_t i = 0; i < BZ_MUSCLES; i++) check_muscle(safety, i, scan->twice[i]);
 
     if (safety->scans < BZ_BOOT_TICKS) {
@@ -90,7 +93,7 @@ void bz_safety_scan(bz_safety *safety, const bz_scan *scan) {
         safety->state = BZ_STATE_DISARMED;
     }
     if (safety->state == BZ_STATE_ARMED) {
-        for (uint8_t i = 0; i < BZ_MUSCLES; i++) bz_control(&safety->muscle[i], safety->reservoir);
+        for (uint8_t i = 0; i < BZ_MUSCLES; i++) bz_control(&safety->muscle[i], reservoir);
     }
 }
 

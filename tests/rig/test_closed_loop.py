@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bozzini.rig import EmulatedBoard, Fault, NativeBoard, PlantDesign
-from bozzini.rig.protocol import State, Trip
+from bozzini.rig.protocol import Notice, State, Trip
 from tests.rig.host import VENTED, find_vent
 from tests.rig.loops import FRESH, Loop, describe_step
 
@@ -88,7 +88,7 @@ def test_pressures_rise_no_faster_than_4_kpa_per_ms(toolchain):
     assert 2e-3 < rates.max() <= 4e-3
 
 
-@pytest.mark.parametrize("pressure", [0.3, 0.827])
+@pytest.mark.parametrize("pressure", [pytest.param(0.3, marks=pytest.mark.slow), 0.827])
 def test_host_silence_empties_the_muscles(toolchain, pressure):
     """Valves as wide as those for filling take 150 ms for it; wider ones meet 200 ms in all."""
     for wider, limit in ((1.0, 300 - FRESH), (2.5, 200)):
@@ -143,6 +143,18 @@ def test_sensor_fault_on_the_plant_vents_all(toolchain):
             record = loop.run(0.05)
             assert find_vent(record.duty) <= 10
             assert Trip.SENSOR in loop.telemetry.faults
+
+
+def test_control_goes_on_without_the_reservoirs_sensor(toolchain):
+    class Unplugged(EmulatedBoard):
+        def set_voltages(self, voltages):
+            super().set_voltages([*voltages[:3], 0.0, *voltages[4:]])
+
+    with Unplugged() as board:
+        loop = Loop(board).arm()
+        record = loop.run(0.4, (0.6, 0.3, 0.1))
+    assert loop.telemetry.warnings == Notice.RESERVOIR_SENSOR
+    assert record.pressures[-1] == pytest.approx([0.6, 0.3, 0.1], abs=6e-3)
 
 
 def test_leak_and_burst_trip(toolchain):

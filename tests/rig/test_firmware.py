@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from bozzini.io.files import find_cache
 from bozzini.rig.board import NativeBoard
 from bozzini.rig.firmware import ToolchainError, build, find_build_id, find_sources
 from bozzini.rig.protocol import PROTOCOL_VERSION, Configuration, GetConfiguration
@@ -96,6 +97,18 @@ def test_missing_tool_is_named_with_its_package(tmp_path):
     assert "apt-get install make gcc libsimavr-dev libelf-dev" in last
 
 
+def test_cache_that_cannot_be_written_is_replaced(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert find_cache("firmware") == tmp_path / "bozzini" / "firmware"
+    (tmp_path / "file").write_text("no directory")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    other = find_cache("firmware")
+    assert other.is_dir()
+    assert tmp_path not in other.parents
+    assert other.stat().st_mode & 0o022 == 0
+
+
+@pytest.mark.slow
 def test_processes_build_the_same_at_once(toolchain, tmp_path):
     code = "from bozzini.rig.firmware import build; print(build('native.so'))"
 

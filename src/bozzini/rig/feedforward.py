@@ -9,11 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number
+from ..checks import check_array, check_number, check_range
+from ..errors import InputError
 from .kernels import plant as kernels
 from .plant import MUSCLES, Chamber, PlantDesign
 from .pneumatics import ATMOSPHERE
-from .protocol import SETPOINT_MAX, Configuration, SetPoint, Telemetry
+from .protocol import SETPOINT_MAX, Configuration, Notice, SetPoint, Telemetry
 
 Floats = NDArray[np.float64]
 
@@ -28,12 +29,14 @@ SMALLEST_REFERENCE = 1e-4
 """Above 0 [MPa], at which the board opens the bleed valve."""
 CORRECTION_SHARE = 0.3
 """Of the difference between measurement and model, taken over from each telemetry."""
+CLOCK_DRIFT = 0.01
+"""Largest relative drift between the clocks of board and host; a resonator has 0.005."""
 OPENINGS = 12
 """Duties of each valve that are tried."""
 
 
 class Feedforward:
-    """Opens the valves by a model of the plant, and tells the board what pressure to expect.
+    """Opens the valves by a model of the plant, and gives the board the pressure to expect.
 
     Each period a model of valves, lines and muscles is moved on under the duties that were sent,
     and corrected by the measurement, compared with what the model had a delay before. From there
@@ -42,6 +45,8 @@ class Feedforward:
     volume of the muscle are in it. The duty is chosen that lets them come to rest nearer to the
     set-points, and at them in the end. The board gets the duty as its feed-forward and the model's
     pressure as its set-point: its own controller, which has no delay, corrects the difference.
+    Near a set-point only the changes of this are fed forward, and the rest is left to the board, or
+    both would hunt about the dead zone of the valves. One object serves one run.
 
     Parameters
     ----------
@@ -59,7 +64,7 @@ class Feedforward:
     Raises
     ------
     InputError
-        If the period or the rate is not legal.
+        If there are not three chambers, or the period or the rate is not legal.
     """
 
     def __init__(
@@ -75,8 +80,11 @@ class Feedforward:
         given = most if rate is None else rate
         self.rate = check_number("rate", given, low=0.0, low_open=True, high=most, unit="MPa/s")
         self.period = check_number("period", period, low=1e-3, high=0.05, unit="s")
+        if len(chambers) != MUSCLES:
+            raise InputError(f"there are {len(chambers)} chambers: there must be {MUSCLES}")
         self._dead = board.error_dead
         self._jump = board.jump / board.pwm_counts
+        self._lowest_reservoir = design.compressor_on
         self._half_play = 0.5 * design.valve_hysteresis
         self._packed = tuple(map(float, design.pack(float(chambers[0].pressure[1]))))
         self._volumes = np.array([chamber.volume for chamber in chambers])
@@ -107,8 +115,16 @@ class Feedforward:
             Pressures to go to [MPa].
         board : Telemetry
             The last telemetry.
+
+        Raises
+        ------
+        InputError
+            If the pressures are not three, or outside [0, 0.827] MPa.
         """
         target = check_array("wanted", wanted)
+        if target.shape != (MUSCLES,):
+            raise InputError(f"wanted has shape {target.shape}: it must be ({MUSCLES},)")
+        check_range("wanted", target, 0.0, SETPOINT_MAX, "MPa")
         self._follow(time, board)
         stops = self._predict_stops()
         rest = stops[:, 0]
@@ -162,8 +178,11 @@ class Feedforward:
                 self._channels, self._supply, self._duty, self._volumes, time - self._past[-1][0]
             )
         self._past.append((time, self._channels[:, kernels.SENSOR].copy()))
-        self._supply[kernels.RESERVOIR] = board.reservoir_pressure + ATMOSPHERE
-        self._offset = min(self._offset, time - board.time)
+        is_known = Notice.RESERVOIR_SENSOR not in board.warnings
+        reservoir = board.reservoir_pressure if is_known else self._lowest_reservoir
+        self._supply[kernels.RESERVOIR] = reservoir + ATMOSPHERE
+        drift = CLOCK_DRIFT * (time - self._past[-2][0]) if len(self._past) > 1 else 0.0
+        self._offset = min(self._offset + drift, time - board.time)
         if board.time <= self._heard:
             return
         self._heard = board.time

@@ -1,0 +1,177 @@
+"""Numba: rays of a lens, and where they meet a board and tubes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+_STEPS = 12
+_TRACE_STEPS = 200
+
+
+@njit(cache=True)
+def undistort_grid(xs, ys, k1, k2, p1, p2, k3):
+    """Return the undistorted (h, w, 2) points of a grid of distorted x (w,) and y (h,)."""
+    out = np.empty((ys.size, xs.size, 2), np.float32)
+    for i in range(ys.size):
+        for j in range(xs.size):
+            tx, ty = xs[j], ys[i]
+            x, y = tx, ty
+            for _ in range(_STEPS):
+                r = x * x + y * y
+                radial = 1.0 + r * (k1 + r * (k2 + r * k3))
+                slope = 2.0 * (k1 + r * (2.0 * k2 + 3.0 * r * k3))
+                ex = tx - (x * radial + 2.0 * p1 * x * y + p2 * (r + 2.0 * x * x))
+                ey = ty - (y * radial + p1 * (r + 2.0 * y * y) + 2.0 * p2 * x * y)
+                xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+                xy = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
+                yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+                size = xx * yy - xy * xy
+                dx, dy = (yy * ex - xy * ey) / size, (xx * ey - xy * ex) / size
+                x, y = x + dx, y + dy
+                if dx * dx + dy * dy < 1e-20:
+                    break
+            out[i, j, 0], out[i, j, 1] = x, y
+    return out
+
+
+@njit(cache=True)
+def _square(points, i, x, y, z):
+    return (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2 + (points[i, 2] - z) ** 2
+
+
+@njit(cache=True)
+def _nearest(points, x, y, z, stride):
+    """Return (squared distance, segment, share of it) of the nearest point of a polyline."""
+    n = points.shape[0]
+    best, at = math.inf, 0
+    for i in range(0, n, stride):
+        d = _square(points, i, x, y, z)
+        if d < best:
+            best, at = d, i
+    step = stride // 2
+    while step > 0:  # halve the stride around the best point
+        for i in (at - step, at + step):
+            if 0 <= i < n:
+                d = _square(points, i, x, y, z)
+                if d < best:
+                    best, at = d, i
+        step //= 2
+    best, where, part = math.inf, 0, 0.0
+    for i in range(max(at - 1, 0), min(at + 1, n - 1)):
+        ax, ay, az = points[i, 0], points[i, 1], points[i, 2]
+        bx, by, bz = points[i + 1, 0] - ax, points[i + 1, 1] - ay, points[i + 1, 2] - az
+        u = ((x - ax) * bx + (y - ay) * by + (z - az) * bz) / (bx * bx + by * by + bz * bz)
+        u = min(max(u, 0.0), 1.0)
+        d = (ax + u * bx - x) ** 2 + (ay + u * by - y) ** 2 + (az + u * bz - z) ** 2
+        if d < best:
+            best, where, part = d, i, u
+    return best, where, part
+
+
+@njit(cache=True)
+def _trace(points, radius, origin, ray, start, end, stride):
+    """Return (distance along the ray, or infinity; segment; share of it) of the first hit."""
+    t = start
+    for _ in range(_TRACE_STEPS):
+        x, y, z = origin[0] + t * ray[0], origin[1] + t * ray[1], origin[2] + t * ray[2]
+        square, where, part = _nearest(points, x, y, z, stride)
+        gap = math.sqrt(square) - radius
+        if gap < 1e-5:
+            return t, where, part
+        t += gap
+        if t > end:
+            break
+    return math.inf, 0, 0.0
+
+
+@njit(cache=True)
+def _shade(albedo, point, normal, origin, light):
+    """Return the light that a point sends to `origin`.
+
+    `light` holds its place (3), the ambient and the diffuse part, the gloss and its exponent.
+    """
+    lx, ly, lz = light[0] - point[0], light[1] - point[1], light[2] - point[2]
+    size = math.sqrt(lx * lx + ly * ly + lz * lz)
+    lx, ly, lz = lx / size, ly / size, lz / size
+    cosine = max(normal[0] * lx + normal[1] * ly + normal[2] * lz, 0.0)
+    value = albedo * (light[3] + light[4] * cosine)
+    if light[5] > 0.0 and cosine > 0.0:
+        vx, vy, vz = origin[0] - point[0], origin[1] - point[1], origin[2] - point[2]
+        size = math.sqrt(vx * vx + vy * vy + vz * vz)
+        hx, hy, hz = lx + vx / size, ly + vy / size, lz + vz / size
+        size = math.sqrt(hx * hx + hy * hy + hz * hz)
+        half = (normal[0] * hx + normal[1] * hy + normal[2] * hz) / size
+        value += light[5] * max(half, 0.0) ** light[6]
+    return value
+
+
+@njit(cache=True)
+def render_plane(grid, turn, origin, texture, place, light, radiance, depth):
+    """Draw the plane z = 0 into `radiance` and `depth` (h, w).
+
+    `grid` (h, w, 2) are x/z and y/z of the rays, `turn` is the camera's rotation, `origin` its
+    centre. `place` holds x and y of the texture's first texel and its texels a mm. Outside the
+    texture there is nothing.
+    """
+    point, normal = np.zeros(3), np.zeros(3)
+    normal[2] = math.copysign(1.0, origin[2])
+    rows, columns = texture.shape
+    for i in range(grid.shape[0]):
+        for j in range(grid.shape[1]):
+            a, b = grid[i, j]
+            z = a * turn[0, 2] + b * turn[1, 2] + turn[2, 2]
+            if z * origin[2] >= 0.0:
+                continue
+            t = -origin[2] / z
+            if t >= depth[i, j]:
+                continue
+            point[0] = origin[0] + t * (a * turn[0, 0] + b * turn[1, 0] + turn[2, 0])
+            point[1] = origin[1] + t * (a * turn[0, 1] + b * turn[1, 1] + turn[2, 1])
+            x, y = (point[0] - place[0]) * place[2], (point[1] - place[1]) * place[2]
+            if not (0.0 <= x < columns - 1 and 0.0 <= y < rows - 1):
+                continue
+            c, r = int(x), int(y)
+            u, v = x - c, y - r
+            albedo = (1.0 - v) * ((1.0 - u) * texture[r, c] + u * texture[r, c + 1]) + v * (
+                (1.0 - u) * texture[r + 1, c] + u * texture[r + 1, c + 1]
+            )
+            radiance[i, j] = _shade(albedo, point, normal, origin, light)
+            depth[i, j] = t
+
+
+@njit(cache=True)
+def render_tube(
+    grid, region, turn, origin, points, lengths, radius, reach, bands, light, radiance, depth
+):
+    """Draw a tube about a polyline into `radiance` and `depth` (h, w), where it is nearer.
+
+    `region` (y0, y1, x0, x1) is the part of the grid looked at, `reach` the range of distances.
+    `bands` (m, 3) are ranges of arc length and their albedo, the first the tube's own.
+    """
+    ray, point, normal = np.empty(3), np.empty(3), np.empty(3)
+    stride = 1
+    while 24 * stride < points.shape[0]:
+        stride *= 2
+    for i in range(region[0], region[1]):
+        for j in range(region[2], region[3]):
+            a, b = grid[i, j]
+            size = math.sqrt(a * a + b * b + 1.0)
+            for k in range(3):
+                ray[k] = (a * turn[0, k] + b * turn[1, k] + turn[2, k]) / size
+            t, where, part = _trace(points, radius, origin, ray, reach[0], reach[1], stride)
+            if not t / size < depth[i, j]:
+                continue
+            for k in range(3):
+                point[k] = origin[k] + t * ray[k]
+                axis = points[where, k] + part * (points[where + 1, k] - points[where, k])
+                normal[k] = (point[k] - axis) / radius
+            s = lengths[where] + part * (lengths[where + 1] - lengths[where])
+            albedo = bands[0, 2]
+            for k in range(1, bands.shape[0]):
+                if bands[k, 0] <= s < bands[k, 1]:
+                    albedo = bands[k, 2]
+            radiance[i, j] = _shade(albedo, point, normal, origin, light)
+            depth[i, j] = t / size
