@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,20 @@ import pytest
 from bozzini.anatomy import tract_from_labels
 from bozzini.cli.main import main
 from bozzini.continuum import CONTINUUM_MODELS
-from bozzini.duct import DUCT_SHAPES, Centreline, RoundCones, load
-from bozzini.errors import FileFormatError, InputError, PluginError
-from bozzini.motion import PLANNERS, Scope, plan_insertion
+from bozzini.duct import DUCT_SHAPES, Centreline, DuctShape, RoundCones, load, union
+from bozzini.errors import FileFormatError, GeometryError, InputError, PluginError
+from bozzini.motion import (
+    PLANNERS,
+    FreeSpace,
+    Motion,
+    Planner,
+    PlannerOptions,
+    Scope,
+    certify_plan,
+    move_free_chain,
+    plan_insertion,
+    verify_plan,
+)
 from bozzini.muscle import MODELS, Measurements, preset, rank, write_measurements
 from bozzini.study import InsertionOptions, run_insertion
 
@@ -213,6 +225,72 @@ def test_a_planner_that_is_broken_or_fails_is_named(name, words):
     assert words in str(caught.value)
 
 
+class Rail(Planner):
+    """Pulls the joints along the line; `change` is what it states otherwise."""
+
+    name = "rail"
+
+    def __init__(self, **change):
+        self.change = change
+
+    def move(self, space, scope, options, *, progress=None):
+        line = space.centreline
+        heads = np.linspace(0.0, line.length, int(np.ceil(line.length / options.head_step)) + 1)
+        places = np.stack([np.interp(heads, line.arc_length, c) for c in line.points.T], axis=1)
+        chain = space.tube.place_chain(scope.count_links(line.length) + 1, scope.link_length)
+        joints = move_free_chain(chain, places, slip=options.slip)
+        given = {"joints": joints, "head_arc_length": heads, "path": line.points}
+        made = {k: v(given[k]) if callable(v) else v for k, v in self.change.items()}
+        return Motion(**(given | made))
+
+
+RAIL_DUCT = RoundCones([(0, 0, 0), (60, 0, 0)], [5.0, 5.0])
+
+
+def pull(**change):
+    line = Centreline.from_points([(0, 0, 0), (50, 0, 0)], RAIL_DUCT)
+    options = PlannerOptions(head_step=1.0, advise=False)
+    return Rail(**change).plan(
+        FreeSpace(RAIL_DUCT, line), Scope(diameter=3.0, link_length=6.0), options
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"joints": lambda j: np.repeat(j[:1], len(j), axis=0)}, "head is 50 mm off its path"),
+        ({"joints": lambda j: j[:0], "head_arc_length": lambda s: s[:0]}, "at least 1 step"),
+        ({"joints": lambda j: j[..., :2]}, r"must give (steps, joints, 3)"),
+        ({"joints": "all of them"}, "joints of a motion is 'all of them'"),
+        ({"path": None}, "path of a motion is None"),
+        ({"path": lambda p: p[0]}, "gave a path of shape (3,)"),
+        ({"path": lambda p: p[:1]}, "n at least 2"),
+        ({"path": lambda p: p * np.nan}, "not finite"),
+        ({"joints": lambda j: j[::9], "head_arc_length": lambda s: s[::9]}, "moves 9 mm in a step"),
+        ({"joints": lambda j: j[:-2], "head_arc_length": lambda s: s[:-2]}, "route ends at 50.0"),
+        ({"reason_code": "ANGLE", "reason": 5}, "the reason 5: it must give both as text"),
+        ({"reason_code": "ANGLE"}, "must give both as text"),
+        ({"refusal": "ANGLE"}, "must be a Refusal or None"),
+        ({"method": 5}, "gave the method 5"),
+    ],
+)
+def test_a_motion_that_is_none_is_refused(change, words):
+    with pytest.raises(PluginError) as caught:
+        pull(**change)
+    assert words in str(caught.value)
+
+
+def test_a_planner_may_give_lists_and_its_certificate_is_computed_anew():
+    plan = pull()
+    again = pull(joints=lambda j: j.tolist(), path=lambda p: p.tolist())
+    claimed = pull(certificate=replace(plan.certificate, clearance=99.0, evaluations=-1))
+    assert plan.status == "complete" and verify_plan(plan, RAIL_DUCT).certified
+    for other in (again, claimed):
+        assert np.array_equal(other.joints, plan.joints)
+        assert other.proved == plan.proved == certify_plan(plan, RAIL_DUCT).clearance
+    assert claimed.certificate.evaluations == plan.certificate.evaluations
+
+
 def test_a_shape_that_is_broken_or_fails_is_named(tmp_path):
     head = {"format": "bozzini shapes", "version": 1, "units": "mm", "shapes": [{}]}
     path = tmp_path / "shapes.json"
@@ -225,6 +303,66 @@ def test_a_shape_that_is_broken_or_fails_is_named(tmp_path):
     path.write_text(json.dumps(head | {"kind": "hole", "shapes": [{"radius": 1.0}]}))
     with pytest.raises(FileFormatError, match="radius"):
         load(path)
+
+
+class Ball(DuctShape):
+    """A ball of 10 mm that answers with what it is given, changed."""
+
+    def __init__(self, *, box=((-10.0,) * 3, (10.0,) * 3), change=lambda d: d):
+        super().__init__()
+        object.__setattr__(self, "box", box)
+        object.__setattr__(self, "change", change)
+
+    @property
+    def bounds(self):
+        return self.box
+
+    def signed_distance(self, points):
+        return self.change(np.linalg.norm(points, axis=-1) - 10.0)
+
+
+USES = {
+    "distance": lambda duct: duct.signed_distance([(1.0, 0.0, 0.0)]),
+    "bound": lambda duct: duct.clearance_bound([(1.0, 0.0, 0.0)]),
+    "gradient": lambda duct: duct.gradient([(1.0, 0.0, 0.0)]),
+    "erode": lambda duct: duct.erode(1.0),
+    "union": lambda duct: union(duct, Ball()),
+    "sample": lambda duct: duct.sample(2.0),
+    "plot": lambda duct: duct.plot(),
+}
+WRONG = {
+    "nan": (lambda d: d * np.nan, r"is nan at \(.*\) mm: it must be finite"),
+    "number": (lambda d: -1.0, r"has shape \(\) at points of shape"),
+    "none": (lambda d: None, "is None: it must be a number or an array"),
+}
+
+
+@pytest.mark.parametrize("use", USES)
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_distance_that_is_none_is_refused_wherever_it_is_used(wrong, use):
+    change, words = WRONG[wrong]
+    with pytest.raises(GeometryError, match=f"the signed distance of a Ball {words}"):
+        USES[use](Ball(change=change))
+
+
+def test_a_shape_may_answer_with_lists():
+    lists, arrays = Ball(change=lambda d: d.tolist()), Ball(box=np.array(Ball().bounds))
+    points = np.random.default_rng(0).uniform(-8.0, 8.0, (20, 3))
+    assert np.array_equal(lists.signed_distance(points), arrays.signed_distance(points))
+    assert np.array_equal(lists.gradient(points), arrays.gradient(points))
+    assert np.array_equal(lists.erode(1.0).bounds, arrays.erode(1.0).bounds)
+    with pytest.raises(InputError, match="1 point"):
+        lists.signed_distance([(np.nan, 0.0, 0.0)])
+
+
+@pytest.mark.parametrize(
+    "box",
+    [[(1.0,) * 3] * 2, [(0.0,) * 4, (1.0,) * 4], [(0.0,) * 3, (np.inf,) * 3], None, [[1.0], 2]],
+)
+def test_bounds_that_are_no_box_are_refused(box):
+    for use in (lambda duct: duct.dim, USES["erode"], USES["plot"], USES["union"]):
+        with pytest.raises(GeometryError, match="the bounds of a Ball"):
+            use(Ball(box=box))
 
 
 def test_a_continuum_model_that_is_broken_or_fails_is_refused(run):

@@ -43,6 +43,14 @@ def test_public_names_resolve(name: str) -> None:
     assert name in dir(bozzini)
 
 
+@pytest.mark.parametrize(
+    "name", ["anatomy", "continuum", "duct", "effector", "motion", "plot", "study"]
+)
+def test_a_package_lists_its_public_names_alone(name: str) -> None:
+    package = getattr(bozzini, name)
+    assert dir(package) == sorted(package.__all__)
+
+
 def test_names_are_the_same_object_as_in_their_room() -> None:
     from bozzini.motion.plan import Plan
     from bozzini.motion.scope import Scope

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from skimage.graph import MCP_Geometric
 
 from bozzini.anatomy import make_phantom
-from bozzini.duct import build_field, field_from_mask, find_centreline
+from bozzini.duct import build_field, field_from_mask, find_centreline, fit, load
 from bozzini.duct.centreline import LumenGraph
 from bozzini.errors import GeometryError, InputError
 from bozzini.numeric.polylines import measure_arc_length, resample_polyline
@@ -296,3 +296,26 @@ def test_the_line_is_that_of_a_plain_search(monkeypatch):
     plain = find_centreline(field)
     assert line.points == pytest.approx(plain.points, abs=1e-3)
     assert len(line.other_ends) == len(plain.other_ends)
+
+
+def test_the_picture_has_the_clearance_over_the_arc_length(bend):
+    line = find_centreline(bend[1])
+    ax = line.plot()
+    drawn = ax.lines[-1].get_xydata()
+    assert np.array_equal(drawn, np.column_stack([line.arc_length, line.radius]))
+    assert line.plot(ax) is ax and len(ax.lines) == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: find_centreline(None), "field is a NoneType: it must be a SampledField"),
+        (lambda: build_field("x.nii.gz"), "tract is 'x.nii.gz': read the file by read_tract"),
+        (lambda: build_field(None), "tract is a NoneType: it must be a LabelTract or"),
+        (lambda: fit(None), "source is a NoneType: it must be a LabelTract, a SurfaceTract or a"),
+        (lambda: load(None), "path is None: it must be the path of a file"),
+    ],
+)
+def test_what_is_none_of_the_kind_is_refused(call, words):
+    with pytest.raises(InputError, match=f"^{words}"):
+        call()

@@ -201,7 +201,7 @@ def read_surface(
     if scale is None and model is not None:
         sizes = model.voxel
     if scale is None and is_glb and not content.marked:
-        message = "coordinates taken as m, as the GLB standard says; if they are mm, give --unit mm"
+        message = "coordinates taken as m, as in the GLB standard; if they are mm, give --unit mm"
         found.append(Finding("unit-assumed", "note", message))
     parts = [
         Part.measure(name, vertices * sizes, faces)

@@ -76,3 +76,7 @@ __all__ = [
     "solve_section",
     "solve_tip",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -56,3 +56,7 @@ __all__ = [
     "union",
     "without",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -8,13 +8,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from dataclasses import field as dataclass_field
-from functools import cached_property
+from functools import cached_property, partial, wraps
+from types import FunctionType
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_fields, check_number
+from ..checks import check_array, check_fields, check_number, check_points, show_value
 from ..errors import GeometryError, InputError
 from ..results import take_axes
 from .checks import check_places, check_rotation, check_wall, set_fields
@@ -51,10 +52,11 @@ class Duct(ABC):
     """A lumen, as planners see it: a signed distance to its wall, negative inside [mm].
 
     A shape of one's own derives from this class, or from `DuctShape`, as a frozen dataclass, and
-    brings `bounds` and `signed_distance`. All else follows, and a shape that knows better overrides
-    it: the clearance bound from the distance, the gradient by differences, and what compiled
-    kernels see from a sampled field, whose error is stated. With kernels of its own it derives from
-    `PackedDuct` too. A class-level `name` is its name in files.
+    brings `bounds` and `signed_distance`; what they return is made an array and checked
+    (`GeometryError` if it is not finite or of another shape). All else follows, and a shape that
+    knows better overrides it: the clearance bound from the distance, the gradient by differences,
+    and what compiled kernels see from a sampled field, whose error is stated. With kernels of its
+    own it derives from `PackedDuct` too. A class-level `name` is its name in files.
 
     The signed distance changes by at most 1 mm per mm (1-Lipschitz), the interpolant of a sampled
     duct by at most sqrt(3). `signed_distance` must never promise more clearance than there is by
@@ -76,6 +78,19 @@ class Duct(ABC):
 
     joined: ClassVar[bool] = False
     """Whether the shapes lie between two pieces of a file each, like cones between balls."""
+
+    def __init_subclass__(cls, **options: object) -> None:
+        """Check what the methods of another package's shape return."""
+        super().__init_subclass__(**options)
+        if cls.__module__.partition(".")[0] == __name__.partition(".")[0]:
+            return
+        for name, what in (("signed_distance", "signed distance"), ("clearance_bound", "bound")):
+            method = vars(cls).get(name)
+            if isinstance(method, FunctionType):
+                setattr(cls, name, _check_method(method, what))
+        bounds = vars(cls).get("bounds")
+        if isinstance(bounds, property) and bounds.fget is not None:
+            cls.bounds = property(_check_bounds(bounds.fget))  # type: ignore[assignment,method-assign]
 
     @property
     def kind(self) -> Kind:
@@ -277,21 +292,9 @@ class Duct(ABC):
         `before` has the values on the sheet before. Between neighbours in all directions of the
         grid, diagonals too, a distance changes by no more than they are apart.
         """
-        what = f"the signed distance of a {type(self).__name__}"
-        if distance.shape != points.shape[:-1]:
-            raise GeometryError(
-                f"{what} has shape {distance.shape} at points of shape {points.shape}: it must be "
-                f"{points.shape[:-1]}"
-            )
-
-        def refuse(wrong: NDArray[np.bool_], found: str, legal: str) -> None:
-            if wrong.any():
-                index = int(np.argmax(wrong))
-                place = ", ".join(f"{x:.4g}" for x in points.reshape(-1, self.dim)[index])
-                value = float(distance.flat[index])
-                raise GeometryError(f"{what} {found.format(value)} at ({place}) mm: {legal}")
-
-        refuse(~np.isfinite(distance), "is {}", "it must be finite")
+        what = f"signed distance of a {type(self).__name__}"
+        check_values(what, points, distance)
+        refuse = partial(_refuse, what, points, distance)
         if self.kind != "sampled":  # its wall may be moved beyond the grid
             low, high = self.bounds
             inside = distance < -self.error - ROUND_OFF_DISTANCE_MM
@@ -349,6 +352,69 @@ class Duct(ABC):
     def _core(self) -> Duct:
         """What kernels see of a duct that does not pack itself."""
         return self.sample()
+
+
+def check_values(what: str, points: ArrayLike, values: ArrayLike) -> Floats:
+    """Return values of a shape at points (..., dim) as an array, or raise `GeometryError`."""
+    try:
+        array = check_array(what, values)
+    except InputError as error:
+        raise GeometryError(f"the {error}") from None
+    if array.shape != np.shape(points)[:-1] or not np.isfinite(array).all():
+        places = check_points("points", points, dim=max(np.shape(points)[-1:], default=3))
+        if array.shape != places.shape[:-1]:
+            raise GeometryError(
+                f"the {what} has shape {array.shape} at points of shape {places.shape}: it must be "
+                f"{places.shape[:-1]}"
+            )
+        _refuse(what, places, array, ~np.isfinite(array), "is {}", "it must be finite")
+    return array
+
+
+def _refuse(
+    what: str, points: Floats, values: Floats, wrong: NDArray[np.bool_], found: str, legal: str
+) -> None:
+    """Raise `GeometryError` that names the first of `points` where `wrong` is true."""
+    if wrong.any():
+        index = int(np.argmax(wrong))
+        place = ", ".join(f"{x:.4g}" for x in points.reshape(-1, points.shape[-1])[index])
+        value = float(values.flat[index])
+        raise GeometryError(f"the {what} {found.format(value)} at ({place}) mm: {legal}")
+
+
+def _check_method(method: Callable[..., ArrayLike], what: str) -> Callable[..., Floats]:
+    """Return a method of a shape whose values at points are checked."""
+
+    @wraps(method)
+    def call(self: Duct, points: ArrayLike, /) -> Floats:
+        return check_values(f"{what} of a {type(self).__name__}", points, method(self, points))
+
+    return call
+
+
+def _check_bounds(method: Callable[..., ArrayLike]) -> Callable[..., Floats]:
+    """Return a shape's `bounds` whose box is checked."""
+
+    @wraps(method)
+    def call(self: Duct) -> Floats:
+        name = f"bounds of a {type(self).__name__}"
+        try:
+            box = check_array(name, method(self))
+        except InputError as error:
+            raise GeometryError(f"the {error}") from None
+        if box.shape not in ((2, 2), (2, 3)) or not np.isfinite(box).all():
+            raise GeometryError(
+                f"the {name} are {show_value(box.tolist())}: they must be two corners of a finite "
+                "box, (2, 2) or (2, 3)"
+            )
+        if not (box[0] < box[1]).all():
+            raise GeometryError(
+                f"the {name} are {show_value(box.tolist())}: the first corner must lie below the "
+                "second"
+            )
+        return box
+
+    return call
 
 
 def check_duct(name: str, duct: object) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +15,13 @@ from ..checks import check_number, check_points, check_range
 from ..errors import GeometryError, InputError
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
+from ..results import take_axes
 from .base import Duct, SampledField
 from .shapes.cones import RoundCones
 from .shapes.cylinders import ConnectedCylinders
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # The nodes of a lumen as a graph: ends located, paths found, tips measured.
 
@@ -441,6 +446,12 @@ class Centreline:
         """Length of the curve [mm]."""
         return float(self.arc_length[-1])
 
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the clearance over the arc length and return the axes."""
+        ax = take_axes(ax, x="arc length [mm]", y="clearance [mm]")
+        ax.plot(self.arc_length, self.radius)
+        return ax
+
     def cut(self, length: float) -> Centreline:
         """Return the curve's first `length` mm."""
         inner = self.arc_length < length - 1e-9
@@ -497,10 +508,17 @@ def find_centreline(
 
     Raises
     ------
+    InputError
+        If `field` is no sampled field.
     GeometryError
         If an end lies outside the lumen, the ends are not connected, or an end is to be found and
         the lumen is no tube.
     """
+    if not isinstance(field, SampledField):
+        raise InputError(
+            f"field is a {type(field).__name__}: it must be a SampledField, which build_field "
+            "makes of a tract and sample() of a duct"
+        )
     progress("centreline", 0.0)
     graph = LumenGraph(field)
     areas = (graph.locate_region("start", regions[0]), graph.locate_region("end", regions[1]))

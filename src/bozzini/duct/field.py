@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..anatomy.frame import fit_frame, measure_shift
-from ..checks import check_number, check_points
+from ..checks import check_number, check_points, show_value
 from ..errors import GeometryError, InputError
 from ..progress import Progress, no_progress
 from .base import PackedDuct, Wrapped
@@ -257,6 +258,18 @@ def measure_parts(vertices: Floats, faces: NDArray[np.int64]) -> tuple[NDArray[n
     return part, volumes.astype(np.float64)
 
 
+def check_tract(name: str, tract: object, *, legal: str = "a LabelTract or a SurfaceTract") -> None:
+    """Raise `InputError` unless `tract` is a tract; a file must be read first."""
+    from ..anatomy.tract import LabelTract, SurfaceTract
+
+    if not isinstance(tract, (LabelTract, SurfaceTract)):
+        if isinstance(tract, (str, os.PathLike)):
+            raise InputError(
+                f"{name} is {show_value(str(tract))}: read the file by read_tract first"
+            )
+        raise InputError(f"{name} is a {type(tract).__name__}: it must be {legal}")
+
+
 def make_wall(tract: LabelTract | SurfaceTract) -> MeshWall | VoxelWall:
     """Return the wall of a tract."""
     if tract.kind == "labels":
@@ -337,10 +350,11 @@ def build_field(
     Raises
     ------
     InputError
-        If `voxel`, `inflate` or `reach` is not legal.
+        If `tract` is no tract, or `voxel`, `inflate` or `reach` is not legal.
     GeometryError
         If the grid would be too large, or no node lies inside the lumen.
     """
+    check_tract("tract", tract)
     options = {"voxel": voxel, "inflate": inflate, "reach": reach, "progress": progress}
     # A body of wall within the lumen would shrink if the wall moved outwards.
     bodies = any(item.code == "cavities" for item in tract.findings)

@@ -51,6 +51,11 @@ def find_least(
     slope : float
         Lipschitz constant.
 
+    Raises
+    ------
+    GeometryError
+        If the function is NaN somewhere.
+
     Notes
     -----
     Each box is halved along its longer sides; one whose value at the middle less `slope` times
@@ -65,6 +70,9 @@ def find_least(
     while True:
         reach = slope * float(np.linalg.norm(half))
         bound = float(values.min()) - reach
+        if np.isnan(bound):
+            where = ", ".join(f"{x:.4g}" for x in centres[int(np.argmin(values))])
+            raise GeometryError(f"the signed distance is nan at ({where}) mm: it must be finite")
         done = best <= enough or bound > enough > -np.inf or best - bound <= tolerance
         if done or len(centres) > CELLS_MAX or reach <= 1e-15 * (1.0 + abs(best)):
             return Least(best, place, min(bound, best))

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
-from ..checks import Quantity, check_word, list_quantities, quantity
+from ..checks import Quantity, check_word, list_quantities, quantity, show_value
 from ..errors import FileFormatError, InputError, PluginError
 from ..io.files import check_new_file, write_text
 from ..io.records import format_yaml, load_data, read_record
@@ -122,7 +122,7 @@ def load_shapes(path: str | os.PathLike[str]) -> Duct:
 
     Raises
     ------
-    FileFormatError
+    InputError, FileFormatError
         As `load_shapes_file` does.
     """
     return load_shapes_file(path).shapes
@@ -133,10 +133,14 @@ def load_shapes_file(path: str | os.PathLike[str]) -> ShapesFile:
 
     Raises
     ------
+    InputError
+        If `path` is no path.
     FileFormatError
         If the file is missing, is not JSON or YAML, is of a later version, or holds a shape that
         is none: the message names its number and the value.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"path is {show_value(path)}: it must be the path of a file")
     source = Path(path)
     if source.suffix.lower() not in SUFFIXES:
         raise FileFormatError(

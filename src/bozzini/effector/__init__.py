@@ -126,3 +126,7 @@ __all__ = [
     "trace_path",
     "workspace",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -12,7 +12,7 @@ from typing import ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number, check_word
+from ..checks import check_array, check_number, check_word, show_value
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..errors import InputError, PluginError
@@ -37,6 +37,8 @@ POSITIONS_MAX = 10_000_000
 class Motion:
     """What a planner finds: the steps, and why they end before the goal.
 
+    Lists become arrays.
+
     Parameters
     ----------
     joints : (steps, joints, dim) float
@@ -47,17 +49,23 @@ class Motion:
     path : (n, dim) float
         The path that the head follows, world frame [mm].
     reason_code, reason : str
-        Why the motion ends before the goal; "" where it does not.
+        Why the motion ends before the goal, a word and one sentence; "" where it does not.
     refusal : Refusal, optional
         The same in numbers; its code and reason stand for the two.
     certificate : Certificate, optional
-        Where it is known already; `Planner.plan` makes what is not.
+        Where it is known already; `Planner.plan` makes what is not. That of another package's
+        planner is not used: its motion is certified anew.
     method : str
         Which planner made it, where a planner chooses between several.
     freedom : float, optional
         Share of the free tube that the joints use.
     candidates : tuple of CandidateMotion
         The motions that were compared for it.
+
+    Raises
+    ------
+    PluginError
+        If `joints`, `head_arc_length` or `path` is no array of numbers.
     """
 
     joints: NDArray[np.float64]
@@ -70,6 +78,14 @@ class Motion:
     method: str = ""
     freedom: float | None = None
     candidates: tuple[CandidateMotion, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("joints", "head_arc_length", "path"):
+            try:
+                array = check_array(f"{name} of a motion", getattr(self, name))
+            except InputError as error:
+                raise PluginError(str(error)) from None
+            object.__setattr__(self, name, array)
 
 
 class Planner(ABC):
@@ -118,6 +134,8 @@ class Planner(ABC):
         ------
         InputError
             If an option is not legal for this planner, scope or space.
+        PluginError
+            If another package's planner gives a motion that is none, or not that of its path.
         """
         options = options or PlannerOptions()
         self.check(scope, options)
@@ -138,27 +156,57 @@ class Planner(ABC):
         advise = options.advise and not short
         asked = dataclasses.replace(options, advise=advise)
         motion = self.move(space, scope, asked, progress=progress)
-        self._check_motion(motion, scope, options)
+        self._check_motion(motion, scope, options, dim=dim)
+        if not self._is_own:
+            motion = dataclasses.replace(motion, certificate=None)
         if short and not motion.reason_code and motion.refusal is None:
             motion = dataclasses.replace(motion, refusal=_explain_short(scope, line))
         plan = finish_plan(space, motion, scope=scope, options=options, asked=self.name)
+        if not self._is_own:
+            self._check_plan(dataclasses.replace(plan, centreline=line))
         progress("certify", 1.0)
         return plan
 
-    def _check_motion(self, motion: Motion, scope: Scope, options: PlannerOptions) -> None:
+    @property
+    def _is_own(self) -> bool:
+        """Whether the planner is one of this package."""
+        return type(self).__module__.partition(".")[0] == __name__.partition(".")[0]
+
+    def _check_plan(self, plan: Plan) -> None:
+        """Raise `PluginError` for a plan that would be refused when it is verified."""
+        from .verify import check_consistency
+
+        for check in check_consistency(plan):
+            if not check.ok:
+                raise PluginError(
+                    f"the planner {self.name} gave a motion that is not consistent: {check.name}: "
+                    f"{check.message}"
+                )
+
+    def _check_motion(
+        self, motion: Motion, scope: Scope, options: PlannerOptions, *, dim: int
+    ) -> None:
         """Raise `PluginError` for a motion that is none of this scope, or ends for no reason."""
         if not isinstance(motion, Motion):
             raise PluginError(
                 f"the planner {self.name} gave a {type(motion).__name__}: it must give a Motion"
             )
-        joints, heads = np.asarray(motion.joints), np.asarray(motion.head_arc_length)
-        if joints.ndim != 3 or heads.shape != joints.shape[:1] or joints.shape[1] < 2:
+        joints, heads, path = motion.joints, motion.head_arc_length, motion.path
+        steps = len(heads) if heads.ndim == 1 else 0
+        if joints.ndim != 3 or joints.shape != (steps, max(joints.shape[1], 2), dim) or not steps:
             raise PluginError(
                 f"the planner {self.name} gave joints of shape {joints.shape} for {heads.shape} "
-                "arc lengths of the head: it must give (steps, joints, dim) and (steps,)"
+                f"arc lengths of the head: it must give (steps, joints, {dim}) and (steps,), at "
+                "least 1 step and 2 joints"
             )
-        if not (np.isfinite(joints).all() and np.isfinite(heads).all()):
+        if path.ndim != 2 or path.shape != (max(len(path), 2), dim):
+            raise PluginError(
+                f"the planner {self.name} gave a path of shape {path.shape}: it must be (n, {dim}) "
+                "with n at least 2"
+            )
+        if not all(np.isfinite(array).all() for array in (joints, heads, path)):
             raise PluginError(f"the planner {self.name} gave places that are not finite")
+        self._check_words(motion)
         links = np.linalg.norm(np.diff(joints, axis=1), axis=2)
         off = float(np.abs(links - scope.link_length).max())
         if off > LENGTH_ROUND_OFF_MM:
@@ -166,11 +214,32 @@ class Planner(ABC):
                 f"the planner {self.name} gave links {off:.3g} mm off {scope.link_length:g} mm: "
                 f"they must keep that within {LENGTH_ROUND_OFF_MM:g} mm"
             )
-        end = options.route[-1] * float(measure_arc_length(np.asarray(motion.path))[-1])
+        end = options.route[-1] * float(measure_arc_length(path)[-1])
         if not (motion.reason_code or motion.refusal) and abs(heads[-1] - end) > scope.link_length:
             raise PluginError(
                 f"the planner {self.name} stopped with the head at {heads[-1]:.1f} mm of "
                 f"{end:.1f} mm: it must state why"
+            )
+
+    def _check_words(self, motion: Motion) -> None:
+        """Raise `PluginError` for a motion that does not state well why it ends, or its method."""
+        refusal, code, reason = motion.refusal, motion.reason_code, motion.reason
+        if isinstance(refusal, Refusal):
+            code, reason = refusal.code, refusal.reason
+        elif refusal is not None:
+            raise PluginError(
+                f"the planner {self.name} gave the refusal {show_value(refusal)}: it must be a "
+                "Refusal or None"
+            )
+        if not (isinstance(code, str) and isinstance(reason, str) and bool(code) == bool(reason)):
+            raise PluginError(
+                f"the planner {self.name} gave the reason code {show_value(code)} with the reason "
+                f"{show_value(reason)}: it must give both as text, or neither"
+            )
+        if not isinstance(motion.method, str):
+            raise PluginError(
+                f"the planner {self.name} gave the method {show_value(motion.method)}: it must be "
+                "text"
             )
 
     def check(self, scope: Scope, options: PlannerOptions) -> None:

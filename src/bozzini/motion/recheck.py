@@ -137,7 +137,7 @@ class Tube:
     Parameters
     ----------
     entry : (3,) float
-        Where it ends, world frame [mm].
+        Centre of its inner end, world frame [mm].
     outward : (3,) float
         Unit vector out of the tract.
     bore : float

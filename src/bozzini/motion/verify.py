@@ -486,7 +486,7 @@ def _check_ends(plan: Plan) -> str | None:
         )
     if plan.status == "stopped" and reached and all(met for *_, met in _follow_route(plan)):
         raise FaultError("the plan is called stopped, but its head goes the whole way to the goal")
-    rest = " and ends where it ends" if reached else f", and ends {last:.1f} mm short"
+    rest = " and ends at its end" if reached else f", and ends {last:.1f} mm short"
     return f"the path begins where the centreline begins{rest}"
 
 

@@ -20,3 +20,7 @@ __all__ = [
     "render_fluoroscopy",
     "write_figure",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -17,7 +17,7 @@ from ...progress import Progress, no_progress
 from ...results import Result
 from ..base import Duct, SampledField
 from ..centreline import Centreline, find_centreline
-from ..field import build_field
+from ..field import build_field, check_tract
 from ..shape_files import save_shapes
 from ..shapes.cones import RoundCones
 from ..shapes.cylinders import ConnectedCylinders
@@ -257,6 +257,7 @@ def fit(
         duct: Duct = source
         draft = source if isinstance(source, SampledField) else None
     else:
+        check_tract("source", source, legal="a LabelTract, a SurfaceTract or a Duct")
         duct, draft = mesh_from_tract(source), build_field(source)
     if centreline is None:
         field = duct.sample() if draft is None else draft
