@@ -76,7 +76,7 @@ def bench_pose_against_printed(benchmark: Any) -> None:
     """Each of a batch, and single calls; the square of the norm has a derivative at its minimum."""
     effector = build_thesis()
     theirs, rows = min(time_printed(effector, "squared") for _ in range(3))
-    assert abs(rows[-1][2] - balance(effector, "R", PRESSURE).lateral) < 1e-3
+    assert abs(rows[-1][2] - balance(effector, "R", pressure=PRESSURE).lateral) < 1e-3
 
     pressures = np.zeros((COUNT, 3))
     pressures[:, 0] = np.linspace(0.9, 1.0, COUNT) * PRESSURE
@@ -102,7 +102,7 @@ def bench_pose_against_the_printed_norm(benchmark: Any) -> None:
     """The objective to the letter, which has no derivative at its minimum; timed once."""
     effector = build_thesis()
     theirs, rows = time_printed(effector, "norm")
-    assert abs(rows[-1][2] - balance(effector, "R", PRESSURE).lateral) < 1e-3
+    assert abs(rows[-1][2] - balance(effector, "R", pressure=PRESSURE).lateral) < 1e-3
     pressures = np.array([PRESSURE, 0.0, 0.0])
     benchmark.pedantic(pose, args=(effector, pressures), rounds=1000, warmup_rounds=5)
     single = benchmark.stats.stats.median

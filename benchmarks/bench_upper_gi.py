@@ -19,7 +19,7 @@ def run_stages(source: Path, labels: tuple[int, ...] | None) -> InsertionStudy:
     tract = read_tract(source, labels=labels)
     seconds = {"read": time.perf_counter() - begin}
     scope = Scope(diameter=5.0, link_length=6.0)
-    study = run_insertion(tract, scope, InsertionOptions(inflate=3.0, method="thesis"))
+    study = run_insertion(tract, scope, options=InsertionOptions(inflate=3.0, method="thesis"))
     return replace(study, seconds=seconds | study.seconds)
 
 

@@ -168,7 +168,7 @@ def move_link(duct, line):
     heads = np.stack([np.interp(arc, line.arc_length, column) for column in line.points.T], axis=1)
     tails = [line.points[0]]
     for head in heads:
-        placed = place_tail(duct, head, tails[-1], length=LINK, clearance=CHAIN.radius)
+        placed = place_tail(duct, head, old_tail=tails[-1], length=LINK, clearance=CHAIN.radius)
         if not placed.found:
             print(f"    {placed.reason}")
             break

@@ -73,19 +73,19 @@ def main(arguments=None):
     print(f"{len(data)} rows; a repeat is off by {repeats.pooled_deviation:.3f} mm")
 
     free = ("modulus", "dead_length", "friction_length")
-    mean = calibrate(EnergyMuscle, start, data.mean_of_directions())
+    mean = calibrate(EnergyMuscle, start, data=data.mean_of_directions())
     print_fit("mean of both directions", mean)
-    both = calibrate(EnergyMuscle, start, data, free=free)
+    both = calibrate(EnergyMuscle, start, data=data, free=free)
     print_fit("both directions", both)
     up = data.select(data.direction == "inflating")
     try:
-        calibrate(EnergyMuscle, start, up, free=free)
+        calibrate(EnergyMuscle, start, data=up, free=free)
     except InputError as error:
         print(f"inflation alone: refused: {error}")
-    lost = calibrate(EnergyMuscle, start, up, free=free, options=FitOptions(force=True))
+    lost = calibrate(EnergyMuscle, start, data=up, free=free, options=FitOptions(force=True))
     print_fit("inflation alone, forced", lost)
 
-    printed = calibrate(ThesisMuscle, start, data, free=("modulus", "end_length"))
+    printed = calibrate(ThesisMuscle, start, data=data, free=("modulus", "end_length"))
     models = {
         "energy, 3 fitted": EnergyMuscle(both.muscle),
         "energy, as designed": EnergyMuscle(start),

@@ -79,7 +79,7 @@ def judge_steps(board, design, period, model, seed):
 
     def control(time, told):
         wanted = STEPS[min(int(time + 1e-9), len(STEPS) - 1)]
-        return (forward.shape(time, wanted, told) if forward else SetPoint(wanted)), {}
+        return (forward.shape(time, wanted, board=told) if forward else SetPoint(wanted)), {}
 
     run = host.run(control, float(len(STEPS)))
     if not run.converged:

@@ -61,16 +61,28 @@ class Unfinished(MuscleModel):
 class Nothing(Muscle):
     name = "nothing"
     def contraction(self, pressure, load=0.0, *, direction=None): return None
+class Sound(Muscle):
+    name = "sound"
+    def force(self, pressure, contraction, *, direction=None):
+        return 9.0 * np.asarray(pressure) - contraction
+    def contraction(self, pressure, load=0.0, *, direction=None):
+        return 9.0 * np.asarray(pressure) - load
+class Forceless(Sound):
+    name = "forceless"
+    def force(self, pressure, contraction, *, direction=None): return None
+class Misshapen(Sound):
+    name = "misshapen"
+    def contraction(self, pressure, load=0.0, *, direction=None): return np.zeros(7)
 class Honest(Muscle):
     name = "honest"
     def contraction(self, pressure, load=0.0, *, direction=None): raise InputError("no answer")
 
 class Lost(Planner):
     name = "lost"
-    def move(self, space, scope, options, *, progress=None): raise IndexError("no way")
+    def move(self, space, scope, *, options, progress=None): raise IndexError("no way")
 class Mute(Lost):
     name = "mute"
-    def move(self, space, scope, options, *, progress=None): pass
+    def move(self, space, scope, *, options, progress=None): pass
 class Fussy(Lost):
     name = "fussy"
     def __init__(self, speed): pass
@@ -94,6 +106,7 @@ NAMES = {
         "plain": "odd:Plain", "nameless": "odd:Nameless", "renamed": "odd:Renamed",
         "greedy": "odd:Greedy", "unbuilt": "odd:Unbuilt", "unfinished": "odd:Unfinished",
         "raising": "odd:Raising", "nothing": "odd:Nothing", "honest": "odd:Honest",
+        "forceless": "odd:Forceless", "misshapen": "odd:Misshapen",
     },
     "bozzini.planners": {
         "missing": "no_such_module:Planner", "plain": "odd:Plain", "lost": "odd:Lost",
@@ -118,6 +131,11 @@ BROKEN = {
 FAILING = {
     "unbuilt": "failed in __init__: OSError: no table",
     "raising": "failed in contraction: KeyError: 'gain'",
+}
+WRONG = {
+    "forceless": "(odd.Forceless) gave None as force: it must give a number for each",
+    "misshapen": "(odd.Misshapen) gave array([0., 0., 0., 0., 0., 0., 0.]) as contraction",
+    "nothing": "(odd.Nothing) gave None as contraction: it must give a number for each",
 }
 SOLVE = "muscle", "solve", "--pressure", "0.3MPa", "--model"
 
@@ -169,6 +187,25 @@ def test_a_broken_model_asked_for_by_name_is_one_line(run, name, words):
     assert f"'{name}' of odd-package ({NAMES['bozzini.muscles'][name]})" in err and words in err
 
 
+@pytest.mark.parametrize(("name", "words"), WRONG.items())
+def test_a_model_that_gives_no_numbers_is_one_line(run, name, words):
+    code, out, err = run(*SOLVE, name)
+    assert (code, out, err.count("\n")) == (2, "", 1) and words in err
+    model = MODELS[name](preset("effector-45"))
+    with pytest.raises(PluginError, match=f"the model {name} .odd"):
+        model.solve([0.1, 0.2], [[1.0], [2.0]])
+
+
+def test_a_model_of_another_package_answers_for_every_argument():
+    import odd
+
+    model = odd.Sound(preset("effector-45"))
+    state = model.solve([0.1, 0.2], [[0.0], [0.5]])
+    assert state.force == pytest.approx(np.broadcast_to([[0.0], [0.5]], (2, 2)))
+    with pytest.raises(InputError, match="shapes do not go together"):
+        model.force([0.1, 0.2], [1.0, 2.0, 3.0])
+
+
 def test_broken_models_are_listed_with_the_reason(run):
     code, out, _ = run("muscle", "models", "--json")
     listed = json.loads(out)
@@ -180,10 +217,42 @@ def test_broken_models_are_listed_with_the_reason(run):
     assert "cannot be imported" in run("continuum", "models")[1]
 
 
+def install(folder: Path, package: str, *, group: str, name: str, place: str) -> None:
+    about = folder / f"{package}-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(f"[{group}]\n{name} = {place}\n")
+
+
+def test_a_name_that_bozzini_has_is_listed_and_stays_its_own(run, tmp_path):
+    kind = MODELS["energy"]
+    install(tmp_path, "copy", group="bozzini.muscles", name="energy", place="odd:Honest")
+    install(tmp_path, "rod-copy", group="bozzini.continuum", name="rod", place="odd:Stiff")
+    assert MODELS["energy"] is kind and "energy" not in MODELS.plugins
+    for command, line in (
+        ("muscle", "broken: 'energy' of copy (odd:Honest) is not used: Bozzini has a model"),
+        ("continuum", "broken: 'rod' of rod-copy (odd:Stiff) is not used: Bozzini has a model"),
+    ):
+        code, out, _ = run(command, "models")
+        assert code == 0 and out.count(line) == 1
+    assert run(*SOLVE, "energy")[0] == 0
+
+
+def test_a_name_that_two_packages_use_is_refused_with_both(run, tmp_path):
+    install(tmp_path, "second", group="bozzini.muscles", name="sound", place="odd:Sound")
+    install(tmp_path, "first", group="bozzini.muscles", name="sound", place="odd:Honest")
+    words = "cannot be used: first (odd:Honest) and second (odd:Sound) have one of that name"
+    code, out, err = run(*SOLVE, "sound")
+    assert (code, out, err.count("\n")) == (2, "", 1) and words in err
+    assert f"broken: the model 'sound' {words}" in run("muscle", "models")[1]
+    assert words in MODELS.broken["sound"]
+
+
 def test_broken_models_are_refused_in_a_ranking_and_the_others_ranked(run, data, monkeypatch):
     one = {"thesis": MODELS["thesis"]}
     monkeypatch.setitem(MODELS.__dict__, "own", one)
-    refused = BROKEN | FAILING | {"honest": "no answer", "nothing": "it must give a number"}
+    others = {"honest": "no answer", "forceless": "it cannot be fitted"}
+    refused = BROKEN | FAILING | WRONG | others
     table = write_measurements("data.csv", data)
     code, out, err = run("muscle", "compare", table, "--folds", "0", "--json")
     assert code == 0, err
@@ -384,7 +453,7 @@ def test_a_continuum_model_that_is_broken_or_fails_is_refused(run):
 def test_a_comparison_of_plans_goes_on_without_broken_planners():
     tract = tract_from_labels(np.pad(np.ones((9, 9, 30), dtype=np.uint8), 2), np.eye(4))
     options = InsertionOptions(voxel=1.0, head_step=2.0, compare=True)
-    study = run_insertion(tract, Scope(diameter=4.0, link_length=6.0), options)
+    study = run_insertion(tract, Scope(diameter=4.0, link_length=6.0), options=options)
     assert [plan.asked for plan in study.comparison] == ["tube", "follow", "thesis"]
     named = [item.message for item in study.findings if item.code == "plugin"]
     assert len(named) == len(NAMES["bozzini.planners"])

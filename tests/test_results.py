@@ -42,7 +42,7 @@ DATA = Measurements(pressure=PRESSURE, contraction=EnergyMuscle(MUSCLE).contract
 
 RESULTS = {
     "state": (lambda: EnergyMuscle(MUSCLE).solve(PRESSURE), 12),
-    "calibration": (lambda: calibrate(EnergyMuscle, MUSCLE, DATA), 2),
+    "calibration": (lambda: calibrate(EnergyMuscle, MUSCLE, data=DATA), 2),
     "comparison": (lambda: compare_models({"energy": EnergyMuscle(MUSCLE)}, DATA), 1),
     "ranking": (
         lambda: rank(DATA, MUSCLE, models={"energy": EnergyMuscle}, options=RankOptions(folds=0)),
@@ -56,7 +56,7 @@ RESULTS = {
     "inverse": (lambda: EFFECTOR.inverse([[3.0, -4.0], [300.0, 0.0]]), 2),
     "workspace": (lambda: EFFECTOR.workspace(directions=12, samples=1), None),
     "force": (lambda: tip_force(EFFECTOR, [[1.0, 0.0], [0.0, 1.0]]), 2),
-    "balance": (lambda: balance(EFFECTOR, "R", PRESSURE), 12),
+    "balance": (lambda: balance(EFFECTOR, "R", pressure=PRESSURE), 12),
     "trace": (lambda: trace_circle(EFFECTOR, 5.0, steps=8), 9),
     "sweep": (lambda: sweep(EFFECTOR, {"offset": [3.0, 4.0]}), 2),
     "optimum": (lambda: optimise_design(EFFECTOR, 9.0, bounds={"offset": (3.9, 4.0)}, grid=2), 1),

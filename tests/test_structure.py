@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import inspect
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import bozzini
@@ -65,6 +67,32 @@ def test_functions_have_few_parameters() -> None:
                 count = len(names) - (names[:1] in (["self"], ["cls"]))
                 long += [f"{name}.{node.name}: {count}"] if count > 6 else []
     assert len(long) < 20, long
+
+
+def _list_public() -> Iterator[tuple[str, Callable[..., object]]]:
+    """Give the functions and methods of the public names of the packages."""
+    for name, path in MODULES.items():
+        parts = name.split(".")
+        if path.stem != "__init__" or len(parts) != 2:
+            continue
+        package = importlib.import_module(name)
+        for word in getattr(package, "__all__", ()):
+            item = getattr(package, word)
+            if inspect.isfunction(item):
+                yield f"{name}.{word}", item
+            for key, method in vars(item).items() if isinstance(item, type) else ():
+                if inspect.isfunction(method) and not key.startswith("_"):
+                    yield f"{name}.{word}.{key}", method
+
+
+def test_public_functions_take_two_arguments_by_their_place() -> None:
+    long = []
+    for name, function in _list_public():
+        given = inspect.signature(function).parameters.values()
+        by_place = [p.name for p in given if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+        count = len(by_place) - (by_place[:1] in (["self"], ["cls"]))
+        long += [f"{name}: {count}"] if count > 2 else []
+    assert not long
 
 
 def test_few_types_are_left_open() -> None:

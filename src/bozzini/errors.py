@@ -39,7 +39,7 @@ class FileFormatError(InputError):
 
 
 class GeometryError(InputError):
-    """A tract, duct or robot geometry cannot be used, and the message says where and why."""
+    """A tract, duct or robot geometry cannot be used; the message has the place and why."""
 
 
 class OutputError(BozziniError, OSError):
@@ -70,5 +70,5 @@ class MissingExtraError(BozziniError, ImportError):
         self.extra = extra
 
     def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
-        # An exception is pickled by its message unless told otherwise.
+        # By default an exception is pickled by its message alone.
         return type(self), (self.package, self.extra)

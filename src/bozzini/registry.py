@@ -27,7 +27,8 @@ class Registry(Mapping[str, type[T]]):
 
     They are imported and checked when they are first asked for. From then on, whatever the methods
     of such a class raise that is no `BozziniError` becomes a `PluginError` that names the class. A
-    name that this package has already stays with it.
+    name that this package has already stays with it; one that two packages use is refused. Both are
+    listed in `broken`.
 
     Parameters
     ----------
@@ -72,8 +73,16 @@ class Registry(Mapping[str, type[T]]):
 
     @property
     def broken(self) -> dict[str, str]:
-        """The names whose classes cannot be used, and why. This imports other packages."""
-        found = {}
+        """The names whose classes cannot be used, and why. This imports other packages.
+
+        Where this package has the name, the key is the name and the other package's.
+        """
+        found = {
+            f"{point.name} of {_name_package(point)}": f"'{point.name}' of {_name_place(point)} is "
+            f"not used: Bozzini has a {self.noun} of that name"
+            for point in entry_points(group=self.group)
+            if point.name in self.own
+        }
         for name in self.plugins:
             try:
                 self[name]
@@ -104,8 +113,14 @@ class Registry(Mapping[str, type[T]]):
 
     def _load(self, point: EntryPoint) -> type[T]:
         """Return the class of another package, checked and guarded."""
-        package = f"{point.dist.name} ({point.value})" if point.dist else point.value
-        label = f"the {self.noun} '{point.name}' of {package}"
+        same = [other for other in entry_points(group=self.group) if other.name == point.name]
+        if len(same) > 1:
+            raise PluginError(
+                f"the {self.noun} '{point.name}' cannot be used: "
+                f"{' and '.join(sorted(map(_name_place, same)))} have one of that name; uninstall "
+                "all but one"
+            )
+        label = f"the {self.noun} '{point.name}' of {_name_place(point)}"
         try:
             kind = point.load()
         except (Exception, SystemExit) as error:  # another package may raise anything
@@ -144,6 +159,16 @@ class Registry(Mapping[str, type[T]]):
 
     def __len__(self) -> int:
         return len(self.own) + len(self.plugins)
+
+
+def _name_package(point: EntryPoint) -> str:
+    """Return the name of the package that an entry point is of, or its module's without one."""
+    return point.dist.name if point.dist else point.module
+
+
+def _name_place(point: EntryPoint) -> str:
+    """Return the package and the class of an entry point."""
+    return f"{point.dist.name} ({point.value})" if point.dist else point.value
 
 
 def _guard_methods(kind: type[object], base: type[object], label: str) -> None:

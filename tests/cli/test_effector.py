@@ -228,7 +228,7 @@ def test_curve(ask, run, tmp_path):
     rows = list(csv.DictReader(io.StringIO(out)))
     assert len(rows) == 7
     for row in rows:
-        found = balance(EFFECTOR, "G", float(row["pressure_MPa"]))
+        found = balance(EFFECTOR, "G", pressure=float(row["pressure_MPa"]))
         assert float(row["deflection_G_mm"]) == pytest.approx(float(found.lateral), abs=1e-6)
         assert float(row["force_G_N"]) == pytest.approx(float(found.force), abs=1e-6)
     said = ask("curve", "--cubic-from", "100kPa", "--out", "curve.png")
@@ -294,7 +294,7 @@ def test_least_pressure(ask, run):
     assert said["pressure_MPa"] < said["pressure_before_MPa"]
     length = said["changes"]["length_mm"]
     better = Effector(EFFECTOR.design.resize(length))
-    needed = balance(better, "R", said["pressure_MPa"]).lateral
+    needed = balance(better, "R", pressure=said["pressure_MPa"]).lateral
     assert float(needed) == pytest.approx(12.0, abs=1e-6)
     code, text, _ = run("study", "least-pressure", "--between", "offset=0.1mm:0.2mm",
                         "--deflection", "12mm", "--quiet")  # fmt: skip
@@ -329,7 +329,9 @@ def test_model_of_the_muscles(ask):
         )
     )
     effector = Effector(design, lambda muscle: ThesisMuscle(muscle, load_path="bulk"))
-    assert said["lateral_mm"] == pytest.approx(float(balance(effector, "R", 0.6894).lateral))
+    assert said["lateral_mm"] == pytest.approx(
+        float(balance(effector, "R", pressure=0.6894).lateral)
+    )
 
 
 NARROW = ("--offset", "1.5mm", "--beam", "2")

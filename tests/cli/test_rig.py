@@ -20,7 +20,7 @@ def run(capsys, tmp_path, monkeypatch):
     head = {"delimiter": ",", "comments": ""}
     level = np.linspace(0.01, 0.615, 300)
     for name, volume in (("slow", 2e4), ("quick", 1e4)):
-        clock = ORIFICE.fill_time(volume, 0.62, level, start=0.01)
+        clock = ORIFICE.fill_time(volume, 0.62, end=level, start=0.01)
         time = np.linspace(0.0, clock[-1], 120)
         rows = np.column_stack([time, 1e3 * np.interp(time, clock, level)])
         np.savetxt(

@@ -97,7 +97,7 @@ def refined():
     mesh = trimesh.creation.capsule(height=6.0, radius=2.0, count=[16, 16])
     tract = SurfaceTract(vertices=mesh.vertices, faces=mesh.faces, source="made")
     field = build_field(tract, voxel=0.5)
-    return refine_field(field, tract, mesh.vertices, voxel=0.25, distance=2.0)
+    return refine_field(field, tract, line_points_world=mesh.vertices, voxel=0.25, distance=2.0)
 
 
 TURN = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])

@@ -81,7 +81,7 @@ def test_coordinates_and_points_are_each_others_inverse(seed):
     random, duct = random_strip(seed)
     quad = random.integers(0, len(duct.left) - 1, 200)
     along, across = random.uniform(0.0, 1.0, (2, 200))
-    points = duct.locate(quad, along, across)
+    points = duct.locate(quad, along, across=across)
     found = duct.coordinates(points)
     assert np.array_equal(found.quad, quad)
     assert found.along == pytest.approx(along, abs=1e-9)
@@ -95,10 +95,14 @@ def test_the_discriminant_is_the_square_of_the_jacobian(seed):
     quad = random.integers(0, len(duct.left) - 1, 50)
     along, across = random.uniform(0.05, 0.95, (2, 50))
     step = 1e-5
-    ds = duct.locate(quad, along + step, across) - duct.locate(quad, along - step, across)
-    dv = duct.locate(quad, along, across + step) - duct.locate(quad, along, across - step)
+    ds = duct.locate(quad, along + step, across=across) - duct.locate(
+        quad, along - step, across=across
+    )
+    dv = duct.locate(quad, along, across=across + step) - duct.locate(
+        quad, along, across=across - step
+    )
     jacobian = (ds[:, 0] * dv[:, 1] - ds[:, 1] * dv[:, 0]) / (4.0 * step**2)
-    found = duct.coordinates(duct.locate(quad, along, across))
+    found = duct.coordinates(duct.locate(quad, along, across=across))
     assert found.discriminant == pytest.approx(jacobian**2, rel=1e-6)
 
 
@@ -124,7 +128,7 @@ def test_both_solutions_solve_the_bilinear_map_complex_ones_too(seed):
 def test_parallel_sides_have_one_solution(left, right):
     duct = StitchedQuads(left, right)
     along, across = np.meshgrid([0.0, 0.3, 1.0], [0.0, 0.7, 1.0])
-    found = duct.coordinates(duct.locate(np.zeros((3, 3), dtype=int), along, across))
+    found = duct.coordinates(duct.locate(np.zeros((3, 3), dtype=int), along, across=across))
     assert np.all(found.quad == 0)
     assert found.along == pytest.approx(along, abs=1e-12)
     assert found.across == pytest.approx(across, abs=1e-12)
@@ -142,7 +146,7 @@ def test_outside_there_are_no_coordinates():
 def test_a_share_of_the_width_is_no_clearance():
     # The thesis's margin of 1/4 in v: 0.25 mm at the narrow end, 2 mm at the wide one.
     duct = StitchedQuads([(0, 0.5), (20, 4)], [(0, -0.5), (20, -4)])
-    narrow, wide = duct.locate([0, 0], [0.1, 0.8], [0.25, 0.25])
+    narrow, wide = duct.locate([0, 0], [0.1, 0.8], across=[0.25, 0.25])
     assert -duct.signed_distance(narrow) < 0.5 < 1.2 < -duct.signed_distance(wide)
 
 

@@ -35,7 +35,7 @@ def test_bounds_hold_and_are_tighter_near_the_line(kind):
     tract, wall = make_tract(kind)
     field = build_field(tract, voxel=1.0)
     line = np.array([1.0, 2.0, 3.0]) + np.linspace(-3, 3, 7)[:, None] * [0.3, 0.2, 1.0]
-    fine = refine_field(field, tract, line, distance=2.5)
+    fine = refine_field(field, tract, line_points_world=line, distance=2.5)
     assert isinstance(fine, Duct) and fine.coarse is field
     random = np.random.default_rng(0)
     points = random.uniform(*field.bounds, (4000, 3))
@@ -67,7 +67,9 @@ def test_bounds_hold_and_are_tighter_near_the_line(kind):
 def test_nodes_are_those_of_a_field_that_is_fine_everywhere():
     tract, _ = make_tract("surface")
     field = build_field(tract, voxel=1.0)
-    fine = refine_field(field, tract, field.bounds.mean(axis=0)[None], distance=60.0)
+    fine = refine_field(
+        field, tract, line_points_world=field.bounds.mean(axis=0)[None], distance=60.0
+    )
     whole = build_field(tract, voxel=0.5)
     assert (fine.table >= 0).all()
     points = np.random.default_rng(1).uniform(*field.bounds, (3000, 3))
@@ -82,7 +84,7 @@ def test_nodes_are_those_of_a_field_that_is_fine_everywhere():
 def test_inflation_moves_both_and_is_refused_beyond_the_reach():
     tract, wall = make_tract("labels")
     field = build_field(tract, voxel=1.0)
-    fine = refine_field(field, tract, [[1.0, 2.0, 3.0]])
+    fine = refine_field(field, tract, line_points_world=[[1.0, 2.0, 3.0]])
     wide = fine.inflate(2.0)
     assert wide.inflation == wide.coarse.inflation == 2.0
     points = np.random.default_rng(2).uniform(*field.bounds, (500, 3))
@@ -95,9 +97,9 @@ def test_a_field_of_another_tract_is_refused():
     labels, _ = make_tract("labels")
     surface, _ = make_tract("surface")
     with pytest.raises(InputError, match="do not belong together"):
-        refine_field(build_field(surface), labels, [[1.0, 2.0, 3.0]])
+        refine_field(build_field(surface), labels, line_points_world=[[1.0, 2.0, 3.0]])
     with pytest.raises(InputError, match="bricks, the limit is"):
-        refine_field(build_field(surface), surface, [[1.0, 2.0, 3.0]], voxel=0.02)
+        refine_field(build_field(surface), surface, line_points_world=[[1.0, 2.0, 3.0]], voxel=0.02)
 
 
 @pytest.mark.slow
@@ -111,7 +113,7 @@ def test_tubes_that_coarse_nodes_refuse_are_passed():
             source="made",
         )
         field = field_from_mask(tract.mask, tract.affine, voxel=1.0)
-        fine = refine_field(field, tract, tube.line.points)
+        fine = refine_field(field, tract, line_points_world=tube.line.points)
         radius = 0.5 * tube.scope.diameter
         refused += field.clearance_bound(tube.curve).min() < radius
         assert radius <= fine.clearance_bound(tube.curve).min()

@@ -125,7 +125,7 @@ def test_5_21_runs_backwards_along_the_quads(seed):
     duct = StitchedQuads(left, right)
     u, v = random.uniform(0.0, 1.0, (2, 20))
     points = forms.quad_5_21(left, right, u, v)
-    assert points == pytest.approx(duct.locate(np.zeros(20, dtype=int), 1.0 - u, v))
+    assert points == pytest.approx(duct.locate(np.zeros(20, dtype=int), 1.0 - u, across=v))
 
 
 @given(seed=SEEDS)
@@ -133,7 +133,7 @@ def test_6_1_needs_the_factor_b1(seed):
     random, left, right = convex_quad(seed)
     duct = StitchedQuads(left, right)
     across, along = random.uniform(0.1, 0.9, 2)
-    point = duct.locate(0, along, across)
+    point = duct.locate(0, along, across=across)
     solved = forms.solve_6_1(point, left, right)
     error = np.abs(solved - [across, along]).sum(axis=1)
     assert error.min() < 1e-6
@@ -153,7 +153,7 @@ def test_6_1_with_parallel_walls_and_with_a_vanishing_row():
 
 def test_6_2_adds_a_length_to_an_area():
     left, right = np.array([[0.0, 0.0], [0.0, 4.0]]), np.array([[3.0, -1.0], [3.0, 6.0]])
-    point = StitchedQuads(left, right).locate(0, 0.3, 0.6)
+    point = StitchedQuads(left, right).locate(0, 0.3, across=0.6)
     assert forms.solve_6_2(point, left, right) == pytest.approx([0.6, 0.3])
     assert abs(forms.solve_6_2_printed(point, left, right)[1] - 0.3) > 0.1
     # In another unit of length the right form answers the same, the printed one does not.
@@ -189,11 +189,13 @@ def test_h_of_5_23_is_the_chord_and_the_share(seed):
     duct = u_turn()
     quad = random.integers(0, len(duct.left) - 1, 50)
     along, across = random.uniform(0.01, 0.99, 50), random.uniform(-0.4, 1.4, 50)
-    points = duct.locate(quad, along, across)
+    points = duct.locate(quad, along, across=across)
     u, h = forms.quad_values_5_23(points, duct.left, duct.right)
     row = np.arange(50)
     chord = np.linalg.norm(
-        duct.locate(quad, along, np.zeros(50)) - duct.locate(quad, along, np.ones(50)), axis=1
+        duct.locate(quad, along, across=np.zeros(50))
+        - duct.locate(quad, along, across=np.ones(50)),
+        axis=1,
     )
     assert u[row, quad] == pytest.approx(1.0 - along, abs=1e-9)
     assert h[row, quad] == pytest.approx(-2.0 * chord**2 * across * (1.0 - across), abs=1e-8)

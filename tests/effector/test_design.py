@@ -37,8 +37,8 @@ def test_prototype():
 
 def test_rigidity_from_a_test():
     # 0.1 N deflects the section that the tables were made with by "approximately 15 mm".
-    assert rigidity_from_test(0.1, 15.1875, 45.0) == pytest.approx(200.0)
-    assert rigidity_from_test(0.1, 15.0, 45.0) == pytest.approx(202.5)
+    assert rigidity_from_test(0.1, 15.1875, length=45.0) == pytest.approx(200.0)
+    assert rigidity_from_test(0.1, 15.0, length=45.0) == pytest.approx(202.5)
 
 
 def test_a_catheter_adds_and_the_beam_formula_matters():

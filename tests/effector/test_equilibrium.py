@@ -55,7 +55,7 @@ def effector(request):
 def test_against_brentq(effector):
     """The root of muscle less section by SciPy, through the public methods alone."""
     model, c = effector.models[1], effector.design.compliance
-    found = balance(effector, "G", PRESSURES)
+    found = balance(effector, "G", pressure=PRESSURES)
     for pressure, x, lateral, force in zip(
         PRESSURES, found.contraction, found.lateral, found.force, strict=True
     ):
@@ -77,13 +77,13 @@ def test_against_brentq(effector):
 
 def test_more_pressure_deflects_more(effector):
     pressures = np.linspace(0.0, 0.827, 60)
-    found = balance(effector, "R", pressures)
+    found = balance(effector, "R", pressure=pressures)
     assert np.all(np.diff(found.lateral) >= 0.0)
     assert np.all(np.diff(found.lateral[~found.slack & (pressures > 0.0)]) > 0.0)
 
 
 def test_below_the_dead_band_a_muscle_is_slack(effector):
-    found = balance(effector, "B", [0.0, 0.01])
+    found = balance(effector, "B", pressure=[0.0, 0.01])
     assert found.slack.tolist() == [False, True]
     assert found.lateral.tolist() == found.contraction.tolist() == [0.0, 0.0]
     assert found.converged.all() and found.reason.tolist() == ["", ""]
@@ -92,11 +92,11 @@ def test_below_the_dead_band_a_muscle_is_slack(effector):
 
 def test_a_model_without_a_load_path_ignores_the_section():
     effector = Effector(THESIS, ThesisMuscle)
-    found = balance(effector, "R", PRESSURES)
+    found = balance(effector, "R", pressure=PRESSURES)
     free = effector.models[0].free_contraction(PRESSURES)
     assert found.contraction == pytest.approx(np.maximum(free, 0.0), abs=1e-12)
     assert np.array_equal(found.lateral, lateral_deflection(THESIS, found.contraction))
-    again = balance(effector, "R", PRESSURES, method="fixed-point")
+    again = balance(effector, "R", pressure=PRESSURES, method="fixed-point")
     assert again.contraction == pytest.approx(found.contraction, abs=1e-12)
     assert again.iterations.max() == 2
 
@@ -107,7 +107,7 @@ def test_tables_of_the_thesis(pressure):
     effector = Effector(THESIS, thesis_bulk)
     end = TABLES[pressure][-1]
     for method in ("root", "fixed-point"):
-        found = balance(effector, "R", pressure, method=method)
+        found = balance(effector, "R", pressure=pressure, method=method)
         assert found.contraction == pytest.approx(end[1], abs=0.15)
         assert found.lateral == pytest.approx(end[2], abs=0.5)
         assert found.force == pytest.approx(end[3], abs=0.05)
@@ -145,7 +145,7 @@ def test_table_42_with_the_corrected_contractions():
 def test_the_fixed_point_is_the_thesis_iteration():
     effector = Effector(THESIS, thesis_bulk)
     model = effector.models[0]
-    found = balance(effector, "R", 0.6894, method="fixed-point", tolerance=1e-4)
+    found = balance(effector, "R", pressure=0.6894, method="fixed-point", tolerance=1e-4)
     rows = iterate_printed(
         lambda p, f: float(model.contraction(p, f)),
         lambda x: float(lateral_deflection(THESIS, x)),
@@ -161,8 +161,8 @@ def test_the_fixed_point_is_the_thesis_iteration():
 
 def test_the_fixed_point_ends_where_the_root_is():
     effector = Effector(DESIGN.replace(beam_factor=2))
-    root = balance(effector, "R", PRESSURES)
-    fixed = balance(effector, "R", PRESSURES, method="fixed-point", tolerance=1e-9)
+    root = balance(effector, "R", pressure=PRESSURES)
+    fixed = balance(effector, "R", pressure=PRESSURES, method="fixed-point", tolerance=1e-9)
     assert fixed.converged.all()
     assert fixed.contraction == pytest.approx(root.contraction, abs=1e-8)
     assert fixed.table.shape == (8, fixed.iterations.max(), 4)
@@ -174,23 +174,23 @@ def test_the_fixed_point_ends_where_the_root_is():
 def test_the_fixed_point_converges_if_the_muscle_is_stiff_enough():
     """The factor of its errors is slope / (c k), measured on the table; above 1 it fails."""
     effector = Effector(THESIS, thesis_bulk)
-    found = balance(effector, "R", 0.6894, method="fixed-point", tolerance=1e-9)
+    found = balance(effector, "R", pressure=0.6894, method="fixed-point", tolerance=1e-9)
     steps = np.diff(found.table[:, 1])[:8]
     factor = lateral_slope(THESIS, found.contraction) / (
         THESIS.compliance * effector.models[0].stiffness(0.6894, found.contraction)
     )
     assert -steps[1:] / steps[:-1] == pytest.approx(np.full(7, factor), rel=0.15)
-    soft = balance(Effector(DESIGN), "R", 0.4136, method="fixed-point")
+    soft = balance(Effector(DESIGN), "R", pressure=0.4136, method="fixed-point")
     assert not soft.converged and "still changes after 300 steps" in str(soft.reason)
-    assert balance(Effector(DESIGN), "R", 0.4136).converged
+    assert balance(Effector(DESIGN), "R", pressure=0.4136).converged
 
 
 def test_a_step_of_the_fixed_point_beyond_the_muscle():
     stiff = Effector(DESIGN.replace(flexural_rigidity=5000.0))
     with pytest.raises(InputError, match="muscle R, step 2 of the fixed point: .*load") as caught:
-        balance(stiff, "R", 0.6894, method="fixed-point")
+        balance(stiff, "R", pressure=0.6894, method="fixed-point")
     assert "method='root'" in str(caught.value) and "\n" not in str(caught.value)
-    assert balance(stiff, "R", 0.6894).converged
+    assert balance(stiff, "R", pressure=0.6894).converged
 
 
 def test_a_saturated_muscle_is_at_the_peak():
@@ -199,7 +199,7 @@ def test_a_saturated_muscle_is_at_the_peak():
     peak = find_peak(long)
     for model in (SpringMuscle, lambda m: SpringMuscle(m, spring=50.0)):
         effector = Effector(long, model)
-        found = balance(effector, "R", [0.3, 2.0])
+        found = balance(effector, "R", pressure=[0.3, 2.0])
         assert found.saturated.tolist() == [False, True]
         assert found.converged.tolist() == [True, False]
         assert found.contraction[1] == peak.contraction
@@ -210,12 +210,12 @@ def test_a_saturated_muscle_is_at_the_peak():
     blind = Effector(
         place_muscle(long.replace(offset=1.6), muscle_preset("effector-45")), ThesisMuscle
     )
-    found = balance(blind, "R", 0.827)
+    found = balance(blind, "R", pressure=0.827)
     assert found.saturated and "it contracts more" in str(found.reason)
     past = balance(
         Effector(DESIGN.replace(flexural_rigidity=1.0, pressure_limit=5.0), SpringMuscle),
         "R",
-        1.2,
+        pressure=1.2,
         method="fixed-point",
     )
     assert past.saturated and not past.converged and "past 10.5 mm" in str(past.reason)
@@ -228,8 +228,8 @@ def test_the_measured_deflections():
     """
     measured = np.array([20.4, 18.5])
     pressures = [0.6894, 0.5516]
-    printed = balance(Effector(DESIGN), "R", pressures).lateral
-    derived = balance(Effector(DESIGN.replace(beam_factor=2)), "R", pressures).lateral
+    printed = balance(Effector(DESIGN), "R", pressure=pressures).lateral
+    derived = balance(Effector(DESIGN.replace(beam_factor=2)), "R", pressure=pressures).lateral
     assert np.all(printed < derived)
     assert np.all(derived < measured - 1.0)
 
@@ -241,20 +241,20 @@ def test_a_pressure_without_an_answer():
     with pytest.raises(InputError, match="no answer there"):
         effector.models[0].contraction(0.8)
     with pytest.raises(InputError, match="pressure of muscle G is 0.8 MPa: .*no answer there"):
-        balance(effector, "G", 0.8)
+        balance(effector, "G", pressure=0.8)
 
 
 def test_a_batch_is_its_members(effector):
     pressures = PRESSURES.reshape(2, 4)
-    batch = balance(effector, "R", pressures)
+    batch = balance(effector, "R", pressure=pressures)
     for index in np.ndindex(2, 4):
-        one = balance(effector, "R", pressures[index])
+        one = balance(effector, "R", pressure=pressures[index])
         assert one.lateral.shape == one.reason.shape == ()
         for name in ("contraction", "lateral", "force", "slack", "iterations"):
             # The slope of a tapered end is a finite difference over the batch's Newton steps.
             assert getattr(one, name) == pytest.approx(getattr(batch, name)[index], abs=1e-12)
     for method in ("root", "fixed-point"):
-        none = balance(effector, "R", np.zeros((0, 3)), method=method)
+        none = balance(effector, "R", pressure=np.zeros((0, 3)), method=method)
         assert none.lateral.shape == none.reason.shape == (0, 3)
         assert none.table.shape == (0, 3, 0, 4)
 
@@ -263,7 +263,7 @@ def test_a_batch_is_its_members(effector):
 def test_any_design_gives_a_balance_or_one_line(design, name, share):
     try:
         effector = Effector(design, MODELS[name])
-        found = balance(effector, "M0", share * design.pressure_limit)
+        found = balance(effector, "M0", pressure=share * design.pressure_limit)
     except BozziniError as error:
         assert "\n" not in str(error)
         return

@@ -63,14 +63,14 @@ def test_pressures_up_to_saturation_are_continuous():
     low, high = 0.1, 1.5
     while math.nextafter(low, high) < high:
         middle = 0.5 * (low + high)
-        if balance(effector, "R", middle).saturated:
+        if balance(effector, "R", pressure=middle).saturated:
             high = middle
         else:
             low = middle
     spread = [low, high]
     for _ in range(200):
         spread = [math.nextafter(spread[0], 0.0), *spread, math.nextafter(spread[-1], 1.0)]
-    found = balance(effector, "R", spread)
+    found = balance(effector, "R", pressure=spread)
     assert np.all(found.converged | found.saturated)
     assert found.lateral == pytest.approx(np.full(402, peak.lateral), abs=1e-5)
     assert np.abs(found.residual[found.converged]).max() < 1e-8
@@ -81,7 +81,7 @@ def test_pressures_up_to_saturation_are_continuous():
 
 
 def test_the_pressure_that_left_the_linkage_open():
-    found = balance(Effector(HALF), "R", 0.6455327403963403)
+    found = balance(Effector(HALF), "R", pressure=0.6455327403963403)
     assert found.lateral == pytest.approx(9.7234, abs=1e-4)
     assert abs(found.residual) < 1e-6
 
@@ -102,7 +102,7 @@ def test_a_short_step_near_the_end_is_no_root():
             )
 
         root = brentq(miss, 0.0, peak.contraction, xtol=1e-15)
-        found = balance(effector, "M", pressure)
+        found = balance(effector, "M", pressure=pressure)
         assert found.converged
         assert found.lateral == pytest.approx(float(lateral_deflection(design, root)), abs=1e-8)
 
@@ -146,7 +146,9 @@ def test_any_model_at_the_very_end():
         pressure_limit=0.3,
     )  # fmt: skip
     peak = find_peak(design)
-    found = balance(Effector(design, SpringMuscle), "M", np.linspace(0.27609, 0.27611, 401))
+    found = balance(
+        Effector(design, SpringMuscle), "M", pressure=np.linspace(0.27609, 0.27611, 401)
+    )
     assert np.all(found.converged | found.saturated)
     assert np.all(np.diff(found.lateral) > -1e-8)
     assert found.lateral == pytest.approx(np.full(401, peak.lateral), abs=0.02)
@@ -175,7 +177,7 @@ def test_conflicts_say_that_segments_do_not_close_only_where_it_is_so(offset):
 def test_the_reason_says_segment_interval_and_what_to_change():
     effector = Effector(HALF)
     for reason in (
-        str(balance(effector, "R", 0.8).reason),
+        str(balance(effector, "R", pressure=0.8).reason),
         str(pose(effector, {"R": 0.6, "G": 0.6}).reason),
         str(solve_inverse(effector, [30.0, -30.0]).reason),
     ):
@@ -183,7 +185,7 @@ def test_the_reason_says_segment_interval_and_what_to_change():
         assert "[1.5, 4.5] mm is legal; use more segments or a larger offset" in reason
         assert "\n" not in reason
     # The offset that is named closes, and the design as it is does not.
-    least = float(str(balance(effector, "R", 0.8).reason).split("(2 n) = ")[1].split()[0])
+    least = float(str(balance(effector, "R", pressure=0.8).reason).split("(2 n) = ")[1].split()[0])
     beyond = find_peak(HALF).contraction * (1.0 + 1e-6)
     with pytest.raises(GeometryError, match="segment 15 of 15"):
         lateral_deflection(HALF, beyond)
@@ -192,14 +194,14 @@ def test_the_reason_says_segment_interval_and_what_to_change():
 
 def test_the_fixed_point_does_not_end_at_no_deflection_under_load():
     stiff = Effector(PROTOTYPE.replace(flexural_rigidity=600.0))
-    found = balance(stiff, "R", 0.6894, method="fixed-point")
-    assert balance(stiff, "R", 0.6894).lateral == pytest.approx(6.77, abs=0.01)
+    found = balance(stiff, "R", pressure=0.6894, method="fixed-point")
+    assert balance(stiff, "R", pressure=0.6894).lateral == pytest.approx(6.77, abs=0.01)
     assert not found.converged and "not converged" in str(found.reason)
-    slack = balance(stiff, "R", 0.01, method="fixed-point")
+    slack = balance(stiff, "R", pressure=0.01, method="fixed-point")
     assert slack.converged and slack.iterations == 1
 
 
 def test_blind_muscles_end_there_too():
     design = place(muscle_preset("effector-45"), offset=1.6)
-    found = balance(Effector(design, ThesisMuscle), "M", 0.827)
+    found = balance(Effector(design, ThesisMuscle), "M", pressure=0.827)
     assert found.saturated and found.lateral == find_peak(design).lateral

@@ -83,7 +83,7 @@ def test_one_muscle_gives_back_its_pressure(name: str) -> None:
     effector = Effector(PROTOTYPE, MODELS[name])
     pressure = np.linspace(0.2, PROTOTYPE.pressure_limit, 25)
     for index, angle in enumerate(PROTOTYPE.angles):
-        lateral = balance(effector, PROTOTYPE.names[index], pressure).lateral
+        lateral = balance(effector, PROTOTYPE.names[index], pressure=pressure).lateral
         target = lateral[:, np.newaxis] * np.array([math.cos(angle), math.sin(angle)])
         found = solve_inverse(effector, target)
         assert found.reachable.all()
@@ -102,7 +102,7 @@ def test_pressure_rises_from_the_dead_band(name: str) -> None:
     assert solve_inverse(effector, [0.0, 0.0]).pressures[1] == 0.0
     hold = effector.models[1].dead_band()
     assert pressure[0] > hold
-    assert balance(effector, "G", pressure[0] * 0.999).lateral < 1e-4
+    assert balance(effector, "G", pressure=pressure[0] * 0.999).lateral < 1e-4
     tiny = solve_inverse(effector, 1e-12 * unit)
     assert tiny.reachable and tiny.pressures[1] == pytest.approx(pressure[0], rel=1e-2)
 
@@ -199,7 +199,7 @@ def test_reach_is_the_balance_at_the_limit() -> None:
     known = find_reach(effector)
     for name, amplitude in zip(known.names, known.amplitudes, strict=True):
         assert amplitude == pytest.approx(
-            float(balance(effector, name, PROTOTYPE.pressure_limit).lateral), abs=1e-12
+            float(balance(effector, name, pressure=PROTOTYPE.pressure_limit).lateral), abs=1e-12
         )
     assert find_reach(effector) is known
     with pytest.raises(ValueError, match="read-only"):

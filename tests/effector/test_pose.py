@@ -44,7 +44,7 @@ def turned_design(design: EffectorDesign, angle: float, *, sign: float = 1.0) ->
 @pytest.mark.parametrize("name", DESIGN.names)
 def test_one_muscle_is_its_balance(method, name):
     found = pose(EFFECTOR, {name: [0.0, 0.03, 0.4, 0.827]}, method=method)
-    alone = balance(EFFECTOR, name, [0.0, 0.03, 0.4, 0.827])
+    alone = balance(EFFECTOR, name, pressure=[0.0, 0.03, 0.4, 0.827])
     place = DESIGN.index(name)
     assert np.array_equal(found.contraction[:, place], alone.contraction)
     assert np.array_equal(found.force[:, place], alone.force)
@@ -62,7 +62,10 @@ def test_one_muscle_is_its_balance(method, name):
 def test_superposition_adds_lateral_vectors(shares):
     pressures = 0.827 * np.array(shares)
     found = pose(EFFECTOR, pressures)
-    single = [float(balance(EFFECTOR, n, p).lateral) for n, p in zip("RGB", pressures, strict=True)]
+    single = [
+        float(balance(EFFECTOR, n, pressure=p).lateral)
+        for n, p in zip("RGB", pressures, strict=True)
+    ]
     units = np.stack([np.cos(DESIGN.angles), np.sin(DESIGN.angles)], axis=-1)
     assert found.lateral_vector == pytest.approx(single @ units, abs=1e-11)
     assert found.tip[:2] == pytest.approx(found.lateral_vector, abs=1e-12)
@@ -146,7 +149,7 @@ def test_saturation_is_said():
     )
     assert found.reason.tolist() == [asked, ""]
     # It still points where the sum points.
-    single = [float(balance(effector, name, 0.6894).lateral) for name in "RG"]
+    single = [float(balance(effector, name, pressure=0.6894).lateral) for name in "RG"]
     whole = single[0] * np.exp(1j * DESIGN.angles[0]) + single[1] * np.exp(1j * DESIGN.angles[1])
     assert np.exp(1j * found.azimuth[0]) == pytest.approx(whole / abs(whole))
     assert found.demanded_lateral[0] == pytest.approx(abs(whole))

@@ -93,7 +93,7 @@ def test_steering_by_a_cubic_says_what_its_pressures_do():
     exact, cubic = steer(effector, raw), steer(effector, raw, cubics=cubics)
     assert (exact.pressure_map, cubic.pressure_map) == ("exact", "cubic")
     assert np.array_equal(cubic.displacements, exact.displacements)
-    found = look_up_pressures(cubics, effector.design.names, exact.displacements)
+    found = look_up_pressures(cubics, effector.design.names, displacements=exact.displacements)
     assert np.array_equal(cubic.pressures, found)
     posed = pose(effector, cubic.pressures)
     assert cubic.delivered == pytest.approx(posed.lateral_vector)
@@ -121,7 +121,9 @@ def test_a_cubic_ends_where_the_backbone_does():
     peak = find_peak(design).lateral
     assert cubic.saturated and 0.1 < cubic.limit < 3.0
     assert cubic.lateral[-1] == pytest.approx(peak, rel=1e-9)
-    below, above = balance(effector, "R", [cubic.limit - 1e-6, cubic.limit + 1e-6]).saturated
+    below, above = balance(
+        effector, "R", pressure=[cubic.limit - 1e-6, cubic.limit + 1e-6]
+    ).saturated
     assert above and not below
     short = Effector(effector.design.replace(pressure_limit=0.827))
     assert not fit_cubic(short, "R", start=0.1).saturated

@@ -20,12 +20,12 @@ EFFECTOR = Effector(DESIGN)
 def test_needed_pressure_reaches_the_deflection() -> None:
     pressure = find_needed_pressure(EFFECTOR, 11.0)
     for name in DESIGN.names:
-        assert balance(EFFECTOR, name, pressure).lateral == pytest.approx(11.0, abs=1e-9)
+        assert balance(EFFECTOR, name, pressure=pressure).lateral == pytest.approx(11.0, abs=1e-9)
     # Above the limit too, which is the sweep's business.
     above = find_needed_pressure(EFFECTOR, 16.0)
     assert above > DESIGN.pressure_limit
     wide = Effector(DESIGN.replace(pressure_limit=10.0))
-    assert balance(wide, "R", above).lateral == pytest.approx(16.0, abs=1e-9)
+    assert balance(wide, "R", pressure=above).lateral == pytest.approx(16.0, abs=1e-9)
 
 
 def test_needed_pressure_is_that_of_the_weakest_muscle() -> None:
@@ -35,7 +35,9 @@ def test_needed_pressure_is_that_of_the_weakest_muscle() -> None:
     )
     pressure = find_needed_pressure(Effector(changed), 8.0)
     assert pressure > find_needed_pressure(EFFECTOR, 8.0)
-    assert balance(Effector(changed), "R", pressure).lateral == pytest.approx(8.0, abs=1e-9)
+    assert balance(Effector(changed), "R", pressure=pressure).lateral == pytest.approx(
+        8.0, abs=1e-9
+    )
 
 
 def test_changes() -> None:

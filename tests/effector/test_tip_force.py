@@ -35,7 +35,9 @@ def test_stiffness_is_the_slope_of_the_loaded_equilibrium(model: Any) -> None:
 
         return float(brentq(miss, 0.1, 20.0, xtol=1e-13, rtol=1e-15))
 
-    assert settle(0.0) == pytest.approx(float(balance(effector, "R", pressure).lateral), abs=1e-9)
+    assert settle(0.0) == pytest.approx(
+        float(balance(effector, "R", pressure=pressure).lateral), abs=1e-9
+    )
     step = 1e-4
     slope = (settle(step) - settle(-step)) / (2.0 * step)
     matrix = tip_stiffness(effector, {"R": pressure})

@@ -40,7 +40,7 @@ def test_a_circle_inside_is_followed() -> None:
 
 def test_a_line_of_one_muscle_needs_only_that() -> None:
     unit = np.array([math.cos(DESIGN.angles[2]), math.sin(DESIGN.angles[2])])
-    trace = trace_line(EFFECTOR, [0.0, 0.0], 10.0 * unit, steps=20)
+    trace = trace_line(EFFECTOR, [0.0, 0.0], end=10.0 * unit, steps=20)
     assert trace.complete and trace.largest_error < 1e-9
     assert trace.displacements[:, :2].max() < 1e-10
     assert np.all(np.diff(trace.pressures[:, 2]) > 0.0)
@@ -49,7 +49,7 @@ def test_a_line_of_one_muscle_needs_only_that() -> None:
 
 
 def test_a_line_that_leaves_the_workspace_says_where() -> None:
-    trace = trace_line(EFFECTOR, [0.0, 0.0], [30.0, 0.0], steps=40)
+    trace = trace_line(EFFECTOR, [0.0, 0.0], end=[30.0, 0.0], steps=40)
     assert not trace.complete
     inside = trace.reachable
     assert inside[0] and not inside[-1]
@@ -73,7 +73,7 @@ def test_one_path_is_the_tips() -> None:
 @pytest.mark.parametrize("start", [0.0, 0.15])
 def test_the_cubic_is_the_best_one(start: float) -> None:
     cubic = fit_cubic(EFFECTOR, "G", start=start)
-    points = balance(EFFECTOR, "G", cubic.pressure).lateral
+    points = balance(EFFECTOR, "G", pressure=cubic.pressure).lateral
     assert cubic.lateral == pytest.approx(points)
     error = cubic.find_lateral(cubic.pressure) - points
     assert cubic.rms_error == pytest.approx(float(np.sqrt(np.mean(error**2))))
@@ -129,6 +129,6 @@ def test_steering_by_cubics_is_off_by_about_their_error() -> None:
 
 def test_looking_up_caps_at_the_limit() -> None:
     cubics: dict[str, CubicFit] = {name: fit_cubic(EFFECTOR, name) for name in DESIGN.names}
-    pressures = look_up_pressures(cubics, DESIGN.names, [100.0, 0.0, 5.0])
+    pressures = look_up_pressures(cubics, DESIGN.names, displacements=[100.0, 0.0, 5.0])
     assert pressures[0] == pytest.approx(DESIGN.pressure_limit)
     assert pressures[1] == 0.0

@@ -69,7 +69,7 @@ def test_nine_millimetres_are_refused_and_pass_when_inflated(human, link):
     assert plan.reason_code in ("NO_PASSAGE", "GOAL_CLEARANCE", "LINK_TOO_LONG")
     assert refusal.offers < refusal.needs
     # Whatever the links: the widest way on the grid is narrower than the scope.
-    assert find_passage(human.field, human.line.points[0], human.line.points[-1]).level < 4.55
+    assert find_passage(human.field, human.line.points[0], goal=human.line.points[-1]).level < 4.55
     assert plan.inserted == 0.0 or plan.certified
     inflated = human.plan(9.0, link, inflate=4.0)
     assert inflated.status == "complete", inflated.reason

@@ -55,7 +55,7 @@ def test_no_nearer_direction_has_room(name):
         if trial >= 9:
             length = 300.0 if trial == 9 else 220.0
         head, old = draw(duct, random, clearance)
-        placed = place_tail(duct, head, old, length=length, clearance=clearance)
+        placed = place_tail(duct, head, old_tail=old, length=length, clearance=clearance)
         scan = head + length * directions
         room = room_at(duct, scan)
         turn = angle_between(directions, old - head)
@@ -94,7 +94,7 @@ def test_in_a_ball_the_free_directions_are_a_cap(centre, away, length):
     cosine = (gap**2 + length**2 - rest**2) / (2.0 * gap * length)
     assume(abs(abs(cosine) - 1.0) > 1e-3)
     duct = RoundCones(centre[None], np.array([10.0]))
-    placed = place_tail(duct, np.zeros(3), away, length=length, clearance=1.5)
+    placed = place_tail(duct, np.zeros(3), old_tail=away, length=length, clearance=1.5)
     if cosine > 1.0:
         assert not placed.found
         most = 10.0 - abs(gap - length)
@@ -166,7 +166,7 @@ def test_round_obstacles_block_arcs(spots, turn):
     circles = Circles([spot[:2] for spot in spots], [spot[2] for spot in spots])
     duct = without(field, circles)
     old = 8.0 * np.array([math.cos(turn), math.sin(turn)])
-    placed = place_tail(duct, (0.0, 0.0), old, length=length, clearance=clearance)
+    placed = place_tail(duct, (0.0, 0.0), old_tail=old, length=length, clearance=clearance)
     if depth(turn) < 0.0:
         assert placed.status == "free" and placed.tail == pytest.approx(old, abs=1e-9)
     elif not free:
@@ -178,7 +178,7 @@ def test_round_obstacles_block_arcs(spots, turn):
 
 def test_a_straight_channel_has_a_closed_form():
     channel = Polygon(np.array([(-60, -5), (60, -5), (60, 5), (-60, 5)], dtype=float))
-    placed = place_tail(channel, (0.0, 1.0), (4.0, 9.0), length=10.0, clearance=2.0)
+    placed = place_tail(channel, (0.0, 1.0), old_tail=(4.0, 9.0), length=10.0, clearance=2.0)
     height = 3.0 - 1.0
     assert placed.tail == pytest.approx((math.sqrt(100.0 - height**2), 3.0), abs=1e-8)
     assert placed.clearance == pytest.approx(2.0, abs=2e-9)
@@ -194,8 +194,8 @@ def test_a_link_is_carried_by_a_rigid_motion(seed, angle):
         [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]]
     )
     moved = RoundCones(duct.centres @ turn.T + 5.0, duct.radii)
-    a = place_tail(duct, head, old, length=12.0, clearance=3.0)
-    b = place_tail(moved, turn @ head + 5.0, turn @ old + 5.0, length=12.0, clearance=3.0)
+    a = place_tail(duct, head, old_tail=old, length=12.0, clearance=3.0)
+    b = place_tail(moved, turn @ head + 5.0, old_tail=turn @ old + 5.0, length=12.0, clearance=3.0)
     assert a.found == b.found
     if a.found:
         # Both are within the gap of the least turn.
@@ -207,22 +207,24 @@ def test_an_introducer_is_free_space_too():
     outside = Introducer(entry=np.zeros(3), outward=np.array([0.0, 0.0, -1.0]), bore=5.0)
     given = {"length": 20.0, "clearance": 2.0}
     free = place_tail(
-        FreeSpace(duct, introducer=outside), (0.0, 0.0, 1.0), (0.0, 0.0, -19.0), **given
+        FreeSpace(duct, introducer=outside), (0.0, 0.0, 1.0), old_tail=(0.0, 0.0, -19.0), **given
     )
     assert free.status == "free" and free.turn == pytest.approx(0.0, abs=1e-9)
-    held = place_tail(duct, (0.0, 0.0, 1.0), (0.0, 0.0, -19.0), **given)
+    held = place_tail(duct, (0.0, 0.0, 1.0), old_tail=(0.0, 0.0, -19.0), **given)
     assert held.found and held.turn > 0.5 * np.pi
 
 
 def test_where_none_fits_it_says_all():
     duct = make_pipes()["polygon"]
-    placed = place_tail(duct, (30.0, 0.0), (10.0, 0.0), length=400.0, clearance=2.5)
+    placed = place_tail(duct, (30.0, 0.0), old_tail=(10.0, 0.0), length=400.0, clearance=2.5)
     assert (placed.status, placed.found) == ("infeasible", False)
     assert "no tail at 400 mm from the head (30, 0) has 2.5 mm from the wall" in placed.reason
     lacks = float(placed.reason.split("lacks ")[1].split(" mm")[0])
     assert lacks == pytest.approx(2.5 - placed.clearance, rel=0.06)
     assert placed.turn_bound == math.inf
-    assert not math.isfinite(place_tail(duct, (30, 0), (10, 0), length=9.0).clearance_bound)
+    assert not math.isfinite(
+        place_tail(duct, (30, 0), old_tail=(10, 0), length=9.0).clearance_bound
+    )
 
 
 @settings(max_examples=80)
@@ -241,7 +243,7 @@ def test_a_narrow_place_is_found_or_nothing_is_claimed(planar, spare, short, tur
         old = np.array([np.cos(turn), 0.6 * np.sin(turn), 0.8 * np.sin(turn)])
     clearance = 1.0 + spare if short else 1.0 - spare
     head = np.zeros(len(old))
-    placed = place_tail(duct, head, 9.0 * old, length=10.0, clearance=clearance)
+    placed = place_tail(duct, head, old_tail=9.0 * old, length=10.0, clearance=clearance)
     if placed.found:
         assert not short and placed.clearance >= clearance - 2e-9
         # Of the cap |x - c| <= spare the nearest direction is found, but for the slack.

@@ -71,12 +71,12 @@ def test_the_passage_is_bounded_from_above(seed):
     random = np.random.default_rng(seed)
     radii = random.uniform(2.0, 5.0, len(CURVE))
     duct, line = make_tube(radii)
-    passage = find_passage(duct, line.points[0], line.points[-1])
+    passage = find_passage(duct, line.points[0], goal=line.points[-1])
     assert passage.bound >= line.radius.min()
     assert passage.level <= passage.bound
     # In a tube whose radius hardly changes it is also not much above it.
     duct, line = make_tube(radii[0])
-    passage = find_passage(duct, line.points[0], line.points[-1])
+    passage = find_passage(duct, line.points[0], goal=line.points[-1])
     assert line.radius.min() <= passage.bound <= 1.15 * radii[0]
 
 
@@ -120,7 +120,7 @@ def test_a_way_that_exists_is_never_denied(sampled):
         turn, off = random.uniform(0.0, 2.0 * np.pi), random.uniform(0.0, 4.9)
         start = np.array([off * np.cos(turn), off * np.sin(turn), random.uniform(0.0, 3.0)])
         goal = np.array([0.0, 0.0, 12.0])
-        assert find_passage(free, start, goal).bound >= -duct.signed_distance(start) - 1e-6
+        assert find_passage(free, start, goal=goal).bound >= -duct.signed_distance(start) - 1e-6
 
 
 def test_every_duct_is_a_duct():

@@ -35,7 +35,7 @@ def test_no_way_has_more_than_the_bound(radius, shift, tilt, voxel):
     field, wall, curve = tube(radius, voxel, shift, tilt)
     way = curve[12:-12]
     room = wall.clearance(way).min()
-    passage = find_passage(field, way[0], way[-1])
+    passage = find_passage(field, way[0], goal=way[-1])
     assert passage.bound >= room - 1e-6
     assert passage.level <= passage.bound
     # ... and the bound is near: the lumen has nowhere more than radius + half a diagonal.
@@ -47,10 +47,10 @@ def test_the_pinch_is_found_and_bounded():
     for at in (20.0, 37.0):
         radius = 5.0 - 3.2 * np.exp(-(((z - at) / 4.0) ** 2))
         field, _, curve = tube(radius)
-        passage = find_passage(field, curve[12], curve[-12])
+        passage = find_passage(field, curve[12], goal=curve[-12])
         assert passage.place[2] == pytest.approx(at, abs=2.5)
         assert passage.bound < 1.8 + 1.2
-        assert find_passage(field, curve[12], curve[24]).level > passage.level
+        assert find_passage(field, curve[12], goal=curve[24]).level > passage.level
 
 
 def test_the_wider_of_two_ways_counts():
@@ -68,15 +68,15 @@ def test_the_wider_of_two_ways_counts():
         matrix = np.eye(4)
         matrix[:3, 3] = low
         field = field_from_mask(joined, matrix)
-        levels.append(find_passage(field, AXIS[2], AXIS[78]).level)
+        levels.append(find_passage(field, AXIS[2], goal=AXIS[78]).level)
     assert levels[0] < 2.6
     assert levels[1] > levels[0] + 0.7
 
 
 def test_inflation_adds_its_distance():
     field, _, curve = tube(3.0)
-    plain = find_passage(field, curve[10], curve[-10])
-    raised = find_passage(field.inflate(2.0), curve[10], curve[-10])
+    plain = find_passage(field, curve[10], goal=curve[-10])
+    raised = find_passage(field.inflate(2.0), curve[10], goal=curve[-10])
     assert raised.level == pytest.approx(plain.level + 2.0, abs=1e-6)
     # The bound is for the moved wall itself, which may leave a little more than the sum.
     assert plain.bound + 2.0 - 1e-6 <= raised.bound <= plain.bound + 2.0 + 1.0
@@ -90,7 +90,7 @@ def test_a_fold_that_inflation_swallows_proves_nothing():
     lumen[:, :, 40] = across <= 1.0
     field = field_from_mask(lumen, np.eye(4))
     ends = [10.0, 10.0, 8.0], [10.0, 10.0, 72.0]
-    rigid, inflated = (find_passage(field.inflate(c), *ends) for c in (0.0, 2.0))
+    rigid, inflated = (find_passage(field.inflate(c), ends[0], goal=ends[1]) for c in (0.0, 2.0))
     assert rigid.bound < 3.0
     # A point on the axis in the diaphragm's plane: the nearest place 2 mm from all lumen.
     outside = np.argwhere(~lumen) - [10, 10, 40]
@@ -101,8 +101,8 @@ def test_a_fold_that_inflation_swallows_proves_nothing():
 
 def test_both_ways_round_are_the_same():
     field, _, curve = tube(3.3, shift=(0.3, -0.2, 0.1), tilt=0.4)
-    there = find_passage(field, curve[10], curve[-10])
-    back = find_passage(field, curve[-10], curve[10])
+    there = find_passage(field, curve[10], goal=curve[-10])
+    back = find_passage(field, curve[-10], goal=curve[10])
     assert there.level == back.level and there.bound == back.bound
 
 
@@ -144,9 +144,9 @@ def test_level_and_bound_are_those_of_dense_arrays(inflation):
     mask[:, :, 20] &= np.hypot(*np.mgrid[-11:11, -12:12]) < 6.0
     field = field_from_mask(mask, np.diag([1.0, 0.8, 1.1, 1.0])).inflate(inflation)
     ends = [11.0, 9.0, 5.0], [11.0, 9.0, 36.0]
-    passage = find_passage(field, *ends)
+    passage = find_passage(field, ends[0], goal=ends[1])
     level, bound = find_plainly(field, *ends)
     assert passage.level == pytest.approx(level, abs=1e-6)
     assert passage.bound == pytest.approx(bound, abs=1e-5)
-    assert find_passage(field, *ends) is passage  # computed once
-    assert find_passage(field.inflate(0.5), *ends).level > passage.level
+    assert find_passage(field, ends[0], goal=ends[1]) is passage  # computed once
+    assert find_passage(field.inflate(0.5), ends[0], goal=ends[1]).level > passage.level

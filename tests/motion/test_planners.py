@@ -30,7 +30,7 @@ class Straight(Planner):
     name = "straight"
     ignored = ("slip", "angle_limit", "route")
 
-    def move(self, space, scope, options, *, progress=None):
+    def move(self, space, scope, *, options, progress=None):
         """Return the motion of a rod along the first direction of the line."""
         tube, line = space.tube, space.centreline
         depth = np.arange(0.0, min(line.length, 60.0), options.head_step)
@@ -99,13 +99,13 @@ def test_what_is_no_planner_is_refused_in_one_line(plugins, tubes):
 def test_options_that_a_planner_ignores_must_be_as_by_default(plugins, tubes):
     space = FreeSpace(*tubes["straight"])
     with pytest.raises(InputError, match="'straight' has no slip, angle limit or route: .* best"):
-        Straight().plan(space, SCOPE, PlannerOptions(slip=0.5))
+        Straight().plan(space, SCOPE, options=PlannerOptions(slip=0.5))
 
     class Slipping(Straight):
         ignored = ("route",)
 
     with pytest.raises(InputError, match="'straight' has no route: leave it out, or use one of "):
-        Slipping().plan(space, SCOPE, PlannerOptions(slip=0.5, route=(1.0, 0.0)))
+        Slipping().plan(space, SCOPE, options=PlannerOptions(slip=0.5, route=(1.0, 0.0)))
 
 
 def test_a_name_is_known_without_importing_what_it_names(plugins):
@@ -125,9 +125,9 @@ def test_a_planner_that_gives_no_motion_of_the_scope_is_refused(tubes, spoil, wo
     class Careless(Straight):
         name = "careless"
 
-        def move(self, space, scope, options, *, progress=None):
+        def move(self, space, scope, *, options, progress=None):
             """Return the motion of a rod, spoilt."""
-            sound = super().move(space, scope, options)
+            sound = super().move(space, scope, options=options)
             joints, heads = spoil(sound.joints, sound.head_arc_length)
             return Motion(joints=joints, head_arc_length=heads, path=sound.path)
 

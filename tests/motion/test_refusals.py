@@ -53,7 +53,7 @@ def plan() -> Plan:
 
 
 def place(head: Any = (30.0, 2.0), old: Any = (10.0, 2.0), **change: float) -> object:
-    return place_tail(STRIP, head, old, **({"length": 20.0} | change))
+    return place_tail(STRIP, head, old_tail=old, **({"length": 20.0} | change))
 
 
 def state(change: Callable[[dict[str, Any]], object]) -> object:

@@ -13,7 +13,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from bozzini.muscle import Muscle
-from bozzini.muscle.design import BRAID_ANGLES
+from bozzini.muscle.design import BRAID_ANGLES, PRESSURE_LIMIT
 
 SHARES = st.floats(0.0, 1.0)
 
@@ -49,4 +49,6 @@ def muscles(draw: Any, **fixed: Any) -> Muscle:
 def pressures(muscle: Muscle) -> st.SearchStrategy[float]:
     """Pressures from none to far above what matters for a muscle, and legal."""
     scale = muscle.modulus
-    return st.one_of(st.just(0.0), spread(1e-5 * scale, 1e3 * scale).map(lambda p: min(p, 1e4)))
+    return st.one_of(
+        st.just(0.0), spread(1e-5 * scale, 1e3 * scale).map(lambda p: min(p, PRESSURE_LIMIT))
+    )

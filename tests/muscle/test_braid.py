@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bozzini.errors import InputError
 from bozzini.muscle import LOCKING_ANGLE, Braid
-from bozzini.muscle.design import BRAID_ANGLES
+from bozzini.muscle.design import BRAID_ANGLES, PRESSURE_LIMIT
 
 braids = st.builds(
     Braid,
@@ -92,5 +92,5 @@ def test_any_float_is_answered_or_refused(length, radius, angle, pressure, share
 def test_the_extremes_of_the_range_are_answered(power):
     braid = Braid(length=10.0**power, radius=10.0**-power, angle=0.6)
     lengths = braid.strand_length * np.linspace(0.0, 1.0, 5)
-    assert np.isfinite(braid.ideal_force(1e4, lengths)).all()
+    assert np.isfinite(braid.ideal_force(PRESSURE_LIMIT, lengths)).all()
     assert braid.angle_at(braid.length_at(1.2)) == pytest.approx(1.2)

@@ -103,7 +103,7 @@ def test_table_of_what_can_be_identified(name):
         muscle = muscle.replace(mooney_ratio=0.05)
     # hardly any noise: the fit ends at the truth, and the statistics are those there
     data = measure(*branches, muscle=muscle, noise=1e-4)
-    found = calibrate(EnergyMuscle, muscle, data, free=free, options=FitOptions(force=True))
+    found = calibrate(EnergyMuscle, muscle, data=data, free=free, options=FitOptions(force=True))
     assert found.converged
     units = {"braid_angle": math.degrees(1.0)}
     errors = [
@@ -121,19 +121,19 @@ def test_table_of_what_can_be_identified(name):
         assert np.abs(off).max() > CORRELATION_LIMIT
         assert any("cannot be distinguished" in line for line in found.warnings)
         with pytest.raises(InputError, match="do the same to one curve"):
-            calibrate(EnergyMuscle, muscle, data, free=free)
+            calibrate(EnergyMuscle, muscle, data=data, free=free)
 
 
 def test_blocked_forces_tell_the_angle():
     free = ("modulus", "dead_length", "braid_angle")
     data = join(measure(), block())
     start = START.replace(braid_angle=math.radians(34.0))
-    found = calibrate(EnergyMuscle, start, data, free=free)
+    found = calibrate(EnergyMuscle, start, data=data, free=free)
     assert found.trusted
     assert found.condition < 5.0
     assert found.estimates["braid_angle"] == pytest.approx(TRUTH.braid_angle, abs=1e-6)
     with pytest.raises(InputError, match="second load"):
-        calibrate(EnergyMuscle, start, measure(), free=free)
+        calibrate(EnergyMuscle, start, data=measure(), free=free)
 
 
 COVERED = {
@@ -155,7 +155,7 @@ def test_intervals_hold_the_truth_in_90_to_99_percent_of_200_draws(name):
     for _ in range(draws):
         error = NOISE * random.normal(size=len(clean))
         data = dataclasses.replace(clean, contraction=clean.contraction + error)
-        found = calibrate(EnergyMuscle, START, data, free=free)
+        found = calibrate(EnergyMuscle, START, data=data, free=free)
         assert found.converged
         for parameter, (low, high) in found.intervals.items():
             held[parameter] += low <= getattr(truth, parameter) <= high
@@ -168,7 +168,7 @@ def test_the_minimum_does_not_depend_on_the_start():
     starts = (TRUTH, START, START.replace(gap=0.1), START.replace(modulus=1.0, gap=0.005))
     for seed in range(15):
         data = measure(noise=NOISE, seed=seed)
-        sigmas = [calibrate(EnergyMuscle, start, data, free=free).sigma for start in starts]
+        sigmas = [calibrate(EnergyMuscle, start, data=data, free=free).sigma for start in starts]
         assert sigmas == pytest.approx([min(sigmas)] * len(starts), rel=1e-6)
 
 
@@ -184,7 +184,7 @@ def test_the_gap_needs_pressures_where_it_acts():
     ):
         pressure = np.concatenate([low, high])
         data = measure(pressures=pressure, noise=0.01)
-        found = calibrate(EnergyMuscle, START, data, free=("modulus", "gap", "dead_length"))
+        found = calibrate(EnergyMuscle, START, data=data, free=("modulus", "gap", "dead_length"))
         assert any(line.startswith("gap has") for line in found.warnings) == warned
 
 
@@ -201,7 +201,7 @@ def test_without_noise_the_truth_is_found(modulus, dead_length, gap, angle):
     )
     free = ("modulus", "gap", "dead_length", "braid_angle")
     data = measure((0.0, ""), (0.3, ""), muscle=truth, pressures=np.linspace(0.0, 2.0, 40))
-    found = calibrate(EnergyMuscle, TRUTH, data, free=free)
+    found = calibrate(EnergyMuscle, TRUTH, data=data, free=free)
     assert found.converged
     assert found.sigma < 1e-5
     for name in free:
@@ -211,7 +211,7 @@ def test_without_noise_the_truth_is_found(modulus, dead_length, gap, angle):
 def test_the_preset_fitted_to_chapter_4_is_found_again():
     # the thesis's contractions without load, for the tube of 1.5 mm
     data = Measurements(pressure=[0.6894, 0.5516, 0.4136], contraction=[7.6, 7.1, 6.2])
-    found = calibrate(EnergyMuscle, preset("effector-45"), data)
+    found = calibrate(EnergyMuscle, preset("effector-45"), data=data)
     fitted = preset("fitted-45")
     assert found.estimates["modulus"] == pytest.approx(fitted.modulus, abs=0.005)
     assert found.estimates["dead_length"] == pytest.approx(fitted.dead_length, abs=0.05)
@@ -222,7 +222,7 @@ def test_the_preset_fitted_to_chapter_4_is_found_again():
 def test_the_model_may_have_options(ends):
     make = functools.partial(EnergyMuscle, ends=ends)
     data = measure(model=make)
-    found = calibrate(make, START, data)
+    found = calibrate(make, START, data=data)
     assert found.estimates["dead_length"] == pytest.approx(10.0, abs=1e-4)
     assert found.estimates["modulus"] == pytest.approx(0.5, abs=1e-5)
     assert found.model == "energy"
@@ -230,12 +230,12 @@ def test_the_model_may_have_options(ends):
 
 def test_the_thesis_model_is_fitted_by_what_it_has():
     data = measure(model=ThesisMuscle, muscle=TRUTH.replace(end_length=4.0))
-    found = calibrate(ThesisMuscle, START, data, free=("modulus", "end_length"))
+    found = calibrate(ThesisMuscle, START, data=data, free=("modulus", "end_length"))
     assert found.estimates["modulus"] == pytest.approx(0.5, rel=1e-3)
     assert found.estimates["end_length"] == pytest.approx(4.0, rel=1e-2)
     with pytest.raises(InputError, match="dead_length has no effect"):
-        calibrate(ThesisMuscle, START, data, free=("modulus", "dead_length"))
-    assert calibrate(ThesisMuscle, START, data).free == ("modulus", "end_length")
+        calibrate(ThesisMuscle, START, data=data, free=("modulus", "dead_length"))
+    assert calibrate(ThesisMuscle, START, data=data).free == ("modulus", "end_length")
 
 
 @pytest.mark.parametrize("branches", [MEAN, BOTH, ((0.5, ""), (1.0, ""))])
@@ -265,7 +265,7 @@ def test_derivatives_by_two_routes(name, branches):
 
 def test_statistics_by_the_textbook():
     data = measure(noise=NOISE)
-    found = calibrate(EnergyMuscle, START, data)
+    found = calibrate(EnergyMuscle, START, data=data)
     model = EnergyMuscle(found.muscle)
     rest = data.contraction - model.contraction(data.pressure)
     assert found.residuals == pytest.approx(rest, abs=1e-9)
@@ -286,7 +286,7 @@ def test_statistics_by_the_textbook():
 
 def test_twice_the_noise_is_twice_the_interval():
     one, two = (
-        calibrate(EnergyMuscle, TRUTH, measure(noise=noise, seed=3)) for noise in (0.01, 0.02)
+        calibrate(EnergyMuscle, TRUTH, data=measure(noise=noise, seed=3)) for noise in (0.01, 0.02)
     )
     for name in one.free:
         assert two.standard_errors[name] == pytest.approx(2.0 * one.standard_errors[name], rel=0.02)
@@ -295,34 +295,34 @@ def test_twice_the_noise_is_twice_the_interval():
 def test_a_wrong_fixed_angle_does_not_show():
     # the reason why the angle must not be fitted to one curve: the dead length hides it
     data = measure()
-    found = calibrate(EnergyMuscle, START.replace(braid_angle=math.radians(37.0)), data)
+    found = calibrate(EnergyMuscle, START.replace(braid_angle=math.radians(37.0)), data=data)
     assert found.estimates["dead_length"] == pytest.approx(8.7, abs=0.2)
     assert found.sigma < 0.02
-    without_gap = calibrate(EnergyMuscle, START.replace(gap=0.0), data)
+    without_gap = calibrate(EnergyMuscle, START.replace(gap=0.0), data=data)
     assert without_gap.sigma > 0.2
     assert without_gap.estimates["modulus"] > 0.6
 
 
 def test_it_warns_at_a_bound_and_of_a_gap_without_rows():
     found = calibrate(
-        EnergyMuscle, START, measure(), options=FitOptions(bounds={"dead_length": (0.0, 8.0)})
+        EnergyMuscle, START, data=measure(), options=FitOptions(bounds={"dead_length": (0.0, 8.0)})
     )
     assert found.converged
     assert not found.trusted
     assert found.estimates["dead_length"] == pytest.approx(8.0)
     assert any("dead_length is at its bound" in line for line in found.warnings)
     high = measure(pressures=np.linspace(0.2, 0.8, 20))
-    found = calibrate(EnergyMuscle, START, high, free=("modulus", "gap"))
+    found = calibrate(EnergyMuscle, START, data=high, free=("modulus", "gap"))
     assert any("gap has 0 pressure(s)" in line for line in found.warnings)
 
 
 def test_a_model_that_does_not_fit_is_told_by_repeats():
     # friction in the data and none in the model: branches that differ, repeats that do not
     data = join(*(measure(*BOTH, muscle=RUBBING, noise=0.02, seed=seed) for seed in (1, 2)))
-    smooth = calibrate(EnergyMuscle, START, data)
+    smooth = calibrate(EnergyMuscle, START, data=data)
     assert any("does not fit" in line for line in smooth.warnings)
     assert not smooth.trusted
-    rubbing = calibrate(EnergyMuscle, START, data, free=(*smooth.free, "friction_length"))
+    rubbing = calibrate(EnergyMuscle, START, data=data, free=(*smooth.free, "friction_length"))
     assert rubbing.trusted
 
 
@@ -362,7 +362,7 @@ def test_rules_before_the_fit():
 def test_too_few_rows_and_rows_that_no_muscle_holds():
     two = Measurements(pressure=[0.4, 0.6], contraction=[7.0, 8.0])
     with pytest.raises(InputError, match="2 row"):
-        calibrate(EnergyMuscle, START, two)
+        calibrate(EnergyMuscle, START, data=two)
     heavy = Measurements(
         pressure=[0.4, 0.5, 0.6],
         contraction=[7.0, 8.0, 8.5],
@@ -370,14 +370,14 @@ def test_too_few_rows_and_rows_that_no_muscle_holds():
         numbers=[2, 4, 5],
     )
     with pytest.raises(InputError, match=r"^row 4: load is 1e\+06 N: at a pressure of 0.5 MPa"):
-        calibrate(EnergyMuscle, START, heavy)
+        calibrate(EnergyMuscle, START, data=heavy)
 
 
 @pytest.mark.parametrize("contraction", [200.0, 2e5, 6e200, -12.0])
 def test_lengths_that_no_strand_allows_are_refused(contraction):
     data = Measurements(pressure=[0.4, 0.5, 0.6], contraction=[7.0, contraction, 8.5])
     with pytest.raises(InputError, match="^row 2: length is "):
-        calibrate(EnergyMuscle, START, data)
+        calibrate(EnergyMuscle, START, data=data)
 
 
 def test_a_longer_strand_is_legal_where_the_angle_is_fitted():
@@ -389,9 +389,9 @@ def test_a_longer_strand_is_legal_where_the_angle_is_fitted():
         load=[50, 0, 0, 0],
     )
     with pytest.raises(InputError, match="longer than the strand"):
-        calibrate(EnergyMuscle, start, data)
+        calibrate(EnergyMuscle, start, data=data)
     with pytest.raises(InputError, match="^row 1: load is 50 N"):  # its length is no reason
-        calibrate(EnergyMuscle, start, data, free=("modulus", "braid_angle"))
+        calibrate(EnergyMuscle, start, data=data, free=("modulus", "braid_angle"))
 
 
 def test_trials_that_have_no_answer_are_stepped_back_from():
@@ -411,7 +411,7 @@ def test_trials_that_have_no_answer_are_stepped_back_from():
     found = calibrate(
         EnergyMuscle,
         TRUTH,
-        data,
+        data=data,
         free=("outer_radius",),
         options=FitOptions(bounds={"outer_radius": (0.01, 1.0)}),
     )

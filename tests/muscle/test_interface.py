@@ -133,7 +133,7 @@ def test_directions(model):
     ("pressure", "load", "words"),
     [
         (-0.1, 0.0, r"^pressure is -0\.1 MPa: it must lie in \[0, 1"),
-        (2e4, 0.0, r"^pressure is 20000 MPa: it must lie in \[0, 1"),
+        (700, 0.0, r"^pressure is 700 MPa: it must lie in \[0, 1"),
         ([0.1, math.nan], 0.0, r"^pressure\[1\] is nan MPa: it must lie in \[0, 1"),
         ([[0.1, 0.2], [0.3, math.inf]], 0.0, r"^pressure\[1, 1\] is inf MPa: it must lie in"),
         (0.5, [0.0, -0.2], r"^load\[1\] is -0\.2 N: it must lie in \[0, "),
@@ -210,10 +210,10 @@ def test_the_largest_forces_are_loads_too():
     huge = Muscle(length=1e4, outer_radius=1e3, inner_radius=990.0, braid_angle=BRAID_ANGLES[0])
     for name in ("energy", "thesis"):  # too short for trellis ends
         strong = BUILDS[name](huge.replace(modulus=1e3))
-        pressure = 1e4 if strong.name == "energy" else 10.0
+        pressure = 100.0 if strong.name == "energy" else 10.0
         force = strong.blocked_force(pressure)
         assert strong.contraction(pressure, force) == pytest.approx(0.0, abs=1e-5)
-    assert EnergyMuscle(huge).blocked_force(1e4) > 1e12
+    assert EnergyMuscle(huge).blocked_force(100.0) > 1e10
 
 
 @pytest.mark.parametrize("contraction", [-30.0, 40.0, math.nan])

@@ -128,7 +128,7 @@ def test_a_constant_that_tells_only_in_some_places_is_not_held(offset):
     guess = kind.guess_parameters(MUSCLE)
     data = measure(kind(MUSCLE, **{**guess, "pressure_offset": offset}), options=((0.0,),))
     assert (data.contraction == 0.0).any() and (data.contraction > 0.0).any()
-    found = calibrate(kind, MUSCLE, data, options=FitOptions(force=True))
+    found = calibrate(kind, MUSCLE, data=data, options=FitOptions(force=True))
     assert "pressure_offset" in found.free
     assert np.abs(found.residuals).max() < 1e-6
 
@@ -137,7 +137,7 @@ def test_a_constant_that_tells_only_in_some_places_is_not_held(offset):
 @pytest.mark.filterwarnings("error")
 def test_a_constant_that_starts_next_to_zero_is_told_all_the_same():
     data = measure(make("meller"))
-    found = calibrate(ALL["de-volder"], MUSCLE, data, options=FitOptions(force=True))
+    found = calibrate(ALL["de-volder"], MUSCLE, data=data, options=FitOptions(force=True))
     assert all(np.isfinite(list(found.standard_errors.values())))
 
 
@@ -148,7 +148,7 @@ def test_noise_does_not_hide_many_constants(seed):
     muscle, kind = preset("effector-45"), ALL["quartic-strain"]
     truth = {name: 1.1 * value for name, value in kind.guess_parameters(muscle).items()}
     data = measure(kind(muscle, **truth), noise=0.05, seed=seed)
-    found = calibrate(kind, muscle, data, options=FitOptions(force=True))
+    found = calibrate(kind, muscle, data=data, options=FitOptions(force=True))
     assert found.converged
     assert np.sqrt(np.mean(found.residuals**2)) < 0.06
 
@@ -162,7 +162,7 @@ def test_no_other_start_is_better(truth, name, spreads):
     """On data of another model there are several minima; the guess is one of the starts."""
     data = measure(make(truth), noise=0.02)
     kind = ALL[name]
-    found = calibrate(kind, MUSCLE, data, options=FitOptions(force=True))
+    found = calibrate(kind, MUSCLE, data=data, options=FitOptions(force=True))
     guess = {key: kind.guess_parameters(MUSCLE)[key] for key in found.free if key != "modulus"}
     random = np.random.default_rng(3)
     for spread in spreads:
@@ -172,7 +172,11 @@ def test_no_other_start_is_better(truth, name, spreads):
         }
         try:
             other = calibrate(
-                kind, MUSCLE, data, free=found.free, options=FitOptions(start=start, force=True)
+                kind,
+                MUSCLE,
+                data=data,
+                free=found.free,
+                options=FitOptions(start=start, force=True),
             )
         except InputError:
             continue
@@ -184,7 +188,7 @@ def test_without_constants_that_hold_all_rows_it_says_so():
     data = measure(make("chou"))
     heavy = dataclasses.replace(data, load=np.where(np.arange(24) == 5, 1e3, data.load))
     with pytest.raises(InputError, match=r"^no constants were found .* at 1 of 24, .* row 6 \("):
-        calibrate(ALL["tondu-lopez"], MUSCLE, heavy)
+        calibrate(ALL["tondu-lopez"], MUSCLE, data=heavy)
 
 
 @pytest.mark.slow
@@ -196,9 +200,9 @@ def test_a_fold_that_comes_nearer_to_all_rows_is_begun_from(monkeypatch):
     def spoil(kind, muscle, rows, *, options, **rest):
         if not spoilt:
             options = dataclasses.replace(options, start={"kappa1": 0.0, "kappa2": 0.02})
-            spoilt.append(calibrate(kind, muscle, rows, options=options, **rest))
+            spoilt.append(calibrate(kind, muscle, data=rows, options=options, **rest))
             return spoilt[0]
-        return calibrate(kind, muscle, rows, options=options, **rest)
+        return calibrate(kind, muscle, data=rows, options=options, **rest)
 
     monkeypatch.setattr("bozzini.muscle.ranking.calibrate", spoil)
     models = {"itto-b": ALL["itto-b"]}
@@ -247,7 +251,7 @@ def test_scores_are_those_of_a_fit_alone(ranking):
         if entry.calibration is None:
             assert entry.parameters == 0
             continue
-        alone = calibrate(ALL[entry.name], MUSCLE, ranking.data)
+        alone = calibrate(ALL[entry.name], MUSCLE, data=ranking.data)
         assert alone.free == entry.calibration.free
         assert len(alone.free) == entry.parameters
         assert entry.calibration.estimates == pytest.approx(alone.estimates)
@@ -297,11 +301,11 @@ def test_models_that_say_the_same_are_told(ranking):
 def test_what_the_data_do_not_tell_is_held():
     data = measure(make("chou"), noise=0.05)
     names = ("tondu-lopez", "andrikopoulos")
-    held = {name: calibrate(MODELS[name], MUSCLE, data).held for name in names}
+    held = {name: calibrate(MODELS[name], MUSCLE, data=data).held for name in names}
     assert "no effect" in held["tondu-lopez"]["friction"]  # no row has a direction
     assert "do not distinguish it" in held["andrikopoulos"]["test_pressure"]  # only a ratio matters
     unloaded = data.select(data.load == 0.0)
-    alone = calibrate(MODELS["andrikopoulos"], MUSCLE, unloaded)
+    alone = calibrate(MODELS["andrikopoulos"], MUSCLE, data=unloaded)
     assert alone.free == ("largest_contraction",)  # a force of any size is none at all
 
 
@@ -316,7 +320,7 @@ def both_ways():
 
 
 def test_friction_is_fitted_with_both_directions(both_ways):
-    found = calibrate(MODELS["tondu-lopez"], MUSCLE, both_ways)
+    found = calibrate(MODELS["tondu-lopez"], MUSCLE, data=both_ways)
     assert found.estimates["friction"] == pytest.approx(2e-3, rel=1e-5)
     assert found.estimates["kappa2"] == pytest.approx(1.1, rel=1e-5)
 
@@ -324,9 +328,9 @@ def test_friction_is_fitted_with_both_directions(both_ways):
 @pytest.mark.slow
 def test_friction_needs_the_constants_that_it_goes_with(both_ways):
     scale = MODELS["davis-caldwell"]
-    lame = calibrate(scale, MUSCLE, both_ways)
+    lame = calibrate(scale, MUSCLE, data=both_ways)
     assert "strand_poisson_ratio" in lame.held["friction"]
-    whole = calibrate(partial(scale, strand_poisson_ratio=0.4), MUSCLE, both_ways)
+    whole = calibrate(partial(scale, strand_poisson_ratio=0.4), MUSCLE, data=both_ways)
     assert "friction" in whole.free
     assert whole.sigma < lame.sigma
 
@@ -334,7 +338,7 @@ def test_friction_needs_the_constants_that_it_goes_with(both_ways):
 def test_linear_constants_are_found_to_the_last_digits():
     kind = MODELS["quadratic-strain"]
     truth = make("quadratic-strain")
-    found = calibrate(kind, MUSCLE, measure(truth))
+    found = calibrate(kind, MUSCLE, data=measure(truth))
     for name, value in truth.parameters.items():
         assert found.estimates[name] == pytest.approx(value, rel=1e-8), name
 
@@ -342,14 +346,14 @@ def test_linear_constants_are_found_to_the_last_digits():
 def test_constants_that_are_known_are_not_fitted():
     data = measure(make("tondu-lopez"))
     kind = partial(MODELS["tondu-lopez"], kappa2=1.1)
-    found = calibrate(kind, MUSCLE, data)
+    found = calibrate(kind, MUSCLE, data=data)
     assert found.free == ("kappa1",)
     assert found.fitted.parameters["kappa2"] == 1.1
     with pytest.raises(InputError, match="'kappa2' is given, so it cannot be free: use .* kappa1"):
-        calibrate(kind, MUSCLE, data, free=("kappa2",))
+        calibrate(kind, MUSCLE, data=data, free=("kappa2",))
     with pytest.raises(InputError, match="start is given for kappa2: .* are kappa1"):
-        calibrate(kind, MUSCLE, data, options=FitOptions(start={"kappa2": 1.0}))
-    begun = calibrate(kind, MUSCLE, data, options=FitOptions(start={"kappa1": 0.1}))
+        calibrate(kind, MUSCLE, data=data, options=FitOptions(start={"kappa2": 1.0}))
+    begun = calibrate(kind, MUSCLE, data=data, options=FitOptions(start={"kappa1": 0.1}))
     assert begun.estimates["kappa1"] == pytest.approx(found.estimates["kappa1"], abs=1e-6)
 
 
@@ -358,7 +362,7 @@ def test_an_estimate_at_its_bound_is_warned_of():
     data = measure(make("tondu-lopez"))
     options = FitOptions(bounds={"kappa2": (0.5, 0.7)})
     free = ("kappa1", "kappa2")
-    narrow = calibrate(MODELS["tondu-lopez"], MUSCLE, data, free=free, options=options)
+    narrow = calibrate(MODELS["tondu-lopez"], MUSCLE, data=data, free=free, options=options)
     assert narrow.estimates["kappa2"] == pytest.approx(0.7)
     assert any("kappa2 is at its bound" in line for line in narrow.warnings)
 
@@ -485,3 +489,15 @@ def test_doubts_are_marked():
     assert " none " in lines[1]
     assert lines[2].endswith("not converged")
     assert lines[3] == doubtful.notes[0]
+
+
+def test_models_are_given_by_name_or_by_class():
+    pressure = np.linspace(0.2, 0.8, 6)
+    data = Measurements(
+        pressure=pressure, contraction=MODELS["energy"](MUSCLE).contraction(pressure)
+    )
+    options = RankOptions(folds=0)
+    by_name = rank(data, MUSCLE, models=["gaylord-1", "chou"], options=options)
+    kinds = {name: MODELS[name] for name in ("gaylord-1", "chou")}
+    by_class = rank(data, MUSCLE, models=kinds, options=options)
+    assert by_name.to_dict() == by_class.to_dict() and len(by_name.models) == 2

@@ -66,7 +66,7 @@ def tube(**changes: Any) -> object:
 
 
 def fit(free: Any = None, **options: Any) -> object:
-    return calibrate(EnergyMuscle, MUSCLE, DATA, free=free, options=FitOptions(**options))
+    return calibrate(EnergyMuscle, MUSCLE, data=DATA, free=free, options=FitOptions(**options))
 
 
 def order(models: Any = MODELS.own, **options: Any) -> object:
@@ -92,6 +92,25 @@ def remember(name: str, memory: tuple[float, ...]) -> object:
 
 # fmt: off
 REFUSALS: list[tuple[Callable[[], object], str, str]] = [
+    (lambda: ENERGY.contraction(700), "pressure is 700 MPa", "[0, 100] MPa"),
+    (lambda: MODELS["chou"](MUSCLE).contraction(700), "pressure is 700 MPa", "[0, 100] MPa"),
+    (lambda: MODELS["chou"]("effector-45"), "muscle is 'effector-45'", "preset('effector-45')"),
+    (lambda: MODELS["chou"](None), "muscle is None", "it must be a Muscle"),
+    (lambda: EnergyMuscle("thesis-45"), "muscle is 'thesis-45'", "preset('thesis-45')"),
+    (lambda: ThesisMuscle(45.0), "muscle is 45.0", "it must be a Muscle"),
+    (lambda: calibrate(EnergyMuscle, "thesis-45", data=DATA),
+     "muscle is 'thesis-45'", "preset('thesis-45')"),
+    (lambda: rank(DATA, MUSCLE, models="energy"), "models is 'energy'", "a sequence of names"),
+    (lambda: rank(DATA, MUSCLE, models=ENERGY), "models is EnergyMuscle", "a sequence of names"),
+    (lambda: rank(DATA, MUSCLE, models=["energy", "enemy"]), "model is 'enemy'", "a name in"),
+    (lambda: rank(DATA, MUSCLE, models=[EnergyMuscle]), "model is <class", "a name in"),
+    (lambda: rank(DATA, MUSCLE, models={"mine": ENERGY}),
+     "the model 'mine' is EnergyMuscle", "a class of muscle models"),
+    (lambda: rank(DATA, MUSCLE, models={"mine": dict}),
+     "the model 'mine' is <class 'dict'>", "a class of muscle models"),
+    (lambda: ENERGY.plot_contraction("0.7MPa"), "pressure is '0.7MPa'", "a number in (0, inf) MPa"),
+    (lambda: ENERGY.plot_contraction(0.7, lowest=0.9), "lowest is 0.9 MPa", "[0, 0.7] MPa"),
+    (lambda: ENERGY.plot_force("0.7MPa"), "pressure is '0.7MPa'", "a number in (0, inf) MPa"),
     (lambda: braid(length=0.0), "braid length is 0 mm", "[1e-06, 1e+06] mm"),
     (lambda: braid(length=1e308), "braid length is 1e+308 mm", "[1e-06, 1e+06] mm"),
     (lambda: braid(length="45"), "braid length is '45'", "a number in [1e-06, 1e+06] mm"),
@@ -104,7 +123,7 @@ REFUSALS: list[tuple[Callable[[], object], str, str]] = [
     (lambda: BRAID.length_at([1.0, 2.0]), "braid angle[1] is 2 rad", "[0, 1.5708] rad"),
     (lambda: BRAID.ideal_force(0.1, math.nan),
      "braid length is nan mm", "[0, 55.6231] mm, the length of a strand"),
-    (lambda: BRAID.ideal_force(math.nan, [40.0, 41.0]), "pressure is nan MPa", "[0, 10000] MPa"),
+    (lambda: BRAID.ideal_force(math.nan, [40.0, 41.0]), "pressure is nan MPa", "[0, 100] MPa"),
     (lambda: BRAID.ideal_force("high", [40.0, 41.0]),
      "pressure is 'high'", "a number or an array of numbers"),
     (lambda: BRAID.ideal_force([0.1, 0.2, 0.3], [40.0, 41.0]),

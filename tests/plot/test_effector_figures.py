@@ -140,10 +140,10 @@ def test_deflection_and_cubic(tmp_path):
     figure = draw_deflection(EFFECTOR, cubics=cubics, measured=[[0.6894, 20.4], [0.5516, 18.5]])
     left, right = figure.axes
     line = get_lines(left)["R, G, B"]  # equal muscles share a line
-    assert line[:, 1] == pytest.approx(balance(EFFECTOR, "G", line[:, 0] / 1e3).lateral)
+    assert line[:, 1] == pytest.approx(balance(EFFECTOR, "G", pressure=line[:, 0] / 1e3).lateral)
     assert get_lines(left)["measured"][0] == pytest.approx([689.4, 20.4])
     error = get_lines(right)[f"R, G, B: {cubics['R'].rms_error:.2f} mm rms"]
-    exact = balance(EFFECTOR, "R", error[:, 0] / 1e3).lateral
+    exact = balance(EFFECTOR, "R", pressure=error[:, 0] / 1e3).lateral
     cubic = cubics["R"].find_lateral(np.minimum(error[:, 0] / 1e3, cubics["R"].limit))
     assert error[:, 1] == pytest.approx(cubic - exact, abs=0.01)
     assert is_written(figure, tmp_path / "a.png")
@@ -158,7 +158,7 @@ def test_different_muscles_have_a_line_each():
 
 
 def test_iteration_is_the_table(tmp_path):
-    found = {"100 psi": balance(THESIS, "R", 0.6894, method="fixed-point")}
+    found = {"100 psi": balance(THESIS, "R", pressure=0.6894, method="fixed-point")}
     figure = draw_iteration(found)
     left, right = figure.axes
     table = found["100 psi"].table
@@ -186,7 +186,7 @@ def test_trace(radius, tmp_path):
 
 
 def test_error_that_is_round_off_is_not_shown_as_one():
-    found = trace_line(EFFECTOR, (0.0, 0.0), (3.0, -4.0))
+    found = trace_line(EFFECTOR, (0.0, 0.0), end=(3.0, -4.0))
     title = draw_trace(found, EFFECTOR.design.names).axes[0].get_title(loc="left")
     assert title == "largest error below 1e-06 mm"
 
@@ -247,7 +247,7 @@ def test_no_force_is_no_disc(tmp_path):
 
 
 def test_an_iteration_of_a_slack_muscle_says_that_nothing_changes(tmp_path):
-    figure = draw_iteration({"R": balance(EFFECTOR, "R", 0.01, method="fixed-point")})
+    figure = draw_iteration({"R": balance(EFFECTOR, "R", pressure=0.01, method="fixed-point")})
     assert "nothing changes" in figure.axes[1].texts[0].get_text()
     assert is_written(figure, tmp_path / "a.png")
 
@@ -258,7 +258,7 @@ def test_the_error_of_a_trace_is_that_of_what_is_in_reach():
     away = np.count_nonzero(~found.reachable)
     assert title.startswith("largest error below 1e-06 mm\n")
     assert title.endswith(f"{away} of 73 out of reach, by up to {found.largest_error:.2g} mm")
-    none = draw_trace(trace_line(EFFECTOR, (40.0, 0.0), (50.0, 0.0)), "RGB")
+    none = draw_trace(trace_line(EFFECTOR, (40.0, 0.0), end=(50.0, 0.0)), "RGB")
     assert none.axes[0].get_title(loc="left").startswith("nothing in reach\n")
 
 

@@ -85,7 +85,7 @@ REFUSALS = [
     (lambda _: effector.draw_pose(EFFECTOR, pose(EFFECTOR, np.zeros((2, 3)))),
      InputError, "the pose has a tip of shape (2, 3)", "one pose"),
     (lambda _: effector.draw_iteration({}), InputError, "there are 0 iterations", "give 1 or more"),
-    (lambda _: effector.draw_iteration({"root": balance(EFFECTOR, "R", 0.5)}),
+    (lambda _: effector.draw_iteration({"root": balance(EFFECTOR, "R", pressure=0.5)}),
      InputError, "the balance 'root' has no single iteration table", "method='fixed-point'"),
     (lambda _: effector.draw_trace(trace_circle(EFFECTOR, 5.0), ["R"]),
      InputError, "there are 1 names", "give 3"),

@@ -69,7 +69,7 @@ def test_the_table_of_the_plant_gives_back_the_constants_of_its_muscle(host, tmp
             expected = getattr(found.to_measurements(), column)
             np.testing.assert_array_equal(getattr(data, column), expected)
     start = MUSCLE.replace(modulus=0.4, dead_length=9.0)
-    fit = calibrate(EnergyMuscle, start, data, free=("modulus", "dead_length"))
+    fit = calibrate(EnergyMuscle, start, data=data, free=("modulus", "dead_length"))
     assert fit.converged
     for name, (low, high) in fit.intervals.items():
         assert low <= getattr(MUSCLE, name) <= high, name

@@ -93,7 +93,7 @@ def test_regulated_flow_solves_its_equation(critical, droop) -> None:
 def test_orifice_is_found_from_the_closed_form() -> None:
     orifice = Orifice(area=0.5, critical_ratio=0.35)
     pressure = np.linspace(START, 0.995 * SUPPLY, 400)
-    clock = orifice.fill_time(2e4, SUPPLY, pressure, start=START)
+    clock = orifice.fill_time(2e4, SUPPLY, end=pressure, start=START)
     over = np.linspace(0.0, clock[-1], 150)
     fit = identify_fill([make_curve(over, np.interp(over, clock, pressure))]).fits[0]
     assert fit.law == "orifice"
@@ -162,7 +162,7 @@ def test_supply_that_was_measured_is_held() -> None:
 def test_leaks_are_found() -> None:
     orifice = Orifice(area=1e-4)
     pressure = np.linspace(0.6, 0.15, 300)
-    clock = orifice.vent_time(3e4, 0.6, pressure)
+    clock = orifice.vent_time(3e4, 0.6, end=pressure)
     time = np.linspace(0.0, clock[-1], 200)
     choked = np.interp(time, clock, pressure) + 0.01 * np.exp(-time / (0.05 * time[-1]))
     tau = 300.0

@@ -49,12 +49,12 @@ def fill_and_vent(step):
     """Return times to 90 % and from the supply to 20 kPa over those of the closed forms."""
     plant = Plant(RIGID, IDEAL)
     fill = time_to(plant, 0.9 * 0.827, FILL, step=step) / float(
-        IDEAL.fill_valve.fill_time(VOLUME, 0.827, 0.9 * 0.827)
+        IDEAL.fill_valve.fill_time(VOLUME, 0.827, end=0.9 * 0.827)
     )
     plant = Plant(RIGID, IDEAL)
     plant.set_pressures(0.827)
     vent = time_to(plant, 0.02, BLEED, step=step) / float(
-        IDEAL.bleed_valve.vent_time(VOLUME, 0.827, 0.02)
+        IDEAL.bleed_valve.vent_time(VOLUME, 0.827, end=0.02)
     )
     return np.array([fill, vent])
 

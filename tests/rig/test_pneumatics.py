@@ -40,44 +40,45 @@ def integrate(orifice, duration, *, filling, exponent=1.0):
 @pytest.mark.parametrize("end", [0.3, 0.78, 0.826])
 def test_filling_and_venting_take_as_long_as_an_integrator_says(critical, end) -> None:
     orifice = Orifice(area=0.03, critical_ratio=critical)
-    filled = float(orifice.fill_time(VOLUME, SUPPLY, end, exponent=HEAT_RATIO))
+    filled = float(orifice.fill_time(VOLUME, SUPPLY, end=end, exponent=HEAT_RATIO))
     assert integrate(orifice, filled, filling=True, exponent=HEAT_RATIO) == pytest.approx(
         end, rel=1e-8
     )
     left = SUPPLY - end + 2e-4
-    vented = float(orifice.vent_time(VOLUME, SUPPLY, left))
+    vented = float(orifice.vent_time(VOLUME, SUPPLY, end=left))
     assert integrate(orifice, vented, filling=False) == pytest.approx(left, rel=1e-8)
 
 
 def test_times_add_up_and_scale() -> None:
     orifice = Orifice(area=0.03)
-    whole = orifice.fill_time(VOLUME, SUPPLY, 0.8)
-    parts = orifice.fill_time(VOLUME, SUPPLY, 0.4) + orifice.fill_time(
-        VOLUME, SUPPLY, 0.8, start=0.4
+    whole = orifice.fill_time(VOLUME, SUPPLY, end=0.8)
+    parts = orifice.fill_time(VOLUME, SUPPLY, end=0.4) + orifice.fill_time(
+        VOLUME, SUPPLY, end=0.8, start=0.4
     )
     assert whole == pytest.approx(parts, rel=1e-12)
-    assert orifice.vent_time(VOLUME, SUPPLY, 0.01) == pytest.approx(
-        orifice.vent_time(VOLUME, SUPPLY, 0.3) + orifice.vent_time(VOLUME, 0.3, 0.01), rel=1e-12
+    assert orifice.vent_time(VOLUME, SUPPLY, end=0.01) == pytest.approx(
+        orifice.vent_time(VOLUME, SUPPLY, end=0.3) + orifice.vent_time(VOLUME, 0.3, end=0.01),
+        rel=1e-12,
     )
     double = Orifice(area=0.06)
-    assert double.fill_time(2 * VOLUME, SUPPLY, 0.8) == pytest.approx(whole, rel=1e-12)
+    assert double.fill_time(2 * VOLUME, SUPPLY, end=0.8) == pytest.approx(whole, rel=1e-12)
 
 
 def test_choked_limits_are_a_line_and_an_exponential() -> None:
     orifice = Orifice(area=0.03)
     tau = orifice.time_constant(VOLUME)
     assert tau == pytest.approx(VOLUME / (0.03 * NOZZLE_SPEED))
-    assert orifice.fill_time(VOLUME, SUPPLY, 0.2) == pytest.approx(
+    assert orifice.fill_time(VOLUME, SUPPLY, end=0.2) == pytest.approx(
         tau * 0.2 / (SUPPLY + ATMOSPHERE), rel=1e-12
     )
-    assert orifice.vent_time(VOLUME, SUPPLY, 0.2) == pytest.approx(
+    assert orifice.vent_time(VOLUME, SUPPLY, end=0.2) == pytest.approx(
         tau * math.log((SUPPLY + ATMOSPHERE) / (0.2 + ATMOSPHERE)), rel=1e-12
     )
 
 
 def test_closed_forms_of_the_vent_agree_across_half() -> None:
     times = [
-        float(Orifice(area=0.03, critical_ratio=b).vent_time(VOLUME, SUPPLY, 0.02))
+        float(Orifice(area=0.03, critical_ratio=b).vent_time(VOLUME, SUPPLY, end=0.02))
         for b in (0.5 - 1e-9, 0.5, 0.5 + 1e-9)
     ]
     assert times == pytest.approx([times[1]] * 3, rel=1e-7)
@@ -120,11 +121,11 @@ def test_flow_is_odd_monotone_and_continuous() -> None:
         (lambda o: Orifice(area=1.0, critical_ratio=1.0), "orifice critical ratio"),
         (lambda o: Orifice.from_conductance(-1.0), "conductance is -1"),
         (lambda o: o.flow(200.0, 0.0), "upstream is 200"),
-        (lambda o: o.fill_time(0.0, 0.8, 0.1), "volume is 0"),
-        (lambda o: o.fill_time(1.0, 0.8, 0.8), "end is 0.8"),
-        (lambda o: o.fill_time(1.0, 0.8, 0.1, start=0.2), "end is"),
-        (lambda o: o.vent_time(1.0, 0.8, 0.0), "end is 0"),
-        (lambda o: o.vent_time(1.0, 0.8, 0.9), "end is"),
+        (lambda o: o.fill_time(0.0, 0.8, end=0.1), "volume is 0"),
+        (lambda o: o.fill_time(1.0, 0.8, end=0.8), "end is 0.8"),
+        (lambda o: o.fill_time(1.0, 0.8, end=0.1, start=0.2), "end is"),
+        (lambda o: o.vent_time(1.0, 0.8, end=0.0), "end is 0"),
+        (lambda o: o.vent_time(1.0, 0.8, end=0.9), "end is"),
     ],
 )
 def test_wrong_input_is_one_line(call, words) -> None:

@@ -31,7 +31,7 @@ def tract(colon_dir: Path):
 @pytest.mark.parametrize("diameter", [5.0, 9.0, 12.8])
 def test_a_colon_is_entered_at_the_anus_and_certified(tract, reviewed, diameter) -> None:
     scope = Scope(diameter=diameter, link_length=8.0)
-    study = run_insertion(tract, scope, InsertionOptions(method="tube", head_step=1.0))
+    study = run_insertion(tract, scope, options=InsertionOptions(method="tube", head_step=1.0))
     line = study.line
     ends = [np.linalg.norm(point - reviewed[0]) for point in line.points[[0, -1]]]
     assert ends[0] < 20.0 < ends[1]

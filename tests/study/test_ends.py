@@ -65,7 +65,7 @@ def tract() -> LabelTract:
 
 
 def plan(tract: LabelTract, *, scope: Scope = SCOPE, head_step: float = 2.0, **given: object):
-    return run_insertion(tract, scope, InsertionOptions(head_step=head_step, **given))
+    return run_insertion(tract, scope, options=InsertionOptions(head_step=head_step, **given))
 
 
 def near(point: np.ndarray, place: np.ndarray, reach: float = 16.0) -> bool:

@@ -65,7 +65,7 @@ def run(
     **options: object,
 ) -> InsertionStudy:
     given = InsertionOptions(**{"start": START, "end": END, "head_step": 1.0, **options})
-    return run_insertion(tract, scope, given, inputs=inputs)
+    return run_insertion(tract, scope, options=given, inputs=inputs)
 
 
 @pytest.fixture(scope="module")

@@ -44,7 +44,7 @@ def surface() -> SurfaceTract:
 
 
 def run(tract: LabelTract | SurfaceTract, *, inputs: Any = None, **options: Any) -> object:
-    return run_insertion(tract, SCOPE, InsertionOptions(**options), inputs=inputs)
+    return run_insertion(tract, SCOPE, options=InsertionOptions(**options), inputs=inputs)
 
 
 def find(name: str, place: str = "start", **change: Any) -> object:

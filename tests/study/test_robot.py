@@ -24,7 +24,7 @@ ROBOT_FILES = {"tendons.csv", "tendons.parquet", "robot.npz", "robot.png"}
 
 def run(*, robot: ContinuumRobot, scope: Scope = SCOPE, **options: object) -> InsertionStudy:
     given = InsertionOptions(start=START, end=END, head_step=1.0, **options)
-    return run_insertion(make_labels(), scope, given, robot=robot)
+    return run_insertion(make_labels(), scope, options=given, robot=robot)
 
 
 @pytest.fixture(scope="module")

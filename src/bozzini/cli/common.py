@@ -82,6 +82,8 @@ def describe_classes(registry: Registry[Any]) -> tuple[dict[str, dict[str, str]]
             "summary": next(iter(about.strip().splitlines()), ""),
             "package": "bozzini" if point is None else point.value,
         }
+    for name in (word for word in broken if word not in rows):
+        rows[name] = {"summary": f"broken: {broken[name]}", "package": name.rpartition(" ")[2]}
     width = max(map(len, rows))
     lines = [
         f"{name.ljust(width)}  {row['summary']} ({row['package']})" for name, row in rows.items()

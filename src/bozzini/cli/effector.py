@@ -403,7 +403,7 @@ def _iterate(
     for name, value in pressures.items():
         if value > 0.0:
             try:
-                tables[name] = balance(effector, name, value, method="fixed-point")
+                tables[name] = balance(effector, name, pressure=value, method="fixed-point")
             except InputError as error:  # the pose has its own root, which this does not touch
                 notes[name] = f"no table, {error}"
     if not (tables or notes):
@@ -579,7 +579,7 @@ def curve_command(
     check_integer("points", points, low=2, high=100_000)
     effector = asked.effector
     over = np.linspace(0.0, effector.design.pressure_limit, points)
-    found = {name: balance(effector, name, over) for name in effector.design.names}
+    found = {name: balance(effector, name, pressure=over) for name in effector.design.names}
     columns: dict[str, object] = {"pressure_MPa": over}
     for name, curve in found.items():
         columns[f"deflection_{name}_mm"] = curve.lateral
@@ -659,7 +659,9 @@ def line_command(
 
     check_integer("points", points, low=2, high=100_000)
     cubics = _fit_cubics(asked.effector, cubic_from)
-    _show_trace(trace_line(asked.effector, start, end, steps=points, cubics=cubics), asked, answer)
+    _show_trace(
+        trace_line(asked.effector, start, end=end, steps=points, cubics=cubics), asked, answer
+    )
 
 
 @trace_command.command("circle")

@@ -318,7 +318,7 @@ def fit_command(
     names = None if free is None else tuple(_name_field(part) for part in free.split(","))
     check_friction(asked.fields, data, free=names or ())
     options = FitOptions(bounds=bounds, force=anyway)
-    found = calibrate(make, asked.muscle, data, free=names, options=options)
+    found = calibrate(make, asked.muscle, data=data, free=names, options=options)
 
     def draw() -> Figure:
         from ..plot.muscle import draw_models

@@ -73,7 +73,7 @@ def command(
     }
     with answer.show_progress() as progress:
         study = run_insertion(
-            tract, body.scope, options, robot=body.machine, inputs=inputs, progress=progress
+            tract, body.scope, options=options, robot=body.machine, inputs=inputs, progress=progress
         )
     report_study(study.findings, tract.findings, "the report")
     write_result(study, seconds, answer, export=export)

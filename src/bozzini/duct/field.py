@@ -656,8 +656,8 @@ class RefinedField(Wrapped, PackedDuct):
 def refine_field(
     field: SampledField,
     tract: LabelTract | SurfaceTract,
-    line_points_world: ArrayLike,
     *,
+    line_points_world: ArrayLike,
     voxel: float = 0.5,
     distance: float = 8.4,
     progress: Progress = no_progress,

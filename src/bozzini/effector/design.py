@@ -277,7 +277,7 @@ class EffectorDesign:
         return self.replace(backbone_length=length, muscles=muscles)
 
 
-def rigidity_from_test(force: float, deflection: float, length: float) -> float:
+def rigidity_from_test(force: float, deflection: float, *, length: float) -> float:
     """Return ``EI = F L**3 / (3 delta)`` [N mm^2] from a load across the end of a cantilever.
 
     The thesis's 0.1 N, "approximately" 15 mm and 45 mm give 202.5; its tables were made with 200.

@@ -215,8 +215,8 @@ class Balance(Result):
 def balance(
     effector: EffectorModel,
     name: str,
-    pressure: ArrayLike,
     *,
+    pressure: ArrayLike,
     method: BalanceMethod = "root",
     tolerance: float = 1e-6,
 ) -> Balance:

@@ -173,7 +173,7 @@ def fit_cubic(
     start = check_number("start", start, low=0.0, high=0.95 * limit, unit="MPa")
     samples = check_integer("samples", samples, low=4, high=MOST_SAMPLES)
     pressure = np.linspace(start, limit, samples)
-    found = balance(effector, name, pressure)
+    found = balance(effector, name, pressure=pressure)
     lost = np.flatnonzero(~(found.converged | found.saturated))
     if lost.size:
         at = lost[0]
@@ -202,7 +202,7 @@ def fit_cubic(
 
 
 def look_up_pressures(
-    cubics: Mapping[str, CubicFit], names: Sequence[str], displacements: ArrayLike
+    cubics: Mapping[str, CubicFit], names: Sequence[str], *, displacements: ArrayLike
 ) -> NDArray[np.float64]:
     """Return pressures (..., m) [MPa] from the cubics of muscles, for displacements (..., m) [mm].
 
@@ -257,7 +257,7 @@ def check_fit(cubics: Mapping[str, CubicFit], effector: EffectorModel) -> None:
     check_cubics(cubics, effector.design.names, pressure_limit=limit)
     for name in effector.design.names:
         cubic = cubics[name]
-        here = float(balance(effector, name, min(cubic.limit, limit)).lateral)
+        here = float(balance(effector, name, pressure=min(cubic.limit, limit)).lateral)
         there = float(cubic.lateral[-1])
         if abs(here - there) > 1e-6 * max(here, there):
             raise InputError(
@@ -447,7 +447,9 @@ def trace_path(
     pressures = inverse.pressures
     if cubics is not None:
         check_fit(cubics, effector)
-        pressures = look_up_pressures(cubics, effector.design.names, inverse.displacements)
+        pressures = look_up_pressures(
+            cubics, effector.design.names, displacements=inverse.displacements
+        )
     posed = pose(effector, pressures)
     achieved = np.asarray(posed.lateral_vector)
     return Trace(
@@ -469,8 +471,8 @@ def trace_path(
 def trace_line(
     effector: EffectorModel,
     start: ArrayLike,
-    end: ArrayLike,
     *,
+    end: ArrayLike,
     steps: int = 50,
     cubics: Mapping[str, CubicFit] | None = None,
 ) -> Trace:
@@ -667,7 +669,7 @@ def _use_cubics(
     effector: EffectorModel, exact: EffectorInverse, cubics: Mapping[str, CubicFit]
 ) -> EffectorInverse:
     check_fit(cubics, effector)
-    pressures = look_up_pressures(cubics, effector.design.names, exact.displacements)
+    pressures = look_up_pressures(cubics, effector.design.names, displacements=exact.displacements)
     posed = pose(effector, pressures)
     away = posed.lateral_vector - exact.delivered
     return replace(

@@ -25,8 +25,8 @@ class TubePlanner(Planner):
         self,
         space: FreeSpace,
         scope: Scope,
-        options: PlannerOptions,
         *,
+        options: PlannerOptions,
         progress: Progress = no_progress,
     ) -> TubeMotion:
         """Return a certified motion as far as it goes, and what would fit where it does not."""
@@ -55,10 +55,10 @@ class BestPlanner(TubePlanner):
         self,
         space: FreeSpace,
         scope: Scope,
-        options: PlannerOptions,
         *,
+        options: PlannerOptions,
         progress: Progress = no_progress,
     ) -> TubeMotion:
         """Return the motion with the most certified clearance, and name its planner."""
-        motion = super().move(space, scope, options, progress=progress)
+        motion = super().move(space, scope, options=options, progress=progress)
         return replace(motion, method="follow" if motion.freedom == 0.0 else "tube")

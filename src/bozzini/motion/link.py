@@ -83,8 +83,8 @@ class LinkPlacement:
 def place_tail(
     space: FreeSpace | Duct,
     head: ArrayLike,
-    old_tail: ArrayLike,
     *,
+    old_tail: ArrayLike,
     length: float,
     clearance: float = 0.0,
     gap: float = 1e-3,

@@ -110,8 +110,8 @@ class Planner(ABC):
         self,
         space: FreeSpace,
         scope: Scope,
-        options: PlannerOptions,
         *,
+        options: PlannerOptions,
         progress: Progress = no_progress,
     ) -> Motion:
         """Return a motion from the entry along the space's line, as far as it goes.
@@ -124,8 +124,8 @@ class Planner(ABC):
         self,
         space: FreeSpace,
         scope: Scope,
-        options: PlannerOptions | None = None,
         *,
+        options: PlannerOptions | None = None,
         progress: Progress = no_progress,
     ) -> Plan:
         """Plan how a scope moves through a free space; see `plan_insertion`.
@@ -155,7 +155,7 @@ class Planner(ABC):
         check_size(scope, space.centreline, options)
         advise = options.advise and not short
         asked = dataclasses.replace(options, advise=advise)
-        motion = self.move(space, scope, asked, progress=progress)
+        motion = self.move(space, scope, options=asked, progress=progress)
         self._check_motion(motion, scope, options, dim=dim)
         if not self._is_own:
             motion = dataclasses.replace(motion, certificate=None)
@@ -309,7 +309,9 @@ def plan_insertion(
         If the method is unknown, the link is longer than the tract, a number is out of range, or
         the motion would have more than `POSITIONS_MAX` positions of joints.
     """
-    return make_planner(method).plan(FreeSpace(duct, line), scope, options, progress=progress)
+    return make_planner(method).plan(
+        FreeSpace(duct, line), scope, options=options, progress=progress
+    )
 
 
 def make_planner(method: str) -> Planner:

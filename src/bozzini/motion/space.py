@@ -65,7 +65,7 @@ PITCH = 0.1
 """Nor are they nearer than this fraction of the larger clearance of the two ends."""
 
 
-def find_passage(duct: Duct, start: ArrayLike, goal: ArrayLike) -> Passage:
+def find_passage(duct: Duct, start: ArrayLike, *, goal: ArrayLike) -> Passage:
     """Find the widest way from `start` to `goal` (world frame, mm) through a duct.
 
     In a sampled field the clearance is, with inflation, the inflation minus the signed distance to
@@ -235,7 +235,8 @@ class Passages:
     @cached_property
     def passage(self) -> Passage:
         """The widest way between the ends."""
-        return find_passage(self.duct, *self.ends)
+        start, goal = self.ends
+        return find_passage(self.duct, start, goal=goal)
 
     def find_path(self, clearance: float) -> NDArray[np.float64] | None:
         """Return a path along nodes that all have this clearance, or a little more [mm]."""

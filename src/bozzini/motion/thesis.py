@@ -47,8 +47,8 @@ class ThesisPlanner(Planner):
         self,
         space: FreeSpace,
         scope: Scope,
-        options: PlannerOptions,
         *,
+        options: PlannerOptions,
         progress: Progress = no_progress,
     ) -> Motion:
         """Move each joint least, link after link from the head."""

@@ -776,7 +776,7 @@ def find_diameter_limits(
         else:
             top, low_at = middle, scan.place
         progress("diameter", min(0.4, 0.4 * low / max(top, 1e-9)))
-    passage = find_passage(duct, points[0], points[-1])
+    passage = find_passage(duct, points[0], goal=points[-1])
     high = float(passage.bound)
     gaps = np.linalg.norm(points - passage.place, axis=1)
     high_at = float(line.arc_length[int(np.argmin(gaps))]) if math.isfinite(high) else math.inf

@@ -337,7 +337,9 @@ def rebuild_field(
     if plan.centreline is None:
         raise InputError("the plan has a finer grid about its centreline, but no centreline")
     points = plan.centreline.points
-    finer = refine_field(field, tract, points, voxel=spacing, distance=distance, progress=progress)
+    finer = refine_field(
+        field, tract, line_points_world=points, voxel=spacing, distance=distance, progress=progress
+    )
     return finer.inflate(used)
 
 

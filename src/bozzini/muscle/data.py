@@ -24,6 +24,7 @@ from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
 from ..io.files import write_text
 from ..results import Json, take_axes
 from ..units import parse_quantity
+from .design import PRESSURE_LIMIT
 
 if TYPE_CHECKING:
     import pandas
@@ -34,9 +35,6 @@ if TYPE_CHECKING:
 
 DIRECTIONS = ("inflating", "deflating", "")
 """What a row's direction may be; empty means that it is not known or does not matter."""
-
-PRESSURE_LIMIT = 100.0
-"""A pressure above this [MPa] is taken for a wrong unit."""
 
 LOAD_LIMIT = 1e6
 """A load above this [N] is taken for a wrong unit."""

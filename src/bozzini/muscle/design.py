@@ -21,6 +21,7 @@ from ..checks import (
     legal_range,
     list_quantities,
     quantity,
+    show_value,
 )
 from ..errors import InputError
 
@@ -30,8 +31,8 @@ LOCKING_ANGLE = math.atan(math.sqrt(2.0))
 BRAID_ANGLES = (math.radians(5.0), math.radians(54.0))
 """Legal angles of a braid at rest, measured from its axis [rad]: below locking, so it contracts."""
 
-PRESSURE_LIMIT = 1e4
-"""Largest legal pressure in a braid [MPa]: a limit of the arithmetic."""
+PRESSURE_LIMIT = 100.0
+"""Largest legal pressure [MPa]; one above it is taken for a wrong unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +116,7 @@ class Braid:
         Parameters
         ----------
         pressure : array_like
-            Pressure, in [0, 10000] MPa.
+            Pressure, in [0, 100] MPa.
         length : array_like
             Length of the braid [mm]; broadcast with `pressure`.
 
@@ -497,6 +498,13 @@ PRESETS: dict[str, Muscle] = {
 - ``fitted-45``: the same, with the modulus and dead length for which `EnergyMuscle` meets the
   three contractions without load of chapter 4. Two parameters fitted to three numbers.
 """
+
+
+def check_muscle(muscle: object) -> None:
+    """Raise `InputError` if a model cannot be made of this."""
+    if not isinstance(muscle, Muscle):
+        hint = f", such as preset({muscle!r})" if isinstance(muscle, str) else ""
+        raise InputError(f"muscle is {show_value(muscle)}: it must be a Muscle{hint}")
 
 
 def preset(name: str, **overrides: object) -> Muscle:

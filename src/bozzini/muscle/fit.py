@@ -15,6 +15,7 @@ from ..checks import check_number, describe_fields
 from ..errors import BozziniError, InputError
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements, take_measurements
+from .design import check_muscle
 from .problem import (
     PARAMETER_UNITS,
     Problem,
@@ -599,8 +600,8 @@ class Calibration(Result):
 def calibrate(
     model_class: Callable[..., MuscleModel],
     muscle: Muscle,
-    data: Measurements | pandas.DataFrame,
     *,
+    data: Measurements | pandas.DataFrame,
     free: Sequence[str] | None = None,
     options: FitOptions = DEFAULT_OPTIONS,
 ) -> Calibration:
@@ -644,6 +645,7 @@ def calibrate(
     MissingLawError
         If the model needs a law that is not given.
     """
+    check_muscle(muscle)
     data = take_measurements(data, muscle=muscle)
     own = list_own(model_class)
     build, names, held = choose_free(free, model_class, muscle, data, own)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import wraps
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import broadcast, check_array, check_range, name_at, show_value
+from ..checks import broadcast, check_array, check_number, check_range, name_at, show_value
 from ..errors import BozziniError, InputError, PluginError
 from ..results import Result, measured, take_axes
 from .design import Muscle
@@ -122,13 +124,41 @@ class CompiledMuscle:
             )
 
 
+def _check_answers(function: Callable[..., ArrayLike], other: str) -> Callable[..., Floats]:
+    """Return a model's method that raises `PluginError` for an answer that is none."""
+
+    @wraps(function)
+    def call(model: MuscleModel, *args: ArrayLike, **keywords: ArrayLike) -> Floats:
+        given = dict(zip(("pressure", other), args, strict=False)) | keywords
+        arrays = [
+            (name, check_array(name, given[name])) for name in ("pressure", other) if name in given
+        ]
+        signs = np.zeros(np.shape(given.get("direction", "")))
+        shape = broadcast(("direction", signs), *arrays)[0].shape
+        found = function(model, *args, **keywords)
+        kind = type(model)
+        with contextlib.suppress(InputError):
+            values = check_array("answer", found)
+            if values.shape == shape and np.isfinite(values).all():
+                return values
+        raise PluginError(
+            f"the model {getattr(model, 'name', '')} ({kind.__module__}.{kind.__qualname__}) gave "
+            f"{show_value(found)} as {function.__name__}: it must give a number for each of its "
+            f"arguments, shape {shape}"
+        )
+
+    return call
+
+
 class MuscleModel(ABC):
     """A model of a muscle: force from contraction, and contraction from load.
 
     A subclass has `muscle` and `name`, and brings `force` and `contraction`. Everything else has a
     default that follows from these, and may be replaced by what the model knows better. All methods
     act on batches: arguments are broadcast, and the answer is an array of their common shape. An
-    argument outside the legal range raises `InputError`; no answer is ever NaN.
+    argument outside the legal range raises `InputError`; no answer is ever NaN. What the `force`
+    and `contraction` of another package's subclass return is checked: `PluginError` if it is not a
+    finite number for each of the arguments.
 
     Attributes
     ----------
@@ -157,6 +187,13 @@ class MuscleModel(ABC):
     unused: ClassVar[tuple[str, ...]] = ()
     fit_fields: ClassVar[tuple[str, ...]] = ("modulus",)
     choices: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
+
+    def __init_subclass__(cls, **given: object) -> None:
+        super().__init_subclass__(**given)
+        if cls.__module__.partition(".")[0] != __name__.partition(".")[0]:
+            for name, other in (("force", "contraction"), ("contraction", "load")):
+                if name in vars(cls):
+                    setattr(cls, name, _check_answers(vars(cls)[name], other))
 
     @abstractmethod
     def force(
@@ -249,7 +286,7 @@ class MuscleModel(ABC):
         InputError
             As `contraction` does.
         """
-        contraction = ask_contraction(self, pressure, load, direction)
+        contraction = np.asarray(self.contraction(pressure, load, direction=direction))
         shape = contraction.shape
         loads = np.broadcast_to(np.asarray(load, dtype=np.float64), shape)
         force = self.force(pressure, contraction, direction=direction) if self.takes_load else loads
@@ -316,10 +353,13 @@ class MuscleModel(ABC):
         Raises
         ------
         InputError
-            As `contraction` does; `lowest` is the first pressure drawn [MPa].
+            As `contraction` does, or if `lowest`, the first pressure drawn [MPa], is above
+            `pressure`.
         """
+        most = check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
+        first = check_number("lowest", lowest, low=0.0, high=most, unit="MPa")
         axes = take_axes(ax, x="pressure [kPa]", y="contraction [mm]")
-        over = np.linspace(lowest, pressure, CURVE_POINTS)
+        over = np.linspace(first, most, CURVE_POINTS)
         axes.plot(1e3 * over, self.contraction(over, load), label=self.name)
         return axes
 
@@ -331,9 +371,10 @@ class MuscleModel(ABC):
         InputError
             As `force` does.
         """
+        held = check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
         axes = take_axes(ax, x="contraction [mm]", y="force [N]")
-        over = np.linspace(0.0, float(self.free_contraction(pressure)), CURVE_POINTS)
-        axes.plot(over, self.force(pressure, over), label=f"{1e3 * pressure:g} kPa")
+        over = np.linspace(0.0, float(self.free_contraction(held)), CURVE_POINTS)
+        axes.plot(over, self.force(held, over), label=f"{1e3 * held:g} kPa")
         return axes
 
     def trace_contraction(self, pressure: ArrayLike, load: ArrayLike = 0.0) -> Floats:
@@ -394,19 +435,6 @@ def take_arguments(
         ("pressure", pressures), (name, others), ("direction", parse_direction(direction))
     )
     return first, second, third
-
-
-def ask_contraction(
-    model: MuscleModel, pressure: ArrayLike, load: ArrayLike, direction: ArrayLike | None
-) -> Floats:
-    """Return a model's contraction [mm], or raise `PluginError` if it is not of numbers."""
-    found = model.contraction(pressure, load, direction=direction)
-    if not (isinstance(found, np.ndarray | np.floating | float) and np.isfinite(found).all()):
-        raise PluginError(
-            f"the model {model.name} gave {show_value(found)} as contraction: it must give a "
-            "number for each pressure"
-        )
-    return np.asarray(found)
 
 
 def is_as_defined(model: MuscleModel, kind: type[MuscleModel]) -> bool:

@@ -17,7 +17,7 @@ from ..checks import check_number, list_quantities
 from ..errors import BozziniError, InputError, PluginError
 from .data import Measurements
 from .design import BRAID_ANGLES, Muscle
-from .model import MuscleModel, ask_contraction
+from .model import MuscleModel
 from .models.base import CatalogueModel, ExplicitModel
 
 if TYPE_CHECKING:
@@ -50,12 +50,12 @@ def answer_rows(
 def predict_contraction(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
     """Return the model's contraction at each row [mm]; an error names the row."""
     try:
-        return ask_contraction(model, data.pressure, data.load, data.branch)
+        return model.contraction(data.pressure, data.load, direction=data.branch)
     except BozziniError as error:
         for row in range(len(data)):
             word = str(data.direction[row]) or None
             try:
-                ask_contraction(model, float(data.pressure[row]), float(data.load[row]), word)
+                model.contraction(float(data.pressure[row]), float(data.load[row]), direction=word)
             except BozziniError as at_row:
                 raise type(at_row)(f"{data.name_row(row)}: {at_row}") from None
         raise error
@@ -70,7 +70,7 @@ def try_contraction(
             return model.try_contraction(data.pressure, data.load, direction=data.branch)
 
     def answer(rows: Measurements) -> NDArray[np.float64]:
-        return ask_contraction(model, rows.pressure, rows.load, rows.branch)[:, None]
+        return model.contraction(rows.pressure, rows.load, direction=rows.branch)[:, None]
 
     predicted, held = answer_rows(answer, data)
     return predicted[:, 0], held

@@ -6,18 +6,20 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_integer, check_number, check_word
+from ..checks import check_array, check_integer, check_number, check_word, show_value
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements, take_measurements
-from .design import Muscle, preset
+from .design import Muscle, check_muscle, preset
 from .fit import Calibration, FitOptions, calibrate, find_minimum
+from .model import MuscleModel
 from .models import MODELS
 from .problem import (
     Problem,
@@ -32,8 +34,6 @@ from .problem import (
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-    from .model import MuscleModel
 
 _LEAST_CONTRACTION_MM = 1e-3  # largest contraction that errors can be a percentage of [mm]
 
@@ -600,7 +600,7 @@ def rank(
     data: Measurements | pandas.DataFrame,
     muscle: Muscle | None = None,
     *,
-    models: Mapping[str, Callable[..., MuscleModel]] | None = None,
+    models: Sequence[str] | Mapping[str, Callable[..., MuscleModel]] | None = None,
     refusals: Mapping[str, str] | None = None,
     options: RankOptions = DEFAULT_OPTIONS,
     progress: Progress = no_progress,
@@ -617,9 +617,10 @@ def rank(
     muscle : Muscle, optional
         The muscle measured: where its free fields start, and the values of the others; the preset
         ``effector-45`` by default.
-    models : mapping of str to callable, optional
-        What makes each model, by the name to show: a class, or a ``functools.partial`` of it with
-        the constants and laws that are known. All of `MODELS` by default.
+    models : sequence of str or mapping of str to callable, optional
+        Names in `MODELS`, or what makes each model, by the name to show: a class, or a
+        ``functools.partial`` of it with the constants and laws that are known. All of `MODELS` by
+        default.
     refusals : mapping of str to str, optional
         Models without an answer already before, and why.
     options : RankOptions
@@ -636,15 +637,17 @@ def rank(
     Raises
     ------
     InputError
-        If there is no model, the criterion is unknown, the largest contraction is below 0.001 mm,
-        there are fewer states than folds, or none is left out and the criterion is ``"cv"``.
+        If there is no model or one that is unknown, the criterion is unknown, the largest
+        contraction is below 0.001 mm, there are fewer states than folds, or none is left out and
+        the criterion is ``"cv"``.
     """
     criterion, folds, seed = options.criterion, options.folds, options.seed
     muscle = preset("effector-45") if muscle is None else muscle
+    check_muscle(muscle)
     data = take_measurements(data, muscle=muscle)
-    kinds: Mapping[str, Callable[..., MuscleModel]] = MODELS if models is None else models
+    names, kinds = _take_models(models)
     refused = dict(refusals or {})
-    if not kinds and not refused:
+    if not names and not refused:
         raise InputError("there are 0 models to rank: give 1 or more")
     check_word("criterion", criterion, CRITERIA)
     check_integer("seed", seed, low=0)
@@ -658,8 +661,8 @@ def rank(
             )
         raise InputError(f"folds is {folds}: to rank by the rows left out it must be 2 or more")
     entries = []
-    for index, name in enumerate(kinds):
-        progress(f"fitting {name}", index / len(kinds))
+    for index, name in enumerate(names):
+        progress(f"fitting {name}", index / len(names))
         try:
             entries.append(_fit_model(name, kinds[name], muscle, data, options, parts))
         except BozziniError as error:
@@ -674,6 +677,35 @@ def rank(
         folds=len(parts),
         seed=seed,
     )
+
+
+def _take_models(
+    models: Sequence[str] | Mapping[str, Callable[..., MuscleModel]] | None,
+) -> tuple[list[str], Mapping[str, Callable[..., MuscleModel]]]:
+    """Return the names of the models to rank, and what makes them."""
+    if models is None or models is MODELS:
+        return [*MODELS], MODELS
+    if isinstance(models, Mapping):
+        for name, make in models.items():
+            kind = make.func if isinstance(make, partial) else make
+            if not callable(kind) or (isinstance(kind, type) and not issubclass(kind, MuscleModel)):
+                raise InputError(
+                    f"the model '{name}' is {show_value(make)}: it must be a class of muscle "
+                    "models, or what makes one of a Muscle"
+                )
+        return [*models], models
+    if isinstance(models, str) or not isinstance(models, Sequence):
+        raise InputError(
+            f"models is {show_value(models)}: it must be a sequence of names, or a mapping of them "
+            "to classes"
+        )
+    for name in models:
+        if not isinstance(name, str) or name not in MODELS:
+            raise InputError(
+                f"model is {show_value(name)}: it must be a name in bozzini.muscle.MODELS, such as "
+                "'energy'"
+            )
+    return [*dict.fromkeys(models)], MODELS
 
 
 def _choose_parts(
@@ -707,7 +739,7 @@ def _fit_model(
         found = calibrate(
             unknowns.build,
             muscle,
-            data,
+            data=data,
             free=unknowns.free,
             options=FitOptions(force=True, seed=options.seed),
         )
@@ -742,7 +774,7 @@ def _refit(
     return calibrate(
         unknowns.build,
         muscle.replace(**{name: start[name] for name in unknowns.fields}),
-        data,
+        data=data,
         free=unknowns.free,
         options=FitOptions(
             bounds={

@@ -97,7 +97,7 @@ def draw_deflection(
     axes, limit = panels[0], effector.design.pressure_limit
     over = np.linspace(0.0, limit, points)
     colors = pick_colors(effector.design.names)
-    curves = {name: balance(effector, name, over) for name in colors}
+    curves = {name: balance(effector, name, pressure=over) for name in colors}
     lines = {name: np.asarray(curve.lateral) for name, curve in curves.items()}
     for k, names in enumerate(_group_lines(lines)):
         line, style = lines[names[0]], DASHES[k % len(DASHES)]

@@ -104,7 +104,7 @@ class Feedforward:
         self._offset = math.inf
         self._heard = -math.inf
 
-    def shape(self, time: float, wanted: ArrayLike, board: Telemetry) -> SetPoint:
+    def shape(self, time: float, wanted: ArrayLike, *, board: Telemetry) -> SetPoint:
         """Return the set-points of a period and the feed-forward for them.
 
         Parameters

@@ -127,7 +127,7 @@ def _trace_leak(law: str, given: Mapping[str, float]) -> tuple[Floats, Floats]:
     start, tau = given["start"], given["time constant"]
     pressure = start * np.geomspace(1.0, 1e-3, GRID)
     if law == "orifice leak":
-        clock = Orifice(area=1.0 / NOZZLE_SPEED).vent_time(1.0, start, pressure)
+        clock = Orifice(area=1.0 / NOZZLE_SPEED).vent_time(1.0, start, end=pressure)
     else:
         whole = pressure + ATMOSPHERE
         share = (whole - ATMOSPHERE) / (whole + ATMOSPHERE)

@@ -149,8 +149,8 @@ class Orifice:
         self,
         volume: float,
         supply: float,
-        end: ArrayLike,
         *,
+        end: ArrayLike,
         start: float = 0.0,
         exponent: float = 1.0,
     ) -> Floats:
@@ -199,7 +199,7 @@ class Orifice:
         return np.asarray(np.minimum(ratio, b) + (1.0 - b) * np.arcsin(along) + tail)
 
     def vent_time(
-        self, volume: float, start: float, end: ArrayLike, *, exponent: float = 1.0
+        self, volume: float, start: float, *, end: ArrayLike, exponent: float = 1.0
     ) -> Floats:
         """Return the time to vent a fixed volume into the surroundings, in closed form [s].
 

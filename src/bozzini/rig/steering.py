@@ -61,5 +61,5 @@ class Steering:
             "tip_y_mm": float(tip[1]),
         }
         if self.feedforward is not None:
-            return self.feedforward.shape(time, pressures, board), columns
+            return self.feedforward.shape(time, pressures, board=board), columns
         return SetPoint(tuple(pressures.tolist())), columns

@@ -465,8 +465,8 @@ def _write_robot(actuation: Actuation, folder: Path) -> None:
 def run_insertion(
     tract: LabelTract | SurfaceTract,
     scope: Scope,
-    options: InsertionOptions | None = None,
     *,
+    options: InsertionOptions | None = None,
     robot: ContinuumRobot | None = None,
     inputs: Mapping[str, object] | None = None,
     progress: Progress = no_progress,
@@ -540,7 +540,12 @@ def run_insertion(
                 # About the points that the plan states, so that the same nodes can be made again.
                 points = _round(line.points)
                 fine = refine_field(
-                    field, tract, points, voxel=FINE, distance=CORRIDOR, progress=progress
+                    field,
+                    tract,
+                    line_points_world=points,
+                    voxel=FINE,
+                    distance=CORRIDOR,
+                    progress=progress,
                 )
                 plan, finer = _choose_finer(plan, make_plan(line, fine))
     with _clock(times, "unreached"):
@@ -555,7 +560,7 @@ def run_insertion(
             message = f"the robot '{robot.name}' does not get there: {moved.reason}"
             findings = (*findings, Finding("robot", "warning", message))
     with _clock(times, "passage"):
-        passage = find_passage(field, line.points[0], line.points[-1])
+        passage = find_passage(field, line.points[0], goal=line.points[-1])
     found = None
     if options.largest:
         with _clock(times, "largest"):

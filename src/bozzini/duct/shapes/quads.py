@@ -268,7 +268,9 @@ class StitchedQuads(DuctShape, PackedDuct):
         """Return the duct for compiled kernels."""
         return self.outline.pack()
 
-    def locate(self, quad: ArrayLike, along: ArrayLike, across: ArrayLike) -> NDArray[np.float64]:
+    def locate(
+        self, quad: ArrayLike, along: ArrayLike, *, across: ArrayLike
+    ) -> NDArray[np.float64]:
         """Return the (..., 2) points at coordinates: thesis eq. 5.21 with weights that sum to 1.
 
         Raises

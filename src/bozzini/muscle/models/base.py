@@ -18,7 +18,7 @@ from ...checks import broadcast, check_array, check_range, name_at, refuse_first
 from ...errors import BozziniError, InputError
 from ...numeric import roots as numeric_roots
 from ...results import Json
-from ..design import Braid, Muscle
+from ..design import PRESSURE_LIMIT, Braid, Muscle, check_muscle
 from ..hysteresis import Hysteresis
 from ..model import (
     LOAD_LIMIT,
@@ -38,9 +38,6 @@ STEPS = 64
 
 ANGLES = (math.radians(0.5), math.radians(89.0))
 """Braid angles at the ends of the legal lengths [rad]: strands nearly straight, nearly hoops."""
-
-PRESSURE_LIMIT = 1e4
-"""Largest legal pressure [MPa]: a limit of the arithmetic."""
 
 TYPICAL_PRESSURE = 0.5
 """Pressure at which a first guess of fitted constants is Gaylord's [MPa]."""
@@ -464,6 +461,7 @@ class CatalogueModel(ExplicitModel):
         hysteresis: Hysteresis | None = None,
         **given: object,
     ) -> None:
+        check_muscle(muscle)
         check_hysteresis(hysteresis)
         if as_printed and self.card.unprintable:
             raise InputError(

@@ -281,7 +281,7 @@ class DavisCaldwell(TonduLopez):
             "(2.9) prints sin(theta_m) cos(theta_m): only its square is the cylinder's lateral "
             "area at theta = theta_m.",
             "(2.10) lacks sin(theta0): strands of one family are 4 pi r cos(theta) / m apart.",
-            "(2.11) is a ratio of radii, the text says of areas; its 1.442 is 3**(1/3).",
+            "(2.11) is a ratio of radii, in the text of areas; its 1.442 is 3**(1/3).",
             "The exponent of the strain factor is printed without the unit of P.",
         ),
         latex=r"F = \pi r_0^2 P \left[q_1 x^2 - q_2\right] \mp \mu_s P \frac{S_2}{S_s}, \quad "

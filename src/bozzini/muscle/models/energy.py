@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...checks import check_word, name_at
 from ...errors import InputError
-from ..design import Muscle
+from ..design import PRESSURE_LIMIT, Muscle, check_muscle
 from ..hysteresis import Hysteresis
 from ..kernels import ends as end_kernels
 from ..kernels import energy as kernels
@@ -38,9 +38,6 @@ PAST_LOCKING = 0.35
 
 Ends = Literal["none", "trellis"]
 ENDS: tuple[Ends, ...] = get_args(Ends)
-
-PRESSURE_LIMIT = 1e4
-"""Largest legal pressure [MPa]: a limit of the arithmetic, far above what a muscle can bear."""
 
 
 def pack_design(muscle: Muscle) -> tuple[float, ...]:
@@ -89,7 +86,7 @@ class EnergyMuscle(MuscleModel):
     contract (`Muscle.dead_length`) and a stiffer wall, see ``fitted-45``. It knows nothing of
     strands that stretch, bend or have a thickness, and nothing of buckling.
 
-    Legal are pressures in [0, 10000] MPa, contractions from where the braid has squeezed 98 % of
+    Legal are pressures in [0, 100] MPa, contractions from where the braid has squeezed 98 % of
     the bore's area out of the tube to where it locks, and loads of 0 or more up to those that
     squeeze the bore so: a muscle cannot push, and beyond its free contraction `force` is negative.
     With friction the contraction may go past locking, where the deflating branch can end, to a
@@ -131,6 +128,7 @@ class EnergyMuscle(MuscleModel):
     )
 
     def __post_init__(self) -> None:
+        check_muscle(self.muscle)
         check_hysteresis(self.hysteresis)
         check_word("ends", self.ends, ENDS)
         if self._tapered and self.muscle.active_length < 6.0 * self.taper_length:

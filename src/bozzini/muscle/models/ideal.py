@@ -35,7 +35,7 @@ from .card import BRAID_FIELDS, WALL_FIELDS, Card
 #
 # The second term is there because the balance takes a wall without stress. In a wall that cannot
 # be compressed and resists nothing the stress is the pressure on it: with ``s_z = s_h = -P`` the
-# second term goes, and Gaylord's pull is left, as the energy of such a wall says.
+# second term goes, and Gaylord's pull is left, as from the energy of such a wall.
 
 
 Floats = NDArray[np.float64]

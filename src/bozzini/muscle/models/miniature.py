@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import add_hint, broadcast, check_array, check_range, name_at
 from ...errors import InputError
 from ...numeric.roots import bisect
-from ..design import Braid
+from ..design import PRESSURE_LIMIT, Braid
 from ..model import LOAD_LIMIT
-from .base import ANGLES, PRESSURE_LIMIT, CatalogueModel
+from .base import ANGLES, CatalogueModel
 from .card import SHAPE_FIELDS, WALL_FIELDS, Card, Choice, Law, Parameter
 from .ideal import ForceBalanceModel, Wall, find_radius, measure_ideal, pull_ideal
 
@@ -407,7 +407,7 @@ class HockingFriction(HockingPolynomial):
             "Printed friction is in proportion to the pull with its sign, and helps the motion "
             "where that is negative: its size is taken.",
             "A sheath with rounded ends is longer, not shorter, than the muscle by the amount of "
-            "the correction; the length is corrected as the survey says.",
+            "the correction; the length is corrected as in the survey.",
         ),
         latex=r"F = F_1 \mp \mu(P) |F_1|, \quad F_1 = F_{hocking-1}(P - P_c, l_c), \quad "
         r"l_c = l - 2 \left(\frac{\pi}{2} - 1\right) (r - r_0)",

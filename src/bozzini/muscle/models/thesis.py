@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import check_array, check_word, name_at, refuse_first
 from ...errors import InputError
 from ...numeric.roots import bisect
-from ..design import Muscle
+from ..design import Muscle, check_muscle
 from ..hysteresis import Hysteresis
 from ..kernels import interface
 from ..kernels import thesis as kernels
@@ -157,6 +157,7 @@ class ThesisMuscle(MuscleModel):
     unused: ClassVar[tuple[str, ...]] = ("dead_length", "mooney_ratio", "friction_length")
 
     def __post_init__(self) -> None:
+        check_muscle(self.muscle)
         check_hysteresis(self.hysteresis)
         check_word("load path", self.load_path, LOAD_PATHS)
         if self.load_path == "bulk" and self.muscle.poisson_ratio < 0.01:
