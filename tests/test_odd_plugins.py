@@ -132,7 +132,7 @@ FAILING = {
     "unbuilt": "failed in __init__: OSError: no table",
     "raising": "failed in contraction: KeyError: 'gain'",
 }
-WRONG = {
+WRONG_ANSWERS = {
     "forceless": "(odd.Forceless) gave None as force: it must give a number for each",
     "misshapen": "(odd.Misshapen) gave array([0., 0., 0., 0., 0., 0., 0.]) as contraction",
     "nothing": "(odd.Nothing) gave None as contraction: it must give a number for each",
@@ -187,7 +187,7 @@ def test_a_broken_model_asked_for_by_name_is_one_line(run, name, words):
     assert f"'{name}' of odd-package ({NAMES['bozzini.muscles'][name]})" in err and words in err
 
 
-@pytest.mark.parametrize(("name", "words"), WRONG.items())
+@pytest.mark.parametrize(("name", "words"), WRONG_ANSWERS.items())
 def test_a_model_that_gives_no_numbers_is_one_line(run, name, words):
     code, out, err = run(*SOLVE, name)
     assert (code, out, err.count("\n")) == (2, "", 1) and words in err
@@ -252,7 +252,7 @@ def test_broken_models_are_refused_in_a_ranking_and_the_others_ranked(run, data,
     one = {"thesis": MODELS["thesis"]}
     monkeypatch.setitem(MODELS.__dict__, "own", one)
     others = {"honest": "no answer", "forceless": "it cannot be fitted"}
-    refused = BROKEN | FAILING | WRONG | others
+    refused = BROKEN | FAILING | WRONG_ANSWERS | others
     table = write_measurements("data.csv", data)
     code, out, err = run("muscle", "compare", table, "--folds", "0", "--json")
     assert code == 0, err
@@ -302,7 +302,7 @@ class Rail(Planner):
     def __init__(self, **change):
         self.change = change
 
-    def move(self, space, scope, options, *, progress=None):
+    def move(self, space, scope, *, options, progress=None):
         line = space.centreline
         heads = np.linspace(0.0, line.length, int(np.ceil(line.length / options.head_step)) + 1)
         places = np.stack([np.interp(heads, line.arc_length, c) for c in line.points.T], axis=1)
@@ -320,7 +320,7 @@ def pull(**change):
     line = Centreline.from_points([(0, 0, 0), (50, 0, 0)], RAIL_DUCT)
     options = PlannerOptions(head_step=1.0, advise=False)
     return Rail(**change).plan(
-        FreeSpace(RAIL_DUCT, line), Scope(diameter=3.0, link_length=6.0), options
+        FreeSpace(RAIL_DUCT, line), Scope(diameter=3.0, link_length=6.0), options=options
     )
 
 
@@ -399,7 +399,7 @@ USES = {
     "sample": lambda duct: duct.sample(2.0),
     "plot": lambda duct: duct.plot(),
 }
-WRONG = {
+WRONG_DISTANCES = {
     "nan": (lambda d: d * np.nan, r"is nan at \(.*\) mm: it must be finite"),
     "number": (lambda d: -1.0, r"has shape \(\) at points of shape"),
     "none": (lambda d: None, "is None: it must be a number or an array"),
@@ -407,9 +407,9 @@ WRONG = {
 
 
 @pytest.mark.parametrize("use", USES)
-@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("wrong", WRONG_DISTANCES)
 def test_a_distance_that_is_none_is_refused_wherever_it_is_used(wrong, use):
-    change, words = WRONG[wrong]
+    change, words = WRONG_DISTANCES[wrong]
     with pytest.raises(GeometryError, match=f"the signed distance of a Ball {words}"):
         USES[use](Ball(change=change))
 

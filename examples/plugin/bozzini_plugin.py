@@ -29,7 +29,7 @@ class PulledPlanner(Planner):
     name = "pulled"
     ignored = ("angle_limit", "route")
 
-    def move(self, space, scope, options, *, progress=no_progress):
+    def move(self, space, scope, *, options, progress=no_progress):
         """Return the tractrix of the centreline."""
         line = space.centreline
         steps = int(np.ceil(line.length / options.head_step))
