@@ -349,11 +349,12 @@ def length_command(
     """Measure the length between two ring marks of a muscle in the pictures of TABLE.
 
     TABLE has a row for each picture, with the columns image (relative to the table) and
-    pressure_kpa and, if there, specimen, direction (inflate, deflate, none), load_n, and
-    override_x1, override_y1, override_x2, override_y2 for marks that a person sets. Other columns
-    are kept. Contractions are from the rows without pressure; contractions.csv is what 'bozzini
-    muscle fit' reads. Exit code 0: all lengths are there; 1: some are not, and have the reason in
-    their row; 2: bad input.
+    pressure_kpa and, if there, specimen, direction (inflate, deflate, none), load_n, setpoint_kpa
+    (by which repeats belong together where the pressure is a measured one), and override_x1,
+    override_y1, override_x2, override_y2 for marks that a person sets. Other columns are kept.
+    Contractions are from the rows without pressure; contractions.csv is what 'bozzini muscle fit'
+    reads. Exit code 0: all lengths are there; 1: some are not, and have the reason in their row;
+    2: bad input.
     """
     from ..io.files import reserve_directory
     from ..vision.pictures import read_manifest

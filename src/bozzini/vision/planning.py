@@ -88,7 +88,7 @@ class LengthSetup:
     @property
     def sensor(self) -> Sensor:
         """The camera's sensor."""
-        return Sensor(blur=self.blur, noise=self.noise, supersampling=3)
+        return Sensor(blur=self.blur, noise=self.noise)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -69,7 +69,7 @@ class Sensor:
     bits : int
         Of a stored value, 8 or 16.
     supersampling : int
-        Rays a pixel in each direction.
+        Rays a pixel in each direction. Edges of bands are exact for any number.
     """
 
     blur: float = quantity(help="Point spread [px].", default=0.8, low=0.0, high=50.0)

@@ -54,13 +54,17 @@ _STATE = ("specimen", "load_n", "pressure_kpa", "direction")
 
 @dataclass(frozen=True)
 class SeriesRow:
-    """A row of a manifest: which state, which picture, and marks that a person has set."""
+    """A row of a manifest: which state, which picture, and marks that a person has set.
+
+    The set-point is the pressure that was asked for, by which repeats belong together.
+    """
 
     specimen: str
     load_n: float
     pressure_kpa: float
     direction: str
     picture: Path
+    setpoint_kpa: float
     marks: tuple[float, ...] = ()
 
 
@@ -143,10 +147,11 @@ class LengthSeries(Result):
     def summarise(self) -> list[Json]:
         """Return a row for each state: mean length, contraction and hysteresis, with uncertainty.
 
-        A state is a specimen, a load, a pressure and a direction: inflation and deflation are not
-        pooled. Contractions are from the specimen's rows without pressure, at its least load.
-        Standard uncertainties begin with ``u_``; ``U95`` is half the interval of 95 % by Student's
-        factor for the effective degrees of freedom (Welch and Satterthwaite; GUM, annex G).
+        A state is a specimen, a load, a pressure (the set-point, where the table has one) and a
+        direction: inflation and deflation are not pooled. Contractions are from the specimen's rows
+        without pressure, at its least load. Standard uncertainties begin with ``u_``; ``U95`` is
+        half the interval of 95 % by Student's factor for the effective degrees of freedom (Welch
+        and Satterthwaite; GUM, annex G).
         """
         groups = [_take_mean(state, self) for state in dict.fromkeys(map(_get_state, self.rows))]
         for group in groups:
@@ -222,7 +227,7 @@ _State = tuple[str, float, float, str]
 
 
 def _get_state(row: SeriesRow) -> _State:
-    return row.specimen, row.load_n, row.pressure_kpa, row.direction
+    return row.specimen, row.load_n, row.setpoint_kpa, row.direction
 
 
 def _take_mean(state: _State, series: LengthSeries) -> Json:
@@ -304,8 +309,9 @@ def read_series(manifest: Manifest) -> tuple[SeriesRow, ...]:
     """Return the rows of a table of pictures.
 
     It needs the columns ``image`` and ``pressure_kpa``; ``specimen``, ``load_n``, ``direction``
-    (inflate, deflate or none) and ``override_x1``, ``override_y1``, ``override_x2``,
-    ``override_y2`` [px] are used where they are there. Others are kept as they are.
+    (inflate, deflate or none), ``setpoint_kpa`` and ``override_x1``, ``override_y1``,
+    ``override_x2``, ``override_y2`` [px] are used where they are there. Others are kept as they
+    are. Without a set-point the pressure is taken for one.
 
     Raises
     ------
@@ -325,10 +331,11 @@ def read_series(manifest: Manifest) -> tuple[SeriesRow, ...]:
             raise FileFormatError(f"{where}: give all of {', '.join(_OVERRIDES)}, or none")
         pressure = _read_number(where, row, "pressure_kpa")
         load = _read_number(where, row, "load_n") if row.get("load_n") else 0.0
+        asked = _read_number(where, row, "setpoint_kpa") if row.get("setpoint_kpa") else pressure
         given = tuple(_read_number(where, row, name) for name in _OVERRIDES) if all(marks) else ()
         specimen = row.get("specimen", "")
         picture = manifest.find_picture(row, "image")
-        rows.append(SeriesRow(specimen, load, pressure, _WORDS[word], picture, given))
+        rows.append(SeriesRow(specimen, load, pressure, _WORDS[word], picture, asked, given))
     return tuple(rows)
 
 
