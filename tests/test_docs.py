@@ -47,7 +47,7 @@ def test_readme_has_an_example_of_about_fifteen_lines() -> None:
 
 def _command_lines(page: Path) -> list[str]:
     """Return the command lines of a page: indented ones, fenced ones, and those in the text."""
-    text = page.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
     indented = re.findall(r"^(?: {4}|\$ )?(bozzini [a-z].*)$", text, re.M)
     return indented + re.findall(r"`(bozzini [a-z][^`]*)`", text)
 
