@@ -32,7 +32,15 @@ def _examples(page: Path) -> list[str]:
     return [match["code"] for match in BLOCK.finditer(text) if not match["note"]]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if _examples(page)], ids=_name)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[] if page.parent == ROOT else pytest.mark.slow)
+        for page in PAGES
+        if _examples(page)
+    ],
+    ids=_name,
+)
 def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "example"}
