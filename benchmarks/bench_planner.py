@@ -56,7 +56,7 @@ def bench_human_plan_with_certificate(
 ) -> None:
     """By the tube alone, and by the default, the best of several methods."""
     scope = Scope(diameter=diameter, link_length=link)
-    given = {"scope": scope, "options": PlannerOptions(method=method)}
+    given = {"scope": scope, "method": method}
     plan = benchmark.pedantic(plan_insertion, args=human, kwargs=given, rounds=9, warmup_rounds=1)
     took = benchmark.stats.stats.median
     assert plan.status == "complete"
@@ -73,7 +73,7 @@ def bench_human_plan_with_certificate(
 def bench_long_plan(benchmark: Any, long_tube: tuple[SampledField, Centreline]) -> None:
     field, line = long_tube
     scope = Scope(diameter=8.0, link_length=12.5)
-    given = {"scope": scope, "options": PlannerOptions(method="tube")}
+    given = {"scope": scope, "method": "tube"}
     plan = benchmark.pedantic(
         plan_insertion, args=(field, line), kwargs=given, rounds=5, warmup_rounds=1
     )
@@ -160,8 +160,8 @@ def bench_cost_is_linear_in_joints_times_steps(
 
 def bench_certificate(benchmark: Any, human: tuple[SampledField, Centreline]) -> None:
     field, line = human
-    scope, tube = Scope(diameter=6.0, link_length=12.0), PlannerOptions(method="tube")
-    plan = plan_insertion(field, line, scope=scope, options=tube)
+    scope = Scope(diameter=6.0, link_length=12.0)
+    plan = plan_insertion(field, line, scope=scope, method="tube")
     certificate = benchmark.pedantic(certify_plan, args=(plan, field), rounds=9, warmup_rounds=1)
     took = benchmark.stats.stats.median
     assert certificate.certified
