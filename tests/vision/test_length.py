@@ -80,7 +80,7 @@ def test_the_length_and_the_marks_are_those_of_the_scene(found):
 def test_both_modes_agree(picture, found):
     distance = -float(CAMERA.centre[2])
     options = dataclasses.replace(OPTIONS, distance=distance)
-    other = measure_length(picture, BOARD, options)
+    other = measure_length(picture, BOARD, options=options)
     assert other.mode == "homography"
     assert other.length == pytest.approx(found.length, abs=0.015)
     assert found.distance == pytest.approx(distance, rel=0.005)
@@ -238,7 +238,7 @@ def test_what_goes_wrong_is_flagged_or_refused(name):
     scene = dataclasses.replace(scene, tubes=(*scene.tubes, *bars))
     picture = render_picture(scene, CAMERA, sensor=Sensor(**sensor))
     try:
-        found = measure_length(picture, BOARD, OPTIONS, camera=CAMERA)
+        found = measure_length(picture, BOARD, options=OPTIONS, camera=CAMERA)
     except GeometryError as error:
         assert end and end in str(error)
         return

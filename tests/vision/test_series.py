@@ -270,7 +270,7 @@ def test_the_fit_recovers_the_muscle_of_the_demonstration(tmp_path):
         write_demo(folder, options=options)
         assert _measure(folder, target).converged
         data = read_measurements(target / "contractions.csv", muscle=muscle)
-        intervals = calibrate(EnergyMuscle, muscle, data).intervals
+        intervals = calibrate(EnergyMuscle, muscle, data=data).intervals
         truth = {"modulus": options.modulus, "dead_length": options.dead_length}
         within += all(
             intervals[name][0] <= value <= intervals[name][1] for name, value in truth.items()

@@ -23,7 +23,6 @@ from .common import (
     answer_options,
     format_rows,
     gather,
-    make_option,
     options_of,
     run_exit,
 )
@@ -263,17 +262,7 @@ def _describe_track(found: Track, target: Path) -> str:
     return "\n".join([*lines, f"Results: {target}"])
 
 
-_LENGTH_FIELDS = dataclasses.fields(LengthOptions)
-length_options = gather(
-    "options",
-    LengthOptions,
-    *(
-        make_option(item, required=True, default=None, show_default=False)
-        if item.default is dataclasses.MISSING
-        else make_option(item)
-        for item in _LENGTH_FIELDS
-    ),
-)
+length_options = options_of(LengthOptions, "options")
 
 
 def _load_strips(path: Path | None) -> StripBoard:
@@ -422,12 +411,13 @@ def demo_command(options: DemoOptions, answer: Answer) -> None:
     known = DEMO_LENGTH
     target = answer.target
     text = (
-        f"{summary['pictures']} pictures. Measure them by\n"
+        f"{summary['pictures']} pictures. Measure them, and fit a model to their contractions, by\n"
         f"  bozzini vision length {target}/manifest.csv --board {target}/board.yaml "
         f"--cameras {target}/cameras.yaml --height {known.height:g}mm "
         f"--diameter {known.diameter:g}mm --ring {known.ring:g}mm "
         f"--height-uncertainty {known.height_uncertainty:g}mm "
-        f"--tilt-uncertainty {known.tilt_uncertainty:g}rad --out lengths"
+        f"--tilt-uncertainty {known.tilt_uncertainty:g}rad --out lengths\n"
+        "  bozzini muscle fit lengths/contractions.csv --preset effector-45"
     )
     answer.give(summary | {"directory": target}, text)
 

@@ -68,8 +68,12 @@ _CORNER_NOISE = 0.05
 _PAPER = 0.85
 _ROUND = 1.0 / math.sqrt(12.0)
 
-_PIXEL_FLOOR = 0.018
-"""Uncertainty of a ring's middle that no residual shows [px]: sampling and compression."""
+_PIXEL_FLOOR = 0.012
+"""Uncertainty of a ring's middle that no residual shows [px]: sampling and compression.
+
+Measured: with it the errors of 170 rendered pictures, 10 of each condition that the tests have but
+of other seeds, are 1.0 times the claimed uncertainty rms.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
