@@ -22,6 +22,7 @@ from bozzini.vision import (
     StripBoard,
     load_board,
     load_cameras,
+    measure_length,
     measure_series,
     render_picture,
     write_demo,
@@ -156,8 +157,13 @@ def test_every_fault_of_a_picture_is_its_row(tmp_path):
         "small.png": plain.values[:600],
     }.items():
         write_picture(dataclasses.replace(plain, values=values), tmp_path / name)
+    hidden, ring = plain.values.copy(), measure_length(plain, board, options=OPTIONS, camera=camera)
+    x, y = np.round(ring.edges[0]).astype(int)
+    hidden[y - 20 : y + 20, x - 10 : x + 2] = np.median(hidden[y - 5 : y + 5, x - 9 : x - 4])
+    write_picture(dataclasses.replace(plain, values=hidden), tmp_path / "hidden.png")
     expected = {
         "deep.png": ("ok", "", ""),
+        "hidden.png": ("flagged", "ring_changed", ""),
         "grey.png": ("ok", "", ""),
         "colour.png": ("ok", "colour", ""),
         "turned.jpg": ("flagged", "exif_rotated", ""),
@@ -179,7 +185,7 @@ def test_every_fault_of_a_picture_is_its_row(tmp_path):
         assert expected[name][2] in reason
         assert "\n" not in reason
     for item in series.found:
-        if item:
+        if item and "ring_changed" not in item.flags:
             assert item.length == pytest.approx(37.0, abs=0.02)
 
 
@@ -264,10 +270,11 @@ def test_the_commands_measure_what_the_demonstration_renders(tmp_path, capsys):
 @pytest.mark.slow
 def test_the_fit_recovers_the_muscle_of_the_demonstration(tmp_path):
     muscle, within = preset("effector-45"), 0
+    setup = LengthSetup(pitch=0.1, columns=820, rows=660)
     for seed in range(20):
         folder, target = tmp_path / f"demo{seed}", tmp_path / f"out{seed}"
-        options = DemoOptions(repeats=2, seed=seed)
-        write_demo(folder, options=options)
+        options = DemoOptions(repeats=2, steps=5, seed=seed)
+        write_demo(folder, options=options, setup=setup)
         assert _measure(folder, target).converged
         data = read_measurements(target / "contractions.csv", muscle=muscle)
         intervals = calibrate(EnergyMuscle, muscle, data=data).intervals

@@ -8,6 +8,7 @@ contraction only that share of the contraction is left.
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import math
 import os
@@ -43,6 +44,9 @@ if TYPE_CHECKING:
 
 FEW_REPEATS = 5
 """Repeats below which a mean is flagged."""
+
+RING_CHANGE = 0.05
+"""Share by which a ring differs from its median over the pictures of a specimen, flagged above."""
 
 HARMLESS = ("colour",)
 """Flags that say nothing against a length."""
@@ -386,10 +390,28 @@ def measure_series(
     found = measure_each(rows, work, jobs=jobs, stage="lengths", progress=progress)
     return LengthSeries(
         rows=rows,
-        found=tuple(row.get("found") for row in found),
+        found=_flag_rings(rows, [row.get("found") for row in found]),
         reasons=tuple(row["reason"] for row in found),
         manifest=manifest,
         options=options,
+    )
+
+
+def _flag_rings(
+    rows: Sequence[SeriesRow], found: Sequence[MuscleLength | None]
+) -> tuple[MuscleLength | None, ...]:
+    """Flag where a ring is longer or shorter than in most pictures of its specimen: part hidden."""
+    widths = np.array([item.rings if item else (np.nan, np.nan) for item in found])
+    changed = np.zeros(len(rows), bool)
+    for specimen in {row.specimen for row in rows}:
+        own = np.array([row.specimen == specimen for row in rows])
+        known = own & np.isfinite(widths).all(axis=1)
+        if known.sum() >= FEW_REPEATS:
+            usual = np.median(widths[known], axis=0)
+            changed |= known & (np.abs(widths / usual - 1.0) > RING_CHANGE).any(axis=1)
+    return tuple(
+        dataclasses.replace(item, flags=(*item.flags, "ring_changed")) if item and off else item
+        for item, off in zip(found, changed.tolist(), strict=True)
     )
 
 
