@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from ..study.shapes import FitStudy, SectionStudy
     from ..study.traverse import LimitsStudy
 
-SUFFIXES = (".json", ".yaml", ".yml")
-"""Endings of a file of shapes."""
-
 _LIMITED_BY = {
     "wall": "the wall at {place} limits them",
     "turn": "a tail would go backwards in the bend at {place}",
@@ -92,14 +89,13 @@ def limits_command(
     what does not pass them may pass the tract. Exit code 0: the link passes (without --link: short
     ones do); 1: it does not, or these bounds do not decide it; 2: bad input.
     """
+    from ..duct.shape_files import SUFFIXES, load_shapes_file
     from ..plot.duct import draw_link_limits
     from ..study.traverse import run_limits
 
     given: Any
     fit = ""
     if source.suffix.lower() in SUFFIXES:
-        from ..duct.shape_files import load_shapes_file
-
         _check_shape_options(source, reading)
         file = load_shapes_file(source)
         given, fit = file.shapes, file.fit
@@ -240,6 +236,7 @@ def show_command(
 
     Of a tract: its inscribed circles, circles by least squares, and areas along the centreline.
     """
+    from ..duct.shape_files import SUFFIXES, load_shapes_file, write_shapes
     from ..errors import InputError
     from ..plot import duct as figures
 
@@ -257,8 +254,6 @@ def show_command(
     given = [*list_given(reading), *list_given(options)]
     if given and over is None:
         raise InputError(f"--{given[0]} has no effect on a file of shapes: give --over too")
-    from ..duct.shape_files import load_shapes_file, write_shapes
-
     file = load_shapes_file(source)
     data = write_shapes(file.shapes, fit=file.fit, note=file.note)
     low, high = file.shapes.bounds

@@ -310,7 +310,7 @@ class LumenGraph:
         return text
 
     def measure_depth(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Room at points (n, 3) of the grid frame, before inflation [mm]."""
+        """Distance to the wall at points (n, 3) of the grid frame, before inflation [mm]."""
         return -self.field.signed_distance(self.field.to_world(points))
 
     def measure_slope(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -460,7 +460,7 @@ def _find_matplotlib_config() -> str:
 
 
 def _takes_files(folder: str) -> bool:
-    """Say whether a directory can be made, if need be, and written: permissions are not all."""
+    """Return whether a directory can be made, if need be, and written: permissions are not all."""
     if not folder:
         return False
     try:
