@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..results import Json
-from ..study.options import PathOptions, ReadOptions, TractFitOptions
+from ..study.options import FITTED_KINDS, PathOptions, ReadOptions, TractFitOptions
 from ._tract_options import list_given, read_with_options, report_study, tract_options
 from .common import (
     EXIT_NEGATIVE,
@@ -23,6 +23,9 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from ..study.shapes import FitStudy, SectionStudy
     from ..study.traverse import LimitsStudy
 
@@ -265,7 +268,13 @@ def show_command(
     if over is not None:
         study = _cut_sections(over, reading, options, answer, 10.0)
         under = {"field": study.field, "line": study.line}
-    answer.draw(lambda: figures.draw_shapes(file.shapes, title=content, **under))
+
+    def draw() -> Figure | Axes:
+        if over is None and data["kind"] not in FITTED_KINDS:
+            return file.shapes.plot()
+        return figures.draw_shapes(file.shapes, title=content, **under)
+
+    answer.draw(draw)
     result = {"input": source.name, "pieces": count, "bounds_mm": [low, high], "file": answer.out}
     answer.give(data | result, text if answer.out is None else f"{text}\n{answer.out}")
 
