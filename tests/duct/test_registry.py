@@ -200,13 +200,14 @@ def test_a_file_may_state_every_length_with_its_unit(name):
 
 @pytest.mark.slow
 def test_code_compiled_for_a_package_that_is_gone_harms_no_other(tmp_path):
-    cones = "from bozzini.duct import RoundCones\nprint(RoundCones([(0, 0, 0)], [4.0])"
-    cones += ".signed_distance([(0, 0, 3)]))"
-    torus = (
-        "from lost import PackedTorus\nprint(PackedTorus(9.0, 2.0).signed_distance([(9, 0, 0)]))"
-    )
+    field = "import numpy as np\nfrom bozzini.duct import SampledField\n"
+    field += "at = dict(spacing=np.ones(3), origin=np.zeros(3), rotation=np.eye(3))\n"
+    field += "values = np.full((2, 2, 2), -1.0, dtype=np.float32)\n"
+    field += "print(SampledField(values=values, **at).signed_distance([(0.5, 0.5, 0.5)]))"
+    torus = "from lost import PackedTorus\n"
+    torus += "print(PackedTorus(9.0, 2.0).signed_distance([(9, 0, 0)]))"
     (tmp_path / "lost.py").write_bytes((Path(__file__).parent / "torus.py").read_bytes())
-    for code, answer in ((cones, "[-1.]"), (torus, "[-2.]"), (cones, "[-1.]")):
+    for code, answer in ((field, "[-1.]"), (torus, "[-2.]"), (field, "[-1.]")):
         done = subprocess.run(
             [sys.executable, "-c", code],
             cwd=tmp_path,

@@ -238,7 +238,7 @@ def _forgive_lost_classes():
         except (ImportError, AttributeError):
             return {}
 
-    IndexDataCacheFile._load_index = load_index
+    IndexDataCacheFile._load_index = load_index  # type: ignore[method-assign]
 
 
 _forgive_lost_classes()

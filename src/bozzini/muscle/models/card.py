@@ -106,22 +106,24 @@ def make_parameters(kind: type) -> tuple[Parameter, ...]:
     def end(limit: Limit, largest: float) -> float:
         return largest if callable(limit) or math.isinf(limit) else float(limit)
 
+    if not dataclasses.is_dataclass(kind):
+        return ()
+    defaults = {item.name: item.default for item in dataclasses.fields(kind)}
     found = []
-    for name, known in (list_quantities(kind) if dataclasses.is_dataclass(kind) else {}).items():
+    for name, known in list_quantities(kind).items():
         if known.words or known.kind not in INTERNAL_UNITS:
             continue
-        default = kind.__dataclass_fields__[name].default
+        default = defaults[name]
         low, high = end(known.low, -LARGEST), end(known.high, LARGEST)
         if known.low_open:
             low += 1e-9 * max(1.0, abs(low))
-        known_default = isinstance(default, (int, float))
         found.append(
             Parameter(
                 f"{name} [{known.unit}]",
                 known.help,
                 (low, high),
                 source="fitted" if name in getattr(kind, "fit_fields", ()) else "measured",
-                default=float(default) if known_default else None,
+                default=float(default) if isinstance(default, (int, float)) else None,
                 whole=known.whole,
             )
         )
