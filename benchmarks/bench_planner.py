@@ -171,14 +171,16 @@ def bench_certificate(benchmark: Any, human: tuple[SampledField, Centreline]) ->
     )
 
 
-def bench_warm_replan(benchmark: Any, human: tuple[SampledField, Centreline]) -> None:
+@pytest.mark.parametrize("method", ["tube", "best"])
+def bench_warm_replan(benchmark: Any, human: tuple[SampledField, Centreline], method: str) -> None:
     """The tissue moves by two millimetres; the field of the new shape is given."""
     from dataclasses import replace as change
 
     from bozzini.motion import replan
 
     field, line = human
-    plan = plan_insertion(field, line, scope=Scope(diameter=5.5, link_length=12.0))
+    scope = Scope(diameter=5.5, link_length=12.0)
+    plan = plan_insertion(field, line, scope=scope, method=method)
     turn = 0.02
     rotation = np.array(
         [[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]]
@@ -196,8 +198,8 @@ def bench_warm_replan(benchmark: Any, human: tuple[SampledField, Centreline]) ->
     assert result.replan.warm
     assert result.certified
     benchmark.extra_info.update(
-        what="human tract moved by up to 2 mm: warm re-plan with certificate",
+        what=f"human tract moved by up to 2 mm, method {method}: warm re-plan with certificate",
         measured=f"{took * 1e3:.0f} ms",
-        required="50 ms at most",
+        required="50 ms at most" if method == "tube" else "",
     )
-    assert took <= 0.05
+    assert method != "tube" or took <= 0.05
