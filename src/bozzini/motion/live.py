@@ -420,12 +420,19 @@ class _Loop:
         It is compared with the last lumen on its first half and with this one on its second: the
         wall is then never farther than half its way from where it is compared.
         """
+        tubes = last.plan.get_introducer(), plan.get_introducer()
         here, there = last.plan.joints[last.step], plan.joints[0]
+        # Joints that stand in the introducer move with it; the first of them ends a link inside.
+        behind = [
+            (b - t.entry) @ t.outward >= 0.0 for b, t in zip((here, there), tubes, strict=True)
+        ]
+        count = max(int(np.argmax(np.append(each, True))) for each in behind) + 1
+        here, there = here[: max(count, 2)], there[: max(count, 2)]
         middle, radius = 0.5 * (here + there), plan.get_scope().radius
         least = np.inf
         for one, other, field_, tube in (
-            (here, middle, last.field, last.plan.get_introducer()),
-            (middle, there, lumen, plan.get_introducer()),
+            (here, middle, last.field, tubes[0]),
+            (middle, there, lumen, tubes[1]),
         ):
             least = min(least, _certify_pair(np.stack([one, other]), field_, tube, radius))
         return float(least - 0.5 * self.motion.speed / self.options.rate)
