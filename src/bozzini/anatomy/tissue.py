@@ -138,7 +138,8 @@ class Breathing(TissueMotion):
         direction, along = np.array(self.direction), wave * np.array(self.along)
 
         def move(points: Floats) -> Floats:
-            return (depth * np.cos(points @ along + self.phase))[:, None] * direction
+            wave_height = depth * np.cos(points @ along + self.phase)
+            return np.asarray(wave_height[:, None] * direction)
 
         return TissueFrame(move=move, gradient_bound=depth * wave, second_bound=depth * wave * wave)
 
@@ -234,7 +235,7 @@ class Peristalsis(TissueMotion):
         def move(rest: Floats) -> Floats:
             away = rest - middle
             ring = -depth * np.exp(scale * np.einsum("ij,ij->i", away, away))
-            return ring[:, None] * (away - (away @ axis)[:, None] * axis)
+            return np.asarray(ring[:, None] * (away - (away @ axis)[:, None] * axis))
 
         return TissueFrame(
             move=move, gradient_bound=depth, second_bound=SECOND * depth / self.width

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..checks import quantity
+from ..checks import check_number, quantity
 from ..errors import InputError
 from ..motion.live import LiveOptions
 from ..study.options import InsertionOptions, PathOptions, ReadOptions
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from ..motion import LiveRun
 
 __all__ = ["command"]
+
+DEPTH_MAX = 0.95
+"""As `bozzini.anatomy.Peristalsis` takes it."""
 
 HEAD_STEP_MM = 1.0
 """The head's step in every frame."""
@@ -51,8 +55,14 @@ class TissueOptions:
         default=None,
     )
 
-    def make(self, line: Centreline) -> TissueMotion:
-        """Return the motion; peristalsis runs along `line`."""
+    def prepare(self) -> Callable[[Centreline], TissueMotion]:
+        """Return what makes the motion along a line, which peristalsis needs.
+
+        Raises
+        ------
+        InputError
+            If the motion is unknown, its file cannot be read, or a number is not legal for it.
+        """
         from ..anatomy.tissue import Breathing, Peristalsis, RecordedMotion
 
         given = {
@@ -64,15 +74,19 @@ class TissueOptions:
         spare = set(given) - set(taken.get(self.motion, ()))
         if spare:
             raise InputError(f"--{min(spare)} was given: --motion {self.motion} has none")
-        if self.motion == "breathing":
-            return Breathing(**given)
         if self.motion == "peristalsis":
-            return Peristalsis(line=line.points, **given)
-        if not self.motion.endswith(".npz"):
+            if self.depth is not None:
+                check_number("depth", self.depth, low=0.0, high=DEPTH_MAX)
+            return lambda line: Peristalsis(line=line.points, **given)
+        if self.motion == "breathing":
+            motion: TissueMotion = Breathing(**given)
+        elif self.motion.endswith(".npz"):
+            motion = RecordedMotion.load(self.motion)
+        else:
             raise InputError(
                 f"--motion is '{self.motion}': it must be breathing, peristalsis or an .npz file"
             )
-        return RecordedMotion.load(self.motion)
+        return lambda line: motion
 
 
 @click.command(name="live")
@@ -105,6 +119,7 @@ def command(
     from ..motion import LiveRun, follow_tissue
     from ..study import run_insertion
 
+    make_motion = tissue.prepare()
     tract = read_with_options(source, reading, answer)
     insertion = InsertionOptions(**vars(options), method="tube", head_step=HEAD_STEP_MM)
     with answer.show_progress() as progress:
@@ -114,7 +129,7 @@ def command(
         summary = {"input": source.name, "converged": False, "reason": study.plan.reason}
         answer.give(summary, f"The scope does not fit at rest: {study.plan.reason}.")
         run_exit(EXIT_NEGATIVE)
-    motion = tissue.make(study.line)
+    motion = make_motion(study.line)
     surface = None if tract.kind == "labels" else tract
     with answer.show_progress() as progress:
         progress("live", 0.0)

@@ -55,7 +55,7 @@ class LiveOptions:
         The next stretch of the way, certified in every frame [mm].
     advance : float
         How fast the head moves on [mm/s].
-    start : float
+    inserted : float
         Share of the way at which the head stands when the loop begins.
     """
 
@@ -69,7 +69,7 @@ class LiveOptions:
     advance: float = quantity(
         "speed", "How fast the head moves on.", low=0.0, high=1e3, default=5.0
     )
-    start: float = quantity(
+    inserted: float = quantity(
         help="Share of the way at which the head begins.", low=0.0, high=1.0, default=0.5
     )
 
@@ -338,7 +338,7 @@ class _Loop:
         self.moving, self.motion, self.options = moving, motion, options
         surface = moving.surface
         self.vertices = None if surface is None else motion.track(surface.vertices)
-        wanted = options.start * float(plan.path_arc_length[-1])
+        wanted = options.inserted * float(plan.path_arc_length[-1])
         step = int(np.argmin(np.abs(plan.head_arc_length - wanted)))
         self.state = _State(plan=plan, step=step, displacement=np.zeros_like)
         self.due = 0.0
