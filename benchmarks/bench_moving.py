@@ -62,7 +62,7 @@ def run_frames(rest: Rest, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     for number in range(-2, frames):
         now = BREATH.at(BREATH.period * max(number, 0) / frames)
         begin = time.perf_counter()
-        path = carry_tissue(plan.path, last, now)
+        path = carry_tissue(plan.path, last, now=now)
         bounds = {"gradient_bound": now.gradient_bound, "second_bound": now.second_bound}
         lumen = moving.update(now, path=path, radius=RADIUS, **bounds)
         filled = time.perf_counter()
@@ -70,7 +70,7 @@ def run_frames(rest: Rest, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndar
         plan = replan(
             plan,
             lumen,
-            advect=lambda points, a=before, b=now: carry_tissue(points, a, b),
+            advect=lambda points, a=before, b=now: carry_tissue(points, a, now=b),
             options=ReplanOptions(measure=False),
         )
         if number >= 0:

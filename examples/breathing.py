@@ -37,7 +37,7 @@ def follow_breath(tract, scope, *, frames=8, voxel=2.0, breath=BREATH):
     for frame in (0, *range(frames + 1)):
         now = breath.at(breath.period * frame / frames)
         begin = time.perf_counter()
-        path = carry_tissue(plan.path, last, now)
+        path = carry_tissue(plan.path, last, now=now)
         lumen = moving.update(
             now,
             gradient_bound=now.gradient_bound,
@@ -49,7 +49,7 @@ def follow_breath(tract, scope, *, frames=8, voxel=2.0, breath=BREATH):
         plan = replan(
             plan,
             lumen,
-            advect=lambda points, a=last, b=now: carry_tissue(points, a, b),
+            advect=lambda points, a=last, b=now: carry_tissue(points, a, now=b),
             options=ReplanOptions(measure=False),
         )
         done = time.perf_counter()

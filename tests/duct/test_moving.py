@@ -236,8 +236,8 @@ def test_tissue_is_carried_there_and_back():
     one, other = Waves(random, 0.3), Waves(random, 0.4)
     points = random.uniform(-50.0, 50.0, (200, 3))
     assert trace_back(points + one(points), one) == pytest.approx(points, abs=1e-6)
-    there = carry_tissue(points, one, other)
-    assert carry_tissue(there, other, one) == pytest.approx(points, abs=1e-6)
+    there = carry_tissue(points, one, now=other)
+    assert carry_tissue(there, other, now=one) == pytest.approx(points, abs=1e-6)
     with pytest.raises(DeformationError, match="could not be traced back"):
         trace_back(points, lambda places: -2.0 * places)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bozzini.anatomy import Breathing, Peristalsis, RecordedMotion, read_tract
+from bozzini.anatomy import Breathing, Peristalsis, RecordedMotion, TissueFrame, read_tract
 from bozzini.duct import Centreline, MovingField, build_field, carry_tissue, find_centreline
 from bozzini.errors import InputError
 from bozzini.motion import (
@@ -96,7 +96,7 @@ def test_the_body_moves_with_the_tissue_and_keeps_its_links(rest):
     for before, frame in itertools.pairwise(frames):
         links = np.linalg.norm(np.diff(frame.body, axis=0), axis=1)
         assert links == pytest.approx(np.full(len(links), SCOPE.link_length))
-        moved = carry_tissue(before.body, BREATH.at(before.time), BREATH.at(frame.time))
+        moved = carry_tissue(before.body, BREATH.at(before.time), now=BREATH.at(frame.time))
         inside = len(frame.body) - 3  # the last joints stand in the introducer
         gone = np.linalg.norm(frame.body - before.body, axis=1)[:inside]
         off = np.linalg.norm(frame.body - moved, axis=1)[:inside]
@@ -132,13 +132,33 @@ def test_the_margin_is_the_walls_speed_over_the_rate(rest):
     assert "until the next frame" in rushed.reason
 
 
+def test_where_the_way_ahead_is_closed_the_body_is_still_kept_clear(rest):
+    _, _, plan = rest
+    middle = plan.path[int(0.8 * len(plan.path))]
+
+    class Pinch(Breathing):
+        def at(self, time):
+            def move(points):
+                away = points - middle
+                return -0.92 * np.exp(-np.einsum("ij,ij->i", away, away) / 128.0)[:, None] * away
+
+            return TissueFrame(move=move, gradient_bound=0.92, second_bound=1.3803 * 0.92 / 8.0)
+
+    frames = run(rest, Pinch(amplitude=0.1), inserted=0.4, horizon=40.0, duration=0.3)
+    for frame in frames:
+        assert frame.status == "held"
+        assert frame.ahead == 0.0
+        assert frame.clearance > 0.0
+        assert "could not be planned" in frame.reason
+
+
 def test_a_ring_that_closes_on_the_scope_is_said(rest):
     _, _, plan = rest
     ring = make_motions(plan.path, depth=0.9)["peristalsis"]
     frames = run(rest, ring, rate=4.0, duration=1.1 * ring.period, inserted=0.4, advance=0.0)
     lost = [frame for frame in frames if frame.status == "lost"]
     assert lost
-    assert all(frame.reason for frame in lost)
+    assert all(frame.reason and frame.clearance is None for frame in lost)
     found = LiveRun.collect(frames, rate=4.0, motion=ring)
     assert not found.converged
     assert found.reason.startswith(f"frame {lost[0].number} ")
@@ -249,11 +269,13 @@ def test_a_human_tract_that_moves(upper_gi_dir, name):
     moving, last = MovingField(field, surface), motion.at(0.0)
     for number in range(1, 9):
         now = motion.at(number * motion.period / 8)
-        path = carry_tissue(plan.path, last, now)
+        path = carry_tissue(plan.path, last, now=now)
         bounds = {"gradient_bound": now.gradient_bound, "second_bound": now.second_bound}
         lumen = moving.update(now, path=path, radius=scope.radius, **bounds)
         begin, last = last, now
-        plan = replan(plan, lumen, advect=lambda points, a=begin, b=now: carry_tissue(points, a, b))
+        plan = replan(
+            plan, lumen, advect=lambda points, a=begin, b=now: carry_tissue(points, a, now=b)
+        )
         assert plan.status == "complete", plan.reason
         wall = MeshWall(surface.vertices + now(surface.vertices), surface.faces)
         points = sample_body(plan.joints, 6000, random)[0]

@@ -42,11 +42,20 @@ REACH_MM = 4.5
 SPACING_MM = 1.0
 """The path's points are so far apart when nodes near it are looked for [mm]."""
 
+SIDES = (4, 2, 1)
+"""Nodes of a block along each axis: the first that keeps to `MISS_MM`, or the last."""
+
+MISS_MM = 0.1
+"""So far may the deformation be from linear in a block [mm]."""
+
+TRACED_MM = 0.25
+"""A block's middle is traced back to its place at rest up to this [mm]."""
+
 PROBE_MM = 0.25
 """Gradients are central differences over so much to both sides [mm]."""
 
 EXCESS_MM = 1e-6
-"""So much more than its bound allows may a side of a triangle change, by rounding [mm]."""
+"""So far may a vertex be from where its displacement takes it, by rounding [mm]."""
 
 EXCESS = 1e-6
 """So much may a gradient be above its bound, by rounding."""
@@ -176,7 +185,7 @@ class MovingField:
             facet = bend * wall.side**2 / 6.0
         elif vertices is not None:
             raise InputError("vertices were given, but the field has no surface: leave them out")
-        band = _Band(field, way)
+        band = _Band(field, way, bend)
         middles = self._look_around(displacement, band.middles, e, bend)
         count = len(band.nodes)
         places, bounds = np.empty((count, 3), dtype=np.int32), np.empty(count)
@@ -215,7 +224,10 @@ class MovingField:
         field, turn = self.field, self.field.rotation
         world = field.to_world(targets)
         rest = world - _measure(displacement, world)
-        rest = world - _measure(displacement, rest)
+        for _ in range(TRACE_STEPS):
+            last, rest = rest, world - _measure(displacement, rest)
+            if np.abs(rest - last).max() <= TRACED_MM:
+                break
         probes = np.concatenate([np.zeros((1, 3)), PROBE_MM * turn.T, -PROBE_MM * turn.T])
         moves = _measure(displacement, (rest[None] + probes[:, None]).reshape(-1, 3))
         moves = (moves @ turn).reshape(7, len(rest), 3)
@@ -236,14 +248,17 @@ class MovingField:
 class _Band:
     """The nodes near a path, in blocks, and an empty grid around them."""
 
-    def __init__(self, field: SampledField, path: Floats) -> None:
-        from .kernels.moving import SIDE, mark_path
+    def __init__(self, field: SampledField, path: Floats, bend: float) -> None:
+        from .kernels.moving import mark_path
 
         step = field.spacing
+        half = 0.5 * float(np.linalg.norm(step))
+        fits = (n for n in SIDES if 0.5 * bend * (half * (n - 1)) ** 2 <= MISS_MM)
+        side = next(fits, SIDES[-1])
         points = np.ascontiguousarray(resample_polyline(field.to_grid(path), SPACING_MM))
-        low = np.floor((points.min(axis=0) - REACH_MM) / step / SIDE).astype(np.int64) * SIDE
+        low = np.floor((points.min(axis=0) - REACH_MM) / step / side).astype(np.int64) * side
         high = np.ceil((points.max(axis=0) + REACH_MM) / step).astype(np.int64)
-        counts = (high - low) // SIDE * SIDE + SIDE
+        counts = (high - low) // side * side + side
         self.low = low
         self.values = np.zeros(counts, dtype=np.float32)
         ball = np.prod(2.0 * REACH_MM / step + 1.0)
@@ -251,10 +266,12 @@ class _Band:
         nodes, corners = np.empty((most, 3), np.int32), np.empty((most, 3), np.int32)
         blocks = np.empty(most, dtype=np.int32)
         flags = np.zeros(counts, dtype=np.uint8)
-        table = np.full(counts // SIDE, -1, dtype=np.int32)
-        count, number = mark_path(points, REACH_MM, low, step, flags, table, nodes, blocks, corners)
+        table = np.full(counts // side, -1, dtype=np.int32)
+        count, number = mark_path(
+            points, REACH_MM, low, step, side, flags, table, nodes, blocks, corners
+        )
         self.nodes, self.blocks = nodes[:count], blocks[:count]
-        self.middles = (low + corners[:number] + 0.5 * (SIDE - 1)) * step
+        self.middles = (low + corners[:number] + 0.5 * (side - 1)) * step
 
 
 class _MovingWall:
@@ -302,16 +319,20 @@ class _MovingWall:
         places = np.ascontiguousarray(self.field.to_grid(moved))
         move_parts(places, self.corners, self.rest, self.tree.parts, gradient, excess)
         worst = int(np.argmax(excess))
-        if not excess[worst] <= EXCESS_MM:
-            place = _place(rest[self.corners[worst, 0]])
+        if not excess[worst] <= 0.0:
+            before, after = (
+                np.stack([part[3:6], part[6:], part[3:6] - part[6:]])
+                for part in (self.rest[worst], self.tree.parts[worst])
+            )
+            change = np.linalg.norm(after - before, axis=1) / np.linalg.norm(before, axis=1)
             raise DeformationError(
-                f"a side of the wall near {place} mm changes by {excess[worst]:.3g} mm more than "
-                f"the stated gradient bound of {gradient:.4g} allows"
+                f"a side of the wall near {_place(rest[self.corners[worst, 0]])} mm changes by "
+                f"{change.max():.4g} of its length: the stated gradient bound is {gradient:.4g}"
             )
         refit_boxes(self.tree)
 
 
-def carry_tissue(points: ArrayLike, last: Displacement, now: Displacement) -> Floats:
+def carry_tissue(points: ArrayLike, last: Displacement, *, now: Displacement) -> Floats:
     """Return where the tissue at points (n, 3) in one frame is in another, world frame [mm].
 
     Parameters

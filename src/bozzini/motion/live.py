@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from typing import TYPE_CHECKING, Literal
 
@@ -90,7 +90,7 @@ class LiveFrame:
     status : {"held", "now", "lost", "refused"}
         See `FrameStatus`.
     reason : str
-        Why it is not "held"; empty otherwise.
+        Why it is not "held", or why nothing ahead is planned; empty otherwise.
     clearance : float or None
         Certified for the body and the next stretch, the wall standing as in this frame [mm].
     carried : float or None
@@ -102,6 +102,9 @@ class LiveFrame:
         the frame left no time for it, or it is not certified.
     head : float
         Arc length of the head along its path [mm].
+    ahead : float
+        How far ahead of the head the certificate reaches [mm]: 0 where the next stretch could not
+        be planned, and only the body is kept clear.
     latency : float
         From the frame's displacement to the certificate [s].
     field_time, plan_time, rest_time : float
@@ -127,6 +130,7 @@ class LiveFrame:
     margin: float = 0.0
     rest: float | None = None
     head: float = 0.0
+    ahead: float = 0.0
     latency: float = 0.0
     field_time: float = 0.0
     plan_time: float = 0.0
@@ -141,7 +145,7 @@ class LiveFrame:
     @property
     def body(self) -> Floats:
         """The joints as they stand after the tissue has moved (joints, 3), world frame [mm]."""
-        return self.plan.joints[0]
+        return np.asarray(self.plan.joints[0])
 
 
 COLUMNS = {
@@ -153,6 +157,7 @@ COLUMNS = {
     "margin_mm": "margin",
     "rest_mm": "rest",
     "head_mm": "head",
+    "ahead_mm": "ahead",
     "latency_s": "latency",
     "field_s": "field_time",
     "plan_s": "plan_time",
@@ -353,7 +358,7 @@ class _Loop:
         ahead = ReplanOptions(step=last.step, horizon=options.horizon, measure=False)
         margin = self.motion.speed / options.rate
         try:
-            path = carry_tissue(last.plan.path, last.displacement, tissue)
+            path = carry_tissue(last.plan.path, last.displacement, now=tissue)
             lumen = self._update(tissue, now, cut_ahead(last.plan, path, ahead)[0])
         except DeformationError as error:
             return LiveFrame(
@@ -367,12 +372,11 @@ class _Loop:
                 plan=last.plan,
             )
         filled = time.perf_counter()
-        plan = replan(
-            last.plan,
-            lumen,
-            advect=lambda points: carry_tissue(points, last.displacement, tissue),
-            options=ahead,
-        )
+        plan, blocked = self._plan_ahead(lumen, tissue, ahead), ""
+        if plan.reason_code == "NOT_CARRIED" and options.horizon > 0.0:
+            # Whatever is ahead, the body may be kept clear where it is.
+            blocked = f"the next stretch could not be planned: {plan.reason}"
+            plan = self._plan_ahead(lumen, tissue, replace(ahead, horizon=0.0))
         carried = None if last.field is None else self._certify_move(last, plan, lumen)
         done = time.perf_counter()
         self.due += options.advance / options.rate
@@ -382,16 +386,18 @@ class _Loop:
         self.state = _State(plan=plan, step=step, displacement=tissue, field=lumen)
         rest = self._plan_rest(plan, tissue, now, 1.0 / options.rate - (done - begin))
         status, reason = _judge(plan, carried, margin)
+        known = status != "lost"
         return LiveFrame(
             number=number,
             time=now,
             status=status,
-            reason=reason,
-            clearance=plan.proved,
+            reason=reason or blocked,
+            clearance=plan.proved if known else None,
             carried=carried,
             margin=margin,
             rest=rest,
             head=float(plan.head_arc_length[0]),
+            ahead=float(plan.head_arc_length[-1] - plan.head_arc_length[0]) if known else 0.0,
             latency=done - begin,
             field_time=filled - begin,
             plan_time=done - filled,
@@ -402,6 +408,15 @@ class _Loop:
             tissue_move=0.0 if plan.replan is None else plan.replan.tissue_move,
             plan=plan,
             field=lumen,
+        )
+
+    def _plan_ahead(self, lumen: MovedField, tissue: TissueFrame, options: ReplanOptions) -> Plan:
+        last = self.state
+        return replan(
+            last.plan,
+            lumen,
+            advect=lambda points: carry_tissue(points, last.displacement, now=tissue),
+            options=options,
         )
 
     def _update(self, tissue: TissueFrame, now: float, path: Floats) -> MovedField:

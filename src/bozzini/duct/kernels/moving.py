@@ -15,8 +15,8 @@ from numba import njit, prange
 from .clearance import field_value, nodes_bound
 from .nearest import DEPTH, nearest
 
-SIDE = 4
-"""A block has so many nodes along each axis."""
+ROUNDING = 1e-12
+"""Share of a side's squared length by which the square of its change may be off, and in mm^2."""
 
 WALL, BOUND, EXACT = 0, 1, 2
 """What a node got: 0 mm, the bound from the reference field, or the distance to the moved wall."""
@@ -46,7 +46,7 @@ def move_parts(vertices, corners, rest, parts, gradient, excess):
     gradient : float
         Bound of the displacement's gradient.
     excess : (n,) float
-        Filled: the largest change of a side less what the bound allows [mm].
+        Filled: above 0 where a side changes by more than the bound allows [mm^2].
     """
     for n in prange(corners.shape[0]):
         a, b, c = corners[n, 0], corners[n, 1], corners[n, 2]
@@ -70,9 +70,8 @@ def move_parts(vertices, corners, rest, parts, gradient, excess):
             du += (u - p) ** 2
             dv += (v - q) ** 2
             dw += (u - v - p + q) ** 2
-        most = math.sqrt(du) - gradient * math.sqrt(uu)
-        most = max(most, math.sqrt(dv) - gradient * math.sqrt(vv))
-        excess[n] = max(most, math.sqrt(dw) - gradient * math.sqrt(ww))
+        most = gradient * gradient + ROUNDING
+        excess[n] = max(du - most * uu, dv - most * vv, dw - most * ww) - ROUNDING
 
 
 @njit(cache=True)
@@ -103,18 +102,20 @@ def refit_boxes(tree):
 
 
 @njit(cache=True)
-def mark_path(path, reach, low, step, flags, table, nodes, blocks, corners):
+def mark_path(path, reach, low, step, side, flags, table, nodes, blocks, corners):
     """List the nodes within `reach` of points (n, 3) of a path, and the blocks that have them.
 
     Parameters
     ----------
     low : (3,) int
-        First node of the box that is looked at, a multiple of `SIDE` along each axis.
+        First node of the box that is looked at, a multiple of `side` along each axis.
     step : (3,) float
         Distance between nodes [mm].
+    side : int
+        Nodes of a block along each axis.
     flags : (nx, ny, nz) uint8
         Zeros; left with the nodes marked.
-    table : (ceil(nx / SIDE), ...) int32
+    table : (ceil(nx / side), ...) int32
         Filled with -1; left with the number of each block.
     nodes : (m, 3) int32, blocks : (m,) int32
         Filled: nodes in the box, and the block of each.
@@ -149,13 +150,13 @@ def mark_path(path, reach, low, step, flags, table, nodes, blocks, corners):
                     if dz * dz > left or flags[i, j, k] != 0:
                         continue
                     flags[i, j, k] = 1
-                    block = table[i // SIDE, j // SIDE, k // SIDE]
+                    block = table[i // side, j // side, k // side]
                     if block < 0:
                         block = number
-                        table[i // SIDE, j // SIDE, k // SIDE] = block
-                        corners[number, 0] = i // SIDE * SIDE
-                        corners[number, 1] = j // SIDE * SIDE
-                        corners[number, 2] = k // SIDE * SIDE
+                        table[i // side, j // side, k // side] = block
+                        corners[number, 0] = i // side * side
+                        corners[number, 1] = j // side * side
+                        corners[number, 2] = k // side * side
                         number += 1
                     nodes[count, 0] = i
                     nodes[count, 1] = j
