@@ -36,8 +36,11 @@ Floats = NDArray[np.float64]
 Displacement = Callable[[Floats], ArrayLike]
 """How far tissue at points (n, 3) of the tract at rest is displaced, (n, 3), world frame [mm]."""
 
-REACH_MM = 4.5
-"""Nodes so near to the path are known; the others count as wall [mm]."""
+REACH_MM, REACH_CELLS = 3.0, 1.5
+"""Nodes within so much of the path, and so many cells more, are known; others count as wall [mm].
+
+Wider bands certify more where joints stray from the path, and cost more.
+"""
 
 SPACING_MM = 1.0
 """The path's points are so far apart when nodes near it are looked for [mm]."""
@@ -151,7 +154,7 @@ class MovingField:
         second_bound : float
             The largest second derivative along any line [1/mm].
         path : (n, 3) float
-            As it is now, world frame [mm]. Nodes within 4.5 mm of it are known.
+            As it is now, world frame [mm]. Nodes within 3 mm and one and a half cells are known.
         radius : float
             Of the body [mm]: nodes are measured where the bound does not decide for it.
         vertices : (v, 3) float, optional
@@ -252,23 +255,24 @@ class _Band:
         from .kernels.moving import mark_path
 
         step = field.spacing
+        reach = REACH_MM + REACH_CELLS * float(step.max())
         half = 0.5 * float(np.linalg.norm(step))
         fits = (n for n in SIDES if 0.5 * bend * (half * (n - 1)) ** 2 <= MISS_MM)
         side = next(fits, SIDES[-1])
         points = np.ascontiguousarray(resample_polyline(field.to_grid(path), SPACING_MM))
-        low = np.floor((points.min(axis=0) - REACH_MM) / step / side).astype(np.int64) * side
-        high = np.ceil((points.max(axis=0) + REACH_MM) / step).astype(np.int64)
+        low = np.floor((points.min(axis=0) - reach) / step / side).astype(np.int64) * side
+        high = np.ceil((points.max(axis=0) + reach) / step).astype(np.int64)
         counts = (high - low) // side * side + side
         self.low = low
         self.values = np.zeros(counts, dtype=np.float32)
-        ball = np.prod(2.0 * REACH_MM / step + 1.0)
+        ball = np.prod(2.0 * reach / step + 1.0)
         most = min(int(np.prod(counts)), int(len(points) * ball) + 1)
         nodes, corners = np.empty((most, 3), np.int32), np.empty((most, 3), np.int32)
         blocks = np.empty(most, dtype=np.int32)
         flags = np.zeros(counts, dtype=np.uint8)
         table = np.full(counts // side, -1, dtype=np.int32)
         count, number = mark_path(
-            points, REACH_MM, low, step, side, flags, table, nodes, blocks, corners
+            points, reach, low, step, side, flags, table, nodes, blocks, corners
         )
         self.nodes, self.blocks = nodes[:count], blocks[:count]
         self.middles = (low + corners[:number] + 0.5 * (side - 1)) * step
@@ -324,7 +328,8 @@ class _MovingWall:
                 np.stack([part[3:6], part[6:], part[3:6] - part[6:]])
                 for part in (self.rest[worst], self.tree.parts[worst])
             )
-            change = np.linalg.norm(after - before, axis=1) / np.linalg.norm(before, axis=1)
+            lengths = np.maximum(np.linalg.norm(before, axis=1), 1e-12)
+            change = np.linalg.norm(after - before, axis=1) / lengths
             raise DeformationError(
                 f"a side of the wall near {_place(rest[self.corners[worst, 0]])} mm changes by "
                 f"{change.max():.4g} of its length: the stated gradient bound is {gradient:.4g}"
