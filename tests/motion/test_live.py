@@ -14,6 +14,7 @@ from bozzini.errors import InputError
 from bozzini.motion import (
     LiveOptions,
     LiveRun,
+    Plan,
     ReplanOptions,
     Scope,
     certify_plan,
@@ -74,7 +75,9 @@ def run(rest, motion, **options):
     return list(follow_tissue(plan, field, motion=motion, surface=surface, options=made))
 
 
-@pytest.mark.parametrize("name", ["breathing", "peristalsis", "recorded"])
+@pytest.mark.parametrize(
+    "name", ["breathing", "recorded", pytest.param("peristalsis", marks=pytest.mark.slow)]
+)
 def test_certificates_are_below_the_exact_clearance(rest, name):
     surface, _, plan = rest
     motion = make_motions(plan.path)[name]
@@ -189,7 +192,7 @@ def test_a_frame_that_breaks_its_bounds_is_refused_and_the_loop_goes_on(rest):
         assert "stated" in frame.reason
 
 
-def test_a_horizon_is_planned_on_from_where_the_scope_stands(rest):
+def test_a_horizon_is_planned_on_from_where_the_scope_stands(rest, tmp_path):
     surface, field, plan = rest
     moving = MovingField(field, surface)
     still = {"gradient_bound": 0.0, "second_bound": 0.0, "radius": SCOPE.radius}
@@ -205,7 +208,9 @@ def test_a_horizon_is_planned_on_from_where_the_scope_stands(rest):
     assert np.abs(ahead.joints[0] - plan.joints[step]).max() < 0.3
     assert ahead.path[[0, -1]] == pytest.approx(plan.path[[0, -1]])
     # It can be planned on from, to the goal; the whole way has no more clearance than a part of it.
-    rest_ = replan(ahead, lumen, options=ReplanOptions(step=0))
+    read = Plan.load(ahead.save(tmp_path / "plan.npz"))
+    assert (read.reason_code, read.certificate.clearance) == ("HORIZON", ahead.proved)
+    rest_ = replan(read, lumen, options=ReplanOptions(step=0))
     assert rest_.status == "complete"
     assert rest_.certificate.clearance <= ahead.certificate.clearance + 0.1
     assert rest_.inserted == pytest.approx(rest_.path_arc_length[-1])

@@ -320,8 +320,12 @@ class _MovingWall:
                     "both must be of one frame"
                 )
         excess = np.empty(len(self.corners))
-        places = np.ascontiguousarray(self.field.to_grid(moved))
-        move_parts(places, self.corners, self.rest, self.tree.parts, gradient, excess)
+        field = self.field
+        straight = np.array_equal(field.rotation, np.eye(3))
+        places = moved - field.origin if straight else field.to_grid(moved)
+        move_parts(
+            np.ascontiguousarray(places), self.corners, self.rest, self.tree.parts, gradient, excess
+        )
         worst = int(np.argmax(excess))
         if not excess[worst] <= 0.0:
             before, after = (
