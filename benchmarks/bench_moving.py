@@ -138,6 +138,7 @@ def bench_horizon_in_every_frame(benchmark: Any, rest: Rest) -> None:
         measured=f"{1e3 * found['latency_median_s']:.0f} ms (95 %: "
         f"{1e3 * found['latency_p95_s']:.0f}; processor time of all cores, the rest of the way "
         f"included, {1e3 * busy / found['frames']:.0f}); {found['frames_held']} of "
-        f"{found['frames']} frames hold until the next one, {run.worst:.2f} mm certified at least ({state_load()})",
+        f"{found['frames']} frames hold until the next one, {run.worst:.2f} mm certified at least "
+        f"({state_load()})",
         required="median at most 25 ms, 95 % at most 50 ms",
     )

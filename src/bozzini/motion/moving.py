@@ -26,7 +26,7 @@ from .planner import Motion, check_link, finish_plan, make_planner, plan_inserti
 from .planners import PlannerOptions
 from .refusal import Refusal
 from .scope import Introducer, Scope, measure_bore
-from .shape import HOPELESS_MM
+from .shape import HOPELESS_MM, SPACING_MM
 from .space import FreeSpace
 from .tube import MARGINS, Job, Standing, Style, TubeMotion, plan_in_tube
 
@@ -146,8 +146,9 @@ class ReplanOptions:
     horizon : float, optional
         Plan only so far ahead of the head [mm]; by default to the goal.
     measure : bool
-        Whether clearances are estimated too. Otherwise every clearance of the plan is the
-        certified one, and `Plan.measures` is None.
+        Whether clearances are estimated too. Without it time is saved: every clearance of the plan
+        is the certified one, `Plan.measures` is None, and the path's points are 1 mm apart instead
+        of 0.5 mm.
 
     Raises
     ------
@@ -243,6 +244,8 @@ def replan(
         links=links or scope.count_links(moved.length),
         standing=standing,
     )
+    if not again.measure:
+        job.spacing = SPACING_MM
     attempt = _Attempt(reason="the last plan did not reach its goal")
     if _knows_way(plan):
         attempt = _try_path(job)

@@ -163,6 +163,9 @@ class Job:
         By default the scope begins in the introducer.
     """
 
+    spacing = Band.spacing
+    """Distance between the points of a shaped path [mm]."""
+
     def __init__(
         self,
         space: FreeSpace,
@@ -193,6 +196,7 @@ class Job:
             length=self.scope.link_length,
             clearance=self.scope.radius + margin,
             lead=(self.links + 2) * self.scope.link_length,
+            spacing=self.spacing,
         )
 
     def try_whole_way(self, *, thorough: bool = True) -> TubeMotion | None:
