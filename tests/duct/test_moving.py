@@ -169,13 +169,11 @@ def test_a_second_frame_does_not_depend_on_the_first(tube):
 
 @pytest.mark.parametrize("share", [0.95, 0.5, 0.0])
 @pytest.mark.parametrize("which", ["gradient_bound", "second_bound"])
-def test_a_frame_that_breaks_its_bounds_is_refused(tube, which, share):
+@pytest.mark.parametrize("seed", range(4))
+def test_a_frame_that_breaks_its_bounds_is_refused(tube, which, share, seed):
     surface, field, line = tube
-    # One wave, so that the bounds are reached: sideways along the tube.
-    waves = Waves(np.random.default_rng(1), 0.3, count=1, shortest=15.0)
-    size = np.linalg.norm(waves.wave)
-    waves.wave = np.array([[0.0, 0.0, size]])
-    waves.direction = np.array([[0.0, 1.0, 0.0]])
+    # One wave in any direction: its bounds are reached. With them it is taken, with less not.
+    waves = Waves(np.random.default_rng(seed), 0.3, count=1, shortest=15.0)
     moving = MovingField(field, surface)
     path = line + waves(line)
     moving.update(waves, **waves.bounds, path=path, radius=RADIUS)

@@ -57,6 +57,9 @@ TRACED_MM = 0.25
 PROBE_MM = 0.25
 """Gradients are central differences over so much to both sides [mm]."""
 
+CURVED_PLACES, CURVED_TURNS = 48, 3
+"""At so many places the largest second derivative is sought along any line, in so many turns."""
+
 EXCESS_MM = 1e-6
 """So far may a vertex be from where its displacement takes it, by rounding [mm]."""
 
@@ -236,9 +239,11 @@ class MovingField:
         moves = (moves @ turn).reshape(7, len(rest), 3)
         middles = np.empty((len(rest), 19))
         found = describe_middles(field.to_grid(rest), moves, PROBE_MM, gradient, bend, middles)
+        curved = self._find_curved(displacement, rest, moves)
         for what, value, limit, unit, which in (
             ("gradient", found[0], gradient, "", int(found[1])),
             ("second derivative", found[2], bend, " 1/mm", int(found[3])),
+            ("second derivative", curved[0], bend, " 1/mm", curved[1]),
         ):
             if value > limit + EXCESS:
                 raise DeformationError(
@@ -246,6 +251,40 @@ class MovingField:
                     f"mm: its stated bound is {limit:.4g}{unit}"
                 )
         return middles
+
+    def _find_curved(
+        self, displacement: Displacement, rest: Floats, moves: Floats
+    ) -> tuple[float, int]:
+        """Return the largest second difference along a line that was found, and at which place.
+
+        Of the places with the largest ones along the axes: the direction is sought by turns with
+        that of the displacement's change.
+        """
+        turn, pairs = self.field.rotation, ((0, 1), (0, 2), (1, 2))
+        along = moves[1:4] - 2.0 * moves[0] + moves[4:]
+        some = np.argsort(np.linalg.norm(along, axis=2).max(axis=0))[-CURVED_PLACES:]
+        probes = PROBE_MM * np.stack([turn.T[i] + turn.T[j] for i, j in pairs])
+        mixed = _measure(displacement, (rest[some] + probes[:, None]).reshape(-1, 3)) @ turn
+        mixed = mixed.reshape(3, len(some), 3)
+        second = np.empty((len(some), 3, 3, 3))
+        for k in range(3):
+            second[:, :, k, k] = along[k, some]
+        for (i, j), there in zip(pairs, mixed, strict=True):
+            jump = there - moves[1 + i, some] - moves[1 + j, some] + moves[0, some]
+            second[:, :, i, j] = second[:, :, j, i] = jump
+        way = np.eye(3)[np.argmax(np.linalg.norm(along[:, some], axis=2), axis=0)]
+        for _ in range(CURVED_TURNS):
+            change = np.einsum("najk,nj,nk->na", second, way, way)
+            change /= np.maximum(np.linalg.norm(change, axis=1, keepdims=True), 1e-300)
+            values, vectors = np.linalg.eigh(np.einsum("na,najk->njk", change, second))
+            largest = np.argmax(np.abs(values), axis=1)
+            way = vectors[np.arange(len(some)), :, largest]
+        step = PROBE_MM * way @ turn.T
+        ends = np.stack([rest[some] + step, rest[some] - step]).reshape(-1, 3)
+        ends = (_measure(displacement, ends) @ turn).reshape(2, len(some), 3)
+        size = np.linalg.norm(ends[0] - 2.0 * moves[0, some] + ends[1], axis=1) / PROBE_MM**2
+        worst = int(np.argmax(size))
+        return float(size[worst]), int(some[worst])
 
 
 class _Band:
