@@ -57,8 +57,8 @@ TRACED_MM = 0.25
 PROBE_MM = 0.25
 """Gradients are central differences over so much to both sides [mm]."""
 
-CURVED_PLACES, CURVED_TURNS = 48, 3
-"""At so many places the largest second derivative is sought along any line, in so many turns."""
+LOOKED_PLACES, LOOKED_TURNS = 48, 3
+"""At so many places the largest derivatives along any line are sought, in so many turns."""
 
 EXCESS_MM = 1e-6
 """So far may a vertex be from where its displacement takes it, by rounding [mm]."""
@@ -239,9 +239,11 @@ class MovingField:
         moves = (moves @ turn).reshape(7, len(rest), 3)
         middles = np.empty((len(rest), 19))
         found = describe_middles(field.to_grid(rest), moves, PROBE_MM, gradient, bend, middles)
+        steep = self._find_steep(displacement, rest, moves)
         curved = self._find_curved(displacement, rest, moves)
         for what, value, limit, unit, which in (
             ("gradient", found[0], gradient, "", int(found[1])),
+            ("gradient", steep[0], gradient, "", steep[1]),
             ("second derivative", found[2], bend, " 1/mm", int(found[3])),
             ("second derivative", curved[0], bend, " 1/mm", curved[1]),
         ):
@@ -262,7 +264,7 @@ class MovingField:
         """
         turn, pairs = self.field.rotation, ((0, 1), (0, 2), (1, 2))
         along = moves[1:4] - 2.0 * moves[0] + moves[4:]
-        some = np.argsort(np.linalg.norm(along, axis=2).max(axis=0))[-CURVED_PLACES:]
+        some = np.argsort(np.linalg.norm(along, axis=2).max(axis=0))[-LOOKED_PLACES:]
         probes = PROBE_MM * np.stack([turn.T[i] + turn.T[j] for i, j in pairs])
         mixed = _measure(displacement, (rest[some] + probes[:, None]).reshape(-1, 3)) @ turn
         mixed = mixed.reshape(3, len(some), 3)
@@ -273,18 +275,35 @@ class MovingField:
             jump = there - moves[1 + i, some] - moves[1 + j, some] + moves[0, some]
             second[:, :, i, j] = second[:, :, j, i] = jump
         way = np.eye(3)[np.argmax(np.linalg.norm(along[:, some], axis=2), axis=0)]
-        for _ in range(CURVED_TURNS):
+        for _ in range(LOOKED_TURNS):
             change = np.einsum("najk,nj,nk->na", second, way, way)
             change /= np.maximum(np.linalg.norm(change, axis=1, keepdims=True), 1e-300)
             values, vectors = np.linalg.eigh(np.einsum("na,najk->njk", change, second))
             largest = np.argmax(np.abs(values), axis=1)
             way = vectors[np.arange(len(some)), :, largest]
-        step = PROBE_MM * way @ turn.T
-        ends = np.stack([rest[some] + step, rest[some] - step]).reshape(-1, 3)
-        ends = (_measure(displacement, ends) @ turn).reshape(2, len(some), 3)
+        ends = self._probe_lines(displacement, rest[some], way)
         size = np.linalg.norm(ends[0] - 2.0 * moves[0, some] + ends[1], axis=1) / PROBE_MM**2
         worst = int(np.argmax(size))
         return float(size[worst]), int(some[worst])
+
+    def _find_steep(
+        self, displacement: Displacement, rest: Floats, moves: Floats
+    ) -> tuple[float, int]:
+        """Return the largest difference quotient that was found, and at which place."""
+        gradient = np.moveaxis(moves[1:4] - moves[4:], 0, -1)
+        some = np.argsort(np.linalg.norm(gradient, axis=(1, 2)))[-LOOKED_PLACES:]
+        way = np.linalg.svd(gradient[some])[2][:, 0]
+        ends = self._probe_lines(displacement, rest[some], way)
+        size = np.linalg.norm(ends[0] - ends[1], axis=1) / (2.0 * PROBE_MM)
+        worst = int(np.argmax(size))
+        return float(size[worst]), int(some[worst])
+
+    def _probe_lines(self, displacement: Displacement, places: Floats, way: Floats) -> Floats:
+        """Return the displacement (2, n, 3) a little ahead and behind along lines, grid's frame."""
+        turn = self.field.rotation
+        step = PROBE_MM * way @ turn.T
+        ends = np.stack([places + step, places - step]).reshape(-1, 3)
+        return np.asarray((_measure(displacement, ends) @ turn).reshape(2, len(places), 3))
 
 
 class _Band:
