@@ -227,6 +227,11 @@ def test_an_inflated_field_is_refused():
     field = build_field(surface, voxel=1.0, inflate=1.0)
     with pytest.raises(InputError, match="inflated by 1 mm"):
         MovingField(field, surface)
+    other, _ = make_tube(radius=9.0, length=20.0)
+    with pytest.raises(InputError, match="do not belong together"):
+        MovingField(field.inflate(-1.0), other)
+    with pytest.raises(InputError, match="must be a SampledField"):
+        MovingField(surface)
 
 
 def test_tissue_is_carried_there_and_back():

@@ -216,6 +216,9 @@ def test_a_horizon_is_planned_on_from_where_the_scope_stands(rest, tmp_path):
     assert rest_.inserted == pytest.approx(rest_.path_arc_length[-1])
     with pytest.raises(InputError, match="step is 9999"):
         replan(plan, lumen, options=ReplanOptions(step=9999))
+    thin = Scope(diameter=4.0, link_length=6.0)
+    with pytest.raises(InputError, match="another scope"):
+        replan(plan, lumen, scope=thin, options=ReplanOptions(step=0))
     with pytest.raises(InputError, match="no step"):
         ReplanOptions(horizon=5.0)
 

@@ -355,6 +355,13 @@ class _MovingWall:
         self.field, self.surface = field, surface
         probes = np.linspace(0, len(points) - 1, min(len(points), 64)).astype(int)
         self._probes = np.unique(probes)
+        off = np.abs(field.signed_distance(surface.vertices[self._probes]))
+        if off.max() > field.error + EXCESS_MM:
+            worst = surface.vertices[self._probes[int(np.argmax(off))]]
+            raise InputError(
+                f"field and surface do not belong together: at the vertex {_place(worst)} mm the "
+                f"field has {off.max():.3g} mm to the wall, it must be within {field.error:.3g} mm"
+            )
 
     def move(self, displacement: Displacement, vertices: ArrayLike | None, gradient: float) -> None:
         """Move the triangles, or raise `DeformationError` where a side changes too much."""

@@ -116,7 +116,9 @@ class LiveFrame:
     tissue_move : float
         How far the path's tissue moved since the last frame [mm].
     plan : Plan
-        The plan that is valid now; its first step is how the body stands.
+        The plan that is valid now.
+    step : int
+        At which step of it the body stands: the first, but where the frame was refused.
     field : SampledField or None
         The lumen it is certified in; None where the frame was refused.
     """
@@ -140,12 +142,13 @@ class LiveFrame:
     measured: int = 0
     tissue_move: float = 0.0
     plan: Plan = dataclass_field(repr=False)
+    step: int = 0
     field: SampledField | None = dataclass_field(default=None, repr=False)
 
     @property
     def body(self) -> Floats:
         """The joints as they stand after the tissue has moved (joints, 3), world frame [mm]."""
-        return np.asarray(self.plan.joints[0])
+        return np.asarray(self.plan.joints[self.step])
 
 
 COLUMNS = {
@@ -357,9 +360,16 @@ class _Loop:
         tissue = self.motion.at(now)
         ahead = ReplanOptions(step=last.step, horizon=options.horizon, measure=False)
         margin = self.motion.speed / options.rate
+        blocked = ""
         try:
             path = carry_tissue(last.plan.path, last.displacement, now=tissue)
             lumen = self._update(tissue, now, cut_ahead(last.plan, path, ahead)[0])
+            filled = time.perf_counter()
+            plan = self._plan_ahead(lumen, tissue, ahead)
+            if plan.reason_code == "NOT_CARRIED" and options.horizon > 0.0:
+                # Whatever is ahead, the body may be kept clear where it is.
+                blocked = f"the next stretch could not be planned: {plan.reason}"
+                plan = self._plan_ahead(lumen, tissue, replace(ahead, horizon=0.0))
         except DeformationError as error:
             return LiveFrame(
                 number=number,
@@ -370,13 +380,8 @@ class _Loop:
                 head=float(last.plan.head_arc_length[last.step]),
                 latency=time.perf_counter() - begin,
                 plan=last.plan,
+                step=last.step,
             )
-        filled = time.perf_counter()
-        plan, blocked = self._plan_ahead(lumen, tissue, ahead), ""
-        if plan.reason_code == "NOT_CARRIED" and options.horizon > 0.0:
-            # Whatever is ahead, the body may be kept clear where it is.
-            blocked = f"the next stretch could not be planned: {plan.reason}"
-            plan = self._plan_ahead(lumen, tissue, replace(ahead, horizon=0.0))
         carried = None if last.field is None else self._certify_move(last, plan, lumen)
         done = time.perf_counter()
         self.due += options.advance / options.rate
@@ -457,7 +462,10 @@ class _Loop:
         if plan.reason_code != "HORIZON" or left < self.rest_time:
             return None
         begin = time.perf_counter()
-        lumen = self._update(tissue, now, plan.path)
+        try:
+            lumen = self._update(tissue, now, plan.path)
+        except DeformationError:
+            return None
         whole = replan(plan, lumen, options=ReplanOptions(step=0, measure=False))
         self.rest_time = time.perf_counter() - begin
         return whole.proved if whole.status == "complete" else None

@@ -220,7 +220,7 @@ def replan(
         points.
     """
     again = options or ReplanOptions()
-    _check(plan, duct, line, again)
+    _check(plan, duct, line, scope, again)
     links = plan.links if scope is None else 0
     scope = plan.get_scope() if scope is None else scope
     asked = plan.options or PlannerOptions()
@@ -352,7 +352,13 @@ def _knows_way(plan: Plan) -> bool:
     return plan.status == "complete" or plan.reason_code in LIVE_CODES
 
 
-def _check(plan: Plan, duct: Duct, line: Centreline | None, options: ReplanOptions) -> None:
+def _check(
+    plan: Plan,
+    duct: Duct,
+    line: Centreline | None,
+    scope: Scope | None,
+    options: ReplanOptions,
+) -> None:
     if plan.method not in ("tube", "follow"):
         raise InputError(
             f"a plan by method {plan.method!r} cannot be planned again: it must be by 'tube' or "
@@ -365,6 +371,8 @@ def _check(plan: Plan, duct: Duct, line: Centreline | None, options: ReplanOptio
         )
     if options.step is not None:
         check_integer("step", options.step, low=0, high=plan.steps - 1)
+        if scope is not None:
+            raise InputError("another scope was given, but the last plan's stands in the lumen")
     if not _knows_way(plan) and (line is None or options.step is not None):
         raise InputError(
             f"the last plan stopped ({plan.reason_code}), it knows no way to the goal: give line"
