@@ -30,30 +30,52 @@ ROBOT = RobotDesign(
         )
     ]
 )
-BODY = {"tendon_diameter": 0.6, "backbone_diameter": 1.5}
+PLACES = ((-0.06, 0.03, 0.38), (0.16, 0.03, 0.38), (0.38, 0.03, 0.38), (0.62, 0.05, 0.36))
+BODY = {"tendon_diameter": 0.6, "backbone_diameter": 0.8}
+VIEW = np.array([0.236, -0.882, 0.407])  # towards the viewer
 LIGHT = np.array([0.35, -0.75, 0.55])
 
 
 def draw_solid(axes, meshes, *, cut=False):
-    """Draw meshes in shades of grey; `cut` leaves out the triangles at the front."""
+    """Draw meshes, the walls of channels in amber; `cut` leaves out the outside at the front."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     triangles = np.concatenate([mesh.triangles for mesh in meshes])
     normals = np.concatenate([mesh.face_normals for mesh in meshes])
-    if cut:
-        kept = triangles.mean(axis=1)[:, 1] > -0.5
-        triangles, normals = triangles[kept], normals[kept]
+    hole = np.concatenate([find_channels(mesh) for mesh in meshes])
+    # Of a closed solid only triangles that face the viewer are seen.
+    kept = hole | (triangles[:, :, 1].min(axis=1) > -0.3) if cut else normals @ VIEW > 0.0
+    triangles, normals, hole = triangles[kept], normals[kept], hole[kept]
     shade = 0.45 + 0.5 * np.abs(normals @ (LIGHT / np.linalg.norm(LIGHT)))
-    colors = shade[:, None] * np.array([0.80, 0.88, 0.95])
-    axes.add_collection3d(
-        Poly3DCollection(triangles, facecolors=colors, edgecolors=colors, linewidths=0.2)
-    )
+    tint = np.where(hole[:, None], [0.95, 0.68, 0.30], [0.80, 0.88, 0.95])
+    colors = shade[:, None] * tint
+    axes.computed_zorder = False
+    # Walls of channels lie behind the outside, but where it is cut open.
+    for order, part in ((2.0 * cut, hole), (1.0, ~hole)):
+        look = {"facecolors": colors[part], "edgecolors": colors[part], "linewidths": 0.2}
+        axes.add_collection3d(Poly3DCollection(triangles[part], zorder=order, **look))
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     for name, a, b in zip("xyz", low, high, strict=True):
         getattr(axes, f"set_{name}lim")(a, b)
-    axes.set_box_aspect(high - low, zoom=1.25)
+    axes.set_box_aspect(high - low, zoom=0.9)
     axes.view_init(elev=24.0, azim=-75.0)
+    axes.set_proj_type("ortho")
     axes.set_axis_off()
+
+
+def find_channels(mesh):
+    """Return which triangles (n,) are walls of channels: those that face their own middle."""
+    import trimesh
+
+    steep = np.flatnonzero(np.abs(mesh.face_normals[:, 2]) < 0.9)
+    pairs = mesh.face_adjacency[np.isin(mesh.face_adjacency, steep).all(axis=1)]
+    found = np.zeros(len(mesh.faces), dtype=bool)
+    for part in trimesh.graph.connected_components(pairs, nodes=steep, min_len=2):
+        height = mesh.triangles_center[part][:, 2]
+        low = part[height < height.min() + 1.0]
+        aside = mesh.triangles_center[low] - mesh.triangles_center[low].mean(axis=0)
+        found[part] = np.sum(aside * mesh.face_normals[low]) < 0.0
+    return found
 
 
 def place_copies(parts, wall):
@@ -69,9 +91,8 @@ def draw(path):
     """Draw four panels and return the meshes in them."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11.0, 6.4), layout="constrained")
-    grid = figure.add_gridspec(2, 4, height_ratios=(1.0, 1.5))
-    tabulate_routing(ROBOT, 0.5).plot(figure.add_subplot(grid[0, :]))
+    figure = Figure(figsize=(11.0, 7.6))
+    tabulate_routing(ROBOT, 0.5).plot(figure.add_axes((0.07, 0.69, 0.9, 0.25)))
     design = effector_preset("prototype", holder_diameter=11.0)
     proximal, distal, fitting, pin = build_holders(design)
     panels = {
@@ -84,17 +105,19 @@ def draw(path):
         "proximal holder, fitting, pin": (
             [
                 proximal.mesh(0.3),
-                fitting.mesh(0.3).apply_translation([12.0, 0.0, 0.0]),
-                pin.mesh(0.3).apply_translation([18.0, 0.0, -5.0]),
+                fitting.mesh(0.3).apply_translation([8.5, 0.0, 0.0]),
+                pin.mesh(0.3).apply_translation([12.0, 0.0, -5.0]),
             ],
             False,
         ),
     }
     shown = []
     for k, (title, (meshes, cut)) in enumerate(panels.items()):
-        axes = figure.add_subplot(grid[1, k], projection="3d")
+        left, bottom, size = PLACES[k]
+        axes = figure.add_axes((left, bottom, size, size * 11.0 / 7.6), projection="3d")
+        axes.patch.set_visible(False)
         draw_solid(axes, meshes, cut=cut)
-        axes.set_title(title, fontsize=10)
+        figure.text(left + 0.5 * size, 0.015, title, ha="center", fontsize=10)
         shown += meshes
     figure.savefig(path, dpi=110)
     return shown

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -197,10 +196,10 @@ class Part:
         faces: dict[float, list[Integers]] = {self.low: [], self.high: []}
         start = 0
         for channel in (body, *self.channels):
-            rings = list(_rings(channel, wall))
-            index = start + np.arange(len(rings) * len(rings[0])).reshape(len(rings), -1)
+            rings = _rings(channel, wall)
+            index = start + np.arange(rings[..., 0].size).reshape(rings.shape[:2])
             start += index.size
-            points += rings
+            points.append(rings.reshape(-1, 3))
             sides = _join(index)
             triangles.append(sides if channel is body else sides[:, ::-1])
             for ring, height, end in ((index[0], channel.centre[0, 2], self.low),
@@ -278,25 +277,30 @@ def _sample(
     return z, x, y, reach
 
 
-def _rings(channel: Channel, wall: float) -> Iterator[Floats]:
-    """Give the corners (k, 3) of a channel's cut at each of its heights."""
+def cut(channel: Channel, around: Floats) -> Floats:
+    """Return where points (k, 2) of the unit circle lie on each cut across z, (n, k, 3) [mm].
+
+    With t the line's direction |v - (v t) t| = r: along the slope v is 1 / cos as long.
+    """
+    steep = np.sum(channel.slope**2, axis=1)
+    longer = (channel.stretch - 1.0) / np.where(steep > 0.0, steep, 1.0)
+    along = longer[:, None] * (channel.slope @ around.T)
+    points = np.repeat(channel.centre[:, None], len(around), axis=1)
+    points[..., :2] += (
+        0.5 * channel.diameter[:, None, None]
+        * (around + along[..., None] * channel.slope[:, None])
+    )  # fmt: skip
+    return points
+
+
+def _rings(channel: Channel, wall: float) -> Floats:
+    """Corners (n, k, 3) of a channel's cut at each of its heights."""
     radius = 0.5 * float(channel.diameter.max())
     chord = math.pi / math.acos(max(1.0 - CHORD_ERROR_MM / radius, 0.0))
     longest = 2.0 * math.pi * radius * float(channel.stretch.max()) / wall
     facets = math.ceil(max(LEAST_FACETS, chord, longest))
     angle = 2.0 * math.pi * np.arange(facets) / facets
-    around = np.column_stack([np.cos(angle), np.sin(angle)])
-    for centre, diameter, slope, stretch in zip(
-        channel.centre, channel.diameter, channel.slope, channel.stretch, strict=True
-    ):
-        # With t the line's direction, |v - (v t) t| = r; along the slope v is 1/cos as long.
-        steep = float(slope @ slope)
-        longer = (stretch - 1.0) / steep if steep else 0.0
-        across = around + longer * (around @ slope)[:, None] * slope
-        ring = np.empty((facets, 3))
-        ring[:, :2] = centre[:2] + 0.5 * diameter * across
-        ring[:, 2] = centre[2]
-        yield ring
+    return cut(channel, np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
 def _join(index: Integers) -> Integers:
