@@ -30,6 +30,14 @@ def test_json_lists_the_files_of_the_directory(command, tmp_path, capsys):
     assert "volume [mm^3]" in capsys.readouterr().out
 
 
+def test_step_files_leave_one_object_on_stdout(tmp_path, capfd):
+    pytest.importorskip("OCP", reason="the extra 'cad' is not installed")
+    command = (*EFFECTOR, "--holder-diameter", "11mm", "--step", "--json")
+    assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    answer = json.loads(capfd.readouterr().out)
+    assert sum(name.endswith(".step") for name in answer["files"]) == 4
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

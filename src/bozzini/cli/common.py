@@ -82,7 +82,7 @@ def format_parts(summary: Json, directory: Path) -> str:
         for part in summary["parts"]
     ]
     head = ["part", "pieces", "size [mm]", "channels", "volume [mm^3]"]
-    return f"{format_rows(head, rows)}\n{directory}: {', '.join(summary['files'])}"
+    return f"{format_rows(head, rows)}\n{directory}: {len(summary['files'])} files"
 
 
 def describe_classes(registry: Registry[Any]) -> tuple[dict[str, dict[str, str]], str]:

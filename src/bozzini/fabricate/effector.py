@@ -287,7 +287,7 @@ def draw_template(design: EffectorDesign) -> str:
         table.append(f"{placed.name}: x {x:z.3f}  y {y:z.3f} mm, {degrees:.3f}°")
     left = middle[0] - 0.5 * CHECK_LINE_MM
     ends = np.array([[left, foot + 3.0], [left + CHECK_LINE_MM, foot + 3.0]])
-    shapes += [_stroke(*ends, "check")]
+    shapes += [_stroke(ends[0], ends[1], "check")]
     shapes += [_stroke(end - [0.0, 1.5], end + [0.0, 1.5]) for end in ends]
     words = [f"this line is {CHECK_LINE_MM:g} mm: print at 100 %", "seen from the tip", *table]
     shapes += [

@@ -125,11 +125,12 @@ def write_holders(
 
 
 def _write_parts(folder: Path, parts: Sequence[Part], *, wall: float, step: bool) -> list[Json]:
+    from trimesh.exchange.stl import export_stl
+
     rows = []
     for part in parts:
         mesh = part.mesh(wall)
-        data = mesh.export(file_type="stl")
-        write_bytes(folder / f"{part.name}.stl", data)
+        write_bytes(folder / f"{part.name}.stl", export_stl(mesh))
         if step:
             write_step(part, folder / f"{part.name}.step")
         rows.append({**part.to_dict(), "facets": len(mesh.faces), "mesh_volume_mm3": mesh.volume})

@@ -59,7 +59,7 @@ class Channel:
     @property
     def stretch(self) -> Floats:
         """Length of the middle line per height (n,): long over short axis of the ellipse."""
-        return np.sqrt(1.0 + np.sum(self.slope**2, axis=1))
+        return np.asarray(np.sqrt(1.0 + np.sum(self.slope**2, axis=1)))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Channel) or len(self.centre) != len(other.centre):
@@ -329,4 +329,5 @@ def _fill(points: Floats, loops: list[Integers]) -> Integers:
     a, b, c = (points[corners[found[:, k]]] for k in range(3))
     turned = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) < (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     found[turned] = found[turned][:, ::-1]
-    return corners[found]
+    filled: Integers = corners[found]
+    return filled
