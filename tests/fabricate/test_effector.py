@@ -105,7 +105,7 @@ def designs(draw):
     )
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(design=designs())
 def test_a_random_design_is_made_or_its_thinnest_wall_is_named(design, tmp_path_factory):
     hole, given = design.hole_diameter, HolderOptions()

@@ -262,7 +262,7 @@ def draw_template(design: EffectorDesign) -> str:
     """
     radius, pitch = 0.5 * design.holder_diameter, design.offset
     half = max(radius, pitch + 0.5 * design.hole_diameter)
-    margin, line = 14.0, 4.2
+    margin, line = 17.0, 4.2
     wide = max(2.0 * (half + margin), CHECK_LINE_MM + 20.0)
     middle = np.array([0.5 * wide, half + margin])
     foot = 2.0 * (half + margin)
@@ -273,14 +273,14 @@ def draw_template(design: EffectorDesign) -> str:
         _circle(middle, pitch, "pitch"),
         *_cross(middle, 0.5 * design.bore_diameter + 1.0),
         _stroke(middle + [radius, 0.0], middle + [half + 3.0, 0.0]),
-        _text(middle + [half + 3.4, 1.0], "0°", "start"),
+        _text(middle + [half + 3.4, 1.0], "+x", "start"),
     ]
-    table = [f"diameter {design.hole_diameter:g} mm, bore {design.bore_diameter:g} mm"]
+    table = [f"holes {design.hole_diameter:g} mm, bore {design.bore_diameter:g} mm"]
     for placed, (x, y) in zip(design.muscles, _muscle_places(design), strict=True):
         way = np.array([math.cos(placed.angle), -math.sin(placed.angle)])
         centre = middle + np.array([x, -y])
         degrees = math.degrees(placed.angle) % 360.0
-        label = middle + way * (half + 7.0) + [0.0, 1.0]
+        label = middle + way * (half + 10.0) + [0.0, 1.0]
         shapes += [_circle(centre, 0.5 * design.hole_diameter, f"muscle {placed.name}")]
         shapes += _cross(centre, 0.5 * design.hole_diameter + 0.6)
         shapes += [_text(label, f"{placed.name} {degrees:.4g}°", "middle")]

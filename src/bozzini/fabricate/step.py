@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -225,7 +225,7 @@ def _make_surface(channel: Channel) -> Geom_BSplineSurface:
             poles.SetValue(u, v, gp_Pnt(*pole))
             weights.SetValue(u, v, 1.0 if u % 2 else math.sqrt(0.5))
 
-    def fill(kind: Any, values: list[float]) -> Any:
+    def fill(kind: type[Array1_double], values: list[float]) -> Array1_double:
         array = kind(1, len(values))
         for k, value in enumerate(values, start=1):
             array.SetValue(k, value)
