@@ -119,7 +119,7 @@ def test_a_random_design_is_made_or_its_thinnest_wall_is_named(design, tmp_path_
     least = min([*walls, *(apart - hole)])
     out = tmp_path_factory.mktemp("random") / "out"
     if least < given.wall - 1e-6:
-        with pytest.raises(GeometryError, match=r"left between .* where at least 0\.3 mm"):
+        with pytest.raises(GeometryError, match=r"left between .*: at least 0\.3 mm must be"):
             write_holders(design, out)
         assert not out.exists()
         return
@@ -177,8 +177,12 @@ def test_step_files_have_the_same_holes(tmp_path):
 @pytest.mark.parametrize(
     ("design", "options", "words"),
     [
-        (effector_preset("prototype"), {}, "holder-proximal: no wall is left between muscle R and"),
-        (DESIGN, {"wall": 0.6}, "wall of 0.3 mm where at least 0.6"),
+        (
+            effector_preset("prototype"),
+            {},
+            r"no wall \(they overlap by 0.5 mm\) is left between muscle R and the outs",
+        ),
+        (DESIGN, {"wall": 0.6}, "nozzle of 1 mm is left a wall of 0.3 mm where at least 0.6"),
         (DESIGN, {"nozzle_diameter": 2.0}, r"nozzle diameter is 2 mm: it must not exceed 1.9 mm"),
         (DESIGN, {"nozzle_diameter": 0.45, "wall": 0.02}, "wall is 0.02 mm"),
         (DESIGN, {"nozzle_diameter": 0.5, "wall": 0.05}, "bore of 0.5 mm and would not hold"),

@@ -114,6 +114,8 @@ def test_all_parts_are_closed(robot, form):
         mesh = part.mesh(0.4)
         assert mesh.is_volume
         assert mesh.volume == pytest.approx(part.volume, rel=5e-3)
+        through = sum(c.centre[-1, 2] == part.high for c in part.channels)
+        assert mesh.euler_number == 2 - 2 * through  # a handle for each
 
 
 def test_routing_table_holds_the_paths_and_the_discs(folder):
@@ -195,14 +197,23 @@ def place(*tendons):
         (SHORT, {"thickness": 6.0}, "thickness is 6 mm: it must be below 6 mm, the distance"),
         # At 1 mm from the middle: 4 - hypot(3, 0.628) - 0.175 sqrt(1 + 0.628^2).
         (SHORT, {"wall": 0.9}, "wall of 0.728 mm is left between tendon A and the outside at z"),
-        (SHORT, {"backbone_diameter": 8.0}, "disc-00: no wall is left between the backbone and"),
+        (SHORT, {"backbone_diameter": 8.0}, "disc-00: no wall .* is left between the backbone and"),
         (SHORT, {"clearance": -0.1}, r"clearance is -0.1 mm: it must lie in \[0, 10\] mm"),
         (SHORT, {"form": "spiral"}, "form is 'spiral': it must be one of discs, sleeve"),
-        (place(Tendon(name="A", offset=3.9)), {}, "no wall is left between tendon A and the outs"),
+        (
+            place(Tendon(name="A", offset=3.9)),
+            {},
+            "no wall .* is left between tendon A and the outs",
+        ),
         (
             place(Tendon(name="A", offset=3.0), Tendon(name="B", offset=3.0, angle=0.2)),
             {},
             "wall of 0.249 mm is left between tendon A and tendon B",
+        ),
+        (
+            place(Tendon(name="A", offset=3.0, end=19.9)),
+            {"form": "sleeve"},
+            "wall of 0.1 mm is left between tendon A and the end face at z = 19.9 mm",
         ),
         (None, {}, "robot is of type NoneType"),
     ],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -60,14 +60,6 @@ class Channel:
     def stretch(self) -> Floats:
         """Length of the middle line per height (n,): long over short axis of the ellipse."""
         return np.asarray(np.sqrt(1.0 + np.sum(self.slope**2, axis=1)))
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Channel) or len(self.centre) != len(other.centre):
-            return False
-        mine, theirs = (np.column_stack([c.centre, c.diameter, c.slope]) for c in (self, other))
-        return bool(np.allclose(mine, theirs, rtol=0.0, atol=1e-9))
-
-    __hash__ = None  # type: ignore[assignment]
 
 
 def drill(name: str, diameter: float, low: Floats, high: Floats) -> Channel:
@@ -127,26 +119,23 @@ class Part:
             total -= np.sum(np.diff(channel.centre[:, 2]) * 0.5 * (area[1:] + area[:-1]))
         return float(total)
 
-    def is_like(self, other: Part) -> bool:
-        """Return whether it has the same shape."""
-        return (
-            len(self.channels) == len(other.channels)
-            and np.allclose(self.outline, other.outline, rtol=0.0, atol=1e-9)
-            and all(map(Channel.__eq__, self.channels, other.channels))
-        )
-
     def check_walls(self, wall: float) -> None:
         """Raise `GeometryError` if a wall, measured across z, is thinner than `wall` [mm].
 
         A slanted channel counts with the long half-axis of its cut in every direction.
         """
         for channel in self.channels:
-            z, x, y, reach = _sample(channel, self.low, self.high)
-            edge = np.array(self.outline)
+            rings, edge = channel.centre[:, 2], np.array(self.outline)
+            heights = np.concatenate([rings, edge[:, 0]])
+            z, x, y, reach = _sample(channel, rings[0], rings[-1], heights)
             # Where the radius steps the smaller one counts.
             radius = np.minimum(*(np.interp(z + e, *edge.T) for e in (-1e-9, 1e-9)))
             left = radius - np.hypot(x, y) - reach
             self._refuse(left, wall, z, channel.name, "the outside")
+            for end, face in ((rings[0], self.low), (rings[-1], self.high)):
+                if abs(end - face) > 1e-9:  # it is blind
+                    floor = np.array([abs(end - face)])
+                    self._refuse(floor, wall, np.array([end]), channel.name, "the end face")
         for one, other in itertools.combinations(self.channels, 2):
             low = max(one.centre[0, 2], other.centre[0, 2])
             high = min(one.centre[-1, 2], other.centre[-1, 2])
@@ -162,10 +151,11 @@ class Part:
         worst = int(np.argmin(left))
         if left[worst] >= wall - 1e-9:
             return
-        what = f"a wall of {left[worst]:.3g} mm" if left[worst] > 0.0 else "no wall"
+        size = f"{abs(left[worst]):.3g} mm"
+        what = f"a wall of {size}" if left[worst] > 0.0 else f"no wall (they overlap by {size})"
         raise GeometryError(
-            f"{self.name}: {what} is left between {one} and {other} at z = {z[worst]:.3g} mm, "
-            f"{left[worst]:.3g} mm where at least {wall:g} mm must be"
+            f"{self.name}: {what} is left between {one} and {other} at z = {z[worst]:.3g} mm: "
+            f"at least {wall:g} mm must be"
         )
 
     def mesh(self, wall: float) -> trimesh.Trimesh:
@@ -244,29 +234,25 @@ class Part:
 
 def gather_copies(parts: list[Part]) -> list[Part]:
     """Return the parts with those of one shape as one part with many places."""
-    kinds: list[Part] = []
+    kinds: dict[tuple[object, ...], list[Part]] = {}
     for part in parts:
-        for k, kind in enumerate(kinds):
-            if kind.is_like(part):
-                kinds[k] = Part(
-                    name=kind.name,
-                    outline=kind.outline,
-                    channels=kind.channels,
-                    places=kind.places + part.places,
-                )
-                break
-        else:
-            kinds.append(part)
-    return kinds
+        arrays = [np.array(part.outline)]
+        arrays += [np.column_stack([c.centre, c.diameter, c.slope]) for c in part.channels]
+        # Adding 0 makes of -0 the same bytes as of 0.
+        key = tuple((np.round(array, 8) + 0.0).tobytes() for array in arrays)
+        kinds.setdefault(key, []).append(part)
+    return [
+        replace(copies[0], places=tuple(place for part in copies for place in part.places))
+        for copies in kinds.values()
+    ]
 
 
 def _sample(
-    channel: Channel, low: float, high: float, heights: Floats | None = None
+    channel: Channel, low: float, high: float, heights: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Heights within [low, high], the middle line there, and its reach; both sides of a step."""
     rings = channel.centre[:, 2]
-    knots = np.unique(rings if heights is None else heights)
-    knots = np.unique(np.clip(knots, low, high))
+    knots = np.unique(np.clip(heights, low, high))
     parts = np.linspace(0.0, 1.0, SAMPLES)
     parts[[0, -1]] = 1e-9, 1.0 - 1e-9
     z = (knots[:-1, None] + np.diff(knots)[:, None] * parts).ravel()

@@ -126,10 +126,10 @@ def build_body(robot: RobotDesign, options: BodyOptions | None = None) -> tuple[
     check_robot(robot)
     given = options or BodyOptions()
     list_parts = _list_discs if given.form == "discs" else _list_sleeves
-    parts = list(list_parts(robot, given))
+    parts = gather_copies(list(list_parts(robot, given)))
     for part in parts:
         part.check_walls(given.wall)
-    return tuple(gather_copies(parts))
+    return tuple(parts)
 
 
 def _list_discs(robot: RobotDesign, given: BodyOptions) -> Iterator[Part]:
