@@ -183,7 +183,7 @@ def test_step_files_have_the_same_holes(tmp_path):
             r"no wall \(they overlap by 0.5 mm\) is left between muscle R and the outs",
         ),
         (DESIGN, {"wall": 0.6}, "nozzle of 1 mm is left a wall of 0.3 mm where at least 0.6"),
-        (DESIGN, {"nozzle_diameter": 2.0}, r"nozzle diameter is 2 mm: it must not exceed 1.9 mm"),
+        (DESIGN, {"nozzle_diameter": 1.9}, r"nozzle diameter is 1.9 mm: it must be below 1.9 mm"),
         (DESIGN, {"nozzle_diameter": 0.45, "wall": 0.02}, "wall is 0.02 mm"),
         (DESIGN, {"nozzle_diameter": 0.5, "wall": 0.05}, "bore of 0.5 mm and would not hold"),
         (DESIGN, {"seat_depth": 5.0}, "proximal length is 5 mm: a seat of 5 mm needs at least"),

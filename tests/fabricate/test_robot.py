@@ -160,9 +160,11 @@ def test_step_files_have_the_cylinders_and_the_volume(tmp_path):
             gaps = [np.linalg.norm(p - middle) + np.linalg.norm(w - way) for p, w in found]
             assert min(gaps) < 1e-9
         assert measure_step(path) == pytest.approx(part.volume, rel=1e-9)
-    (sleeve,) = build_body(SHORT, BodyOptions(form="sleeve"))
-    path = write_step(sleeve, tmp_path / "sleeve.step")
-    assert measure_step(path) == pytest.approx(sleeve.volume, rel=1e-7)
+    blind = place(Tendon(name="A", offset=3.0, end=15.0), Tendon(name="B", offset=2.0, angle=1.0))
+    for robot in (SHORT, blind):
+        (sleeve,) = build_body(robot, BodyOptions(form="sleeve"))
+        path = write_step(sleeve, tmp_path / "sleeve.step")
+        assert measure_step(path) == pytest.approx(sleeve.volume, rel=1e-7)
 
 
 def measure_step(path):

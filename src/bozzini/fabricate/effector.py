@@ -230,9 +230,9 @@ def _check_fit(design: EffectorDesign, given: HolderOptions) -> None:
         if getattr(design, name) <= 0.0:
             raise InputError(f"{name.replace('_', ' ')} is 0 mm: a holder has both kinds of hole")
     body = design.hole_diameter - given.clearance
-    if body < given.nozzle_diameter:
+    if body <= given.nozzle_diameter:
         raise InputError(
-            f"nozzle diameter is {given.nozzle_diameter:g} mm: it must not exceed {body:g} mm, "
+            f"nozzle diameter is {given.nozzle_diameter:g} mm: it must be below {body:g} mm, "
             f"what a clearance of {given.clearance:g} mm leaves of a hole of "
             f"{design.hole_diameter:g} mm"
         )

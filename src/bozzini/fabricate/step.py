@@ -126,14 +126,11 @@ def _turn_channel(channel: Channel, part: Part) -> TopoDS_Shape:
 
 
 def _lengthen(line: Floats, channel: Channel, part: Part) -> Floats:
-    """Return a line (n + 2, 3) that goes on straight through the faces where it meets them.
-
-    A blind end is lengthened by nothing to speak of, so that there are as many places.
-    """
+    """Return a line (n + 2, 3) that goes on straight through the faces where it meets them."""
     ends = []
     for k, face in ((0, part.low), (-1, part.high)):
         is_open = abs(line[k, 2] - face) <= 1e-9
-        beyond = 1.0 + channel.diameter[k] * channel.stretch[k] if is_open else 1e-4
+        beyond = 1.0 + channel.diameter[k] * channel.stretch[k] if is_open else 0.0
         way = np.append(channel.slope[k], 1.0) / channel.stretch[k]
         ends.append(line[k] + (beyond if k else -beyond) * way)
     return np.vstack([ends[0], line, ends[1]])
