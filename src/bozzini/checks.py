@@ -103,6 +103,13 @@ def choose(noun: str, name: str, known: Mapping[str, T]) -> T:
     return known[name]
 
 
+def check_kind(name: str, value: object, kind: type) -> None:
+    """Raise `InputError` unless a value is of a class."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise InputError(f"{name} is {show_value(value)}: it must be {article} {kind.__name__}")
+
+
 def check_path(name: str, path: str | os.PathLike[str]) -> Path:
     """Return a path as a `Path`, or raise `InputError`."""
     if not isinstance(path, (str, os.PathLike)):

@@ -12,7 +12,7 @@ from typing import ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_array, check_number, check_word, show_value
+from ..checks import check_array, check_kind, check_number, check_word, show_value
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..errors import InputError, PluginError
@@ -137,7 +137,10 @@ class Planner(ABC):
         PluginError
             If another package's planner gives a motion that is none, or not that of its path.
         """
-        options = options or PlannerOptions()
+        options = PlannerOptions() if options is None else options
+        check_kind("space", space, FreeSpace)
+        check_kind("scope", scope, Scope)
+        check_kind("options", options, PlannerOptions)
         self.check(scope, options)
         line = space.centreline
         check_link(scope, line)
@@ -321,16 +324,28 @@ def make_planner(method: str) -> Planner:
 
 
 def finish_plan(
-    space: FreeSpace, motion: Motion, *, scope: Scope, options: PlannerOptions, asked: str
+    space: FreeSpace,
+    motion: Motion,
+    *,
+    scope: Scope,
+    options: PlannerOptions,
+    asked: str,
+    measure: bool = True,
 ) -> Plan:
-    """Certify and measure a motion and put it, with all it was made from, into a plan."""
+    """Certify and measure a motion and put it, with all it was made from, into a plan.
+
+    Without `measure` every clearance is the certified one, and there are no measures.
+    """
     refusal, certificate, duct = motion.refusal, motion.certificate, space.duct
     if certificate is None:
         certificate = certify_motion(motion.joints, space, radius=scope.radius)
     code, reason = motion.reason_code, motion.reason
     if refusal is not None:
         code, reason = refusal.code, refusal.reason
-    clearance, measures = measure_motion(space, motion.joints, motion.head_arc_length, scope)
+    measures = None
+    clearance = np.full((motion.joints.shape[0], motion.joints.shape[1] - 1), certificate.clearance)
+    if measure:
+        clearance, measures = measure_motion(space, motion.joints, motion.head_arc_length, scope)
     return Plan(
         joints=motion.joints,
         head_arc_length=motion.head_arc_length,
