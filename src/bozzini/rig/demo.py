@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .cosimulation import Cosimulation
-from .host import Host, HostRun, describe_faults
+from .host import EMPTY, Host, HostRun, describe_faults
 from .link import LockstepLink
 from .plant import Fault
 from .protocol import SetPoint, State, Telemetry
@@ -32,8 +32,6 @@ STEP_TIME = 1.0
 """Time between two steps [s]."""
 VOLTS_PER_COUNT = 5.0 / 1024.0
 """Of the board's converter [V]."""
-VENTED = 0.02
-"""Gauge pressure below which a muscle counts as vented [MPa]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -235,7 +233,7 @@ class FaultResponses(Result):
     vent_time : (n,) ndarray
         From the fault to the command to vent [s]; NaN if it never came.
     empty_time : (n,) ndarray
-        From the fault until all muscles are below `VENTED` [s]; NaN if not within `WATCHED`.
+        From the fault until all muscles are below `bozzini.rig.host.EMPTY` [s]; NaN if not within `WATCHED`.
     peak, left : (n,) ndarray
         Largest pressure after the fault, and that at the end [MPa].
     time, pressures : (n, m), (n, m, 3) ndarray
@@ -359,7 +357,7 @@ def _strike(
     pressures = np.vstack([record.pressures for record in records])
     duty = np.vstack([record.duty for record in records])
     vented = np.flatnonzero((duty[:, 3:6] > 0.99).all(axis=1) & (duty[:, :3] < 0.01).all(axis=1))
-    full = np.flatnonzero((pressures > VENTED).any(axis=1))
+    full = np.flatnonzero((pressures > EMPTY).any(axis=1))
     never = full.size and full[-1] == len(time) - 1
     return (
         describe_faults(host.faults),

@@ -11,7 +11,7 @@ from ..results import Json, Result
 from .firmware import find_build_id
 from .host import Host, HostRun, describe_faults
 from .link import Link
-from .protocol import Arm, Outcome, Reply, SetPoint, State, Trip, encode
+from .protocol import Arm, Outcome, Reply, SetPoint, State, Trip, encode, pack_setpoints
 
 ECHOES = 100
 """Round trips that are timed."""
@@ -92,8 +92,7 @@ def check_board(link: Link, *, progress: Progress = no_progress) -> SelfTest:
 
     answer = host.ask(Arm(), Reply).outcome
     add("arming without set-points", answer is not Outcome.OK, answer.name, "refused")
-    wrong = encode(SetPoint.kind, 0, b"\xff" * 6)
-    host.link.write(wrong)
+    host.link.write(encode(SetPoint.kind, 0, pack_setpoints((0xFFFF,) * 3)))
     answer = host.wait_for(Reply, SetPoint.kind).outcome
     add("set-points out of range", answer is Outcome.BAD_VALUE, answer.name, "BAD_VALUE")
     host.arm()
@@ -111,7 +110,7 @@ def check_board(link: Link, *, progress: Progress = no_progress) -> SelfTest:
         progress("checks", 0.3 + 0.7 * k / len(RATES))
         timed = Host(link, period=1.0 / rate)
         timed.connect()
-        run = timed.run(lambda time, told: (SetPoint(ZERO), {}), RATE_TIME)
+        run = timed.run(lambda time, board: (SetPoint(ZERO), {}), RATE_TIME)
         runs.append(run)
         spread = ", ".join(f"{name[:-3]} {value:.2f}" for name, value in run.jitter.items())
         words = f"{spread} ms; late {run.late}, lost {run.lost}, damaged {run.bad + run.refused}"
