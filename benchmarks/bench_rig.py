@@ -1,4 +1,4 @@
-"""The boards that run the firmware, and the plant: simulated seconds for each second of computing."""
+"""The boards that run the firmware, and the plant: simulated seconds a second of computing."""
 
 from __future__ import annotations
 
