@@ -233,7 +233,7 @@ class FaultResponses(Result):
     vent_time : (n,) ndarray
         From the fault to the command to vent [s]; NaN if it never came.
     empty_time : (n,) ndarray
-        From the fault until all muscles are below `bozzini.rig.host.EMPTY` [s]; NaN if not within `WATCHED`.
+        From the fault until all muscles are below 20 kPa [s]; NaN if not within `WATCHED`.
     peak, left : (n,) ndarray
         Largest pressure after the fault, and that at the end [MPa].
     time, pressures : (n, m), (n, m, 3) ndarray
