@@ -76,11 +76,11 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "page", [page for page in PAGES if TEST.search(page.read_text())], ids=_name
+    "page", [page for page in PAGES if TEST.search(page.read_text(encoding="utf-8"))], ids=_name
 )
 def test_tests_that_a_page_names_exist(page: Path) -> None:
     for file, name in TEST.findall(page.read_text(encoding="utf-8")):
-        found = "".join(path.read_text() for path in (ROOT / "tests").rglob(file))
+        found = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob(file))
         assert f"\ndef {name}(" in found, f"{_name(page)}: {file}::{name}"
 
 
