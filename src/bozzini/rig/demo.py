@@ -34,6 +34,14 @@ VOLTS_PER_COUNT = 5.0 / 1024.0
 """Of the board's converter [V]."""
 
 
+def _place_legend(axes: Axes) -> Axes:
+    """Put the legend above the axes, where it hides nothing."""
+    count = len(axes.get_legend_handles_labels()[1])
+    where = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+    axes.legend(frameon=False, fontsize=8, ncols=count, columnspacing=1.2, **where)
+    return axes
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepResponses(Result):
     """Steps of the set-points.
@@ -83,15 +91,16 @@ class StepResponses(Result):
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw pressures and set-points over time, and return the axes."""
+        """Draw pressures in the muscles and set-points over time, and return the axes."""
         axes = take_axes(ax, x="time [s]", y="pressure [kPa]")
         wanted = self.run.to_frame()
         for k in range(3):
             (line,) = axes.plot(self.time, 1e3 * self.pressures[:, k], label=f"muscle {k + 1}")
             column = 1e3 * wanted[f"setpoint_{k + 1}_MPa"]
             axes.step(wanted["time_s"], column, "--", where="post", color=line.get_color(), lw=0.8)
-        axes.legend(frameon=False)
-        return axes
+        axes.plot([], "--", color="0.4", lw=0.8, label="set-points")
+        axes.set(xlim=(0.0, self.time[-1]), ylim=(0.0, None))
+        return _place_legend(axes)
 
 
 def run_steps(
@@ -174,8 +183,7 @@ class CircleRun(HostRun):
         table = self.to_frame()
         axes.plot(table["target_x_mm"], table["target_y_mm"], "--", label="target")
         axes.plot(table["tip_x_mm"], table["tip_y_mm"], label="tip, from measured pressures")
-        axes.legend(frameon=False)
-        return axes
+        return _place_legend(axes)
 
 
 def run_circle(
@@ -274,15 +282,21 @@ class FaultResponses(Result):
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the pressure of the first muscle after each fault, and return the axes."""
-        axes = take_axes(ax, x="time since the fault [s]", y="pressure in muscle 1 [kPa]")
-        for name, time, pressures in zip(self.names, self.time, self.pressures, strict=True):
-            axes.plot(time, 1e3 * pressures[:, 0], label=name)
-        axes.legend(frameon=False)
-        return axes
+        """Draw the highest pressure in a muscle after each fault, and return the axes.
 
+        A dot is the command to vent; the dotted line is the pressure of an empty muscle.
+        """
+        axes = take_axes(ax, x="time since the fault [ms]", y="highest pressure in a muscle [kPa]")
+        axes.axhline(1e3 * EMPTY, color="0.6", lw=0.8, ls=":")
+        for k, name in enumerate(self.names):
+            time, highest = 1e3 * self.time[k], 1e3 * self.pressures[k].max(axis=1)
+            (line,) = axes.plot(time, highest, ls="-" if k % 2 else "--", label=name)
+            vent = 1e3 * self.vent_time[k]
+            axes.plot(vent, np.interp(vent, time, highest), "o", color=line.get_color(), ms=5)
+        last = np.nanmax(self.empty_time, initial=0.1)
+        axes.set(xlim=(0.0, min(1.3e3 * last, 1e3 * WATCHED)), ylim=(0.0, None))
+        return _place_legend(axes)
 
-Inject = Callable[[Host, Cosimulation], None]
 
 SILENCE = "host silent"
 FAULTS: dict[str, tuple[Fault, ...]] = {
