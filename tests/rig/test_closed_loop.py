@@ -116,8 +116,11 @@ def test_fill_valve_stuck_open_trips(toolchain):
         loop.plant.set_pressures(0.8)
         for _ in range(500):
             loop.plant.step([0, 0, 0, 1, 1, 1], 1e-3)
-        flow_in = 0.84 * loop.plant.design.fill_area * (loop.plant.reservoir_pressure + ATMOSPHERE)
-        left = flow_in / loop.plant.design.bleed_area - ATMOSPHERE
+        design = loop.plant.design
+        shut = design.valve_dead_zone + 0.5 * design.valve_hysteresis
+        bleed_area = design.bleed_area * (1.0 - shut) / (1.0 - design.valve_dead_zone)
+        ratio = 0.84 * design.fill_area / bleed_area
+        left = ratio * (loop.plant.reservoir_pressure + ATMOSPHERE) - ATMOSPHERE
         assert loop.plant.pressures[0] == pytest.approx(left, rel=0.02)
 
 
