@@ -44,21 +44,32 @@ static uint16_t find_root(uint32_t value) {
     return (uint16_t)(root << 4);
 }
 
-/* The counts beyond the dead zone that give a rate of the pressure, in hPa/ms / 256.
+/* The counts beyond the dead zone of the fill or the bleed valve that give a rate of the pressure, in
+ * hPa/ms / 256; of the other sign, those by which it must shut.
  *
  * An open valve changes the pressure at the rate p1 phi / BZ_FILL_TIME, or BZ_BLEED_TIME.  With p1
  * and p2 the absolute pressures before and behind it, p1 phi is p1 where the flow is choked
  * (p2 < p1 / 2) and 2 sqrt(p2 (p1 - p2)) otherwise: ISO 6358 with a critical ratio of 0.5. */
-static int16_t invert_flow(int32_t rate, int16_t pressure, int16_t reservoir) {
+static int16_t invert_flow(int32_t rate, uint8_t fills, int16_t pressure, int16_t reservoir) {
     uint16_t inside = (uint16_t)(pressure > -BZ_ATMOSPHERE ? pressure + BZ_ATMOSPHERE : 0);
-    uint16_t before = rate < 0 ? inside : (uint16_t)(reservoir + BZ_ATMOSPHERE);
-    uint16_t behind = rate < 0 ? BZ_ATMOSPHERE : inside;
+    uint16_t before = fills ? (uint16_t)(reservoir + BZ_ATMOSPHERE) : inside;
+    uint16_t behind = fills ? inside : BZ_ATMOSPHERE;
     uint16_t drop = before > behind ? (uint16_t)(before - behind) : 0, drive = before;
     if (behind > drop) drive = (uint16_t)(2u * find_root((uint32_t)behind * drop));
     if (drive < BZ_DRIVE_MIN) drive = BZ_DRIVE_MIN;
-    rate *= (rate < 0 ? BZ_BLEED_TIME : BZ_FILL_TIME) * (BZ_PWM_COUNTS - BZ_JUMP) / 256;
+    rate *= (fills ? BZ_FILL_TIME : BZ_BLEED_TIME) * (BZ_PWM_COUNTS - BZ_JUMP) / 256;
     rate /= drive;
     return rate > BZ_PWM_COUNTS ? BZ_PWM_COUNTS : rate < -BZ_PWM_COUNTS ? -BZ_PWM_COUNTS : (int16_t)rate;
+}
+
+/* The counts of a feed-forward and of a rate of the pressure together.  A rate against the
+ * feed-forward shuts the valve that this opens, and opens the other one with what is left of it. */
+static int16_t combine(int16_t forward, int32_t rate, int16_t pressure, int16_t reservoir) {
+    uint8_t fills = forward ? forward > 0 : rate > 0;
+    int16_t back = invert_flow(rate, fills, pressure, reservoir);
+    int16_t sum = (int16_t)(forward + back);
+    if (fills ? sum >= 0 : sum <= 0) return sum;
+    return invert_flow(rate * sum / back, !fills, pressure, reservoir);
 }
 
 void bz_control(bz_muscle *muscle, int16_t reservoir) {
@@ -91,6 +102,6 @@ void bz_control(bz_muscle *muscle, int16_t reservoir) {
     if (!is_shaped) rate += (int32_t)step * 256;
     if (rate > BZ_RATE_MAX * 256) rate = BZ_RATE_MAX * 256;
     if (rate < -BZ_RATE_MAX * 256) rate = -BZ_RATE_MAX * 256;
-    command = (int16_t)(invert_flow(rate, muscle->pressure, reservoir) + muscle->integral / 4096);
-    drive(muscle, (int16_t)(command + forward));
+    command = combine(forward, rate, muscle->pressure, reservoir);
+    drive(muscle, (int16_t)(command + muscle->integral / 4096));
 }
