@@ -38,7 +38,7 @@ def _place_legend(axes: Axes) -> Axes:
     """Put the legend above the axes, where it hides nothing."""
     count = len(axes.get_legend_handles_labels()[1])
     where = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
-    axes.legend(frameon=False, fontsize=8, ncols=count, columnspacing=1.2, **where)
+    axes.legend(frameon=False, fontsize=8, ncols=min(count, 4), **where)
     return axes
 
 
@@ -133,7 +133,7 @@ def run_steps(
     host.connect()
 
     def control(time: float, board: Telemetry) -> tuple[SetPoint, Json]:
-        return SetPoint(steps[min(int(time / STEP_TIME), len(steps) - 1)]), {}
+        return SetPoint(steps[min(int(time / STEP_TIME + 1e-9), len(steps) - 1)]), {}
 
     run = host.run(control, STEP_TIME * len(steps), progress=progress)
     time, pressures = link.list_pressures()
@@ -181,7 +181,8 @@ class CircleRun(HostRun):
         """Draw where the tip was wanted and where it was, seen along the axis."""
         axes = take_axes(ax, x="x [mm]", y="y [mm]", equal=True)
         table = self.to_frame()
-        axes.plot(table["target_x_mm"], table["target_y_mm"], "--", label="target")
+        target = table["target_x_mm"], table["target_y_mm"]
+        axes.plot(*target, color="0.75", lw=4.0, label="target, within the reach of the muscles")
         axes.plot(table["tip_x_mm"], table["tip_y_mm"], label="tip, from measured pressures")
         return _place_legend(axes)
 
@@ -284,15 +285,16 @@ class FaultResponses(Result):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the highest pressure in a muscle after each fault, and return the axes.
 
-        A dot is the command to vent; the dotted line is the pressure of an empty muscle.
+        The dotted line is the pressure below which a muscle counts as empty.
         """
         axes = take_axes(ax, x="time since the fault [ms]", y="highest pressure in a muscle [kPa]")
-        axes.axhline(1e3 * EMPTY, color="0.6", lw=0.8, ls=":")
+        axes.axhline(1e3 * EMPTY, color="0.4", lw=0.8, ls=":", label=f"{1e3 * EMPTY:g} kPa")
         for k, name in enumerate(self.names):
             time, highest = 1e3 * self.time[k], 1e3 * self.pressures[k].max(axis=1)
             (line,) = axes.plot(time, highest, ls="-" if k % 2 else "--", label=name)
             vent = 1e3 * self.vent_time[k]
             axes.plot(vent, np.interp(vent, time, highest), "o", color=line.get_color(), ms=5)
+        axes.plot([], "o", color="0.4", ms=5, label="command to vent")
         last = np.nanmax(self.empty_time, initial=0.1)
         axes.set(xlim=(0.0, min(1.3e3 * last, 1e3 * WATCHED)), ylim=(0.0, None))
         return _place_legend(axes)
