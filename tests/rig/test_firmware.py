@@ -76,11 +76,11 @@ def test_board_reports_what_it_was_built_from(ordinary_board):
     design = PlantDesign()
     assert configuration.sensor_span == pytest.approx(design.sensor_range)
     volume = design.line_volume + CHAMBER.volume.mean()
-    for time, valve in (
-        (configuration.fill_time, design.fill_valve),
-        (configuration.bleed_time, design.bleed_valve),
+    for time, share, valve in (
+        (configuration.fill_time, 2.0 / 3.0, design.fill_valve),
+        (configuration.bleed_time, 0.5, design.bleed_valve),
     ):
-        assert time == pytest.approx(2.0 / 3.0 * valve.time_constant(volume), rel=0.03)
+        assert time == pytest.approx(share * valve.time_constant(volume), rel=0.03)
     jump = configuration.jump / configuration.pwm_counts
     half_play = 0.5 * design.valve_hysteresis
     assert design.valve_dead_zone < jump < design.valve_dead_zone + half_play
