@@ -329,6 +329,9 @@ class Characterisation(Result):
     def list_pictures(self, folder: str | os.PathLike[str]) -> pandas.DataFrame:
         """Return the pictures as ``bozzini vision length`` takes them, paths from a folder.
 
+        All pictures of a set-point have one pressure, the mean of what was measured: that command
+        groups the repeats, and compares the directions, by it.
+
         Raises
         ------
         InputError
@@ -340,11 +343,13 @@ class Characterisation(Result):
         if not rows:
             raise InputError("no picture was taken")
         short = {"inflating": "inflate", "deflating": "deflate"}
+        measured = pandas.Series([1e3 * max(r.pressure, 0.0) for r in rows])
+        steps = measured.groupby([r.setpoint for r in rows])
         return pandas.DataFrame(
             {
                 "image": [Path(os.path.relpath(r.image, folder)).as_posix() for r in rows],
                 "specimen": self.stairs.specimen,
-                "pressure_kpa": [1e3 * max(r.pressure, 0.0) for r in rows],
+                "pressure_kpa": steps.transform("mean").round(1),
                 "direction": [short[r.direction] for r in rows],
                 "repeat": [r.repeat for r in rows],
                 "load_n": self.stairs.load,
