@@ -554,10 +554,12 @@ class Host:
             else:
                 self._answers.append(frame)
 
-    def send(self, command: Command) -> None:
-        """Send a frame without waiting for an answer."""
-        self.link.write(command.encode(self._sequence))
-        self._sequence = (self._sequence + 1) % 256
+    def send(self, command: Command) -> int:
+        """Send a frame without waiting for an answer, and return its number."""
+        number = self._sequence
+        self.link.write(command.encode(number))
+        self._sequence = (number + 1) % 256
+        return number
 
 
 class _Loop:
