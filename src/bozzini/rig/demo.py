@@ -37,8 +37,8 @@ VOLTS_PER_COUNT = 5.0 / 1024.0
 def _place_legend(axes: Axes) -> Axes:
     """Put the legend above the axes, where it hides nothing."""
     count = len(axes.get_legend_handles_labels()[1])
-    where = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
-    axes.legend(frameon=False, fontsize=8, ncols=min(count, 4), **where)
+    options = {"frameon": False, "fontsize": 8, "ncols": min(count, 4)}
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), **options)
     return axes
 
 
