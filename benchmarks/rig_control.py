@@ -44,21 +44,21 @@ BOARDS = {"native": NativeBoard, "emulated": EmulatedBoard}
 STEPS = ((0.6, 0.3, 0.1), (0.1, 0.6, 0.827))  # [MPa], one second each
 FAST, SLOW = 0.002, 0.01  # periods of the host [s]
 TRUE = PlantDesign()
+WIDE, NARROW = (
+    {name: share * getattr(TRUE, name) for name in ("fill_area", "bleed_area")}
+    for share in (1.2, 0.8)
+)
 PLANTS = {
     "as modelled": TRUE,
-    "orifices +20 %": replace(TRUE, fill_area=0.0365, bleed_area=0.0365),
-    "orifices -20 %": replace(TRUE, fill_area=0.0243, bleed_area=0.0243),
+    "orifices +20 %": replace(TRUE, **WIDE),
+    "orifices -20 %": replace(TRUE, **NARROW),
     "line +20 %": replace(TRUE, dead_volume=TRUE.dead_volume + 86.0),
     "line -20 %": replace(TRUE, tube_length=390.0),
     "dead zone +3 points": replace(TRUE, valve_dead_zone=0.33),
     "dead zone -3 points": replace(TRUE, valve_dead_zone=0.27),
     "valve lag 6 ms": replace(TRUE, valve_lag=6e-3),
-    "all that make it faster": replace(
-        TRUE, fill_area=0.0365, bleed_area=0.0365, tube_length=390.0, valve_dead_zone=0.27
-    ),
-    "all that make it slower": replace(
-        TRUE, fill_area=0.0243, bleed_area=0.0243, dead_volume=123.0, valve_dead_zone=0.33
-    ),
+    "all that make it faster": replace(TRUE, **WIDE, tube_length=390.0, valve_dead_zone=0.27),
+    "all that make it slower": replace(TRUE, **NARROW, dead_volume=123.0, valve_dead_zone=0.33),
 }
 FRICTION = MaxwellSlip((0.3, 0.2, 0.2), (0.01, 0.01, 0.01)).to_plays()  # [MPa]: loops of 60 kPa
 EFFECTOR = Effector(effector_preset("prototype"))
@@ -77,9 +77,9 @@ def judge_steps(board, design, period, model, seed):
     host, link, configuration = connect(board, Plant(CHAMBERS, design, seed=seed), period)
     forward = model and Feedforward(model, CHAMBERS, configuration, period=period)
 
-    def control(time, told):
+    def control(time, telemetry):
         wanted = STEPS[min(int(time + 1e-9), len(STEPS) - 1)]
-        return (forward.shape(time, wanted, board=told) if forward else SetPoint(wanted)), {}
+        return (forward.shape(time, wanted, board=telemetry) if forward else SetPoint(wanted)), {}
 
     run = host.run(control, float(len(STEPS)))
     if not run.converged:
@@ -199,7 +199,7 @@ def print_runaway(name, board, design, command):
     """Print what a host does that sends one command all the time."""
     plant = Plant(CHAMBERS, replace(design, reservoir_pressure=0.93), seed=1)
     host, link, _ = connect(board, plant, FAST)
-    run = host.run(lambda time, told: (command, {}), 1.0)
+    run = host.run(lambda time, telemetry: (command, {}), 1.0)
     _, pressures = link.list_pressures()
     rise = 1e3 * (pressures[20:] - pressures[:-20]).max() / 20.0
     end = run.reason.rpartition("(")[2].rstrip(")") or "armed"
@@ -220,10 +220,10 @@ def run_stick(board, period, forward, compensate, operator, script, duration, de
     )
     acting = []
 
-    def control(time, told):
+    def control(time, telemetry):
         plant.stick_voltages = script.read(time, script.readings[0]) * VOLTS_PER_COUNT
         acting.append(getattr(plant, "effective_pressures", plant.pressures))
-        return steering(time, told)
+        return steering(time, telemetry)
 
     run = host.run(control, duration)
     tip = EFFECTOR.forward(np.clip(acting, 0.0, EFFECTOR.design.pressure_limit)).lateral_vector
@@ -249,10 +249,10 @@ def compare_circles(make):
                     error = np.hypot(*(tip - target)[after].T)
                     name = words + ("feed-forward" if forward else "board alone")
                     name += ", compensated" if compensate else ""
-                    rms, told = (np.sqrt(np.mean(e**2)) for e in (error, run.tip_errors[after]))
+                    rms, seen = (np.sqrt(np.mean(e**2)) for e in (error, run.tip_errors[after]))
                     print(
                         f"| {name} | {1e3 * period:g} | {rms:.2f} | {error.max():.2f} "
-                        f"| {told:.2f} |"
+                        f"| {seen:.2f} |"
                     )
 
 

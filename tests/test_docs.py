@@ -19,6 +19,7 @@ PAGES = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")], key=lambda path: path.as_posix()
 )
 BLOCK = re.compile(r"^(?P<note><!-- not run: .+ -->\n+)?```python\n(?P<code>.*?)^```", re.M | re.S)
+TEST = re.compile(r"`(test_\w+\.py)::(test_\w+)`")
 LINK = re.compile(r"\]\((?!https?://|mailto:|#)([^)#\s]+)")
 
 
@@ -80,6 +81,23 @@ def test_commands_and_their_options_exist(page: Path) -> None:
 def test_links_lead_somewhere(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), f"{_name(page)} links to {target}"
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if TEST.search(page.read_text(encoding="utf-8"))], ids=_name
+)
+def test_tests_that_a_page_names_exist(page: Path) -> None:
+    for file, name in TEST.findall(page.read_text(encoding="utf-8")):
+        found = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob(file))
+        assert f"\ndef {name}(" in found, f"{_name(page)}: {file}::{name}"
+
+
+def test_every_hazard_of_the_rig_names_a_test() -> None:
+    text = (ROOT / "docs" / "rig" / "safety.md").read_text(encoding="utf-8")
+    table = text.partition("## Hazards")[2].partition("\n## ")[0]
+    rows = [line for line in table.splitlines() if line.startswith("|")][2:]
+    assert len(rows) > 15
+    assert not [row for row in rows if not TEST.search(row)]
 
 
 def test_pages_of_the_documentation_are_in_its_menu() -> None:

@@ -37,11 +37,14 @@
 #define BZ_SETPOINT_MAX 8270    /* [hPa] 827 kPa, largest legal set-point */
 #define BZ_SLEW 30              /* [hPa/ms] largest rate of the reference, 3 kPa/ms */
 #define BZ_SLEW_SHAPED 100      /* [hPa/ms] the same while a feed-forward from the host holds */
-/* Volume over area and speed of the flow through an open valve, V / (A x 199 m/s) [ms].  With the
- * 430 mm3 of a line and 0.0304 mm2 it is 71 ms, and 76 ms with a muscle (assumed).  Two thirds of it
- * stand here: a time that is too short makes pressures lag, one that is too long overshoot. */
-#define BZ_FILL_TIME 50l
-#define BZ_BLEED_TIME 50l
+/* Time constants V / (A v) of an open valve [ms]: volume of a line and its muscle, 460 mm3, over the
+ * valve's effective area, 0.0304 and 0.0779 mm2, and 199 m/s (assumed).  The controller takes two
+ * thirds and a half of them: a time that is too short makes pressures lag, one that is too long
+ * overshoot, the more so the wider the valve, whose play then lets more air through. */
+#define BZ_FILL_CONSTANT 76l
+#define BZ_BLEED_CONSTANT 30l
+#define BZ_FILL_TIME (2l * BZ_FILL_CONSTANT / 3l)
+#define BZ_BLEED_TIME (BZ_BLEED_CONSTANT / 2l)
 #define BZ_LOOP_TIME 16l        /* [ms] in which an error is to decay; a divisor of 256 */
 #define BZ_RATE_MAX 250l        /* [hPa/ms] largest rate that the controller asks for */
 #define BZ_KI 4                 /* [counts/(hPa ms) / 4096] integral */

@@ -2,8 +2,8 @@
 
 #include "config.h"
 
-static int16_t clamp(int16_t value, int16_t limit) {
-    return value > limit ? limit : value < -limit ? (int16_t)-limit : value;
+static int16_t clamp(int32_t value, int16_t limit) {
+    return value > limit ? limit : value < -limit ? (int16_t)-limit : (int16_t)value;
 }
 
 void bz_vent(bz_muscle *muscle) {
@@ -17,7 +17,7 @@ void bz_vent(bz_muscle *muscle) {
 /* A positive command opens the fill valve, a negative one the bleed valve: never both. */
 static void drive(bz_muscle *muscle, int16_t command) {
     int16_t size = command < 0 ? (int16_t)-command : command;
-    size = command ? clamp((int16_t)(BZ_JUMP + size), BZ_PWM_COUNTS) : 0;
+    size = command ? clamp(BZ_JUMP + size, BZ_PWM_COUNTS) : 0;
     muscle->fill = command > 0 ? (uint16_t)size : 0;
     muscle->bleed = command < 0 ? (uint16_t)size : 0;
 }
@@ -44,27 +44,41 @@ static uint16_t find_root(uint32_t value) {
     return (uint16_t)(root << 4);
 }
 
-/* The counts beyond the dead zone that give a rate of the pressure, in hPa/ms / 256.
- *
- * An open valve changes the pressure at the rate p1 phi / BZ_FILL_TIME, or BZ_BLEED_TIME.  With p1
- * and p2 the absolute pressures before and behind it, p1 phi is p1 where the flow is choked
- * (p2 < p1 / 2) and 2 sqrt(p2 (p1 - p2)) otherwise: ISO 6358 with a critical ratio of 0.5. */
-static int16_t invert_flow(int32_t rate, int16_t pressure, int16_t reservoir) {
+/* What drives the flow of the open fill or bleed valve [hPa], p1 phi.  It changes the pressure at the
+ * rate p1 phi / BZ_FILL_TIME, or BZ_BLEED_TIME.  With p1 and p2 the absolute pressures before and
+ * behind the valve, p1 phi is p1 where the flow is choked (p2 < p1 / 2) and 2 sqrt(p2 (p1 - p2))
+ * otherwise: ISO 6358 with a critical ratio of 0.5. */
+static uint16_t find_drive(uint8_t fills, int16_t pressure, int16_t reservoir) {
     uint16_t inside = (uint16_t)(pressure > -BZ_ATMOSPHERE ? pressure + BZ_ATMOSPHERE : 0);
-    uint16_t before = rate < 0 ? inside : (uint16_t)(reservoir + BZ_ATMOSPHERE);
-    uint16_t behind = rate < 0 ? BZ_ATMOSPHERE : inside;
+    uint16_t before = fills ? (uint16_t)(reservoir + BZ_ATMOSPHERE) : inside;
+    uint16_t behind = fills ? inside : BZ_ATMOSPHERE;
     uint16_t drop = before > behind ? (uint16_t)(before - behind) : 0, drive = before;
     if (behind > drop) drive = (uint16_t)(2u * find_root((uint32_t)behind * drop));
-    if (drive < BZ_DRIVE_MIN) drive = BZ_DRIVE_MIN;
-    rate *= (rate < 0 ? BZ_BLEED_TIME : BZ_FILL_TIME) * (BZ_PWM_COUNTS - BZ_JUMP) / 256;
-    rate /= drive;
-    return rate > BZ_PWM_COUNTS ? BZ_PWM_COUNTS : rate < -BZ_PWM_COUNTS ? -BZ_PWM_COUNTS : (int16_t)rate;
+    return drive < BZ_DRIVE_MIN ? BZ_DRIVE_MIN : drive;
+}
+
+/* The command, beyond the dead zone, for a feed-forward [counts] and a rate of the pressure, in
+ * hPa/ms / 256, together.  A rate against the feed-forward shuts the valve that this opens, and opens
+ * the other one with what is left. */
+static int16_t find_command(int16_t forward, int32_t rate, int16_t pressure, int16_t reservoir) {
+    uint8_t fills = forward ? forward > 0 : rate > 0;
+    uint16_t drive = find_drive(fills, pressure, reservoir);
+    int32_t time = fills ? BZ_FILL_TIME : BZ_BLEED_TIME;
+    int32_t flow = rate * (time * (BZ_PWM_COUNTS - BZ_JUMP) / 256) + (int32_t)forward * drive;
+    int32_t command;
+    if (fills ? flow >= 0 : flow <= 0) {
+        command = flow / drive;
+    } else {
+        flow *= fills ? BZ_BLEED_TIME : BZ_FILL_TIME;
+        command = flow / (time * find_drive(!fills, pressure, reservoir));
+    }
+    return clamp(command, BZ_PWM_COUNTS);
 }
 
 void bz_control(bz_muscle *muscle, int16_t reservoir) {
     uint8_t is_shaped = muscle->feedforward_left > 0; /* the host plans the way of the pressure */
     int16_t limit = is_shaped ? BZ_SLEW_SHAPED : BZ_SLEW;
-    int16_t step = clamp((int16_t)((int16_t)muscle->setpoint - muscle->reference), limit);
+    int16_t step = clamp((int32_t)muscle->setpoint - muscle->reference, limit);
     int16_t forward = is_shaped ? muscle->feedforward : 0;
     int16_t error, size, command;
     int32_t rate;
@@ -91,6 +105,6 @@ void bz_control(bz_muscle *muscle, int16_t reservoir) {
     if (!is_shaped) rate += (int32_t)step * 256;
     if (rate > BZ_RATE_MAX * 256) rate = BZ_RATE_MAX * 256;
     if (rate < -BZ_RATE_MAX * 256) rate = -BZ_RATE_MAX * 256;
-    command = (int16_t)(invert_flow(rate, muscle->pressure, reservoir) + muscle->integral / 4096);
-    drive(muscle, (int16_t)(command + forward));
+    command = find_command(forward, rate, muscle->pressure, reservoir);
+    drive(muscle, (int16_t)(command + muscle->integral / 4096));
 }

@@ -68,7 +68,7 @@ static void convert_next(void) {
 
 ISR(TIMER0_COMPA_vect) {
     ticks++;
-    if (chain < CHAIN) {
+    if (chain < CHAIN || is_measured) { /* not before the readings are taken: they stay whole */
         missed++;
         return;
     }
@@ -158,11 +158,11 @@ static void set_outputs(void) {
 }
 
 static void take_measurement(bz_scan *scan) {
-    is_measured = 0; /* the next chain starts at the next tick: the readings are at rest */
     for (uint8_t i = 0; i < BZ_MUSCLES; i++) scan->twice[i] = readings[i];
     scan->reservoir = readings[BZ_MUSCLES];
     scan->stick_x = readings[BZ_MUSCLES + 1u];
     scan->stick_y = readings[BZ_MUSCLES + 2u];
+    is_measured = 0; /* now the next chain may start */
 }
 
 static void sleep_until_interrupt(uint8_t handled) {

@@ -156,6 +156,7 @@ def test_pictures_are_listed_as_the_measurement_of_lengths_takes_them(host, tmp_
     written = [(tmp_path / name).read_text() for name in listed.image]
     assert written == ["0 inflating 1", "0.3 inflating 1", "0 deflating 1"]
     np.testing.assert_allclose(listed.pressure_kpa, [0.0, 300.0, 0.0], atol=7.0)
+    assert list(listed.setpoint_kpa) == [0.0, 300.0, 0.0]  # one state of two directions
     with pytest.raises(InputError, match="no contraction"):
         found.to_measurements()
     with pytest.raises(OutputError, match="not empty"):

@@ -28,22 +28,22 @@ from tests.rig.loops import CHAMBER
 pytestmark = pytest.mark.usefixtures("toolchain")
 
 TRUE = PlantDesign()
+WIDE, NARROW = (
+    {name: share * getattr(TRUE, name) for name in ("fill_area", "bleed_area")}
+    for share in (1.2, 0.8)
+)
 CHAMBERS = [CHAMBER] * 3
 STEPS = ((0.6, 0.3, 0.1), (0.1, 0.6, 0.827))
 STEP_TIME = 0.5
 WRONG = {
-    "wide orifices": replace(TRUE, fill_area=0.0365, bleed_area=0.0365),
-    "narrow orifices": replace(TRUE, fill_area=0.0243, bleed_area=0.0243),
+    "wide orifices": replace(TRUE, **WIDE),
+    "narrow orifices": replace(TRUE, **NARROW),
     "small line": replace(TRUE, tube_length=390.0),
     "large line": replace(TRUE, tube_length=610.0),
     "small dead zone": replace(TRUE, valve_dead_zone=0.27),
     "large dead zone": replace(TRUE, valve_dead_zone=0.33),
-    "all faster": replace(
-        TRUE, fill_area=0.0365, bleed_area=0.0365, tube_length=390.0, valve_dead_zone=0.27
-    ),
-    "all slower": replace(
-        TRUE, fill_area=0.0243, bleed_area=0.0243, tube_length=610.0, valve_dead_zone=0.33
-    ),
+    "all faster": replace(TRUE, **WIDE, tube_length=390.0, valve_dead_zone=0.27),
+    "all slower": replace(TRUE, **NARROW, tube_length=610.0, valve_dead_zone=0.33),
 }
 
 
@@ -59,9 +59,11 @@ def run_steps(kind, *, design=TRUE, model=TRUE, rate=None, period=0.002, seed=0)
         known = host.connect()
         forward = model and Feedforward(model, CHAMBERS, known, period=period, rate=rate)
 
-        def control(time, told):
+        def control(time, telemetry):
             wanted = STEPS[min(int(time / STEP_TIME + 1e-9), len(STEPS) - 1)]
-            return (forward.shape(time, wanted, board=told) if forward else SetPoint(wanted)), {}
+            return (
+                forward.shape(time, wanted, board=telemetry) if forward else SetPoint(wanted)
+            ), {}
 
         run = host.run(control, STEP_TIME * len(STEPS))
     assert run.converged, run.reason
@@ -152,7 +154,7 @@ def test_host_that_never_shuts_the_valves_is_held_near_the_largest_set_point():
         host = Host(link, period=0.002)
         known = host.connect()
         command = SetPoint((0.827,) * 3, (1.0,) * 3)
-        run = host.run(lambda time, told: (command, {}), 0.3)
+        run = host.run(lambda time, telemetry: (command, {}), 0.3)
     assert run.converged
     assert 0.827 < link.list_pressures()[1].max() < known.overpressure
 
@@ -168,7 +170,7 @@ def test_board_and_feedforward_do_without_the_sensor_of_the_reservoir():
         link = LockstepLink(Cosimulation(board, Blind(CHAMBERS)))
         host = Host(link, period=0.002)
         forward = Feedforward(TRUE, CHAMBERS, host.connect(), period=0.002)
-        run = host.run(lambda time, told: (forward.shape(time, STEPS[0], board=told), {}), 0.3)
+        run = host.run(lambda time, board: (forward.shape(time, STEPS[0], board=board), {}), 0.3)
     assert run.converged
     settle, over, _ = judge_step(link.list_pressures()[1][-300:], np.array(STEPS[0]), 1e-3)
     assert settle.max() < 0.12

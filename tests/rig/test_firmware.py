@@ -13,10 +13,18 @@ from pathlib import Path
 import pytest
 
 from bozzini.io.files import find_cache
+from bozzini.rig import PlantDesign
 from bozzini.rig.board import NativeBoard
 from bozzini.rig.firmware import ToolchainError, build, find_build_id, find_sources
-from bozzini.rig.protocol import PROTOCOL_VERSION, Configuration, GetConfiguration
+from bozzini.rig.protocol import (
+    FEEDFORWARD_COUNTS,
+    PROTOCOL_VERSION,
+    SETPOINT_MAX,
+    Configuration,
+    GetConfiguration,
+)
 from tests.rig.host import Host
+from tests.rig.loops import CHAMBER
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -62,7 +70,20 @@ def test_board_reports_what_it_was_built_from(ordinary_board):
     assert not configuration.is_test_build
     assert configuration.setpoint_max < configuration.overpressure
     assert configuration.host_timeout == pytest.approx(0.1)
-    assert configuration.sensor_span == pytest.approx(1.034)
+    assert configuration.setpoint_max == pytest.approx(SETPOINT_MAX)
+    assert configuration.pwm_counts == FEEDFORWARD_COUNTS
+    # The controller's constants follow from those of the plant.
+    design = PlantDesign()
+    assert configuration.sensor_span == pytest.approx(design.sensor_range)
+    volume = design.line_volume + CHAMBER.volume.mean()
+    for time, share, valve in (
+        (configuration.fill_time, 2.0 / 3.0, design.fill_valve),
+        (configuration.bleed_time, 0.5, design.bleed_valve),
+    ):
+        assert time == pytest.approx(share * valve.time_constant(volume), rel=0.03)
+    jump = configuration.jump / configuration.pwm_counts
+    half_play = 0.5 * design.valve_hysteresis
+    assert design.valve_dead_zone < jump < design.valve_dead_zone + half_play
 
 
 def test_changed_sources_are_built_anew(toolchain, tmp_path):

@@ -82,6 +82,12 @@ MUTANTS = {
         "muscle->fill = command ?",
         test_safety.test_fill_and_bleed_are_never_both_open,
     ),
+    "measurement begins before the last is taken": (
+        "src/main.c",
+        "chain < CHAIN || is_measured",
+        "chain < CHAIN",
+        test_safety.test_measurements_stay_whole_when_frames_leave_no_time_for_them,
+    ),
     "watchdog fed on every wake": (
         "src/main.c",
         "        sleep_until_interrupt(handled);\n",

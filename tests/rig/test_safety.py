@@ -308,6 +308,23 @@ def test_telemetry_comes_at_the_interval_asked_for(board):
     assert (host.telemetry.missed, host.telemetry.lost, host.reader.bad) == (0, 0, 0)
 
 
+def test_measurements_stay_whole_when_frames_leave_no_time_for_them(board):
+    host = Host(board)
+    host.arm()
+    host.send(TelemetryInterval(1))
+    true = np.array([0.6, 0.55, 0.5])
+    host.voltages[:3] = to_voltage(true)
+    host.run(10, HALF)
+    before = len(host.list_telemetry())
+    for _ in range(150):
+        host.send(SetPoint((0.62, 0.56, 0.52), (0.05, 0.05, -0.05)))
+        host.send(SetPoint((0.5, 0.5, 0.6), (0.3, 0.3, -0.3)))
+        host.run(1)
+    frames = host.list_telemetry()[before:]
+    assert len(frames) > 50
+    assert np.abs(np.array([frame.pressures for frame in frames]) - true).max() < 1e-3
+
+
 def test_reset_pin_vents_and_disarms(board):
     host = Host(board)
     host.arm(HALF)

@@ -51,10 +51,10 @@ def run_circle(kind, *, forward=False, operator=None, compensated=False, period=
         )
         acting = []
 
-        def control(time, told):
+        def control(time, telemetry):
             plant.stick_voltages = script.read(time, script.readings[0]) * VOLTS_PER_COUNT
             acting.append(plant.effective_pressures if operator else plant.pressures)
-            return steering(time, told)
+            return steering(time, telemetry)
 
         run = host.run(control, duration)
     assert run.converged, run.reason

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
+from ..checks import check_number
 from ..errors import InputError
 from ..rig.stairs import Stairs
 from .common import (
@@ -227,8 +228,8 @@ def replay_command(
 @board_option
 @seed_option
 @preset_option
-@click.option("--seconds", type=float, help="End after this time [s]; by default it runs on.")
-def emulate_command(board: BoardKind, seed: int, preset: str, seconds: float | None) -> None:
+@option("--duration TIME", "How long; by default it runs on.", "time")
+def emulate_command(board: BoardKind, seed: int, preset: str, duration: float | None) -> None:
     """Run an emulated rig in real time; print the port that a host can open."""
     import threading
 
@@ -237,8 +238,9 @@ def emulate_command(board: BoardKind, seed: int, preset: str, seconds: float | N
     rig = emulate_rig(_make_effector(preset).models, board=board, seed=seed)
     rig.run(0.01)  # what is compiled on first use is compiled now
     stop = threading.Event()
-    if seconds is not None:
-        timer = threading.Timer(seconds, stop.set)
+    if duration is not None:
+        span = check_number("duration", duration, low=0.0, low_open=True, high=86400.0, unit="s")
+        timer = threading.Timer(span, stop.set)
         timer.daemon = True
         timer.start()
     serve(rig, lambda path: click.echo(path), stop=stop)

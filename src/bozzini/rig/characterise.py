@@ -329,6 +329,9 @@ class Characterisation(Result):
     def list_pictures(self, folder: str | os.PathLike[str]) -> pandas.DataFrame:
         """Return the pictures as ``bozzini vision length`` takes them, paths from a folder.
 
+        Each has the pressure measured at it; that command groups the repeats, and compares the
+        directions, by the set-point.
+
         Raises
         ------
         InputError
@@ -425,7 +428,7 @@ def characterise_muscle(
     keep : callable
         Takes what was measured before an interruption, which then goes on.
     progress : callable
-        Is told how far the experiment is.
+        Is called with how far it is.
 
     Returns
     -------
@@ -479,8 +482,8 @@ class _Run:
         self.start = datetime.now(UTC)
         self.end = ""
         self.setpoint = SetPoint((0.0,) * MUSCLES)
-        self.told = host.telemetry
-        self.told_at = host.link.now
+        self.heard = host.telemetry
+        self.heard_at = host.link.now
 
     def measure(self, progress: Progress) -> None:
         """Go through all steps."""
@@ -533,14 +536,14 @@ class _Run:
         link.wait(link.now + host.period)
         host.receive()
         host.send(self.setpoint)
-        if host.telemetry is not self.told:
-            self.told, self.told_at = host.telemetry, link.now
-        if self.told is None or link.now - self.told_at > SILENCE_LIMIT:
+        if host.telemetry is not self.heard:
+            self.heard, self.heard_at = host.telemetry, link.now
+        if self.heard is None or link.now - self.heard_at > SILENCE_LIMIT:
             raise InputError("the board has gone silent")
-        if self.told.state is not State.ARMED:
-            words = describe_faults(self.told.faults)
-            raise InputError(f"the board has left ARMED: {words or self.told.state.name}")
-        return float(self.told.pressures[self.stairs.muscle - 1])
+        if self.heard.state is not State.ARMED:
+            words = describe_faults(self.heard.faults)
+            raise InputError(f"the board has left ARMED: {words or self.heard.state.name}")
+        return float(self.heard.pressures[self.stairs.muscle - 1])
 
     def _take_picture(
         self, index: int, repeat: int, direction: str, setpoint: float
@@ -580,7 +583,7 @@ class _Run:
     def vent(self) -> None:
         """Let the board vent; one that is lost vents by itself."""
         try:
-            if self.told is not None and self.told.state is State.ARMED:
+            if self.heard is not None and self.heard.state is State.ARMED:
                 self.host.disarm()
         except InputError as error:
             self.end = self.end or f"the board was lost at the end: {error}"

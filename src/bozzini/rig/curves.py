@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..checks import check_array, check_range
+from ..checks import check_array, check_number, check_range
 from ..errors import FileFormatError, InputError
 from ..results import ClosedForm, measured, take_axes
 from ..units import parse_quantity
@@ -119,7 +119,8 @@ def read_curve(
     """
     path = Path(path)
     if not path.is_file():
-        raise FileFormatError(f"cannot read {path}: there is no such file")
+        words = "it is a directory" if path.is_dir() else "there is no such file"
+        raise FileFormatError(f"cannot read {path}: {words}")
     if path.suffix.lower() == ".csv":
         import pandas
 
@@ -248,6 +249,7 @@ def _make_curve(
     *,
     timed: bool = False,
 ) -> PressureCurve:
+    check_number("supply", supply, low=0.0, low_open=True, high=PRESSURE_LIMIT, unit="MPa")
     notes: list[str] = []
     values, highest = pressure.astype(np.float64), float(np.max(pressure, initial=0.0))
     if valve is not None:

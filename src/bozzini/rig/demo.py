@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .cosimulation import Cosimulation
-from .host import Host, HostRun, describe_faults
+from .host import EMPTY, Host, HostRun, describe_faults
 from .link import LockstepLink
 from .plant import Fault
 from .protocol import SetPoint, State, Telemetry
@@ -32,8 +32,14 @@ STEP_TIME = 1.0
 """Time between two steps [s]."""
 VOLTS_PER_COUNT = 5.0 / 1024.0
 """Of the board's converter [V]."""
-VENTED = 0.02
-"""Gauge pressure below which a muscle counts as vented [MPa]."""
+
+
+def _place_legend(axes: Axes) -> Axes:
+    """Put the legend above the axes, where it hides nothing."""
+    count = len(axes.get_legend_handles_labels()[1])
+    options = {"frameon": False, "fontsize": 8, "ncols": min(count, 4)}
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), **options)
+    return axes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,15 +91,16 @@ class StepResponses(Result):
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw pressures and set-points over time, and return the axes."""
+        """Draw pressures in the muscles and set-points over time, and return the axes."""
         axes = take_axes(ax, x="time [s]", y="pressure [kPa]")
         wanted = self.run.to_frame()
         for k in range(3):
             (line,) = axes.plot(self.time, 1e3 * self.pressures[:, k], label=f"muscle {k + 1}")
             column = 1e3 * wanted[f"setpoint_{k + 1}_MPa"]
             axes.step(wanted["time_s"], column, "--", where="post", color=line.get_color(), lw=0.8)
-        axes.legend(frameon=False)
-        return axes
+        axes.plot([], "--", color="0.4", lw=0.8, label="set-points")
+        axes.set(xlim=(0.0, self.time[-1]), ylim=(0.0, None))
+        return _place_legend(axes)
 
 
 def run_steps(
@@ -126,7 +133,7 @@ def run_steps(
     host.connect()
 
     def control(time: float, board: Telemetry) -> tuple[SetPoint, Json]:
-        return SetPoint(steps[min(int(time / STEP_TIME), len(steps) - 1)]), {}
+        return SetPoint(steps[min(int(time / STEP_TIME + 1e-9), len(steps) - 1)]), {}
 
     run = host.run(control, STEP_TIME * len(steps), progress=progress)
     time, pressures = link.list_pressures()
@@ -174,10 +181,10 @@ class CircleRun(HostRun):
         """Draw where the tip was wanted and where it was, seen along the axis."""
         axes = take_axes(ax, x="x [mm]", y="y [mm]", equal=True)
         table = self.to_frame()
-        axes.plot(table["target_x_mm"], table["target_y_mm"], "--", label="target")
+        target = table["target_x_mm"], table["target_y_mm"]
+        axes.plot(*target, color="0.75", lw=4.0, label="target, within the reach of the muscles")
         axes.plot(table["tip_x_mm"], table["tip_y_mm"], label="tip, from measured pressures")
-        axes.legend(frameon=False)
-        return axes
+        return _place_legend(axes)
 
 
 def run_circle(
@@ -235,7 +242,7 @@ class FaultResponses(Result):
     vent_time : (n,) ndarray
         From the fault to the command to vent [s]; NaN if it never came.
     empty_time : (n,) ndarray
-        From the fault until all muscles are below `VENTED` [s]; NaN if not within `WATCHED`.
+        From the fault until all muscles are below 20 kPa [s]; NaN if not within `WATCHED`.
     peak, left : (n,) ndarray
         Largest pressure after the fault, and that at the end [MPa].
     time, pressures : (n, m), (n, m, 3) ndarray
@@ -276,15 +283,22 @@ class FaultResponses(Result):
         }
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the pressure of the first muscle after each fault, and return the axes."""
-        axes = take_axes(ax, x="time since the fault [s]", y="pressure in muscle 1 [kPa]")
-        for name, time, pressures in zip(self.names, self.time, self.pressures, strict=True):
-            axes.plot(time, 1e3 * pressures[:, 0], label=name)
-        axes.legend(frameon=False)
-        return axes
+        """Draw the highest pressure in a muscle after each fault, and return the axes.
 
+        The dotted line is the pressure below which a muscle counts as empty.
+        """
+        axes = take_axes(ax, x="time since the fault [ms]", y="highest pressure in a muscle [kPa]")
+        axes.axhline(1e3 * EMPTY, color="0.4", lw=0.8, ls=":", label=f"{1e3 * EMPTY:g} kPa")
+        for k, name in enumerate(self.names):
+            time, highest = 1e3 * self.time[k], 1e3 * self.pressures[k].max(axis=1)
+            (line,) = axes.plot(time, highest, ls="-" if k % 2 else "--", label=name)
+            vent = 1e3 * self.vent_time[k]
+            axes.plot(vent, np.interp(vent, time, highest), "o", color=line.get_color(), ms=5)
+        axes.plot([], "o", color="0.4", ms=5, label="command to vent")
+        last = np.nanmax(self.empty_time, initial=0.1)
+        axes.set(xlim=(0.0, min(1.3e3 * last, 1e3 * WATCHED)), ylim=(0.0, None))
+        return _place_legend(axes)
 
-Inject = Callable[[Host, Cosimulation], None]
 
 SILENCE = "host silent"
 FAULTS: dict[str, tuple[Fault, ...]] = {
@@ -359,7 +373,7 @@ def _strike(
     pressures = np.vstack([record.pressures for record in records])
     duty = np.vstack([record.duty for record in records])
     vented = np.flatnonzero((duty[:, 3:6] > 0.99).all(axis=1) & (duty[:, :3] < 0.01).all(axis=1))
-    full = np.flatnonzero((pressures > VENTED).any(axis=1))
+    full = np.flatnonzero((pressures > EMPTY).any(axis=1))
     never = full.size and full[-1] == len(time) - 1
     return (
         describe_faults(host.faults),

@@ -23,8 +23,9 @@ BOARD_KINDS: tuple[BoardKind, ...] = get_args(BoardKind)
 
 SLICE = 2e-3
 """Time that an emulated rig advances at once in real time [s]."""
-LARGEST_BACKLOG = 0.1
-"""A rig that is behind its clock by more than this [s] lets the rest of it go."""
+LARGEST_BACKLOG = 0.05
+"""A rig that is behind its clock by more than this [s] lets the rest of it go: half of the host's
+silence that trips, so that a computer that stalls as a whole is none."""
 
 
 def emulate_rig(

@@ -23,7 +23,7 @@ LINE_DELAY = 3e-3
 frames both ways and two ticks of the board."""
 APPROACH_TIME = 0.007
 """Within this time the predicted pressure approaches its set-point exponentially [s]."""
-FAR, NEAR = 10e-3, 4e-3
+FAR, NEAR = 15e-3, 4e-3
 """Distances from the set-point [MPa] at which a move begins, and is left to the board."""
 SMALLEST_REFERENCE = 1e-4
 """Above 0 [MPa], at which the board opens the bleed valve."""

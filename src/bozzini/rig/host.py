@@ -455,7 +455,7 @@ class Host:
         duration : float
             How long, in (0, 86400] s.
         progress : callable
-            Is told how far the run is.
+            Is called with how far it is.
 
         Raises
         ------
@@ -554,10 +554,12 @@ class Host:
             else:
                 self._answers.append(frame)
 
-    def send(self, command: Command) -> None:
-        """Send a frame without waiting for an answer."""
-        self.link.write(command.encode(self._sequence))
-        self._sequence = (self._sequence + 1) % 256
+    def send(self, command: Command) -> int:
+        """Send a frame without waiting for an answer, and return its number."""
+        number = self._sequence
+        self.link.write(command.encode(number))
+        self._sequence = (number + 1) % 256
+        return number
 
 
 class _Loop:
@@ -604,14 +606,14 @@ class _Loop:
             link.wait(due)
             now = link.now
             host.receive()
-            told = host.telemetry
-            if told is None or told.state is not State.ARMED:
+            telemetry = host.telemetry
+            if telemetry is None or telemetry.state is not State.ARMED:
                 self.reason = f"the board has left ARMED{host.describe_state()}"
                 return
-            command, more = self.control(now - begin, told)
+            command, more = self.control(now - begin, telemetry)
             host.send(command)
             self.ticks.append(now - begin)
-            self.rows.append(_list_columns(now - begin, command, told) | more)
+            self.rows.append(_list_columns(now - begin, command, telemetry) | more)
             behind = now - due
             self.late += behind > 0.5 * host.period
             self.done += 1
@@ -643,20 +645,20 @@ class _Loop:
 
 def _count_losses(host: Host) -> tuple[int, int, int, int]:
     """Return the counters of lost, bad, missing and refused frames up to now."""
-    told = host.telemetry
-    lost, refused = (told.lost, told.bad + told.gaps) if told else (0, 0)
+    last = host.telemetry
+    lost, refused = (last.lost, last.bad + last.gaps) if last else (0, 0)
     return lost, host.reader.bad, host.reader.gaps, refused
 
 
-def _list_columns(time: float, command: SetPoint, told: Telemetry) -> Json:
+def _list_columns(time: float, command: SetPoint, board: Telemetry) -> Json:
     """Return the columns of a row of the log."""
-    columns: Json = {"time_s": time, "board_time_s": told.time, "state": told.state.name}
-    columns["faults"] = describe_faults(told.faults)
-    for name, values in (("setpoint", command.pressures), ("pressure", told.pressures)):
+    columns: Json = {"time_s": time, "board_time_s": board.time, "state": board.state.name}
+    columns["faults"] = describe_faults(board.faults)
+    for name, values in (("setpoint", command.pressures), ("pressure", board.pressures)):
         columns |= {f"{name}_{k}_MPa": value for k, value in enumerate(values, 1)}
-    columns["reservoir_MPa"] = told.reservoir_pressure
-    columns |= {"stick_x": told.stick[0], "stick_y": told.stick[1]}
-    for name, values in (("fill", told.fill), ("bleed", told.bleed)):
+    columns["reservoir_MPa"] = board.reservoir_pressure
+    columns |= {"stick_x": board.stick[0], "stick_y": board.stick[1]}
+    for name, values in (("fill", board.fill), ("bleed", board.bleed)):
         columns |= {f"{name}_{k}": value for k, value in enumerate(values, 1)}
     return columns
 

@@ -469,7 +469,8 @@ class Configuration(Frame):
     pwm_counts, jump : int
         Counts of the PWM period, and to cross a valve's dead zone.
     fill_time, bleed_time : float
-        Volume over area and speed of the flow through an open valve [s].
+        Time constants of the fill and the bleed valve that the controller takes [s]: two thirds,
+        and a half, of volume over area and speed of the flow through the open valve.
     loop_time : float
         Time in which an error is to decay [s].
     integral : float
