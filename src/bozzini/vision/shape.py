@@ -259,45 +259,27 @@ class BackboneShape(Result):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the shape in the plane that it bends in; return the axes."""
-        return draw_curves([("measured", self.points)], ax, uncertainty=self.uncertainty)
+        if self.reason:
+            raise GeometryError(f"the shape was refused, there is nothing to draw: {self.reason}")
+        ax = take_axes(ax, x="across the base [mm]", y="along the base [mm]", equal=True)
+        off = self.points - self.points[0]
+        x, y = find_plane(off, self.tangents[0]) @ off.T
+        wide = 2.0 * np.max(self.uncertainty, axis=1)
+        bars = {"xerr": wide, "yerr": wide, "ecolor": "0.4", "elinewidth": 0.8}
+        ax.errorbar(x, y, **bars, fmt="o-", markersize=3, linewidth=1.2)
+        ax.set_title("bars: 2 standard uncertainties", fontsize="small")
+        return ax
+
+
+def find_plane(points: Floats, up: Floats) -> Floats:
+    """Return two directions (2, 3): across `up`, where points (n, 3) spread most, and `up`."""
+    across = points - np.outer(points @ up, up)
+    side = np.linalg.svd(across, full_matrices=False)[2][0]
+    return np.stack([math.copysign(1.0, float(points.sum(axis=0) @ side)) * side, up])
 
 
 def _plain(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def draw_curves(
-    curves: Sequence[tuple[str, Floats]], ax: Axes | None, *, uncertainty: Floats | None = None
-) -> Axes:
-    """Draw curves in the plane through the first one's chord in which it bends most."""
-    first = curves[0][1]
-    if not np.isfinite(first).all():
-        raise GeometryError("the shape was refused: there is nothing to draw")
-    up = first[min(1, len(first) - 1)] - first[0]
-    up = up / np.linalg.norm(up)
-    off = first - first[0]
-    _, _, axes = np.linalg.svd(off - np.outer(off @ up, up))
-    side = axes[0] - (axes[0] @ up) * up
-    side /= np.linalg.norm(side)
-    side *= math.copysign(1.0, float(off[-1] @ side))
-    ax = take_axes(ax, x="across the base [mm]", y="along the base [mm]", equal=True)
-    for k, (name, curve) in enumerate(curves):
-        x, y = (curve - first[0]) @ side, (curve - first[0]) @ up
-        ax.plot(x, y, "o-" if k == 0 else "--", markersize=3, linewidth=1.2, label=name)
-        if k == 0 and uncertainty is not None:
-            wide = 2.0 * np.max(uncertainty, axis=1)
-            ax.errorbar(
-                x,
-                y,
-                xerr=wide,
-                yerr=wide,
-                fmt="none",
-                linewidth=0.6,
-                color="0.4",
-                label="2 standard uncertainties",
-            )
-    ax.legend(loc="best")
-    return ax
 
 
 def measure_shape(
@@ -339,16 +321,16 @@ def measure_shape(
         if picture.size != camera.size:
             have, need = (f"{width} x {height}" for width, height in (picture.size, camera.size))
             raise InputError(f"{picture.name}: the picture has {have} px, its camera has {need}")
+    seen: list[Silhouette] = []
     try:
-        seen = [_orient(find_silhouette(picture), options) for picture in pictures]
-    except GeometryError as error:
-        return _refuse(str(error), cameras, options)
-    try:
+        seen += [_orient(find_silhouette(picture), options) for picture in pictures]
         matched = _match_lines(seen, cameras.cameras)
         theta = _start_rod(seen, matched, options)
-        return _fit_shape(seen, cameras, theta, matched, options)
+        shape = _fit_shape(seen, cameras, theta, matched, options)
     except GeometryError as error:
-        return _refuse(str(error), cameras, options, seen)
+        shape = _refuse(str(error), cameras, options, seen)
+    turned = any("exif_rotated" in picture.flags for picture in pictures)
+    return replace(shape, flags=(*shape.flags, "exif_rotated")) if turned else shape
 
 
 def _refuse(
