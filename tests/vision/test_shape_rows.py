@@ -55,7 +55,7 @@ ROWS = {
     "blur": Row(Sensor(blur=2.5)),
     "noise": Row(Sensor(noise=0.05)),
     "jpeg": Row(Sensor(jpeg=50)),
-    "low contrast": Row(Sensor(exposure=0.2, noise=0.02), background=0.2),
+    "dark": Row(Sensor(exposure=0.08)),
     "uneven": Row(Sensor(uneven=0.7)),
     "defocus": Row(Sensor(aperture=8.0, focus=240.0)),
     "all": Row(Sensor(blur=2.0, noise=0.03, jpeg=60, uneven=0.6)),

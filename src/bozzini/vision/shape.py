@@ -604,6 +604,10 @@ class Eye:
         """Return the reverse of `bend`."""
         return np.asarray(self.camera.undistort(pixels) * self.camera.focal)
 
+    def measure_scale(self, points: Floats) -> float:
+        """Return the pixels a mm at points (n, 3), the mean."""
+        return self.camera.focal / float(np.mean(self.camera.to_camera(points)[:, 2]))
+
     def outline(self, points: Floats, tangents: Floats, radius: float) -> Floats:
         """Return both limbs and the nearest line of a tube, (3, n, 2), in that plane."""
         camera = self.camera
@@ -658,6 +662,7 @@ def _root_table() -> tuple[Floats, Floats]:
     return z, np.sqrt(np.clip(z[:, None] + n, 0.0, None)) @ weight
 
 
+@lru_cache(maxsize=16)
 def _edge_bases(blur: float, reach: float) -> tuple[Floats, Floats, Floats]:
     """Return offsets (m,), trial edges (k,) and orthonormal bases (k, m, 3) of profiles.
 
@@ -679,7 +684,8 @@ def _edge_bases(blur: float, reach: float) -> tuple[Floats, Floats, Floats]:
 def _fit_edges(profiles: Floats, blur: float, reach: float) -> tuple[Floats, Floats, Floats]:
     """Return edge offsets (n,) [px], the fall over each, and what is left of it (rms)."""
     offsets, trials, bases = _edge_bases(blur, reach)
-    held = np.einsum("kmb,nm->nkb", bases, profiles)
+    flat = bases.transpose(1, 0, 2).reshape(len(offsets), -1)
+    held = (profiles @ flat).reshape(len(profiles), *bases[:, 0].shape)
     left = np.sum(profiles**2, axis=1)[:, None] - np.sum(held**2, axis=2)
     left = np.maximum(left, 0.0)
     best = left.argmin(axis=1)
@@ -699,7 +705,10 @@ def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, bl
     points, tangents = bend_rod(theta, STEPS)
     s = np.linspace(0.0, theta[LENGTH], STEPS + 1)
     outline = eye.outline(points, tangents, theta[RADIUS])
-    margin = 0.5 * options.ring + 0.1 * options.diameter
+    margin = 0.5 * options.ring
+    clear = reach + max(3.0 + 3.0 * (blur or 1.0), 0.1 * options.diameter * eye.measure_scale(points))
+    reaching = np.linspace(-options.diameter, theta[LENGTH] + options.diameter, 2 * STEPS)
+    whole = eye.bend(eye.outline(*_read_rod(theta, reaching), theta[RADIUS])[:2])
     rows = []
     for side in range(2):
         line = outline[side]
@@ -709,7 +718,12 @@ def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, bl
         pixels = resample_polyline(eye.bend(line[good]), _EDGE_STEP)
         middle = eye.bend(0.5 * (outline[0] + outline[1])[good])
         normals = _outward(pixels, middle)
-        rows.append((pixels, normals))
+        free = ~_find_hidden(pixels, whole)
+        cut = math.ceil(clear / _EDGE_STEP)
+        free[:cut] = free[len(free) - cut :] = False
+        if free.sum() < 4:
+            raise GeometryError("the tube is seen end-on by a camera")
+        rows.append((pixels[free], normals[free]))
     if not blur:
         blur = min(_BLURS, key=lambda trial: _misfit(eye, rows, trial, reach))
     limbs, share = [], []
@@ -728,6 +742,17 @@ def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, bl
         limbs.append(np.hstack([here, across / np.linalg.norm(across, axis=1)[:, None]]))
     rings = np.stack([_locate_ring(eye, theta, k, options) for k in range(2)])
     return Edges((limbs[0], limbs[1]), rings, float(np.mean(share)), blur)
+
+
+def _find_hidden(pixels: Floats, limbs: Floats) -> NDArray[np.bool_]:
+    """Return which pixels (n, 2) of a limb lie on another part of the tube, or next to those."""
+    from scipy.ndimage import binary_dilation
+    from scipy.spatial.distance import cdist
+
+    seen = np.isfinite(limbs).all(axis=(0, 2))
+    middle, half = limbs[:, seen].mean(axis=0), 0.5 * np.linalg.norm(limbs[0] - limbs[1], axis=1)
+    inside = (cdist(pixels, middle) < half[seen] - 0.5).any(axis=1)
+    return np.asarray(binary_dilation(inside, iterations=4))
 
 
 def _outward(pixels: Floats, middle: Floats) -> Floats:
