@@ -189,27 +189,25 @@ def _trace_scene(scene: Scene, camera: Camera, samples: int) -> tuple[Floats, Fl
     grid = _ray_grid(tuple(camera.matrix.ravel()), tuple(camera.distortion), camera.size, samples)
     radiance = np.full(grid.shape[:2], scene.background, np.float32)
     depth = np.full(grid.shape[:2], np.inf, np.float32)
-    light, turn, origin = scene.light.pack(), np.array(camera.rotation), np.array(camera.centre)
+    lamp, turn, origin = scene.light.pack(), np.array(camera.rotation), np.array(camera.centre)
     if scene.board is not None:
         texture, texels = _draw_texture(scene.board)
         edge = -PAPER_MARGIN + 0.5 / texels
         scale = scene.board.scale
         place = np.array([scale * edge, scale * edge, texels / scale])
-        render_plane(grid, turn, origin, texture, place, light, radiance, depth)
+        render_plane(grid, turn, origin, texture, place, lamp, radiance, depth)
     for tube in scene.tubes:
         curve = _densify(tube.curve)
         region, reach = _find_region(curve, tube.radius, camera, samples)
         bands = np.array([(-np.inf, np.inf, tube.albedo), *tube.bands], dtype=float)
         render_tube(
             *(grid, region, turn, origin, curve, measure_arc_length(curve), tube.radius, reach),
-            *(bands, light, radiance, depth),
+            *(bands, lamp, radiance, depth),
         )
-    width, height = camera.size
-    cells = (height, samples, width, samples)
-    return (
-        radiance.reshape(cells).mean(axis=(1, 3), dtype=float),
-        depth.reshape(cells).min(axis=(1, 3)).astype(float),
-    )
+    steps = [np.s_[i::samples, j::samples] for i in range(samples) for j in range(samples)]
+    light = sum((radiance[step].astype(float) for step in steps), start=np.zeros(camera.size[::-1]))
+    near = np.minimum.reduce([depth[step] for step in steps])
+    return light / samples**2, near.astype(float)
 
 
 def _densify(curve: Floats) -> Floats:

@@ -36,7 +36,7 @@ from .kernels.rods import (
     outline_tube,
 )
 from .pictures import Picture
-from .silhouette import BLURRED_CONTRAST, Silhouette, find_silhouette, sample_values
+from .silhouette import BLUR, BLURRED_CONTRAST, Silhouette, find_silhouette, sample_values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,8 +64,8 @@ MOST_SATURATED = 0.05
 END_ON = math.radians(25.0)
 """Angle between tube and ray below which the uncertainty is doubled and the shape flagged [rad]."""
 
-_FLOOR = 0.12
-"""Standard uncertainty of the model of tube and edge, in pixels at the tube."""
+_LIMB_SHARE = 0.08
+"""Standard uncertainty by which the model of the light moves a whole limb, as a share of the blur."""
 _CAP = 20.0
 """Most that a point or edge may miss by [px]."""
 _EDGE_STEP = 2.5
@@ -326,7 +326,9 @@ def measure_shape(
         seen += [_orient(find_silhouette(picture), options) for picture in pictures]
         matched = _match_lines(seen, cameras.cameras)
         theta = _start_rod(seen, matched, options)
-        shape = _fit_shape(seen, cameras, theta, matched, options)
+        given = zip(seen, pictures, cameras.cameras, strict=True)
+        eyes = [_open_eye(*one, options) for one in given]
+        shape = _fit_shape(seen, cameras, eyes, (theta, matched), options)
     except GeometryError as error:
         shape = _refuse(str(error), cameras, options, seen)
     turned = any("exif_rotated" in picture.flags for picture in pictures)
@@ -421,7 +423,8 @@ def _match_lines(seen: Sequence[Silhouette], cameras: Sequence[Camera]) -> Match
     places = [arcs[0][rows], np.interp(at, np.arange(len(arcs[1])), arcs[1])]
     sure = np.ones(len(rows), dtype=bool)
     for one, place in zip(seen, places, strict=True):
-        sure &= (place > one.ends[0] + 0.5 * one.width) & (place < one.ends[1] - 0.5 * one.width)
+        dark = measure_arc_length(one.line)[~one.lit]
+        sure &= (np.abs(place[:, None] - dark) > 0.6 * one.width).all(axis=1)
     return Matched(points, np.stack(places), sure)
 
 
@@ -429,7 +432,7 @@ def _match_lines(seen: Sequence[Silhouette], cameras: Sequence[Camera]) -> Match
 class Matched:
     """Points (n, 3) [mm] from both centrelines, their places (2, n) on these [px].
 
-    `sure` are those that do not rest on a line that was extended.
+    `sure` are those that do not rest on a line that was extended, or interpolated.
     """
 
     points: Floats
@@ -617,16 +620,18 @@ class Eye:
         )
 
 
-def _open_eye(seen: Silhouette, camera: Camera, options: ShapeOptions) -> Eye:
+def _open_eye(seen: Silhouette, picture: Picture, camera: Camera, options: ShapeOptions) -> Eye:
     """Return a camera with the part of its picture where the tube is."""
-    from scipy.ndimage import spline_filter
+    from scipy.ndimage import gaussian_filter, spline_filter
 
     margin = 1.5 * seen.width
     size = np.array(camera.size)
     low = np.clip(np.floor(seen.line.min(axis=0) - margin), 0, size - 2).astype(int)
     high = np.clip(np.ceil(seen.line.max(axis=0) + margin), low + 2, size).astype(int)
-    part = seen.values[low[1] : high[1], low[0] : high[0]].astype(float)
-    return Eye(camera, spline_filter(part**options.gamma), low.astype(float))
+    light = picture.values[low[1] : high[1], low[0] : high[0]].astype(float) ** options.gamma
+    if seen.blurred:
+        light = gaussian_filter(light, BLUR)
+    return Eye(camera, spline_filter(light), low.astype(float))
 
 
 @dataclass(frozen=True, eq=False)
@@ -706,7 +711,8 @@ def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, bl
     s = np.linspace(0.0, theta[LENGTH], STEPS + 1)
     outline = eye.outline(points, tangents, theta[RADIUS])
     margin = 0.5 * options.ring
-    clear = reach + max(3.0 + 3.0 * (blur or 1.0), 0.1 * options.diameter * eye.measure_scale(points))
+    scale = eye.measure_scale(points)
+    clear = reach + max(3.0 + 3.0 * (blur or 1.0), 0.1 * options.diameter * scale)
     reaching = np.linspace(-options.diameter, theta[LENGTH] + options.diameter, 2 * STEPS)
     whole = eye.bend(eye.outline(*_read_rod(theta, reaching), theta[RADIUS])[:2])
     rows = []
@@ -724,8 +730,7 @@ def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, bl
         if free.sum() < 4:
             raise GeometryError("the tube is seen end-on by a camera")
         rows.append((pixels[free], normals[free]))
-    if not blur:
-        blur = min(_BLURS, key=lambda trial: _misfit(eye, rows, trial, reach))
+    blur = blur or _find_blur(eye, rows, reach)
     limbs, share = [], []
     offsets = _edge_bases(blur, reach)[0]
     for pixels, normals in rows:
@@ -763,6 +768,17 @@ def _outward(pixels: Floats, middle: Floats) -> Floats:
     there = resample_polyline(middle, measure_arc_length(middle)[-1] / (len(pixels) - 1))
     out = np.einsum("ni,ni->n", normals, pixels - there[: len(pixels)])
     return normals * math.copysign(1.0, float(np.median(out)))
+
+
+def _find_blur(eye: Eye, rows: Sequence[tuple[Floats, Floats]], reach: float) -> float:
+    """Return the blur that leaves least of the profiles [px]."""
+    left = np.array([_misfit(eye, rows, trial, reach) for trial in _BLURS])
+    at = int(np.clip(left.argmin(), 1, len(left) - 2))
+    if not np.isfinite(left[at - 1 : at + 2]).all():
+        return float(_BLURS[left.argmin()])
+    fit = np.polyfit(np.log(_BLURS[at - 1 : at + 2]), left[at - 1 : at + 2], 2)
+    best = math.exp(-0.5 * fit[1] / fit[0]) if fit[0] > 0.0 else _BLURS[left.argmin()]
+    return float(np.clip(best, _BLURS[0], _BLURS[-1]))
 
 
 def _misfit(eye: Eye, rows: Sequence[tuple[Floats, Floats]], blur: float, reach: float) -> float:
@@ -930,14 +946,12 @@ class Fit:
 def _fit_shape(
     seen: Sequence[Silhouette],
     cameras: CameraSet,
-    theta: Floats,
-    matched: Matched,
+    eyes: Sequence[Eye],
+    start: tuple[Floats, Matched],
     options: ShapeOptions,
 ) -> BackboneShape:
     """Fit the rod to edges and rings, look for these where it is now, and judge it."""
-    eyes = [
-        _open_eye(one, camera, options) for one, camera in zip(seen, cameras.cameras, strict=True)
-    ]
+    theta, matched = start
     blurs = [0.0, 0.0]
     for reach in (min(10.0, 0.2 * min(one.width for one in seen)), 4.0, 2.0):
         edges = [
@@ -965,6 +979,27 @@ def _worst_ring(misses: Sequence[Floats]) -> tuple[float, int, int]:
     return float(rings.max()), int(i), int(k)
 
 
+def _find_spread(fit: Fit, misses: Sequence[Floats], residual: float) -> Floats:
+    """Return the covariance of the parameters.
+
+    Edges next to each other are not independent, and each limb is off as a whole by its light;
+    rings and what is given are independent.
+    """
+    inverse = np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
+    rows = np.cumsum([0, *map(len, misses)])
+    resemble = np.mean([_sum_correlation(misses[k]) for k in (0, 1, 3, 4)])
+    factors = np.ones(len(fit.jacobian))
+    limbs = np.zeros((4, PARAMETERS))
+    for i, k in enumerate((0, 1, 3, 4)):
+        part = slice(rows[k], rows[k + 1])
+        factors[part] = max(residual / _EDGE_SIGMA, 0.3) ** 2 * (1.0 + 2.0 * resemble)
+        limbs[i] = (
+            _LIMB_SHARE * fit.edges[i // 2].blur / _EDGE_SIGMA * fit.jacobian[part].sum(axis=0)
+        )
+    middle = fit.jacobian.T @ (factors[:, None] * fit.jacobian) + limbs.T @ limbs
+    return np.asarray(inverse @ middle @ inverse)
+
+
 def _judge(
     seen: Sequence[Silhouette],
     cameras: CameraSet,
@@ -975,18 +1010,9 @@ def _judge(
     """Return the shape of a fitted rod with its uncertainty, or without if it is refused."""
     theta, eyes, edges = fit.theta, fit.eyes, fit.edges
     misses = _miss_edges(theta, eyes, edges)
-    limbs = [misses[k] for k in (0, 1, 3, 4)]
-    every = np.concatenate(limbs)
+    every = np.concatenate([misses[k] for k in (0, 1, 3, 4)])
     residual = math.sqrt(float(np.mean(every**2))) if len(every) else math.inf
-    resemble = float(np.average([_sum_correlation(limb) for limb in limbs]))
-    factor = max(residual / _EDGE_SIGMA, 0.3) ** 2 * (1.0 + 2.0 * resemble)
-    # Edges next to each other are not independent, rings and what is given are.
-    factors = np.ones(len(fit.jacobian))
-    factors[: sum(map(len, misses))] = np.concatenate(
-        [np.full(len(miss), 1.0 if k in (2, 5) else factor) for k, miss in enumerate(misses)]
-    )
-    inverse = np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
-    spread = inverse @ (fit.jacobian.T @ (factors[:, None] * fit.jacobian)) @ inverse
+    spread = _find_spread(fit, misses, residual)
 
     def answer(trial: Floats) -> Floats:
         """Return points, tip and tangents of a rod, one after the other."""
@@ -1025,12 +1051,8 @@ def _judge(
     # Seen from its end, or with a ring hidden, the tube has edges that mislead.
     double = 1.0 if view_angle >= END_ON and rings.all() else 4.0
     whole = double * covariance[: n + 1] + cameras.calibration_covariance(places)
-    whole = whole + (_FLOOR * pitch) ** 2 * np.eye(3)
-    turned = covariance[n + 1 :] + (2.0 * _FLOOR * pitch / theta[LENGTH]) ** 2 * np.eye(3)
     line, _ = bend_rod(theta, 4 * STEPS)
     epipolar = _measure_epipolar(matched.points[matched.sure], line)
-    u_length = math.sqrt(spread[LENGTH, LENGTH] + (0.5 * _FLOOR * pitch) ** 2)
-    u_radius = math.sqrt(spread[RADIUS, RADIUS] + (0.5 * _FLOOR * pitch) ** 2)
     outlines = _draw_limbs(theta, eyes)
     result = BackboneShape(
         arc_length=np.linspace(0.0, theta[LENGTH], n),
@@ -1039,11 +1061,11 @@ def _judge(
         tip=tip,
         tip_covariance=whole[n],
         tangents=tangents,
-        tangent_uncertainty=np.sqrt(double * np.linalg.eigvalsh(turned)[:, -1]),
+        tangent_uncertainty=np.sqrt(double * np.linalg.eigvalsh(covariance[n + 1 :])[:, -1]),
         length=float(theta[LENGTH]),
-        length_uncertainty=u_length,
+        length_uncertainty=math.sqrt(double * spread[LENGTH, LENGTH]),
         radius=float(theta[RADIUS]),
-        radius_uncertainty=u_radius,
+        radius_uncertainty=math.sqrt(double * spread[RADIUS, RADIUS]),
         residual=residual,
         ring_residual=_worst_ring(misses)[0],
         epipolar_residual=epipolar,
