@@ -83,12 +83,14 @@ def draw_curve(seed: int) -> np.ndarray:
 
 
 def cover_curve(curve: np.ndarray, seed: int) -> Tube:
-    """Return a dark bar of 3 mm across the view that the first large camera has of the tube."""
-    middle = curve[int(np.random.default_rng(100 + seed).uniform(0.25, 0.75) * len(curve))]
-    ahead = LARGE[0].centre - middle
-    at = middle + 8.0 * ahead / np.linalg.norm(ahead)
-    half = np.array([20.0, 0.0, 0.0])
-    return Tube(curve=np.stack([at - half, at + half]), radius=1.5, albedo=0.02)
+    """Return a dark bar of 3 mm across the tube, as the first large camera sees it."""
+    at = int(np.random.default_rng(100 + seed).uniform(0.25, 0.75) * len(curve))
+    ahead = LARGE[0].centre - curve[at]
+    ahead /= np.linalg.norm(ahead)
+    across = np.cross(curve[at + 1] - curve[at - 1], ahead)
+    across *= 15.0 / np.linalg.norm(across)
+    middle = curve[at] + 8.0 * ahead
+    return Tube(curve=np.stack([middle - across, middle + across]), radius=1.5, albedo=0.02)
 
 
 def find_misses(points: np.ndarray, curve: np.ndarray) -> np.ndarray:

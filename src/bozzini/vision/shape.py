@@ -27,14 +27,7 @@ from ..numeric.polylines import (
 )
 from ..results import Json, Result, list_coordinates, take_axes
 from .camera import Camera, CameraSet, Floats, distort, triangulate
-from .kernels.rods import (
-    CURVATURES,
-    PARAMETERS,
-    bend_rod,
-    match_curves,
-    miss_line,
-    outline_tube,
-)
+from .kernels.rods import bend_rod, match_curves, miss_line, outline_tube
 from .pictures import Picture
 from .silhouette import BLUR, BLURRED_CONTRAST, Silhouette, find_silhouette, sample_values
 
@@ -43,7 +36,9 @@ if TYPE_CHECKING:
 
 STEPS = 96
 """Arcs of a rod."""
-LENGTH, RADIUS = PARAMETERS - 2, PARAMETERS - 1
+LENGTH, RADIUS = -2, -1
+CURVATURES, MORE_CURVATURES = 5, 12
+"""Coefficients of the curvature about each axis, and those of a rod that bends unevenly."""
 
 MOST_RESIDUAL = 0.6
 """Of the edges, root mean square [px]; above it the shape is refused, as by the limits below."""
@@ -62,10 +57,14 @@ LENGTH_OFF = 0.1
 MOST_SATURATED = 0.05
 """Share of the tube with the largest value, above which it is flagged."""
 END_ON = math.radians(25.0)
-"""Angle between tube and ray below which the uncertainty is doubled and the shape flagged [rad]."""
+"""Angle between tube and ray below which the shape is flagged [rad]."""
 
+_UNEVEN = 1.0
+"""What neighbouring edges miss a rod by together [px], above which it has more coefficients."""
+_FINE_BEND = 0.3
+"""Usual bend of the whole rod by a coefficient beyond the first ones [rad]."""
 _LIMB_SHARE = 0.08
-"""Standard uncertainty by which the model of the light moves a whole limb, as a share of the blur."""
+"""Standard uncertainty of a whole limb by the model of its light, as a share of the blur."""
 _CAP = 20.0
 """Most that a point or edge may miss by [px]."""
 _EDGE_STEP = 2.5
@@ -307,11 +306,12 @@ def measure_shape(
 
     Notes
     -----
-    The rod has 16 parameters: the place and direction of its base, four coefficients of the
-    curvature about each of two axes that do not twist, its length and the tube's radius. The limbs
-    of a tube of constant radius are exact: the normal of its surface is normal to the ray. The
-    covariance of the parameters is that of the least squares, times how much the residuals of
-    neighbouring edges resemble each other.
+    The rod has 18 parameters: the place and direction of its base, five coefficients of the
+    curvature about each of two axes that do not twist, its length and the tube's radius; where that
+    leaves a pattern, as at the joint of two sections, the curvature has twelve. The limbs of a tube
+    of constant radius are exact: the normal of its surface is normal to the ray. The covariance of
+    the parameters is that of the least squares, times how much the residuals of neighbouring edges
+    resemble each other, and of limbs that the model of their light moves as a whole.
     """
     if len(pictures) != 2 or len(cameras.cameras) != 2:
         raise InputError(
@@ -367,7 +367,7 @@ def _refuse(
         flags=(),
         reason=reason,
         limbs=(),
-        centrelines=tuple(one.line for one in seen),
+        centrelines=tuple(one.line[one.lit] for one in seen),
         ring_pixels=np.full((2, 2, 2), np.nan),
         options=options,
         world=cameras.world,
@@ -481,7 +481,7 @@ def _start_rod(seen: Sequence[Silhouette], matched: Matched, options: ShapeOptio
     tangents /= np.linalg.norm(tangents, axis=1)[:, None]
     frames = carry_frames(tangents)
     bends = np.gradient(tangents, s, axis=0)
-    theta = np.zeros(PARAMETERS)
+    theta = np.zeros(8 + 2 * CURVATURES)
     theta[:3] = [curve(0.0) for curve in curves]
     theta[3:6] = Rotation.from_matrix(frames[0]).as_rotvec()
     x = 2.0 * s / length - 1.0
@@ -569,7 +569,7 @@ def _scales(theta: Floats) -> Floats:
     """Return how much each parameter may change for about a mm at the tip."""
     length = max(theta[LENGTH], 1.0)
     return np.array(
-        [1.0] * 3 + [1.0 / length] * 3 + [2.0 / length**2] * 2 * CURVATURES + [1.0, 0.5]
+        [1.0] * 3 + [1.0 / length] * 3 + [2.0 / length**2] * (len(theta) - 8) + [1.0, 0.5]
     )
 
 
@@ -921,10 +921,12 @@ def _fit_rod(
         weights += [np.full(len(limb), 1.0 / _EDGE_SIGMA) for limb in seen.limbs]
         weights.append(np.nan_to_num(1.0 / seen.rings[:, 4]))
     weight = np.concatenate(weights)
+    terms = np.arange((len(theta) - 8) // 2)
+    rarity = np.tile(np.where(terms < CURVATURES, 0.01, 1.0 / _FINE_BEND), 2)
 
     def residuals(trial: Floats) -> Floats:
         misses = np.nan_to_num(np.concatenate(_miss_edges(trial, eyes, edges)))
-        extra = [0.01 * trial[LENGTH] * trial[6:LENGTH]]
+        extra = [trial[LENGTH] * trial[6:LENGTH] * rarity]
         if options.length:
             extra.append(np.array([(trial[LENGTH] - options.length) / 0.1]))
         return np.concatenate([misses * weight, *extra])
@@ -952,14 +954,12 @@ def _fit_shape(
 ) -> BackboneShape:
     """Fit the rod to edges and rings, look for these where it is now, and judge it."""
     theta, matched = start
-    blurs = [0.0, 0.0]
-    for reach in (min(10.0, 0.2 * min(one.width for one in seen)), 4.0, 2.0):
-        edges = [
-            _find_edges(eye, theta, options, reach, blur)
-            for eye, blur in zip(eyes, blurs, strict=True)
-        ]
-        blurs = [one.blur for one in edges]
-        theta, jacobian = _fit_rod(theta, eyes, edges, options)
+    theta, jacobian, edges = _fit_in_passes(theta, eyes, options)
+    if _measure_pattern(_miss_edges(theta, eyes, edges)) > _UNEVEN:
+        bends = theta[6:LENGTH].reshape(2, CURVATURES)
+        more = np.pad(bends, ((0, 0), (0, MORE_CURVATURES - CURVATURES)))
+        theta = np.concatenate([theta[:6], more.ravel(), theta[LENGTH:]])
+        theta, jacobian, edges = _fit_in_passes(theta, eyes, options)
     flags = []
     misses = _miss_edges(theta, eyes, edges)
     while _worst_ring(misses)[0] > 1.0:
@@ -970,6 +970,32 @@ def _fit_shape(
         misses = _miss_edges(theta, eyes, edges)
     fit = Fit(theta, jacobian, eyes, edges, tuple(dict.fromkeys(flags)))
     return _judge(seen, cameras, fit, matched, options)
+
+
+def _fit_in_passes(
+    theta: Floats, eyes: Sequence[Eye], options: ShapeOptions
+) -> tuple[Floats, Floats, list[Edges]]:
+    """Return a rod fitted to edges that are looked for nearer and nearer to it."""
+    blurs = [0.0, 0.0]
+    wide = 2.0 * theta[RADIUS] * min(eye.measure_scale(theta[None, :3]) for eye in eyes)
+    # Rings of a rod that bends unevenly are found in a later pass.
+    later = (2.0,) * (4 if len(theta) > 8 + 2 * CURVATURES else 1)
+    for reach in (min(10.0, 0.2 * wide), 4.0, *later):
+        edges = [
+            _find_edges(eye, theta, options, reach, blur)
+            for eye, blur in zip(eyes, blurs, strict=True)
+        ]
+        blurs = [one.blur for one in edges]
+        theta, jacobian = _fit_rod(theta, eyes, edges, options)
+    return theta, jacobian, edges
+
+
+def _measure_pattern(misses: Sequence[Floats]) -> float:
+    """Return what neighbouring edges miss a rod by together, over the square root of one [px]."""
+    limbs = [misses[k] for k in (0, 1, 3, 4)]
+    return max(
+        math.sqrt(float(np.mean(limb**2)) * (1.0 + 2.0 * _sum_correlation(limb))) for limb in limbs
+    )
 
 
 def _worst_ring(misses: Sequence[Floats]) -> tuple[float, int, int]:
@@ -989,7 +1015,7 @@ def _find_spread(fit: Fit, misses: Sequence[Floats], residual: float) -> Floats:
     rows = np.cumsum([0, *map(len, misses)])
     resemble = np.mean([_sum_correlation(misses[k]) for k in (0, 1, 3, 4)])
     factors = np.ones(len(fit.jacobian))
-    limbs = np.zeros((4, PARAMETERS))
+    limbs = np.zeros((4, len(fit.theta)))
     for i, k in enumerate((0, 1, 3, 4)):
         part = slice(rows[k], rows[k + 1])
         factors[part] = max(residual / _EDGE_SIGMA, 0.3) ** 2 * (1.0 + 2.0 * resemble)
@@ -1021,7 +1047,7 @@ def _judge(
         return np.concatenate([points, tip[None], tangents])
 
     values = answer(theta)
-    slopes = np.empty((*values.shape, PARAMETERS))
+    slopes = np.empty((*values.shape, len(theta)))
     for k, step in enumerate(1e-3 * _scales(theta)):
         moved = theta.copy()
         moved[k] += step
@@ -1048,8 +1074,10 @@ def _judge(
     own = np.concatenate([points, tip[None]])
     places = np.stack([camera.project(own) for camera in cameras.cameras])
     rings = np.stack([np.isfinite(one.rings[:, 0]) for one in edges])
-    # Seen from its end, or with a ring hidden, the tube has edges that mislead.
-    double = 1.0 if view_angle >= END_ON and rings.all() else 4.0
+    saturated = max(one.saturated for one in seen)
+    # Seen from its end, with a ring hidden, or in white, the tube has edges that mislead.
+    sound = view_angle >= END_ON and rings.all() and saturated <= MOST_SATURATED
+    double = 1.0 if sound else 4.0
     whole = double * covariance[: n + 1] + cameras.calibration_covariance(places)
     line, _ = bend_rod(theta, 4 * STEPS)
     epipolar = _measure_epipolar(matched.points[matched.sure], line)
@@ -1074,11 +1102,11 @@ def _judge(
         rings=rings,
         parts=tuple(one.parts for one in seen),
         contrast=min(one.contrast for one in seen),
-        saturated=max(one.saturated for one in seen),
+        saturated=saturated,
         flags=(),
         reason="",
         limbs=outlines,
-        centrelines=tuple(one.line for one in seen),
+        centrelines=tuple(one.line[one.lit] for one in seen),
         ring_pixels=np.stack(
             [eye.bend(one.rings[:, :2]) for eye, one in zip(eyes, edges, strict=True)]
         ),

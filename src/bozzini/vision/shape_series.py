@@ -136,16 +136,11 @@ class Comparison(Result):
         words = {"x": "arc length from the base [mm]", "y": "measured from model [mm]"}
         ax = take_axes(ax, **words)
         for p in range(len(self.names[:DRAWN_LIMIT])):
-            ax.errorbar(
-                self.arc_length[p],
-                self.distances[p],
-                yerr=2.0 * self.uncertainty[p],
-                fmt="o-",
-                markersize=3,
-                linewidth=0.8,
-            )
+            s, off, wide = self.arc_length[p], self.distances[p], 2.0 * self.uncertainty[p]
+            (line,) = ax.plot(s, off, "o-", markersize=3, linewidth=0.8)
+            ax.fill_between(s, off - wide, off + wide, color=line.get_color(), alpha=0.12, lw=0.0)
         ax.set_ylim(bottom=0.0)
-        ax.set_title("bars: 2 standard uncertainties", fontsize="small")
+        ax.set_title("bands: 2 standard uncertainties", fontsize="small")
         return ax
 
 
