@@ -61,6 +61,8 @@ END_ON = math.radians(25.0)
 
 _UNEVEN = 1.0
 """What neighbouring edges miss a rod by together [px], above which it has more coefficients."""
+_NO_EFFECT = 2e-6
+"""Effect of a change of parameters that is taken for none, as a share of the largest."""
 _FINE_BEND = 0.3
 """Usual bend of the whole rod by a coefficient beyond the first ones [rad]."""
 _LIMB_SHARE = 0.08
@@ -1011,19 +1013,21 @@ def _find_spread(fit: Fit, misses: Sequence[Floats], residual: float) -> Floats:
     Edges next to each other are not independent, and each limb is off as a whole by its light;
     rings and what is given are independent.
     """
-    inverse = np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
+    scale = _scales(fit.theta)
+    slope = fit.jacobian * scale
+    # A turn of the frame about the rod changes no point: it is left out.
+    inverse = np.linalg.pinv(slope.T @ slope, rcond=_NO_EFFECT**2, hermitian=True)
     rows = np.cumsum([0, *map(len, misses)])
     resemble = np.mean([_sum_correlation(misses[k]) for k in (0, 1, 3, 4)])
-    factors = np.ones(len(fit.jacobian))
+    factors = np.ones(len(slope))
     limbs = np.zeros((4, len(fit.theta)))
     for i, k in enumerate((0, 1, 3, 4)):
         part = slice(rows[k], rows[k + 1])
         factors[part] = max(residual / _EDGE_SIGMA, 0.3) ** 2 * (1.0 + 2.0 * resemble)
-        limbs[i] = (
-            _LIMB_SHARE * fit.edges[i // 2].blur / _EDGE_SIGMA * fit.jacobian[part].sum(axis=0)
-        )
-    middle = fit.jacobian.T @ (factors[:, None] * fit.jacobian) + limbs.T @ limbs
-    return np.asarray(inverse @ middle @ inverse)
+        share = _LIMB_SHARE * fit.edges[i // 2].blur / _EDGE_SIGMA
+        limbs[i] = share * slope[part].sum(axis=0)
+    middle = slope.T @ (factors[:, None] * slope) + limbs.T @ limbs
+    return np.asarray(scale[:, None] * (inverse @ middle @ inverse) * scale)
 
 
 def _judge(
