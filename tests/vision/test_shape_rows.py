@@ -61,7 +61,7 @@ ROWS = {
     "defocus": Row(Sensor(aperture=8.0, focus=240.0), refused=2),
     "all": Row(Sensor(blur=2.0, noise=0.03, jpeg=60, uneven=0.6)),
     "gloss": Row(gloss=0.5, refused=1),
-    "covered": Row(covered=True),
+    "covered": Row(covered=True, refused=2),
 }
 
 

@@ -524,7 +524,7 @@ def shape_command(
     """
     from ..io.files import reserve_directory
     from ..vision.camera import load_cameras
-    from ..vision.pictures import import_pyarrow, read_manifest
+    from ..vision.pictures import check_parquet, read_manifest
     from ..vision.shape_series import compare_shapes, measure_shapes, read_model, write_shapes
 
     cameras = load_cameras(cameras_file)
@@ -535,7 +535,7 @@ def shape_command(
     file = given["model_file"]
     curves = read_model(str(file), numbers) if file else []
     if given["parquet"]:
-        import_pyarrow()
+        check_parquet()
     with reserve_directory(answer.target, force=answer.force):
         with answer.show_progress() as progress:
             found = measure_shapes(manifest, cameras, options=options, jobs=jobs, progress=progress)

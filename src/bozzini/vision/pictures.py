@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
@@ -152,13 +153,10 @@ def import_opencv() -> ModuleType:
     return cv2
 
 
-def import_pyarrow() -> ModuleType:
-    """Return the library that writes Parquet, or raise `MissingExtraError`."""
-    try:
-        import pyarrow
-    except ImportError:
-        raise MissingExtraError("pyarrow", "parquet") from None
-    return pyarrow
+def check_parquet() -> None:
+    """Raise `MissingExtraError` where no table can be written as Parquet."""
+    if find_spec("pyarrow") is None:
+        raise MissingExtraError("pyarrow", "parquet")
 
 
 @dataclass(frozen=True)
@@ -350,7 +348,7 @@ def write_tables(
     """Write tables into a directory, as text (.csv) or as .parquet."""
     for name, table in tables.items():
         if parquet:
-            import_pyarrow()
+            check_parquet()
             table.to_parquet(folder / f"{name}.parquet", index=False)
         else:
             write_text(folder / f"{name}.csv", table.to_csv(index=False, float_format="%.9g"))

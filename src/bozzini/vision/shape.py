@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 STEPS = 96
 """Arcs of a rod."""
 LENGTH, RADIUS = -2, -1
-CURVATURES, MORE_CURVATURES = 5, 12
+CURVATURES, MORE_CURVATURES = 5, 20
 """Coefficients of the curvature about each axis, and those of a rod that bends unevenly."""
 
 MOST_RESIDUAL = 0.6
@@ -52,6 +52,8 @@ MOST_EPIPOLAR = 0.1
 """Of the distance from matched points to the rod, root mean square [mm], or..."""
 MOST_EPIPOLAR_PIXELS = 2.0
 """...in pixels at the tube, whichever is more."""
+MOST_LENGTH_ERROR = 0.3
+"""Difference from the length that is given [mm], or three uncertainties if less; and 0.2 mm."""
 LENGTH_OFF = 0.1
 """Difference from the length that is given, above which it is flagged [mm]."""
 MOST_SATURATED = 0.05
@@ -310,7 +312,7 @@ def measure_shape(
     -----
     The rod has 18 parameters: the place and direction of its base, five coefficients of the
     curvature about each of two axes that do not twist, its length and the tube's radius; where that
-    leaves a pattern, as at the joint of two sections, the curvature has twelve. The limbs of a tube
+    leaves a pattern, as at the joint of two sections, the curvature has twenty. The limbs of a tube
     of constant radius are exact: the normal of its surface is normal to the ray. The covariance of
     the parameters is that of the least squares, times how much the residuals of neighbouring edges
     resemble each other, and of limbs that the model of their light moves as a whole.
@@ -426,7 +428,7 @@ def _match_lines(seen: Sequence[Silhouette], cameras: Sequence[Camera]) -> Match
     sure = np.ones(len(rows), dtype=bool)
     for one, place in zip(seen, places, strict=True):
         dark = measure_arc_length(one.line)[~one.lit]
-        sure &= (np.abs(place[:, None] - dark) > 0.6 * one.width).all(axis=1)
+        sure &= (np.abs(place[:, None] - dark) > one.width).all(axis=1)
     return Matched(points, np.stack(places), sure)
 
 
@@ -1148,6 +1150,7 @@ def _find_reason(shape: BackboneShape, pitch: float) -> str:
     tests = [
         (base, "no picture shows the ring of the base"),
         (end, "no picture shows the ring of the tip"),
+        (bool(shape.rings.any(axis=1).all()), "a picture shows none of the rings"),
         (
             shape.residual <= MOST_RESIDUAL,
             f"the edges miss the rod by {shape.residual:.2f} px, at most {MOST_RESIDUAL:g}",
@@ -1157,7 +1160,7 @@ def _find_reason(shape: BackboneShape, pitch: float) -> str:
             f"{shape.coverage:.0%} of the edges were found, {LEAST_COVERAGE:.0%} are needed",
         ),
         (
-            abs(off) <= 3.0 * shape.length_uncertainty + 0.2,
+            abs(off) <= min(3.0 * shape.length_uncertainty, MOST_LENGTH_ERROR) + 0.2,
             f"the length is {shape.length:.2f} mm instead of {options.length:g} mm",
         ),
         (

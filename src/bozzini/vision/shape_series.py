@@ -133,8 +133,7 @@ class Comparison(Result):
 
     def plot_distances(self, ax: Axes | None = None) -> Axes:
         """Draw how far each point is from the model, with its uncertainty; return the axes."""
-        words = {"x": "arc length from the base [mm]", "y": "measured from model [mm]"}
-        ax = take_axes(ax, **words)
+        ax = take_axes(ax, x="arc length from the base [mm]", y="measured from model [mm]")
         for p in range(len(self.names[:DRAWN_LIMIT])):
             s, off, wide = self.arc_length[p], self.distances[p], 2.0 * self.uncertainty[p]
             (line,) = ax.plot(s, off, "o-", markersize=3, linewidth=0.8)
