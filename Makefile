@@ -81,6 +81,7 @@ figures: $(CORE) ## Make the figures of the guide anew from the examples
 	@$(RUN) examples/breathing.py --out docs/images/breathing.png
 	@$(RUN) examples/bicycle_chain.py --out docs/images/bicycle_chain.png
 	@$(RUN) examples/duct_family.py --out docs/images/duct_family.png
+	@$(RUN) examples/fabricate.py --out docs/images/fabricate.png
 	@echo "figures: docs/images/"
 
 clean: ## Remove what was built (not .venv)

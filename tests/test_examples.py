@@ -28,6 +28,7 @@ def test_every_example_is_tested():
         "duct_family",
         "continuum_compare",
         "effector_stick",
+        "fabricate",
         "muscle_calibration",
     }
 
@@ -166,3 +167,10 @@ def test_duct_family_takes_one_way_through_every_pipe(tmp_path, capsys):
     assert len(capsys.readouterr().out.splitlines()) == len(names)
     assert out.read_bytes()[:4] == PNG
     assert out.stat().st_size < 150_000
+
+
+def test_fabricate_draws_closed_parts(tmp_path):
+    out = tmp_path / "parts.png"
+    meshes = load("fabricate").main(["--out", str(out)])
+    assert out.read_bytes().startswith(PNG)
+    assert all(mesh.is_volume for mesh in meshes)
