@@ -61,8 +61,9 @@ MOST_SATURATED = 0.05
 END_ON = math.radians(25.0)
 """Angle between tube and ray below which the shape is flagged [rad]."""
 
-_UNEVEN = 1.0
-"""What neighbouring edges miss a rod by together [px], above which it has more coefficients."""
+_UNEVEN = 1.2
+"""What neighbouring edges miss a rod by together, as a share of the blur: above it the rod has more
+coefficients."""
 _NO_EFFECT = 2e-6
 """Effect of a change of parameters that is taken for none, as a share of the largest."""
 _FINE_BEND = 0.3
@@ -959,7 +960,8 @@ def _fit_shape(
     """Fit the rod to edges and rings, look for these where it is now, and judge it."""
     theta, matched = start
     theta, jacobian, edges = _fit_in_passes(theta, eyes, options)
-    if _measure_pattern(_miss_edges(theta, eyes, edges)) > _UNEVEN:
+    blur = max(one.blur for one in edges)
+    if _measure_pattern(_miss_edges(theta, eyes, edges)) > _UNEVEN * blur:
         bends = theta[6:LENGTH].reshape(2, CURVATURES)
         more = np.pad(bends, ((0, 0), (0, MORE_CURVATURES - CURVATURES)))
         theta = np.concatenate([theta[:6], more.ravel(), theta[LENGTH:]])
