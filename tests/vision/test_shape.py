@@ -47,10 +47,9 @@ def render_pair(curve, cameras=SMALL, *, name="pair", sensor=Sensor(), covers=(N
 
 
 @pytest.fixture(scope="module")
-def bent():
+def bent(bent_tube):
     """Give a curve and its two pictures."""
-    curve = bend_curve(LENGTH, math.radians(60.0), plane=0.4)
-    return curve, render_pair(curve)
+    return bent_tube
 
 
 @pytest.fixture(scope="module")

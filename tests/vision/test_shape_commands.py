@@ -11,26 +11,25 @@ import pytest
 from PIL import Image
 
 from bozzini.cli.main import main
-from bozzini.vision import bend_curve, make_backbone_scene, render_picture, write_picture
+from bozzini.vision import write_picture
 from bozzini.vision.camera import CameraSet
 from tests.vision.sets import PAIR
 
 pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
 
-CURVE = bend_curve(47.0, math.radians(50.0), plane=0.4)
 GIVEN = ["--length", "47mm", "--jobs", "1", "--quiet"]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, bent_tube):
     """Give a folder with cameras and the pictures of a pair as they are, and damaged."""
     place = tmp_path_factory.mktemp("shape")
     cameras = CameraSet(names=("cam0", "cam1"), cameras=PAIR)
     cameras.save(place / "cameras.yaml")
     CameraSet(names=("cam0",), cameras=PAIR[:1]).save(place / "one.yaml")
     CameraSet(names=("left", "right"), cameras=PAIR).save(place / "names.yaml")
-    for i, camera in enumerate(PAIR):
-        picture = render_picture(make_backbone_scene(CURVE), camera, seed=i)
+    curve, pictures = bent_tube
+    for i, picture in enumerate(pictures):
         write_picture(picture, place / f"{i}.png")
         grey = picture.bytes
         Image.fromarray(np.repeat(grey[..., None], 3, axis=2)).save(place / f"colour{i}.png")
@@ -42,7 +41,7 @@ def folder(tmp_path_factory):
     Image.fromarray(grey[:300]).save(place / "cut.png")
     (place / "short.png").write_bytes((place / "1.png").read_bytes()[:9000])
     (place / "text.png").write_text("no picture\n")
-    lines = [f"bent,{x},{y},{z}" for x, y, z in CURVE[::19]]
+    lines = [f"bent,{x},{y},{z}" for x, y, z in curve[::19]]
     (place / "model.csv").write_text("\n".join(["pose,x_mm,y_mm,z_mm", *lines]) + "\n")
     return place
 
@@ -62,7 +61,7 @@ def read_tip(row) -> np.ndarray:
     return np.array([float(row[f"tip_{axis}_mm"]) for axis in "xyz"])
 
 
-def test_a_pair_that_fails_is_a_row_with_its_reason(folder) -> None:
+def test_a_pair_that_fails_is_a_row_with_its_reason(folder, bent_tube) -> None:
     reasons = {
         "bent,0.png,1.png,a": "",
         "b,0.png,none.png,b": "there is no such picture",
@@ -77,7 +76,7 @@ def test_a_pair_that_fails_is_a_row_with_its_reason(folder) -> None:
         assert row["note"] == line[-1] and reason in row["reason"]
         assert row["status"] == ("failed" if reason else "ok")
         assert bool(row["tip_x_mm"]) != bool(reason)
-    assert np.linalg.norm(read_tip(rows[0]) - CURVE[-1]) < 0.2
+    assert np.linalg.norm(read_tip(rows[0]) - bent_tube[0][-1]) < 0.2
     assert "overlays/0001_cam0.jpg" in summary["files"]
     assert list(summary["inputs"].values()).count(None) == 2
 
