@@ -427,6 +427,8 @@ def make_option(
         given["type"] = choose_type(known)
         if isinstance(default, tuple):
             given["multiple"] = True
+        elif default is dataclasses.MISSING:
+            given["required"] = True
         elif default is not None:
             if isinstance(given["type"], QuantityType) and "default" not in other:
                 default = f"{default:g}{known.unit}"
