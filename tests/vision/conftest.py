@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
 
 from bozzini.vision.calibrate import Calibration, CalibrationOptions, View, calibrate_cameras
+from bozzini.vision.render import bend_curve, make_backbone_scene, render_picture
 from tests.conftest import _find_data
-from tests.vision.sets import BOARD, render_views
+from tests.vision.sets import BOARD, PAIR, render_views
 
 pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
 
@@ -33,6 +35,14 @@ def pair_calibration(pair_views) -> Calibration:
     """Give the calibration from these."""
     options = CalibrationOptions(resamples=6)
     return calibrate_cameras(pair_views, BOARD, ("cam0", "cam1"), options=options)
+
+
+@pytest.fixture(scope="session")
+def bent_tube():
+    """Give a curve and its two small pictures."""
+    curve = bend_curve(47.0, math.radians(60.0), plane=0.4)
+    scene = make_backbone_scene(curve)
+    return curve, [render_picture(scene, camera, seed=i) for i, camera in enumerate(PAIR)]
 
 
 @pytest.fixture(scope="session")

@@ -47,10 +47,9 @@ def render_pair(curve, cameras=SMALL, *, name="pair", sensor=Sensor(), covers=(N
 
 
 @pytest.fixture(scope="module")
-def bent():
+def bent(bent_tube):
     """Give a curve and its two pictures."""
-    curve = bend_curve(LENGTH, math.radians(60.0), plane=0.4)
-    return curve, render_pair(curve)
+    return bent_tube
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +174,30 @@ def test_what_covers_the_tube_is_flagged_or_refused(cover: Tube, flag: str) -> N
     else:
         assert shape.converged and flag in shape.flags
         assert np.linalg.norm(shape.tip - BENT[-1]) < 0.2
+
+
+@pytest.mark.slow
+def test_a_hidden_ring_is_flagged_and_uncertain() -> None:
+    ahead = LARGE.cameras[0].centre - BENT[-1]
+    middle = BENT[-1] + 10.0 * ahead / np.linalg.norm(ahead)
+    bar = Tube(curve=np.stack([middle, middle + [0.0, 0.0, 8.0]]), radius=4.0, albedo=0.02)
+    shape = measure_shape(render_pair(BENT, LARGE, covers=(bar, None)), LARGE, options=KNOWN)
+    error = shape.tip - BENT[-1]
+    assert shape.converged and "ring_missing" in shape.flags
+    assert np.linalg.norm(error) < 0.2 and shape.tip_uncertainty > 0.05
+    assert error @ np.linalg.solve(shape.tip_covariance, error) < 16.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bend", [70.0, 100.0, 120.0])
+def test_a_tube_towards_a_camera_is_flagged_or_refused(bend: float) -> None:
+    eye = LARGE.cameras[0].centre
+    curve = bend_curve(LENGTH, math.radians(bend), plane=math.atan2(eye[1], eye[0]))
+    shape = measure_shape(render_pair(curve, LARGE), LARGE, options=KNOWN)
+    error = shape.tip - curve[-1]
+    assert shape.reason or error @ np.linalg.solve(shape.tip_covariance, error) < 16.0
+    assert bool(shape.reason) == (bend > 110.0)
+    assert "end_on" in shape.flags
 
 
 @pytest.mark.slow

@@ -479,7 +479,8 @@ def plan_setup_command(
     "model_file",
     metavar="MODEL.csv",
     type=click.Path(path_type=Path),
-    help="Curves to compare with: columns pose, x_mm, y_mm, z_mm, in order from the base.",
+    help="Curves to compare with: columns pose, x_mm, y_mm, z_mm, in order from the base. Without "
+    "pose it is one curve for all rows.",
 )
 @click.option(
     "--alignment",
@@ -488,6 +489,7 @@ def plan_setup_command(
     show_default=True,
     help="Frame of these: of the base, +z along the tube, or the cameras' world.",
 )
+@click.option("--parquet", is_flag=True, help="Write the tables as .parquet instead of .csv.")
 @jobs_option
 @strict_option
 @answer_options(
@@ -502,7 +504,7 @@ def shape_command(
     jobs: int,
     strict: bool,
     answer: Answer,
-    **model: Path | str | None,
+    **given: Path | str | bool | None,
 ) -> None:
     """Measure the shape of a tube in pairs of pictures, with its uncertainty.
 
@@ -513,7 +515,7 @@ def shape_command(
     """
     from ..io.files import reserve_directory
     from ..vision.camera import load_cameras
-    from ..vision.pictures import read_manifest
+    from ..vision.pictures import check_parquet, read_manifest
     from ..vision.shape_series import compare_shapes, measure_shapes, read_model, write_shapes
 
     cameras = load_cameras(cameras_file)
@@ -521,8 +523,10 @@ def shape_command(
         raise InputError(f"{cameras_file}: {len(cameras.names)} cameras: a shape needs two")
     manifest = read_manifest(table, cameras.names)
     numbers = [row.get("pose", str(k + 1)) for k, row in enumerate(manifest.rows)]
-    file = model["model_file"]
-    curves = read_model(file, numbers) if file else []
+    file = given["model_file"]
+    curves = read_model(str(file), numbers) if file else []
+    if given["parquet"]:
+        check_parquet()
     with reserve_directory(answer.target, force=answer.force):
         with answer.show_progress() as progress:
             found = measure_shapes(manifest, cameras, options=options, jobs=jobs, progress=progress)
@@ -533,14 +537,15 @@ def shape_command(
                 [shape for shape in found.shapes if shape is not None],
                 [curves[k] for k in known],
                 names=[numbers[k] for k in known],
-                alignment=str(model["alignment"]),
+                alignment=str(given["alignment"]),
             )
         summary = write_shapes(
             found,
             answer.target,
             cameras=cameras,
             comparison=comparison,
-            inputs=(table, cameras_file, *([Path(file)] if file else [])),
+            inputs=(table, cameras_file, *([Path(str(file))] if file else [])),
+            parquet=bool(given["parquet"]),
             force=answer.force,
         )
     answer.give(summary | {"directory": answer.target}, _describe_shapes(found, summary))

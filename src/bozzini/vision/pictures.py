@@ -18,9 +18,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,9 @@ from ..errors import BozziniError, FileFormatError, InputError, MissingExtraErro
 from ..io.files import write_atomically, write_bytes, write_text
 from ..progress import Progress, no_progress
 from ..results import Json, to_plain
+
+if TYPE_CHECKING:
+    import pandas
 
 Grey = NDArray[np.float32]
 Item = TypeVar("Item")
@@ -147,6 +151,12 @@ def import_opencv() -> ModuleType:
     except ImportError:
         raise MissingExtraError("opencv-python-headless", "vision") from None
     return cv2
+
+
+def check_parquet() -> None:
+    """Raise `MissingExtraError` where no table can be written as Parquet."""
+    if find_spec("pyarrow") is None:
+        raise MissingExtraError("pyarrow", "parquet")
 
 
 @dataclass(frozen=True)
@@ -330,6 +340,18 @@ def write_overlay(
     kind = "png" if Path(path).suffix.lower() == ".png" else "jpeg"
     Image.fromarray(canvas).save(packed, kind)
     return write_bytes(Path(path), packed.getvalue())
+
+
+def write_tables(
+    folder: Path, tables: Mapping[str, pandas.DataFrame], *, parquet: bool = False
+) -> None:
+    """Write tables into a directory, as text (.csv) or as .parquet."""
+    for name, table in tables.items():
+        if parquet:
+            check_parquet()
+            table.to_parquet(folder / f"{name}.parquet", index=False)
+        else:
+            write_text(folder / f"{name}.csv", table.to_csv(index=False, float_format="%.9g"))
 
 
 def write_summary(

@@ -171,7 +171,8 @@ def render_picture(
 ) -> Picture:
     """Return the picture that a camera takes of a scene.
 
-    The same seed gives the same picture. Rays of a camera's lens are kept for the next picture.
+    The same seed gives the same picture. Rays of a camera's lens are kept for the next picture, and
+    the light of the last two scenes and cameras for pictures by other sensors.
     """
     check_integer("seed", seed, low=0)
     radiance, depth = _trace_scene(scene, camera, sensor.supersampling)
@@ -180,6 +181,7 @@ def render_picture(
     return _expose(radiance, sensor, seed)
 
 
+@lru_cache(maxsize=2)
 def _trace_scene(scene: Scene, camera: Camera, samples: int) -> tuple[Floats, Floats]:
     """Return the mean light and the depth [mm] of each pixel, without lens blur or noise."""
     from .kernels.rays import render_plane, render_tube

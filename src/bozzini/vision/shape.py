@@ -27,23 +27,18 @@ from ..numeric.polylines import (
 )
 from ..results import Json, Result, list_coordinates, take_axes
 from .camera import Camera, CameraSet, Floats, distort, triangulate
-from .kernels.rods import (
-    CURVATURES,
-    PARAMETERS,
-    bend_rod,
-    match_curves,
-    miss_line,
-    outline_tube,
-)
+from .kernels.rods import bend_rod, match_curves, miss_line, outline_tube
 from .pictures import Picture
-from .silhouette import BLURRED_CONTRAST, Silhouette, find_silhouette, sample_values
+from .silhouette import BLUR, BLURRED_CONTRAST, Silhouette, find_silhouette, sample_values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 STEPS = 96
 """Arcs of a rod."""
-LENGTH, RADIUS = PARAMETERS - 2, PARAMETERS - 1
+LENGTH, RADIUS = -2, -1
+CURVATURES, MORE_CURVATURES = 5, 20
+"""Coefficients of the curvature about each axis, and those of a rod that bends unevenly."""
 
 MOST_RESIDUAL = 0.6
 """Of the edges, root mean square [px]; above it the shape is refused, as by the limits below."""
@@ -57,15 +52,24 @@ MOST_EPIPOLAR = 0.1
 """Of the distance from matched points to the rod, root mean square [mm], or..."""
 MOST_EPIPOLAR_PIXELS = 2.0
 """...in pixels at the tube, whichever is more."""
+MOST_LENGTH_ERROR = 0.3
+"""Difference from the length that is given [mm], or three uncertainties if less; and 0.2 mm."""
 LENGTH_OFF = 0.1
 """Difference from the length that is given, above which it is flagged [mm]."""
 MOST_SATURATED = 0.05
 """Share of the tube with the largest value, above which it is flagged."""
 END_ON = math.radians(25.0)
-"""Angle between tube and ray below which the uncertainty is doubled and the shape flagged [rad]."""
+"""Angle between tube and ray below which the shape is flagged [rad]."""
 
-_FLOOR = 0.12
-"""Standard uncertainty of the model of tube and edge, in pixels at the tube."""
+_UNEVEN = 1.2
+"""What neighbouring edges miss a rod by together, as a share of the blur: above it the rod has more
+coefficients."""
+_NO_EFFECT = 2e-6
+"""Effect of a change of parameters that is taken for none, as a share of the largest."""
+_FINE_BEND = 0.3
+"""Usual bend of the whole rod by a coefficient beyond the first ones [rad]."""
+_LIMB_SHARE = 0.08
+"""Standard uncertainty of a whole limb by the model of its light, as a share of the blur."""
 _CAP = 20.0
 """Most that a point or edge may miss by [px]."""
 _EDGE_STEP = 2.5
@@ -259,45 +263,27 @@ class BackboneShape(Result):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the shape in the plane that it bends in; return the axes."""
-        return draw_curves([("measured", self.points)], ax, uncertainty=self.uncertainty)
+        if self.reason:
+            raise GeometryError(f"the shape was refused, there is nothing to draw: {self.reason}")
+        ax = take_axes(ax, x="across the base [mm]", y="along the base [mm]", equal=True)
+        off = self.points - self.points[0]
+        x, y = find_plane(off, self.tangents[0]) @ off.T
+        wide = 2.0 * np.max(self.uncertainty, axis=1)
+        bars = {"xerr": wide, "yerr": wide, "ecolor": "0.4", "elinewidth": 0.8}
+        ax.errorbar(x, y, **bars, fmt="o-", markersize=3, linewidth=1.2)
+        ax.set_title("bars: 2 standard uncertainties", fontsize="small")
+        return ax
+
+
+def find_plane(points: Floats, up: Floats) -> Floats:
+    """Return two directions (2, 3): across `up`, where points (n, 3) spread most, and `up`."""
+    across = points - np.outer(points @ up, up)
+    side = np.linalg.svd(across, full_matrices=False)[2][0]
+    return np.stack([math.copysign(1.0, float(points.sum(axis=0) @ side)) * side, up])
 
 
 def _plain(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def draw_curves(
-    curves: Sequence[tuple[str, Floats]], ax: Axes | None, *, uncertainty: Floats | None = None
-) -> Axes:
-    """Draw curves in the plane through the first one's chord in which it bends most."""
-    first = curves[0][1]
-    if not np.isfinite(first).all():
-        raise GeometryError("the shape was refused: there is nothing to draw")
-    up = first[min(1, len(first) - 1)] - first[0]
-    up = up / np.linalg.norm(up)
-    off = first - first[0]
-    _, _, axes = np.linalg.svd(off - np.outer(off @ up, up))
-    side = axes[0] - (axes[0] @ up) * up
-    side /= np.linalg.norm(side)
-    side *= math.copysign(1.0, float(off[-1] @ side))
-    ax = take_axes(ax, x="across the base [mm]", y="along the base [mm]", equal=True)
-    for k, (name, curve) in enumerate(curves):
-        x, y = (curve - first[0]) @ side, (curve - first[0]) @ up
-        ax.plot(x, y, "o-" if k == 0 else "--", markersize=3, linewidth=1.2, label=name)
-        if k == 0 and uncertainty is not None:
-            wide = 2.0 * np.max(uncertainty, axis=1)
-            ax.errorbar(
-                x,
-                y,
-                xerr=wide,
-                yerr=wide,
-                fmt="none",
-                linewidth=0.6,
-                color="0.4",
-                label="2 standard uncertainties",
-            )
-    ax.legend(loc="best")
-    return ax
 
 
 def measure_shape(
@@ -325,11 +311,12 @@ def measure_shape(
 
     Notes
     -----
-    The rod has 16 parameters: the place and direction of its base, four coefficients of the
-    curvature about each of two axes that do not twist, its length and the tube's radius. The limbs
-    of a tube of constant radius are exact: the normal of its surface is normal to the ray. The
-    covariance of the parameters is that of the least squares, times how much the residuals of
-    neighbouring edges resemble each other.
+    The rod has 18 parameters: the place and direction of its base, five coefficients of the
+    curvature about each of two axes that do not twist, its length and the tube's radius; where that
+    leaves a pattern, as at the joint of two sections, the curvature has twenty. The limbs of a tube
+    of constant radius are exact: the normal of its surface is normal to the ray. The covariance of
+    the parameters is that of the least squares, times how much the residuals of neighbouring edges
+    resemble each other, and of limbs that the model of their light moves as a whole.
     """
     if len(pictures) != 2 or len(cameras.cameras) != 2:
         raise InputError(
@@ -339,16 +326,18 @@ def measure_shape(
         if picture.size != camera.size:
             have, need = (f"{width} x {height}" for width, height in (picture.size, camera.size))
             raise InputError(f"{picture.name}: the picture has {have} px, its camera has {need}")
+    seen: list[Silhouette] = []
     try:
-        seen = [_orient(find_silhouette(picture), options) for picture in pictures]
-    except GeometryError as error:
-        return _refuse(str(error), cameras, options)
-    try:
+        seen += [_orient(find_silhouette(picture), options) for picture in pictures]
         matched = _match_lines(seen, cameras.cameras)
         theta = _start_rod(seen, matched, options)
-        return _fit_shape(seen, cameras, theta, matched, options)
+        given = zip(seen, pictures, cameras.cameras, strict=True)
+        eyes = [_open_eye(*one, options) for one in given]
+        shape = _fit_shape(seen, cameras, eyes, (theta, matched), options)
     except GeometryError as error:
-        return _refuse(str(error), cameras, options, seen)
+        shape = _refuse(str(error), cameras, options, seen)
+    turned = any("exif_rotated" in picture.flags for picture in pictures)
+    return replace(shape, flags=(*shape.flags, "exif_rotated")) if turned else shape
 
 
 def _refuse(
@@ -383,7 +372,7 @@ def _refuse(
         flags=(),
         reason=reason,
         limbs=(),
-        centrelines=tuple(one.line for one in seen),
+        centrelines=tuple(one.line[one.lit] for one in seen),
         ring_pixels=np.full((2, 2, 2), np.nan),
         options=options,
         world=cameras.world,
@@ -439,7 +428,8 @@ def _match_lines(seen: Sequence[Silhouette], cameras: Sequence[Camera]) -> Match
     places = [arcs[0][rows], np.interp(at, np.arange(len(arcs[1])), arcs[1])]
     sure = np.ones(len(rows), dtype=bool)
     for one, place in zip(seen, places, strict=True):
-        sure &= (place > one.ends[0] + 0.5 * one.width) & (place < one.ends[1] - 0.5 * one.width)
+        dark = measure_arc_length(one.line)[~one.lit]
+        sure &= (np.abs(place[:, None] - dark) > one.width).all(axis=1)
     return Matched(points, np.stack(places), sure)
 
 
@@ -447,7 +437,7 @@ def _match_lines(seen: Sequence[Silhouette], cameras: Sequence[Camera]) -> Match
 class Matched:
     """Points (n, 3) [mm] from both centrelines, their places (2, n) on these [px].
 
-    `sure` are those that do not rest on a line that was extended.
+    `sure` are those that do not rest on a line that was extended, or interpolated.
     """
 
     points: Floats
@@ -496,7 +486,7 @@ def _start_rod(seen: Sequence[Silhouette], matched: Matched, options: ShapeOptio
     tangents /= np.linalg.norm(tangents, axis=1)[:, None]
     frames = carry_frames(tangents)
     bends = np.gradient(tangents, s, axis=0)
-    theta = np.zeros(PARAMETERS)
+    theta = np.zeros(8 + 2 * CURVATURES)
     theta[:3] = [curve(0.0) for curve in curves]
     theta[3:6] = Rotation.from_matrix(frames[0]).as_rotvec()
     x = 2.0 * s / length - 1.0
@@ -584,7 +574,7 @@ def _scales(theta: Floats) -> Floats:
     """Return how much each parameter may change for about a mm at the tip."""
     length = max(theta[LENGTH], 1.0)
     return np.array(
-        [1.0] * 3 + [1.0 / length] * 3 + [2.0 / length**2] * 2 * CURVATURES + [1.0, 0.5]
+        [1.0] * 3 + [1.0 / length] * 3 + [2.0 / length**2] * (len(theta) - 8) + [1.0, 0.5]
     )
 
 
@@ -622,6 +612,10 @@ class Eye:
         """Return the reverse of `bend`."""
         return np.asarray(self.camera.undistort(pixels) * self.camera.focal)
 
+    def measure_scale(self, points: Floats) -> float:
+        """Return the pixels a mm at points (n, 3), the mean."""
+        return self.camera.focal / float(np.mean(self.camera.to_camera(points)[:, 2]))
+
     def outline(self, points: Floats, tangents: Floats, radius: float) -> Floats:
         """Return both limbs and the nearest line of a tube, (3, n, 2), in that plane."""
         camera = self.camera
@@ -631,16 +625,18 @@ class Eye:
         )
 
 
-def _open_eye(seen: Silhouette, camera: Camera, options: ShapeOptions) -> Eye:
+def _open_eye(seen: Silhouette, picture: Picture, camera: Camera, options: ShapeOptions) -> Eye:
     """Return a camera with the part of its picture where the tube is."""
-    from scipy.ndimage import spline_filter
+    from scipy.ndimage import gaussian_filter, spline_filter
 
     margin = 1.5 * seen.width
     size = np.array(camera.size)
     low = np.clip(np.floor(seen.line.min(axis=0) - margin), 0, size - 2).astype(int)
     high = np.clip(np.ceil(seen.line.max(axis=0) + margin), low + 2, size).astype(int)
-    part = seen.values[low[1] : high[1], low[0] : high[0]].astype(float)
-    return Eye(camera, spline_filter(part**options.gamma), low.astype(float))
+    light = picture.values[low[1] : high[1], low[0] : high[0]].astype(float) ** options.gamma
+    if seen.blurred:
+        light = gaussian_filter(light, BLUR)
+    return Eye(camera, spline_filter(light), low.astype(float))
 
 
 @dataclass(frozen=True, eq=False)
@@ -676,6 +672,7 @@ def _root_table() -> tuple[Floats, Floats]:
     return z, np.sqrt(np.clip(z[:, None] + n, 0.0, None)) @ weight
 
 
+@lru_cache(maxsize=16)
 def _edge_bases(blur: float, reach: float) -> tuple[Floats, Floats, Floats]:
     """Return offsets (m,), trial edges (k,) and orthonormal bases (k, m, 3) of profiles.
 
@@ -697,7 +694,8 @@ def _edge_bases(blur: float, reach: float) -> tuple[Floats, Floats, Floats]:
 def _fit_edges(profiles: Floats, blur: float, reach: float) -> tuple[Floats, Floats, Floats]:
     """Return edge offsets (n,) [px], the fall over each, and what is left of it (rms)."""
     offsets, trials, bases = _edge_bases(blur, reach)
-    held = np.einsum("kmb,nm->nkb", bases, profiles)
+    flat = bases.transpose(1, 0, 2).reshape(len(offsets), -1)
+    held = (profiles @ flat).reshape(len(profiles), *bases[:, 0].shape)
     left = np.sum(profiles**2, axis=1)[:, None] - np.sum(held**2, axis=2)
     left = np.maximum(left, 0.0)
     best = left.argmin(axis=1)
@@ -717,7 +715,11 @@ def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, bl
     points, tangents = bend_rod(theta, STEPS)
     s = np.linspace(0.0, theta[LENGTH], STEPS + 1)
     outline = eye.outline(points, tangents, theta[RADIUS])
-    margin = 0.5 * options.ring + 0.1 * options.diameter
+    margin = 0.5 * options.ring
+    scale = eye.measure_scale(points)
+    clear = reach + max(3.0 + 3.0 * (blur or 1.0), 0.1 * options.diameter * scale)
+    reaching = np.linspace(-options.diameter, theta[LENGTH] + options.diameter, 2 * STEPS)
+    whole = eye.bend(eye.outline(*_read_rod(theta, reaching), theta[RADIUS])[:2])
     rows = []
     for side in range(2):
         line = outline[side]
@@ -727,9 +729,13 @@ def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, bl
         pixels = resample_polyline(eye.bend(line[good]), _EDGE_STEP)
         middle = eye.bend(0.5 * (outline[0] + outline[1])[good])
         normals = _outward(pixels, middle)
-        rows.append((pixels, normals))
-    if not blur:
-        blur = min(_BLURS, key=lambda trial: _misfit(eye, rows, trial, reach))
+        free = ~_find_hidden(pixels, whole)
+        cut = math.ceil(clear / _EDGE_STEP)
+        free[:cut] = free[len(free) - cut :] = False
+        if free.sum() < 4:
+            raise GeometryError("the tube is seen end-on by a camera")
+        rows.append((pixels[free], normals[free]))
+    blur = blur or _find_blur(eye, rows, reach)
     limbs, share = [], []
     offsets = _edge_bases(blur, reach)[0]
     for pixels, normals in rows:
@@ -748,6 +754,17 @@ def _find_edges(eye: Eye, theta: Floats, options: ShapeOptions, reach: float, bl
     return Edges((limbs[0], limbs[1]), rings, float(np.mean(share)), blur)
 
 
+def _find_hidden(pixels: Floats, limbs: Floats) -> NDArray[np.bool_]:
+    """Return which pixels (n, 2) of a limb lie on another part of the tube, or next to those."""
+    from scipy.ndimage import binary_dilation
+    from scipy.spatial.distance import cdist
+
+    seen = np.isfinite(limbs).all(axis=(0, 2))
+    middle, half = limbs[:, seen].mean(axis=0), 0.5 * np.linalg.norm(limbs[0] - limbs[1], axis=1)
+    inside = (cdist(pixels, middle) < half[seen] - 0.5).any(axis=1)
+    return np.asarray(binary_dilation(inside, iterations=4))
+
+
 def _outward(pixels: Floats, middle: Floats) -> Floats:
     """Return unit normals (n, 2) of a limb, away from the middle line of the tube."""
     along = np.gradient(pixels, axis=0)
@@ -756,6 +773,17 @@ def _outward(pixels: Floats, middle: Floats) -> Floats:
     there = resample_polyline(middle, measure_arc_length(middle)[-1] / (len(pixels) - 1))
     out = np.einsum("ni,ni->n", normals, pixels - there[: len(pixels)])
     return normals * math.copysign(1.0, float(np.median(out)))
+
+
+def _find_blur(eye: Eye, rows: Sequence[tuple[Floats, Floats]], reach: float) -> float:
+    """Return the blur that leaves least of the profiles [px]."""
+    left = np.array([_misfit(eye, rows, trial, reach) for trial in _BLURS])
+    at = int(np.clip(left.argmin(), 1, len(left) - 2))
+    if not np.isfinite(left[at - 1 : at + 2]).all():
+        return float(_BLURS[left.argmin()])
+    fit = np.polyfit(np.log(_BLURS[at - 1 : at + 2]), left[at - 1 : at + 2], 2)
+    best = math.exp(-0.5 * fit[1] / fit[0]) if fit[0] > 0.0 else _BLURS[left.argmin()]
+    return float(np.clip(best, _BLURS[0], _BLURS[-1]))
 
 
 def _misfit(eye: Eye, rows: Sequence[tuple[Floats, Floats]], blur: float, reach: float) -> float:
@@ -898,10 +926,12 @@ def _fit_rod(
         weights += [np.full(len(limb), 1.0 / _EDGE_SIGMA) for limb in seen.limbs]
         weights.append(np.nan_to_num(1.0 / seen.rings[:, 4]))
     weight = np.concatenate(weights)
+    terms = np.arange((len(theta) - 8) // 2)
+    rarity = np.tile(np.where(terms < CURVATURES, 0.01, 1.0 / _FINE_BEND), 2)
 
     def residuals(trial: Floats) -> Floats:
         misses = np.nan_to_num(np.concatenate(_miss_edges(trial, eyes, edges)))
-        extra = [0.01 * trial[LENGTH] * trial[6:LENGTH]]
+        extra = [trial[LENGTH] * trial[6:LENGTH] * rarity]
         if options.length:
             extra.append(np.array([(trial[LENGTH] - options.length) / 0.1]))
         return np.concatenate([misses * weight, *extra])
@@ -923,22 +953,19 @@ class Fit:
 def _fit_shape(
     seen: Sequence[Silhouette],
     cameras: CameraSet,
-    theta: Floats,
-    matched: Matched,
+    eyes: Sequence[Eye],
+    start: tuple[Floats, Matched],
     options: ShapeOptions,
 ) -> BackboneShape:
     """Fit the rod to edges and rings, look for these where it is now, and judge it."""
-    eyes = [
-        _open_eye(one, camera, options) for one, camera in zip(seen, cameras.cameras, strict=True)
-    ]
-    blurs = [0.0, 0.0]
-    for reach in (min(10.0, 0.2 * min(one.width for one in seen)), 4.0, 2.0):
-        edges = [
-            _find_edges(eye, theta, options, reach, blur)
-            for eye, blur in zip(eyes, blurs, strict=True)
-        ]
-        blurs = [one.blur for one in edges]
-        theta, jacobian = _fit_rod(theta, eyes, edges, options)
+    theta, matched = start
+    theta, jacobian, edges = _fit_in_passes(theta, eyes, options)
+    blur = max(one.blur for one in edges)
+    if _measure_pattern(_miss_edges(theta, eyes, edges)) > _UNEVEN * blur:
+        bends = theta[6:LENGTH].reshape(2, CURVATURES)
+        more = np.pad(bends, ((0, 0), (0, MORE_CURVATURES - CURVATURES)))
+        theta = np.concatenate([theta[:6], more.ravel(), theta[LENGTH:]])
+        theta, jacobian, edges = _fit_in_passes(theta, eyes, options)
     flags = []
     misses = _miss_edges(theta, eyes, edges)
     while _worst_ring(misses)[0] > 1.0:
@@ -951,11 +978,60 @@ def _fit_shape(
     return _judge(seen, cameras, fit, matched, options)
 
 
+def _fit_in_passes(
+    theta: Floats, eyes: Sequence[Eye], options: ShapeOptions
+) -> tuple[Floats, Floats, list[Edges]]:
+    """Return a rod fitted to edges that are looked for nearer and nearer to it."""
+    blurs = [0.0, 0.0]
+    wide = 2.0 * theta[RADIUS] * min(eye.measure_scale(theta[None, :3]) for eye in eyes)
+    # Rings of a rod that bends unevenly are found in a later pass.
+    later = (2.0,) * (4 if len(theta) > 8 + 2 * CURVATURES else 1)
+    for reach in (min(10.0, 0.2 * wide), 4.0, *later):
+        edges = [
+            _find_edges(eye, theta, options, reach, blur)
+            for eye, blur in zip(eyes, blurs, strict=True)
+        ]
+        blurs = [one.blur for one in edges]
+        theta, jacobian = _fit_rod(theta, eyes, edges, options)
+    return theta, jacobian, edges
+
+
+def _measure_pattern(misses: Sequence[Floats]) -> float:
+    """Return what neighbouring edges miss a rod by together, over the square root of one [px]."""
+    limbs = [misses[k] for k in (0, 1, 3, 4)]
+    return max(
+        math.sqrt(float(np.mean(limb**2)) * (1.0 + 2.0 * _sum_correlation(limb))) for limb in limbs
+    )
+
+
 def _worst_ring(misses: Sequence[Floats]) -> tuple[float, int, int]:
     """Return the largest miss of a ring [px], its picture and its end."""
     rings = np.abs(np.nan_to_num(np.stack([misses[2], misses[5]])))
     i, k = np.unravel_index(int(rings.argmax()), rings.shape)
     return float(rings.max()), int(i), int(k)
+
+
+def _find_spread(fit: Fit, misses: Sequence[Floats], residual: float) -> Floats:
+    """Return the covariance of the parameters.
+
+    Edges next to each other are not independent, and each limb is off as a whole by its light;
+    rings and what is given are independent.
+    """
+    scale = _scales(fit.theta)
+    slope = fit.jacobian * scale
+    # A turn of the frame about the rod changes no point: it is left out.
+    inverse = np.linalg.pinv(slope.T @ slope, rcond=_NO_EFFECT**2, hermitian=True)
+    rows = np.cumsum([0, *map(len, misses)])
+    resemble = np.mean([_sum_correlation(misses[k]) for k in (0, 1, 3, 4)])
+    factors = np.ones(len(slope))
+    limbs = np.zeros((4, len(fit.theta)))
+    for i, k in enumerate((0, 1, 3, 4)):
+        part = slice(rows[k], rows[k + 1])
+        factors[part] = max(residual / _EDGE_SIGMA, 0.3) ** 2 * (1.0 + 2.0 * resemble)
+        share = _LIMB_SHARE * fit.edges[i // 2].blur / _EDGE_SIGMA
+        limbs[i] = share * slope[part].sum(axis=0)
+    middle = slope.T @ (factors[:, None] * slope) + limbs.T @ limbs
+    return np.asarray(scale[:, None] * (inverse @ middle @ inverse) * scale)
 
 
 def _judge(
@@ -968,18 +1044,9 @@ def _judge(
     """Return the shape of a fitted rod with its uncertainty, or without if it is refused."""
     theta, eyes, edges = fit.theta, fit.eyes, fit.edges
     misses = _miss_edges(theta, eyes, edges)
-    limbs = [misses[k] for k in (0, 1, 3, 4)]
-    every = np.concatenate(limbs)
+    every = np.concatenate([misses[k] for k in (0, 1, 3, 4)])
     residual = math.sqrt(float(np.mean(every**2))) if len(every) else math.inf
-    resemble = float(np.average([_sum_correlation(limb) for limb in limbs]))
-    factor = max(residual / _EDGE_SIGMA, 0.3) ** 2 * (1.0 + 2.0 * resemble)
-    # Edges next to each other are not independent, rings and what is given are.
-    factors = np.ones(len(fit.jacobian))
-    factors[: sum(map(len, misses))] = np.concatenate(
-        [np.full(len(miss), 1.0 if k in (2, 5) else factor) for k, miss in enumerate(misses)]
-    )
-    inverse = np.linalg.pinv(fit.jacobian.T @ fit.jacobian)
-    spread = inverse @ (fit.jacobian.T @ (factors[:, None] * fit.jacobian)) @ inverse
+    spread = _find_spread(fit, misses, residual)
 
     def answer(trial: Floats) -> Floats:
         """Return points, tip and tangents of a rod, one after the other."""
@@ -988,7 +1055,7 @@ def _judge(
         return np.concatenate([points, tip[None], tangents])
 
     values = answer(theta)
-    slopes = np.empty((*values.shape, PARAMETERS))
+    slopes = np.empty((*values.shape, len(theta)))
     for k, step in enumerate(1e-3 * _scales(theta)):
         moved = theta.copy()
         moved[k] += step
@@ -1015,15 +1082,13 @@ def _judge(
     own = np.concatenate([points, tip[None]])
     places = np.stack([camera.project(own) for camera in cameras.cameras])
     rings = np.stack([np.isfinite(one.rings[:, 0]) for one in edges])
-    # Seen from its end, or with a ring hidden, the tube has edges that mislead.
-    double = 1.0 if view_angle >= END_ON and rings.all() else 4.0
+    saturated = max(one.saturated for one in seen)
+    # Seen from its end, with a ring hidden, or in white, the tube has edges that mislead.
+    sound = view_angle >= END_ON and rings.all() and saturated <= MOST_SATURATED
+    double = 1.0 if sound else 4.0
     whole = double * covariance[: n + 1] + cameras.calibration_covariance(places)
-    whole = whole + (_FLOOR * pitch) ** 2 * np.eye(3)
-    turned = covariance[n + 1 :] + (2.0 * _FLOOR * pitch / theta[LENGTH]) ** 2 * np.eye(3)
     line, _ = bend_rod(theta, 4 * STEPS)
     epipolar = _measure_epipolar(matched.points[matched.sure], line)
-    u_length = math.sqrt(spread[LENGTH, LENGTH] + (0.5 * _FLOOR * pitch) ** 2)
-    u_radius = math.sqrt(spread[RADIUS, RADIUS] + (0.5 * _FLOOR * pitch) ** 2)
     outlines = _draw_limbs(theta, eyes)
     result = BackboneShape(
         arc_length=np.linspace(0.0, theta[LENGTH], n),
@@ -1032,11 +1097,11 @@ def _judge(
         tip=tip,
         tip_covariance=whole[n],
         tangents=tangents,
-        tangent_uncertainty=np.sqrt(double * np.linalg.eigvalsh(turned)[:, -1]),
+        tangent_uncertainty=np.sqrt(double * np.linalg.eigvalsh(covariance[n + 1 :])[:, -1]),
         length=float(theta[LENGTH]),
-        length_uncertainty=u_length,
+        length_uncertainty=math.sqrt(double * spread[LENGTH, LENGTH]),
         radius=float(theta[RADIUS]),
-        radius_uncertainty=u_radius,
+        radius_uncertainty=math.sqrt(double * spread[RADIUS, RADIUS]),
         residual=residual,
         ring_residual=_worst_ring(misses)[0],
         epipolar_residual=epipolar,
@@ -1045,11 +1110,11 @@ def _judge(
         rings=rings,
         parts=tuple(one.parts for one in seen),
         contrast=min(one.contrast for one in seen),
-        saturated=max(one.saturated for one in seen),
+        saturated=saturated,
         flags=(),
         reason="",
         limbs=outlines,
-        centrelines=tuple(one.line for one in seen),
+        centrelines=tuple(one.line[one.lit] for one in seen),
         ring_pixels=np.stack(
             [eye.bend(one.rings[:, :2]) for eye, one in zip(eyes, edges, strict=True)]
         ),
@@ -1087,6 +1152,7 @@ def _find_reason(shape: BackboneShape, pitch: float) -> str:
     tests = [
         (base, "no picture shows the ring of the base"),
         (end, "no picture shows the ring of the tip"),
+        (bool(shape.rings.any(axis=1).all()), "a picture shows none of the rings"),
         (
             shape.residual <= MOST_RESIDUAL,
             f"the edges miss the rod by {shape.residual:.2f} px, at most {MOST_RESIDUAL:g}",
@@ -1096,7 +1162,7 @@ def _find_reason(shape: BackboneShape, pitch: float) -> str:
             f"{shape.coverage:.0%} of the edges were found, {LEAST_COVERAGE:.0%} are needed",
         ),
         (
-            abs(off) <= 3.0 * shape.length_uncertainty + 0.2,
+            abs(off) <= min(3.0 * shape.length_uncertainty, MOST_LENGTH_ERROR) + 0.2,
             f"the length is {shape.length:.2f} mm instead of {options.length:g} mm",
         ),
         (

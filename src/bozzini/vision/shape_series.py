@@ -14,10 +14,10 @@ import numpy as np
 
 from ..checks import check_points, check_word
 from ..errors import BozziniError, FileFormatError, InputError
-from ..io.files import new_directory, write_text
+from ..io.files import new_directory
 from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
-from ..results import Json, Result, take_axes
+from ..results import DRAWN_LIMIT, Json, Result, take_axes
 from .camera import CameraSet, Floats
 from .pictures import (
     BLUE,
@@ -31,8 +31,9 @@ from .pictures import (
     read_picture,
     write_overlay,
     write_summary,
+    write_tables,
 )
-from .shape import BackboneShape, ShapeOptions, measure_shape
+from .shape import BackboneShape, ShapeOptions, find_plane, measure_shape
 
 if TYPE_CHECKING:
     import pandas
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
 ALIGNMENTS = ("base", "world")
 """Where a model's curves are: in a frame of their own with the base at its origin and +z along the
 tube there, or in the world of the cameras."""
+
+_NAMED = 12
+"""Poses that a figure names."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,24 +119,27 @@ class Comparison(Result):
         """Draw measured shapes and the model in the plane they bend in most; return the axes."""
         ax = take_axes(ax, x="across the base [mm]", y="along the base [mm]", equal=True)
         base = self.measured[:, 0].mean(axis=0)
-        up = _find_mean(self.measured[:, 1] - self.measured[:, 0])
-        off = np.concatenate([self.measured, self.predicted]).reshape(-1, 3) - base
-        side = np.linalg.svd(off - np.outer(off @ up, up), full_matrices=False)[2][0]
-        for p, name in enumerate(self.names):
-            own = self.measured[p] - base
-            bars = ax.errorbar(
-                own @ side,
-                own @ up,
-                xerr=2.0 * self.uncertainty[p],
-                fmt="o",
-                markersize=3,
-                linewidth=0.8,
-                label=f"{name}, measured",
-            )
-            model = self.predicted[p] - base
-            color = bars.lines[0].get_color()
-            ax.plot(model @ side, model @ up, color=color, linewidth=1.2, label=f"{name}, model")
-        ax.legend(loc="best", fontsize="small", title="bars: 2 standard uncertainties")
+        measured, predicted = self.measured - base, self.predicted - base
+        up = _find_mean(measured[:, 1] - measured[:, 0])
+        plane = find_plane(np.concatenate([measured, predicted]).reshape(-1, 3), up)
+        for p, name in enumerate(self.names[:DRAWN_LIMIT]):
+            (dots,) = ax.plot(*(plane @ measured[p].T), "o", markersize=3, label=name)
+            ax.plot(*(plane @ predicted[p].T), color=dots.get_color(), linewidth=1.2)
+        ax.plot([], [], "o", color="0.3", markersize=3, label="measured")
+        ax.plot([], [], color="0.3", linewidth=1.2, label="model")
+        if len(self.names) <= _NAMED:
+            ax.legend(loc="best", fontsize="small")
+        return ax
+
+    def plot_distances(self, ax: Axes | None = None) -> Axes:
+        """Draw how far each point is from the model, with its uncertainty; return the axes."""
+        ax = take_axes(ax, x="arc length from the base [mm]", y="measured from model [mm]")
+        for p in range(len(self.names[:DRAWN_LIMIT])):
+            s, off, wide = self.arc_length[p], self.distances[p], 2.0 * self.uncertainty[p]
+            (line,) = ax.plot(s, off, "o-", markersize=3, linewidth=0.8)
+            ax.fill_between(s, off - wide, off + wide, color=line.get_color(), alpha=0.12, lw=0.0)
+        ax.set_ylim(bottom=0.0)
+        ax.set_title("bands: 2 standard uncertainties", fontsize="small")
         return ax
 
 
@@ -321,6 +328,9 @@ def measure_shapes(
 
 
 def _measure_row(paths: Sequence[Path], cameras: CameraSet, options: ShapeOptions) -> Json:
+    for name, path in zip(cameras.names, paths, strict=True):
+        if path.is_dir():  # an empty cell is the table's own folder
+            raise FileFormatError(f"{path}: no picture of camera '{name}'")
     pictures = [read_picture(path) for path in paths]
     shape = measure_shape(pictures, cameras, options=options)
     return {**shape.list_summary(), "shape": shape}
@@ -329,12 +339,15 @@ def _measure_row(paths: Sequence[Path], cameras: CameraSet, options: ShapeOption
 def read_model(path: str | os.PathLike[str], names: Sequence[str]) -> list[Floats]:
     """Read a model's curves from a table with columns pose, x_mm, y_mm, z_mm, in order of `names`.
 
+    Without the column pose the table is one curve, that of all names: so do ``bozzini effector
+    pose`` and ``bozzini continuum pose`` write it.
+
     Raises
     ------
     FileFormatError
         If a pose has fewer than two points, or a cell is no number.
     """
-    table = read_manifest(path, ("pose", "x_mm", "y_mm", "z_mm"))
+    table = read_manifest(path, ("x_mm", "y_mm", "z_mm"))
     points: dict[str, list[list[float]]] = {}
     for number, row in enumerate(table.rows, start=1):
         try:
@@ -343,11 +356,13 @@ def read_model(path: str | os.PathLike[str], names: Sequence[str]) -> list[Float
             place = [math.nan]
         if not np.isfinite(place).all():
             raise FileFormatError(f"{table.path}: row {number} must have numbers as x, y and z")
-        points.setdefault(row["pose"], []).append(place)
-    for name in names:
-        if len(points.get(name, [])) < 2:
-            raise FileFormatError(f"{table.path}: pose '{name}' needs two points or more")
-    return [np.array(points[name]) for name in names]
+        points.setdefault(row.get("pose", ""), []).append(place)
+    poses = names if "pose" in table.columns else [""] * len(names)
+    for pose in poses:
+        if len(points.get(pose, [])) < 2:
+            where = f"pose '{pose}'" if pose else "a curve"
+            raise FileFormatError(f"{table.path}: {where} needs two points or more")
+    return [np.array(points[pose]) for pose in poses]
 
 
 def write_shapes(
@@ -357,12 +372,14 @@ def write_shapes(
     cameras: CameraSet,
     comparison: Comparison | None = None,
     inputs: Sequence[Path] = (),
+    parquet: bool = False,
     force: bool = False,
 ) -> Json:
     """Write a series into a new directory and return its summary.
 
     It holds ``shape_points.csv``, ``shape_summary.csv``, ``summary.json``, ``overlays`` of the
-    pictures, and with a comparison ``comparison.csv`` and ``comparison.png``.
+    pictures, and with a comparison ``comparison.csv`` and ``comparison.png``. Tables are .parquet
+    files if that is asked for.
 
     Raises
     ------
@@ -379,11 +396,13 @@ def write_shapes(
             result["comparison"] = comparison.to_dict()
             tables["comparison"] = comparison.to_frame()
             if comparison.converged:
-                figure = Figure(figsize=(7.0, 5.5))
-                comparison.plot(figure.add_subplot())
+                figure = Figure(figsize=(10.0, 4.5), layout="constrained")
+                for draw, ax in zip(
+                    (comparison.plot, comparison.plot_distances), figure.subplots(1, 2), strict=True
+                ):
+                    draw(ax)
                 figure.savefig(folder / "comparison.png", dpi=150.0)
-        for name, frame in tables.items():
-            write_text(folder / f"{name}.csv", frame.to_csv(index=False, float_format="%.9g"))
+        write_tables(folder, tables, parquet=parquet)
         paths = []
         for k, row in enumerate(found.manifest.rows):
             for i, name in enumerate(cameras.names):

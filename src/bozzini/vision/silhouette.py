@@ -22,8 +22,9 @@ LEAST_CONTRAST = 5.0
 BLURRED_CONTRAST = 10.0
 """Below this the picture is blurred before it is measured."""
 
-_BLUR = 1.5
+BLUR = 1.5
 """Standard deviation of the blur for that, and before the threshold [px]."""
+
 _THUMB = 14.0
 """Width of the tube in the reduced picture that is thinned to a skeleton [px]."""
 _PART = 1.2
@@ -56,8 +57,10 @@ class Silhouette:
         Standard deviation of the ground.
     saturated : float
         Share of the tube's pixels with the largest value possible.
-    values : ndarray, shape (h, w)
-        The picture that was measured: blurred if its contrast was low.
+    lit : ndarray of bool, shape (n,)
+        Where the line is on the silhouette: not on a ring, or what covers the tube.
+    blurred : bool
+        Whether the picture must be blurred before it is measured: its contrast is low.
     """
 
     line: Floats
@@ -68,7 +71,8 @@ class Silhouette:
     contrast: float
     noise: float
     saturated: float
-    values: Grey
+    lit: NDArray[np.bool_]
+    blurred: bool
 
     def reverse(self) -> Silhouette:
         """Return the same with the line from its end to its start."""
@@ -82,7 +86,8 @@ class Silhouette:
             self.contrast,
             self.noise,
             self.saturated,
-            self.values,
+            self.lit[::-1],
+            self.blurred,
         )
 
 
@@ -96,7 +101,7 @@ def find_silhouette(picture: Picture) -> Silhouette:
     """
     cv2 = import_opencv()
     values = picture.values
-    smooth = cv2.GaussianBlur(values, (0, 0), _BLUR)
+    smooth = cv2.GaussianBlur(values, (0, 0), BLUR)
     from skimage.filters import threshold_otsu
 
     if np.ptp(smooth) < 4.0 * _QUANTUM:
@@ -106,9 +111,9 @@ def find_silhouette(picture: Picture) -> Silhouette:
         (smooth > level).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)
     )
     contrast, noise = _measure_contrast(values, mask)
-    if contrast < BLURRED_CONTRAST:
-        values = smooth
-        contrast, noise = _measure_contrast(values, mask)
+    blurred = contrast < BLURRED_CONTRAST
+    if blurred:
+        contrast, noise = _measure_contrast(smooth, mask)
     if contrast < LEAST_CONTRAST:
         raise GeometryError(
             f"{picture.name}: no silhouette: the contrast is {contrast:.1f} times the noise, at "
@@ -136,7 +141,8 @@ def find_silhouette(picture: Picture) -> Silhouette:
     rings[1] = measure_arc_length(line)[-1] - _find_ring(smooth, level, line, width)
     full = 1.0 - 0.5 / (2**picture.bits - 1)
     saturated = float(np.mean(picture.values[mask > 0] >= full))
-    return Silhouette(line, width, rings, ends, parts, contrast, noise, saturated, values)
+    lit = sample_values(mask, line) > 0.5
+    return Silhouette(line, width, rings, ends, parts, contrast, noise, saturated, lit, blurred)
 
 
 def _measure_contrast(values: Grey, mask: NDArray[np.uint8]) -> tuple[float, float]:

@@ -88,6 +88,24 @@ def _trace(points, radius, origin, ray, start, end, stride):
 
 
 @njit(cache=True)
+def _bound(points, reach, origin, ray, stride):
+    """Return the first distance along a ray at which it may meet a tube, infinity if it does not.
+
+    `reach` is the radius and half the length between points a `stride` apart.
+    """
+    first = math.inf
+    n = points.shape[0]
+    for i in range(0, n + stride - 1, stride):
+        k = min(i, n - 1)
+        x, y, z = points[k, 0] - origin[0], points[k, 1] - origin[1], points[k, 2] - origin[2]
+        along = x * ray[0] + y * ray[1] + z * ray[2]
+        room = reach * reach - (x * x + y * y + z * z - along * along)
+        if room > 0.0:
+            first = min(first, along - math.sqrt(room))
+    return first
+
+
+@njit(cache=True)
 def _shade(albedo, point, normal, origin, light):
     """Return the light that a point sends to `origin`.
 
@@ -172,13 +190,20 @@ def render_tube(
     stride = 1
     while 24 * stride < points.shape[0]:
         stride *= 2
+    near = radius
+    for k in range(0, points.shape[0] - 1, stride):
+        last = min(k + stride, points.shape[0] - 1)
+        near = max(near, radius + 0.5 * (lengths[last] - lengths[k]))
     for i in range(region[0], region[1]):
         for j in range(region[2], region[3]):
             a, b = grid[i, j]
             size = math.sqrt(a * a + b * b + 1.0)
             for k in range(3):
                 ray[k] = (a * turn[0, k] + b * turn[1, k] + turn[2, k]) / size
-            t, where, part = _trace(points, radius, origin, ray, reach[0], reach[1], stride)
+            start = _bound(points, near, origin, ray, stride)
+            if not start / size < depth[i, j]:
+                continue
+            t, where, part = _trace(points, radius, origin, ray, start, reach[1], stride)
             if not t / size < depth[i, j]:
                 continue
             piece = lengths[where + 1] - lengths[where]

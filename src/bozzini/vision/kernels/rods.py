@@ -7,12 +7,6 @@ import math
 import numpy as np
 from numba import njit
 
-CURVATURES = 5
-"""Coefficients of the curvature about each axis, of Legendre polynomials."""
-
-PARAMETERS = 8 + 2 * CURVATURES
-"""Place (3), rotation vector (3), curvatures, length, radius."""
-
 
 @njit(cache=True)
 def _turn(frame, wx, wy, wz):
@@ -28,9 +22,13 @@ def _turn(frame, wx, wy, wz):
 
 @njit(cache=True)
 def bend_rod(theta, steps):
-    """Return points and tangents (steps + 1, 3) of the rod, by arcs between."""
-    n = CURVATURES
-    length = theta[6 + 2 * n]
+    """Return points and tangents (steps + 1, 3) of the rod, by arcs between.
+
+    Its parameters are the place (3) and rotation vector (3) of its base, the curvatures about two
+    axes as coefficients of Legendre polynomials, as many each, its length, and the tube's radius.
+    """
+    n = (len(theta) - 8) // 2
+    length = theta[-2]
     h = length / steps
     frame = _turn(np.eye(3), theta[3], theta[4], theta[5])
     points = np.empty((steps + 1, 3))
