@@ -1,4 +1,7 @@
-"""``bozzini continuum``: displacements to a shape and back, models side by side, the workspace."""
+"""``bozzini continuum``: displacements to a shape and back, models side by side, the workspace.
+
+Robots for a curve, a plan or a tract (``design``, ``rank``) are in `bozzini.cli.routing`.
+"""
 
 from __future__ import annotations
 
@@ -33,6 +36,7 @@ from .common import (
     run_exit,
     spell_option,
 )
+from .routing import design_command, rank_command
 
 if TYPE_CHECKING:
     from ..continuum import (
@@ -645,3 +649,7 @@ def _format_workspace(found: ContinuumWorkspace) -> list[str]:
             f"z = {z:z.1f} mm"
         )
     return lines
+
+
+command.add_command(design_command)
+command.add_command(rank_command)
