@@ -438,6 +438,9 @@ def route_pair(
 SLOPE_WEIGHT, PLACE_WEIGHT, TENSION_WEIGHT = 20.0, 3.0, 0.01
 """Weights, in mm, of a slope of 1, a place of 1 mm beyond its limit, and of a tension of 1 N."""
 
+TIGHTENINGS, TIGHTER = 3, 4.0
+"""How often the weights of limits are raised where these are passed, and by what."""
+
 INSIDE_SLOPE, INSIDE_MM = 0.99, 0.02
 """How far inside its limits a fit aims: a share of the slope, and a length [mm]."""
 
@@ -452,7 +455,11 @@ class RoutingFit(BackboneFit):
         self.stiffness, self.limits = stiffness, limits
         self.count = count_coefficients(target.steps.length)
         self.basis, self.slopes = target.steps.make_basis(self.count)
+        splines = make_splines(target.steps.length, self.count)
+        looked = np.linspace(0.0, target.steps.length, 2 * target.steps.count + 1)
+        self._looked = np.asarray(splines(looked)), np.asarray(splines(looked, 1))
         self._bends = np.zeros((len(self.basis), 3))
+        self.weight = 1.0
 
     tendons: int
     constant_offset: bool
@@ -482,7 +489,7 @@ class RoutingFit(BackboneFit):
         self._bends = curvatures
         moved = np.einsum("mkcu,mkcq->muq", by_guides, changes, optimize=True)
         moved[:, :, -self.tendons :] += by_tensions.transpose(0, 2, 1)
-        penalties = list(self._penalise(guides, changes))
+        penalties = list(self._penalise(*self.guide(x, *self._looked)))
         pull = np.zeros((self.tendons, self.size))
         pull[:, -self.tendons :] = TENSION_WEIGHT * np.eye(self.tendons)
         penalties.append((pull @ x, pull))
@@ -493,22 +500,37 @@ class RoutingFit(BackboneFit):
             np.concatenate([slope for _, slope in penalties]),
         )
 
+    def settle(self, x: Floats) -> Floats:
+        """Return better parameters that keep the limits, where that is possible."""
+        found = self.improve(x, low=self.low)
+        for _ in range(TIGHTENINGS):
+            if not any(
+                value.any() for value, _ in self._penalise(*self.guide(found[:-3], *self._looked))
+            ):
+                break
+            self.weight *= TIGHTER
+            self._known = None
+            found = self.improve(found, low=self.low)
+        return found
+
     def _penalise(self, guides: Floats, changes: Floats):  # type: ignore[no-untyped-def]
         """Give values (m,) beyond limits, weighted, and their derivatives (m, q)."""
         limits = self.limits
         for k in range(self.tendons):
             steep, by = _measure(guides[:, k, 2:], changes[:, k, 2:])
-            yield _hinge(steep - INSIDE_SLOPE * limits.slope_max, by, SLOPE_WEIGHT)
+            yield _hinge(steep - INSIDE_SLOPE * limits.slope_max, by, self.weight * SLOPE_WEIGHT)
             if not self.constant_offset:
                 far, by = _measure(guides[:, k, :2], changes[:, k, :2])
-                yield _hinge(far - limits.offset_max + INSIDE_MM, by, PLACE_WEIGHT)
+                yield _hinge(far - limits.offset_max + INSIDE_MM, by, self.weight * PLACE_WEIGHT)
                 if limits.core_radius > 0.0:
-                    yield _hinge(limits.core_radius + INSIDE_MM - far, -by, PLACE_WEIGHT)
+                    yield _hinge(
+                        limits.core_radius + INSIDE_MM - far, -by, self.weight * PLACE_WEIGHT
+                    )
         for one, two in combinations(range(self.tendons), 2):
             gap, by = _measure(
                 guides[:, one, :2] - guides[:, two, :2], changes[:, one, :2] - changes[:, two, :2]
             )
-            yield _hinge(limits.gap_min + INSIDE_MM - gap, -by, PLACE_WEIGHT)
+            yield _hinge(limits.gap_min + INSIDE_MM - gap, -by, self.weight * PLACE_WEIGHT)
 
 
 def _measure(vectors: Floats, changes: Floats) -> tuple[Floats, Floats]:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 RoutingKind = Literal["curved", "straight"]
 
-KNOT_MM = 2.0
+KNOT_MM = 1.0
 """Distance between the knots of a designed tendon, at most."""
 
 DISC_MM = 4.0
@@ -307,7 +307,7 @@ def _route_curved(
     """Return tendons, the base's frame and tensions: from the closed form, by the exact law."""
     kind = PathFit if tendons == 1 else AngleFit
     fit = kind(target, stiffness, limits)
-    found = fit.improve(fit.begin(target), low=fit.low)
+    found = fit.settle(fit.begin(target))
     length = target.steps.length
     places = np.linspace(0.0, length, math.ceil(length / KNOT_MM) + 1)
     splines = make_splines(length, fit.count)
