@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, pairwise
@@ -234,6 +235,11 @@ class BackboneFit(ABC):
         )
         return np.asarray(found.x)
 
+    def measure(self, x: Floats) -> float:
+        """Return the distance from the curve, rms [mm]."""
+        off = self.evaluate(x)[0][: self.targets.size].reshape(-1, 3)
+        return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+
     @property
     @abstractmethod
     def size(self) -> int:
@@ -292,6 +298,8 @@ class BendTarget:
         Of the base [mm].
     curvature, slope : (2 n, 2) ndarray
         The vector towards which it bends, in Bishop's frame, and its derivative [1/mm], [1/mm^2].
+    residual : float
+        Distance of such a rod from the curve, rms [mm].
     """
 
     steps: BackboneSteps
@@ -299,6 +307,7 @@ class BendTarget:
     frame: Floats
     curvature: Floats
     slope: Floats
+    residual: float
 
     @property
     def sharpest(self) -> float:
@@ -348,6 +357,7 @@ def fit_bend(points: Floats) -> BendTarget:
         frame=fit.place_base(found[-3:]),
         curvature=fit.basis @ coefficients.T,
         slope=fit.slopes @ coefficients.T,
+        residual=fit.measure(found),
     )
 
 
@@ -385,14 +395,15 @@ DIRECTIONS = 72
 """Directions of the plane in which the pair of tendons is sought."""
 
 TURN_WEIGHT = 0.02
-"""Weight of a squared turn by 1 rad/mm, against a squared share of the curvature off the plane."""
+"""What a turn of that direction costs, see `find_directions`."""
 
 
-def find_directions(target: BendTarget) -> Floats:
+def find_directions(target: BendTarget, weight: float = TURN_WEIGHT) -> Floats:
     """Return smooth angles (2 n,) [rad] along which, one way or the other, a curve bends.
 
     The best of all sequences of directions, by dynamic programming: at an inflection the direction
-    goes on while the curvature changes its sign.
+    goes on while the curvature changes its sign. `weight` is that of a squared turn by 1 rad/mm,
+    against a squared share of the curvature off the plane.
     """
     angles = 2.0 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
     x, y = target.curvature.T / target.sharpest
@@ -400,7 +411,7 @@ def find_directions(target: BendTarget) -> Floats:
     spans = np.diff(target.steps.places)
     apart = (np.arange(DIRECTIONS)[:, None] - np.arange(DIRECTIONS)) % DIRECTIONS
     apart = np.minimum(apart, DIRECTIONS - apart)
-    turns = TURN_WEIGHT * (apart * (2.0 * math.pi / DIRECTIONS)) ** 2
+    turns = weight * (apart * (2.0 * math.pi / DIRECTIONS)) ** 2
     cost, came = off[0], np.zeros((len(off), DIRECTIONS), dtype=np.int64)
     for row in range(1, len(off)):
         total = cost[:, None] + turns / spans[row - 1] ** 2
@@ -414,18 +425,19 @@ def find_directions(target: BendTarget) -> Floats:
 
 
 def route_pair(
-    target: BendTarget, stiffness: Floats, limits: RoutingLimits
+    target: BendTarget, stiffness: Floats, limits: RoutingLimits, *, start: tuple[float, float]
 ) -> tuple[Floats, float]:
     """Return angles (2 n, 2) [rad] of two tendons at `offset_max`, and their tension [N].
 
     ``theta + delta`` and ``theta - delta`` with ``cos delta = EI kappa / (2 T r)``; the tension is
-    the least at which they keep apart by `gap_min` where the curvature is largest.
+    the least at which they keep apart by `gap_min` where the curvature is largest, times the second
+    of `start`; the first is the weight of `find_directions`.
     """
     bending, torsional = stiffness[0], stiffness[2]
     radius = limits.offset_max
     share = math.sqrt(max(1.0 - (limits.gap_min / (2.0 * radius)) ** 2, 0.05))
-    tension = bending * target.sharpest / (2.0 * radius * share)
-    angles = find_directions(target)
+    tension = start[1] * bending * target.sharpest / (2.0 * radius * share)
+    angles = find_directions(target, start[0])
     along = np.sum(target.curvature * np.stack([np.cos(angles), np.sin(angles)], axis=1), axis=1)
     apart = np.arccos(np.clip(bending * along / (2.0 * tension * radius), -0.98, 0.98))
     turning = np.gradient(angles, target.steps.places)
@@ -435,13 +447,16 @@ def route_pair(
 
 # Routings with parameters, fitted by the exact law.
 
-SLOPE_WEIGHT, PLACE_WEIGHT, TENSION_WEIGHT = 20.0, 3.0, 0.01
+SLOPE_WEIGHT, PLACE_WEIGHT, TENSION_WEIGHT = 20.0, 3.0, 0.03
 """Weights, in mm, of a slope of 1, a place of 1 mm beyond its limit, and of a tension of 1 N."""
 
 TIGHTENINGS, TIGHTER = 3, 4.0
-"""How often the weights of limits are raised where these are passed, and by what."""
+"""Fits of one start, whose limits weigh more each time, and by what."""
 
-INSIDE_SLOPE, INSIDE_MM = 0.99, 0.02
+NEAR, NEAR_MM = 1.5, 0.02
+"""A start serves that is as near to the curve as this, against a rod without tendons, and more."""
+
+INSIDE_SLOPE, INSIDE_MM = 0.01, 0.02
 """How far inside its limits a fit aims: a share of the slope, and a length [mm]."""
 
 LEAST_TENSION_N = 1e-3
@@ -500,37 +515,65 @@ class RoutingFit(BackboneFit):
             np.concatenate([slope for _, slope in penalties]),
         )
 
-    def settle(self, x: Floats) -> Floats:
-        """Return better parameters that keep the limits, where that is possible."""
-        found = self.improve(x, low=self.low)
-        for _ in range(TIGHTENINGS):
-            if not any(
-                value.any() for value, _ in self._penalise(*self.guide(found[:-3], *self._looked))
-            ):
+    @abstractmethod
+    def list_starts(self, target: BendTarget) -> Iterator[Floats]:
+        """Give parameters of the closed form, one start after the other."""
+
+    def settle(self, target: BendTarget) -> Floats:
+        """Return the parameters of the first start that keeps the limits, near to the curve.
+
+        If none does, those of the one that is nearest to that.
+        """
+        best, least = np.empty(0), math.inf
+        for start in self.list_starts(target):
+            self.weight = 1.0
+            found = self._tighten(start)
+            beyond = self.measure_beyond(found)
+            off = max(self.measure(found) - NEAR * target.residual - NEAR_MM, 0.0)
+            if beyond + off < least:
+                best, least = found, beyond + off
+            if least == 0.0:
                 break
-            self.weight *= TIGHTER
+        return best
+
+    def _tighten(self, start: Floats) -> Floats:
+        found = start
+        for _ in range(TIGHTENINGS):
             self._known = None
             found = self.improve(found, low=self.low)
+            if self.measure_beyond(found) == 0.0:
+                break
+            self.weight *= TIGHTER
         return found
 
-    def _penalise(self, guides: Floats, changes: Floats):  # type: ignore[no-untyped-def]
-        """Give values (m,) beyond limits, weighted, and their derivatives (m, q)."""
-        limits = self.limits
+    def measure_beyond(self, x: Floats) -> float:
+        """Return by how much limits are passed, weighted; 0 if they are kept."""
+        penalties = self._penalise(*self.guide(x[:-3], *self._looked), inside=0.0)
+        return max((float(value.max()) for value, _ in penalties), default=0.0) / self.weight
+
+    def _penalise(self, guides: Floats, changes: Floats, inside: float = 1.0):  # type: ignore[no-untyped-def]
+        """Give values (m,) beyond limits, weighted, and their derivatives (m, q).
+
+        With `inside` 1 limits are drawn in by what a fit keeps from them.
+        """
+        limits, margin = self.limits, inside * INSIDE_MM
         for k in range(self.tendons):
             steep, by = _measure(guides[:, k, 2:], changes[:, k, 2:])
-            yield _hinge(steep - INSIDE_SLOPE * limits.slope_max, by, self.weight * SLOPE_WEIGHT)
+            yield _hinge(
+                steep - (1.0 - inside * INSIDE_SLOPE) * limits.slope_max,
+                by,
+                self.weight * SLOPE_WEIGHT,
+            )
             if not self.constant_offset:
                 far, by = _measure(guides[:, k, :2], changes[:, k, :2])
-                yield _hinge(far - limits.offset_max + INSIDE_MM, by, self.weight * PLACE_WEIGHT)
+                yield _hinge(far - limits.offset_max + margin, by, self.weight * PLACE_WEIGHT)
                 if limits.core_radius > 0.0:
-                    yield _hinge(
-                        limits.core_radius + INSIDE_MM - far, -by, self.weight * PLACE_WEIGHT
-                    )
+                    yield _hinge(limits.core_radius + margin - far, -by, self.weight * PLACE_WEIGHT)
         for one, two in combinations(range(self.tendons), 2):
             gap, by = _measure(
                 guides[:, one, :2] - guides[:, two, :2], changes[:, one, :2] - changes[:, two, :2]
             )
-            yield _hinge(limits.gap_min + INSIDE_MM - gap, -by, self.weight * PLACE_WEIGHT)
+            yield _hinge(limits.gap_min + margin - gap, -by, self.weight * PLACE_WEIGHT)
 
 
 def _measure(vectors: Floats, changes: Floats) -> tuple[Floats, Floats]:
@@ -579,20 +622,20 @@ class PathFit(RoutingFit):
             changes[:, 0, 2 + axis, columns] = slopes
         return changes @ x, changes
 
-    def begin(self, target: BendTarget) -> Floats:
-        """Return parameters of the closed form, at a tension that keeps offset and slope."""
+    def list_starts(self, target: BendTarget) -> Iterator[Floats]:
+        """Give the closed form, at a tension that keeps offset and slope."""
         tension = self.stiffness[0] * target.sharpest / self.limits.offset_max
-        for _ in range(STARTS):
+        for _ in range(TENSIONS_TRIED):
             path = route_one(target, self.stiffness, tension)
             coefficients = np.linalg.lstsq(self.basis, path, rcond=None)[0]
             steep = float(np.hypot(*(self.slopes @ coefficients).T).max())
             if steep <= self.limits.slope_max:
                 break
             tension *= min(2.0, max(1.05, steep / self.limits.slope_max))
-        return np.append(coefficients.T.ravel(), tension)
+        yield np.append(coefficients.T.ravel(), tension)
 
 
-STARTS = 20
+TENSIONS_TRIED = 20
 """Tensions tried for a start that keeps the slope."""
 
 
@@ -620,14 +663,18 @@ class AngleFit(RoutingFit):
             )
         return guides, changes
 
-    def begin(self, target: BendTarget) -> Floats:
-        """Return parameters of the closed form."""
-        angles, tension = route_pair(target, self.stiffness, self.limits)
+    def list_starts(self, target: BendTarget) -> Iterator[Floats]:
+        """Give the closed form, with other turns of the direction and larger tensions."""
         smooth = np.concatenate([self.basis, SMOOTHING * np.diff(np.eye(self.count), 2, axis=0)])
-        values = np.concatenate([angles, np.zeros((self.count - 2, 2))])
-        coefficients = np.linalg.lstsq(smooth, values, rcond=None)[0]
-        return np.concatenate([coefficients.T.ravel(), [tension, tension]])
+        for start in PAIR_STARTS:
+            angles, tension = route_pair(target, self.stiffness, self.limits, start=start)
+            values = np.concatenate([angles, np.zeros((self.count - 2, 2))])
+            coefficients = np.linalg.lstsq(smooth, values, rcond=None)[0]
+            yield np.concatenate([coefficients.T.ravel(), [tension, tension]])
 
+
+PAIR_STARTS = ((0.02, 1.0), (0.1, 1.1), (0.5, 1.3), (0.004, 1.2))
+"""Starts of a pair: what turns of its direction cost, and its tension against the least."""
 
 SMOOTHING = 1.0
 """Weight of second differences of coefficients, for the start of the angles."""

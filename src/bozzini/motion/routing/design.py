@@ -307,7 +307,7 @@ def _route_curved(
     """Return tendons, the base's frame and tensions: from the closed form, by the exact law."""
     kind = PathFit if tendons == 1 else AngleFit
     fit = kind(target, stiffness, limits)
-    found = fit.settle(fit.begin(target))
+    found = fit.settle(target)
     length = target.steps.length
     places = np.linspace(0.0, length, math.ceil(length / KNOT_MM) + 1)
     splines = make_splines(length, fit.count)
