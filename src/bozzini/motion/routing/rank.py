@@ -12,9 +12,9 @@ fitted to the positions, in the exact law, and with sections that bend evenly.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -44,14 +44,20 @@ WaySource = Literal["curvature", "positions", "sections"]
 MODE_MM = 8.0
 """Length of the robot for each coefficient of a routing."""
 
+SLOPE_WEIGHT = 2.0
+"""Weight of the slope of a mode, against places: mm for 1/mm."""
+
+EXACT_ROUNDS = 4
+"""Rounds of the fit of routings by the exact law, after those by the linear one."""
+
 MOST_STEPS = 30
 """Steps of the fit of a pose."""
 
 SETTLED = 1e-5
 """Change of a sum of squares, as a share, at which a fit ends."""
 
-RIDGE = 1e-9
-"""Weight of squared amplitudes against squared positions, in units of the largest."""
+AMPLITUDE_WEIGHT = 3.0
+"""Weight of amplitudes, the curvature that a routing gives, against places: mm for 1/mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +77,11 @@ class Way:
         of; of sections the same for their two freedoms each.
     rms, largest : float
         Distance from the path over all poses and points [mm], in the linear law.
+    projected_rms, projected_largest : float, optional
+        The same where the curvature, not the places, is nearest to the path's [mm].
     exact_rms, exact_largest : float, optional
-        The same in the exact law, and `tension_sum`, the largest sum of tensions on the way [N].
+        The same as `rms` in the exact law, and `tension_sum`, the largest sum of tensions on the
+        way [N], and `slope`, the largest of a cable.
     """
 
     source: WaySource
@@ -81,9 +90,12 @@ class Way:
     bound: float
     rms: float
     largest: float
+    projected_rms: float | None = None
+    projected_largest: float | None = None
     exact_rms: float | None = None
     exact_largest: float | None = None
     tension_sum: float | None = None
+    slope: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,9 +191,12 @@ def _describe(way: Way) -> Json:
         "bound_share": way.bound,
         "rms_mm": way.rms,
         "max_mm": way.largest,
+        "projected_rms_mm": way.projected_rms,
+        "projected_max_mm": way.projected_largest,
         "exact_rms_mm": way.exact_rms,
         "exact_max_mm": way.exact_largest,
         "tension_sum_N": way.tension_sum,
+        "slope_max": way.slope,
     }
 
 
@@ -227,7 +242,10 @@ def insertion_rank(
         first = job.take_modes(count)
         ways.append(job.measure(first, "curvature", count, found.bounds, options))
         if options.rounds:
-            better = job.fit_routings(first, options.rounds)
+            better = job.fit_routings(first, LinearLaw, options.rounds)
+            if options.exact:
+                law = partial(ExactLaw, options=options)
+                better = job.fit_routings(better, law, EXACT_ROUNDS)
             ways.append(job.measure(better, "positions", count, found.bounds, options))
     for index, count in enumerate(options.sections):
         progress("rank", (len(options.modes) + index) / total)
@@ -247,7 +265,7 @@ class Modes:
 
     values: Floats
     slopes: Floats
-    coefficients: Floats | None = None
+    coefficients: Floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -262,8 +280,9 @@ class Pose:
 
     @property
     def cost(self) -> float:
-        """Sum of squares [mm^2]."""
-        return float(np.sum(self.off**2))
+        """Sum of squares of places and weighted amplitudes [mm^2]."""
+        ridge = AMPLITUDE_WEIGHT * self.amplitudes
+        return float(np.sum(self.off**2) + ridge @ ridge)
 
 
 class _Insertion:
@@ -280,6 +299,7 @@ class _Insertion:
             self.matrix[2 * (2 * count - head) :, column] = inside[:, 1]
         self.coefficients = max(6, round(self.steps.length / MODE_MM))
         self.basis, self.slopes = self.steps.make_basis(self.coefficients)
+        self.rough = SLOPE_WEIGHT**2 * self.slopes.T @ self.slopes
 
     def take_modes(self, count: int) -> Modes:
         """Return the first left singular vectors, as splines."""
@@ -305,13 +325,13 @@ class _Insertion:
         for index in range(count):
             own = slice(2 * edges[index], 2 * edges[index + 1])
             values[own, 0, 2 * index] = values[own, 1, 2 * index + 1] = 1.0
-        return Modes(values=values, slopes=np.zeros_like(values))
+        return Modes(values=values, slopes=np.zeros_like(values), coefficients=np.empty((0, 2, 0)))
 
     def measure(
         self, modes: Modes, source: WaySource, count: int, bounds: Floats, options: RankOptions
     ) -> Way:
         """Return how near the poses come, in the linear law and in the exact one."""
-        poses = self.fit_poses(modes)
+        poses = self.fit_poses(LinearLaw(modes))
         rms, largest = _measure(poses)
         freedoms = modes.values.shape[2]
         way = Way(
@@ -322,51 +342,66 @@ class _Insertion:
             rms=rms,
             largest=largest,
         )
+        if source == "curvature":
+            rms, largest = _measure(self.project(modes))
+            way = replace(way, projected_rms=rms, projected_largest=largest)
         if not options.exact or source == "sections":
             return way
         law = ExactLaw(modes, options)
-        exact = [
-            self.fit_pose(law, head, begin) for head, begin in zip(self.heads, poses, strict=True)
-        ]
+        exact = self.fit_poses(law, poses)
         rms, largest = _measure(exact)
         tensions = [float(np.abs(pose.amplitudes).sum()) * law.scale for pose in exact]
-        return replace(way, exact_rms=rms, exact_largest=largest, tension_sum=max(tensions))
+        return replace(
+            way,
+            exact_rms=rms,
+            exact_largest=largest,
+            tension_sum=max(tensions),
+            slope=options.offset_max * float(np.hypot(*np.moveaxis(modes.slopes, 1, 0)).max()),
+        )
 
-    def fit_poses(self, modes: Modes, before: Sequence[Pose] = ()) -> list[Pose]:
-        """Return the fits of all poses in the linear law, from amplitudes of the ones before."""
+    def fit_poses(self, law: LinearLaw, before: Sequence[Pose] = ()) -> list[Pose]:
+        """Return the fits of all poses, from those before."""
+        if before:
+            pairs = zip(self.heads, before, strict=True)
+            return [self.fit_pose(law, head, pose.amplitudes, pose.turn) for head, pose in pairs]
+        turn = self.target.frame[:3, :3]
+        return [self.fit_pose(law, head, self._begin(law, head), turn) for head in self.heads]
+
+    def _begin(self, law: LinearLaw, head: int, ridge: float = 1e-3) -> Floats:
+        """Return the amplitudes whose curvature is nearest to the path's."""
+        rows = law.slopes[2 * (self.count - head) :, :2].reshape(4 * head, -1)
+        wanted = self.target.curvature[: 2 * head, ::-1] * (-1.0, 1.0)
+        both = np.vstack([rows, ridge * math.sqrt(len(rows)) * np.eye(rows.shape[1])])
+        right = np.append(wanted.ravel(), np.zeros(rows.shape[1]))
+        return np.asarray(np.linalg.lstsq(both, right, rcond=None)[0])
+
+    def project(self, modes: Modes) -> list[Pose]:
+        """Return the poses of nearest curvature over the whole robot, turned onto the path."""
         law = LinearLaw(modes)
-        poses: list[Pose] = []
-        for index, head in enumerate(self.heads):
-            inside = slice(2 * (self.count - head), None)
-            rows = modes.values[inside].reshape(-1, modes.values.shape[2])
-            if before:
-                begin = before[index].amplitudes
-            else:
-                wanted = self.target.curvature[: 2 * head].ravel()
-                ridge = 1e-3 * math.sqrt(len(rows)) * np.eye(rows.shape[1])
-                both = np.vstack([rows, ridge])
-                begin = np.linalg.lstsq(both, np.append(wanted, np.zeros(len(ridge))), rcond=None)[
-                    0
-                ]
-            poses.append(self.fit_pose(law, head, begin))
+        flat = np.concatenate([modes.values[:, 0], modes.values[:, 1]])
+        amplitudes = np.linalg.lstsq(flat, self.matrix, rcond=None)[0]
+        poses = []
+        for head, column in zip(self.heads, amplitudes.T, strict=True):
+            pose = self.place(law, head, column, self.target.frame[:3, :3])
+            away = pose.trace.points - pose.trace.points[0]
+            left, _, right = np.linalg.svd(away.T @ (away - pose.off))
+            flip = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+            poses.append(replace(pose, off=away @ (left @ flip @ right) - (away - pose.off)))
         return poses
 
-    def fit_pose(self, law: LinearLaw, head: int, begin: Pose | Floats) -> Pose:
+    def fit_pose(self, law: LinearLaw, head: int, amplitudes: Floats, turn: Floats) -> Pose:
         """Return amplitudes and the base's rotation that are nearest to the path's points."""
-        if isinstance(begin, Pose):
-            pose = self.place(law, head, begin.amplitudes, begin.turn)
-        else:
-            pose = self.place(law, head, begin, self.target.frame[:3, :3])
+        pose = self.place(law, head, amplitudes, turn)
         damping = 1e-6
         for _ in range(MOST_STEPS):
             columns = self.differentiate(pose, pose.slopes)
-            size = np.linalg.norm(columns, axis=0)
-            top = float(size[:-3].max())
-            ridge = RIDGE * top**2
             matrix = columns.T @ columns
             right = -columns.T @ pose.off.ravel()
-            right[:-3] -= ridge * pose.amplitudes
-            matrix[np.diag_indices_from(matrix)] += ridge + damping * (size**2 + ridge)
+            ridge = np.full(len(right), AMPLITUDE_WEIGHT**2)
+            ridge[-3:] = 0.0
+            right[:-3] -= ridge[:-3] * pose.amplitudes
+            diagonal = np.diag(matrix) + ridge
+            matrix[np.diag_indices_from(matrix)] = diagonal * (1.0 + damping)
             move = np.linalg.solve(matrix, right)
             trial = self.place(law, head, pose.amplitudes + move[:-3], _turn(move[-3:]) @ pose.turn)
             gain = pose.cost - trial.cost
@@ -406,30 +441,30 @@ class _Insertion:
         turns = np.cross(np.eye(3)[:, None], away[None]).transpose(1, 2, 0)
         return np.concatenate([moves, turns], axis=2).reshape(3 * (head + 1), -1)
 
-    def fit_routings(self, modes: Modes, rounds: int) -> Modes:
+    def fit_routings(
+        self, modes: Modes, make_law: Callable[[Modes], LinearLaw], rounds: int
+    ) -> Modes:
         """Return modes that are nearer in position, amplitudes of all poses free.
 
         Gauss and Newton's method on the coefficients, after the amplitudes and rotations of every
         pose are eliminated from its linear system (Golub and Pereyra 1973; Kaufman 1975).
         """
-        poses = self.fit_poses(modes)
-        cost = sum(pose.cost for pose in poses)
+        law = make_law(modes)
+        poses = self.fit_poses(law, self.fit_poses(LinearLaw(modes)))
+        cost = sum(pose.cost for pose in poses) + self.measure_rough(modes)
         damping = 1e-3
-        shapes = np.zeros((len(self.basis), 3, 2 * self.coefficients))
-        shapes[:, 1, : self.coefficients] = self.basis
-        shapes[:, 0, self.coefficients :] = -self.basis
-        system = self._assemble(poses, shapes)
+        system = self._assemble(law, poses)
         for _ in range(rounds):
-            coefficients = modes.coefficients
-            if coefficients is None:
-                break
             matrix, right = system
-            diagonal = np.diag(matrix).copy()
-            matrix = matrix + np.diag(damping * diagonal + 1e-9 * diagonal.max())
-            move = np.linalg.solve(matrix, right).reshape(2, self.coefficients, -1)
-            trial = self.make_modes(coefficients + move.transpose(1, 0, 2))
-            tried = self.fit_poses(trial, poses)
-            gain = cost - sum(pose.cost for pose in tried)
+            rough = np.kron(self.rough, np.eye(2 * modes.coefficients.shape[2]))
+            matrix = matrix + rough
+            right = right - rough @ modes.coefficients.ravel()
+            diagonal = np.diag(matrix)
+            added = np.diag(damping * diagonal + 1e-9 * diagonal.max())
+            move = np.linalg.solve(matrix + added, right).reshape(modes.coefficients.shape)
+            trial = self.make_modes(modes.coefficients + move)
+            tried = self.fit_poses(make_law(trial), poses)
+            gain = cost - sum(pose.cost for pose in tried) - self.measure_rough(trial)
             if gain <= 0.0:
                 damping *= 10.0
                 continue
@@ -437,22 +472,34 @@ class _Insertion:
             modes, poses, cost = trial, tried, cost - gain
             if gain < SETTLED * cost:
                 break
-            system = self._assemble(poses, shapes)
+            law = make_law(modes)
+            system = self._assemble(law, poses)
         return modes
 
-    def _assemble(self, poses: Sequence[Pose], shapes: Floats) -> tuple[Floats, Floats]:
-        """Return the normal equations of the coefficients, x then y, of all modes."""
-        width, k = shapes.shape[2], len(poses[0].amplitudes)
-        matrix, right = np.zeros((width, k, width, k)), np.zeros((width, k))
+    def measure_rough(self, modes: Modes) -> float:
+        """Return the weighted sum of squared slopes of modes."""
+        return float(np.sum((SLOPE_WEIGHT * modes.slopes) ** 2))
+
+    def _assemble(self, law: LinearLaw, poses: Sequence[Pose]) -> tuple[Floats, Floats]:
+        """Return the normal equations of the coefficients (c, 2, k) of all modes."""
+        k = len(poses[0].amplitudes)
+        width = 2 * self.coefficients * k
+        matrix, right = np.zeros((width, width)), np.zeros(width)
         for head, pose in zip(self.heads, poses, strict=True):
             own = self.differentiate(pose, pose.slopes)
-            by = self.differentiate(pose, shapes[2 * (self.count - head) :])[:, :-3]
+            own = np.vstack([own, AMPLITUDE_WEIGHT * np.eye(k, k + 3)])
             basis = np.linalg.qr(own)[0]
-            by = by - basis @ (basis.T @ by)
-            t = pose.amplitudes
-            matrix += np.einsum("ab,k,l->akbl", by.T @ by, t, t)
-            right -= np.outer(by.T @ pose.off.ravel(), t)
-        return matrix.reshape(width * k, width * k), right.ravel()
+            off = np.append(pose.off.ravel(), AMPLITUDE_WEIGHT * pose.amplitudes)
+            inside = slice(2 * (self.count - head), None)
+            changes, spread = law.vary(
+                inside, pose.amplitudes, (self.basis[inside], self.slopes[inside])
+            )
+            by = self.differentiate(pose, changes)[:, :-3]
+            by = np.vstack([by, np.zeros((k, by.shape[1]))])
+            by -= basis @ (basis.T @ by)
+            matrix += spread(by.T @ by)
+            right -= spread(by.T @ off)
+        return matrix, right
 
 
 def _turn(rotation: Floats) -> Floats:
@@ -465,6 +512,10 @@ def _measure(poses: Sequence[Pose]) -> tuple[float, float]:
     """Return the rms and the largest distance over all poses and points [mm]."""
     off = np.concatenate([np.linalg.norm(pose.off, axis=1) for pose in poses])
     return float(np.sqrt(np.mean(off**2))), float(off.max())
+
+
+Variation = tuple["Floats", Callable[["Floats"], "Floats"]]
+"""Derivatives of curvatures (2 j, 3, q), and what spreads products of them over coefficients."""
 
 
 class LinearLaw:
@@ -480,12 +531,33 @@ class LinearLaw:
         slopes = self.slopes[inside]
         return slopes @ amplitudes, slopes
 
+    def vary(self, inside: slice, amplitudes: Floats, basis: tuple[Floats, Floats]) -> Variation:
+        """Return how curvatures depend on coefficients, and what makes products of all of them.
+
+        The curvature is linear in coefficients times amplitudes: what is known for one mode of
+        amplitude 1 is known for all.
+        """
+        rows, _ = basis
+        changes = np.zeros((len(rows), 3, rows.shape[1], 2))
+        changes[:, 1, :, 0], changes[:, 0, :, 1] = rows, -rows
+
+        def spread(product: Floats) -> Floats:
+            scaled = np.multiply.outer(product, amplitudes)
+            if product.ndim == 1:
+                return np.asarray(scaled.ravel())
+            both = np.multiply.outer(scaled, amplitudes).transpose(0, 2, 1, 3)
+            size = len(product) * len(amplitudes)
+            return np.asarray(both.reshape(size, size))
+
+        return changes.reshape(len(rows), 3, -1), spread
+
 
 class ExactLaw(LinearLaw):
     """The rod's law, with a cable on each side for every mode: only one of the two is taut."""
 
     def __init__(self, modes: Modes, options: RankOptions) -> None:
         super().__init__(modes)
+        self.offset = options.offset_max
         self.guides = options.offset_max * np.concatenate(
             [modes.values, modes.slopes], axis=1
         ).transpose(0, 2, 1)
@@ -500,3 +572,15 @@ class ExactLaw(LinearLaw):
         tensions = self.scale * np.abs(amplitudes)
         bends, _, by_tensions = find_bends(self.stiffness, guides, tensions, start=start)
         return bends, by_tensions.transpose(0, 2, 1) * (self.scale * ways)
+
+    def vary(self, inside: slice, amplitudes: Floats, basis: tuple[Floats, Floats]) -> Variation:
+        """Return how curvatures depend on the coefficients of all modes."""
+        ways = np.where(amplitudes < 0.0, -1.0, 1.0)
+        guides = np.ascontiguousarray(self.guides[inside] * ways[:, None])
+        start = np.ascontiguousarray(self.slopes[inside] @ amplitudes)
+        tensions = self.scale * np.abs(amplitudes)
+        _, by_guides, _ = find_bends(self.stiffness, guides, tensions, start=start)
+        by = self.offset * ways[:, None, None] * by_guides
+        changes = np.einsum("mkau,mc->mucak", by[:, :, :2], basis[0])
+        changes += np.einsum("mkau,mc->mucak", by[:, :, 2:], basis[1])
+        return changes.reshape(*changes.shape[:2], -1), np.asarray
