@@ -183,14 +183,13 @@ def _give(
     found: RoutingDesign | TractRobot, answer: Answer, figure: Path | None, text: str
 ) -> None:
     """Write the robot, the picture and the answer, and end with the exit code."""
-    robot = found.robot
     if figure is not None:
         from ..plot import write_figure
         from ..plot.routing import draw_design
 
         write_figure(draw_design(found), figure)
-    if found.converged and robot is not None and answer.out is not None:
-        robot.to_yaml(answer.out)
+    if found.converged and answer.out is not None:
+        found.to_yaml(answer.out)
     written = answer.out if found.converged else None
     answer.give(found.to_dict() | {"file": written, "figure": figure}, text)
     if not found.converged:

@@ -51,6 +51,8 @@ class RoutingLimits:
         Largest slope of a tendon against the backbone.
     gap_min : float
         Least distance between the middles of two tendons in a cross-section [mm].
+    error_max : float
+        Largest distance of the backbone from the curve [mm].
 
     Raises
     ------
@@ -82,6 +84,14 @@ class RoutingLimits:
         low=0.0,
         high=lambda limits: 2.0 * limits.offset_max,
         default=1.2,
+    )
+    error_max: float = quantity(
+        "length",
+        "Largest distance from the curve.",
+        low=0.0,
+        high=1e3,
+        low_open=True,
+        default=1.0,
     )
 
     def __post_init__(self) -> None:

@@ -8,8 +8,10 @@ tension, slope, and sensitivity to it.
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -28,7 +30,8 @@ from ...continuum.routing import (
     make_splines,
 )
 from ...duct.base import Duct
-from ...errors import GeometryError, InputError
+from ...errors import InputError
+from ...io.records import save_record
 from ...numeric.polylines import interpolate_polyline, measure_arc_length
 from ...results import Json, Result, measured, take_axes, to_plain
 from ..certify import Certificate, certify_motion
@@ -188,6 +191,29 @@ class RoutingDesign(Result):
             columns |= {f"{tendon.name}_{axis}_mm": path[:, k] for k, axis in enumerate("xy")}
         return columns
 
+    def to_yaml(self, path: str | os.PathLike[str]) -> Path:
+        """Write the robot as a YAML file, with tensions and displacements as comments.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        pulls = [
+            f"{name}: {tension:.4f} N, {displacement:.4f} mm"
+            for name, tension, displacement in zip(
+                self.robot.tendon_names, self.tensions, self.displacements, strict=True
+            )
+        ]
+        place = ", ".join(f"{value:.4f}" for value in self.frame[:3, 3])
+        axes = ", ".join(f"{value:.6f}" for value in self.frame[:3, :3].T.ravel())
+        lines = (
+            "Lengths in mm, angles in rad, stiffnesses in N mm^2.",
+            f"The designed shape takes (tension, displacement): {'; '.join(pulls)}.",
+            f"Base at {place} mm; its axes x, y, z: {axes}.",
+        )
+        return save_record(self.robot, path, note="\n# ".join(lines))
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw x and y of the tendons over arc length, and return the axes."""
         axes = take_axes(ax, x="arc length [mm]", y="place in the cross-section [mm]")
@@ -249,7 +275,7 @@ def design_routing(
     check_word("routing", routing, get_args(RoutingKind))
     check_integer("tendons", tendons, low=1, high=MOST_STRAIGHT if routing == "straight" else 2)
     section = _take_section(robot, limits)
-    points = _take_curve(curve)
+    points = take_curve(curve)
     target = fit_bend(points)
     stiffness = np.array([section.bending_stiffness] * 2 + [section.torsional_stiffness])
     if routing == "straight":
@@ -279,7 +305,7 @@ def _take_section(robot: RobotDesign | None, limits: RoutingLimits) -> Section:
     return section
 
 
-def _take_curve(curve: ArrayLike | Plan) -> Floats:
+def take_curve(curve: ArrayLike | Plan) -> Floats:
     """Return the points of a curve or of a plan's path, none twice in a row."""
     points = curve.path if isinstance(curve, Plan) else check_points("curve", curve)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
@@ -369,6 +395,11 @@ def _judge(
         for name, each in (("rod", shape), ("energy", energy))
         if not each.converged
     ]
+    if error[1] > limits.error_max:
+        reasons.append(
+            f"the backbone is up to {error[1]:.3f} mm from the curve: allowed is "
+            f"{limits.error_max:g} mm"
+        )
     slope, gap, least, most = _measure_routing(robot)
     if routing == "curved":
         reasons += _list_passed(limits, slope, gap, (least, most))
@@ -476,10 +507,3 @@ def _certify_pose(found: Floats, shape: Shape, space: FreeSpace, radius: float) 
     # How far an arc is off its chord.
     sagitta = float((turns * np.diff(shape.arc_length)).max()) / 8.0
     return certify_motion(chain[None], space, radius=radius + 1.01 * sagitta)
-
-
-def take_plan_curve(plan: Plan) -> Floats:
-    """Return the head's path of a plan in space, or raise `GeometryError`."""
-    if plan.path.shape[1] != 3:
-        raise GeometryError("the plan is planar: a robot is designed for a path in 3 dimensions")
-    return _take_curve(plan)

@@ -18,6 +18,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...continuum.routing import (
     BackboneSteps,
@@ -30,7 +31,7 @@ from ...errors import InputError
 from ...progress import Progress, no_progress
 from ...results import ClosedForm, Json, take_axes, to_plain
 from ..plan import Plan
-from .design import take_plan_curve
+from .design import take_curve
 from .options import RankOptions
 
 if TYPE_CHECKING:
@@ -201,14 +202,18 @@ def _describe(way: Way) -> Json:
 
 
 def insertion_rank(
-    plan: Plan, *, options: RankOptions | None = None, progress: Progress = no_progress
+    curve: ArrayLike | Plan,
+    *,
+    options: RankOptions | None = None,
+    progress: Progress = no_progress,
 ) -> InsertionRank:
     """Return how many tendons the whole way in takes, against sections with as many cables.
 
     Parameters
     ----------
-    plan : Plan
-        Its path is followed by a robot as long as the path, whose base stands at the entry.
+    curve : (m, 3) array_like or Plan
+        A path from the entry on, world frame [mm]; of a plan it is the head's. A robot as long as
+        the path follows it.
     options : RankOptions, optional
     progress : Progress
 
@@ -219,10 +224,10 @@ def insertion_rank(
     Raises
     ------
     InputError
-        If the plan is planar, or more modes are asked for than there are coefficients.
+        If the curve is no curve in space, or more modes are asked for than there are coefficients.
     """
     options = options or RankOptions()
-    target = fit_bend(take_plan_curve(plan))
+    target = fit_bend(take_curve(curve))
     job = _Insertion(target, options.stride)
     values = np.linalg.svd(job.matrix, compute_uv=False)
     found = InsertionRank(

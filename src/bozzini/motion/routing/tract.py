@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +20,7 @@ import numpy as np
 from ...continuum import ContinuumRobot, Section, Tendon
 from ...duct.base import Duct
 from ...duct.centreline import Centreline
-from ...errors import InputError
+from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
 from ...results import Json, Result, take_axes, to_plain
 from ..actuate import Actuation, actuate_plan
@@ -107,6 +109,20 @@ class TractRobot(Result):
             }
         found |= {"bounds": self.limits.describe(), "trials": [vars(t) for t in self.trials]}
         return dict(to_plain(found))
+
+    def to_yaml(self, path: str | os.PathLike[str]) -> Path:
+        """Write the robot as a YAML file.
+
+        Raises
+        ------
+        GeometryError
+            If there is none.
+        OutputError
+            If the file cannot be written.
+        """
+        if self.robot is None:
+            raise GeometryError(self.reason)
+        return self.robot.to_yaml(path)
 
     def list_columns(self) -> dict[str, list[object]]:
         """Return the columns of `to_frame`, a row each trial."""
