@@ -32,7 +32,7 @@ def run():
     clock("centreline")
     plan = plan_insertion(field, line, scope=Scope(diameter=8.0, link_length=8.0))
     clock("plan")
-    refine_field(field, tract, line.points)
+    refine_field(field, tract, line_points_world=line.points)
     clock("finer nodes")
     assert plan.certified
     return seconds

@@ -32,7 +32,15 @@ def _examples(page: Path) -> list[str]:
     return [match["code"] for match in BLOCK.finditer(text) if not match["note"]]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if _examples(page)], ids=_name)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[] if page.parent == ROOT else pytest.mark.slow)
+        for page in PAGES
+        if _examples(page)
+    ],
+    ids=_name,
+)
 def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "example"}
@@ -47,7 +55,7 @@ def test_readme_has_an_example_of_about_fifteen_lines() -> None:
 
 def _command_lines(page: Path) -> list[str]:
     """Return the command lines of a page: indented ones, fenced ones, and those in the text."""
-    text = page.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
     indented = re.findall(r"^(?: {4}|\$ )?(bozzini [a-z].*)$", text, re.M)
     return indented + re.findall(r"`(bozzini [a-z][^`]*)`", text)
 

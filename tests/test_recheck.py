@@ -223,6 +223,7 @@ def test_plan_from_labels_against_the_faces_of_the_voxels(
     check_proof(label_plan, faces)
 
 
+@pytest.mark.slow
 def test_plan_from_labels_against_the_smoothed_surface(
     label_plan: SavedPlan, stl: Distance
 ) -> None:
@@ -245,6 +246,7 @@ def test_a_plan_moved_by_more_than_its_error_fails_the_re_check(
     assert largest_gap(moved, stl, every=100) > moved.meta["field"]["clearance_error_mm"]
 
 
+@pytest.mark.slow
 def test_links_keep_their_length(plan: SavedPlan) -> None:
     length = np.linalg.norm(np.diff(plan.joints, axis=1), axis=2)
     assert length == pytest.approx(plan.meta["scope"]["link_length_mm"], abs=1e-6)

@@ -75,7 +75,6 @@ effector study sweep --vary muscle.gap=0mm,9mm
 demo --voxel 4mm --seed -1 --out demo
 plan tube.nii.gz --diameter 5mm --link 8mm --head-step 1mm --organ colon --out way
 plan tube.stl --diameter 5mm --link 8mm --head-step 1mm --organ colon --method tube --out way
-plan tube.nii.gz --diameter 18mm --link 8mm --organ colon --out way
 plan tube.nii.gz --diameter 5parsec --out way
 plan tube.nii.gz --diameter 0mm --out way
 plan tube.nii.gz --start nowhere --out way
@@ -95,26 +94,18 @@ segment ct.nii.gz --out gas.nii.gz --seed 60mm,60mm,5mm
 segment ct.nii.gz --out gas.nii.gz --bridge-fluid
 segment tube.nii.gz --out gas.nii.gz
 certify data.csv
-duct fit tube.stl --organ colon --max-error 0.5mm --out fit.json
-duct fit tube.nii.gz --organ colon --as cylinders --out fit.yaml
 duct fit tube.stl --pieces 0
 duct show cones.json --out cones.svg
 duct show cones.json --over tube.stl
 duct show tube.nii.gz --organ colon --spacing 5mm --out tube.png
 duct show cones.json --reverse
-duct limits tube.nii.gz --organ colon --diameter 30mm --link 5mm
 duct limits cones.json --labels 1
 continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm,T4=1mm,T5=1mm,T6=-2mm \
 --out pose.csv
 continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --model linkage \
 --segments 20 --out pose.png
 continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --model energy \
---segment-kind channel
-continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --model energy \
 --segment-kind arc --between 1
-continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --model rod --steps 300
-continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --tip-force 0,20mN,0 \
---tendon-stiffness 10kN
 continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm \
 --line-force 0,-0.0001N/mm,0 --tendon-stiffness 10kN
 continuum pose two_sections.yaml --displacement T1=2.1mm,T2=-1mm,T3=-1mm --tolerance 0.1mm
@@ -128,7 +119,6 @@ continuum pose converging.yaml --displacement C1=2mm,C2=-3mm,C3=-3mm --model rod
 continuum pose converging.yaml --displacement C1=2mm,C2=-3mm,C3=-3mm --model arc
 continuum pose helical.yaml --displacement H1=2mm,H2=-5mm,H3=-5mm,H4=-5mm
 continuum pose gastroscope.yaml --displacement s17a=2mm,s17b=-1mm,s17c=-1mm
-continuum reach two_sections.yaml --to 30mm,10mm,90mm --direction 1,0,1 --out reach.png
 continuum reach two_sections.yaml --to 20mm,10mm,95mm --smallest-bends --starts 4
 continuum reach two_sections.yaml --to 300mm,0mm,0mm --starts 2
 continuum reach colonoscope.yaml --to 60mm,20mm,100mm
@@ -154,6 +144,16 @@ data fetch nothing --to folder
 """One command a line; ``--json`` is added. Of several, joined by ``&&``, the last is recorded."""
 
 SLOW_COMMANDS = """
+plan tube.nii.gz --diameter 18mm --link 8mm --organ colon --out way
+duct fit tube.stl --organ colon --max-error 0.5mm --out fit.json
+duct fit tube.nii.gz --organ colon --as cylinders --out fit.yaml
+duct limits tube.nii.gz --organ colon --diameter 30mm --link 5mm
+continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --model energy \
+--segment-kind channel
+continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --model rod --steps 300
+continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --tip-force 0,20mN,0 \
+--tendon-stiffness 10kN
+continuum reach two_sections.yaml --to 30mm,10mm,90mm --direction 1,0,1 --out reach.png
 demo --voxel 4mm --diameter 5mm --out demo
 plan tube.stl --diameter 5mm --link 8mm --head-step 1mm --organ colon --method thesis --out way
 duct limits tube.stl --organ colon --diameter 6mm --voxel 1.5mm

@@ -306,6 +306,7 @@ def test_a_plan_that_needed_the_finer_grid_is_certified_on_it_and_not_without(
     assert coarse.code == 1 and "FAILED certificate" in coarse.out
 
 
+@pytest.mark.slow
 def test_several_parts_of_a_scene_go_from_plan_to_certificate(
     capsys: CAPTURE, tmp_path: Path
 ) -> None:
@@ -331,6 +332,7 @@ def test_several_parts_of_a_scene_go_from_plan_to_certificate(
         assert certify(capsys, path, source).code == code
 
 
+@pytest.mark.slow
 def test_a_folder_of_masks_is_known_by_its_hash(
     capsys: CAPTURE, tracts: Tracts, tmp_path: Path
 ) -> None:

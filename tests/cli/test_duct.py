@@ -85,6 +85,7 @@ def test_fit_tells_people(duct, tracts):
     assert "Shapes:" not in answer.out
 
 
+@pytest.mark.slow
 def test_fit_by_least_squares_answers_no(duct, tracts, tmp_path):
     out = tmp_path / "s.json"
     answer = duct(

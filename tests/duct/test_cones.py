@@ -50,6 +50,7 @@ def test_distance_is_the_least_over_all_balls(seed):
     assert duct.signed_distance(points) == pytest.approx(distance_by_search(duct, points), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_it_is_exact_at_a_hundred_thousand_places():
     random, duct = random_chain(7, count=6)
     points = scatter(random, duct, 100_000)

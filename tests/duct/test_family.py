@@ -79,6 +79,7 @@ def one_by_one(shapes, points):
     return best
 
 
+@pytest.mark.slow
 @given(seed=SEEDS)
 def test_passing_over_far_shapes_changes_nothing(seed):
     random, planar, solid = random_ducts(seed)

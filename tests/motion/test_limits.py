@@ -154,6 +154,7 @@ def test_an_angle_limit_stops_the_motion_below_it(hairpin):
     check_prefix(hairpin, plan)
 
 
+@pytest.mark.slow
 def test_refused_plans_still_say_why_in_one_line(pinched, narrow_end, narrow_start, hairpin):
     for lumen, diameter, link in (
         (pinched, 8.0, 9.0),

@@ -98,6 +98,7 @@ def test_a_tube_round_a_bend_gives_the_ring_s_values(as_field: bool) -> None:
     assert limits.judge(limits.link_high + 1e-6) == "too long"
 
 
+@pytest.mark.slow
 def test_a_neck_is_named() -> None:
     curve = np.stack([np.linspace(0.0, 100.0, 101), np.zeros(101), np.zeros(101)], axis=1)
     radii = 10.0 - 7.0 * np.exp(-(((curve[:, 0] - 40.0) / 15.0) ** 2))
@@ -123,6 +124,7 @@ def test_a_fold_back_is_a_turn() -> None:
     assert 0.95 * 10.0 <= limits.link_low <= 10.0  # Schur: twice the radius
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(
     radius=st.floats(1.2, 6.0),
@@ -168,6 +170,7 @@ def test_bounds_of_the_clearance_from_above() -> None:
         assert np.median(above[inside] + truth[inside]) < 0.8
 
 
+@pytest.mark.slow
 def test_sheets_of_a_mesh_that_cross_prove_nothing() -> None:
     # Two capsules that overlap are one straight tube, but their triangles are inside it too.
     first = trimesh.creation.capsule(height=40, radius=6, count=[24, 24])

@@ -113,6 +113,7 @@ def test_first_lock_of_joints_alone(radius: float, half_width: float, links: int
     assert not pull_joints(1.02 * lock, **walk)[0]
 
 
+@pytest.mark.slow
 def test_two_links_lock_before_one_does() -> None:
     bend = Bend(radius=15, half_width=3)
     assert bend.first_joint_lock() == 27.0

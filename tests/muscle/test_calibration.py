@@ -162,6 +162,7 @@ def test_intervals_hold_the_truth_in_90_to_99_percent_of_200_draws(name):
     assert all(0.90 * draws <= count <= 0.99 * draws for count in held.values()), held
 
 
+@pytest.mark.slow
 def test_the_minimum_does_not_depend_on_the_start():
     """Moving contact past a measured pressure is a kink that could catch the search."""
     free = ("modulus", "gap", "dead_length")

@@ -53,6 +53,7 @@ def test_to_and_fro_is_drawn_over_the_steps():
     assert np.array_equal(find_lines(axes)[0].get_xdata(), np.arange(moved.steps))
 
 
+@pytest.mark.slow
 def test_the_limit_is_drawn_where_discs_meet_if_sections_come_near():
     def limits(robot):
         lines = draw_robot_motion(move(robot)).axes[0].lines

@@ -165,6 +165,7 @@ def test_a_refusal_is_shown_where_it_is_and_in_numbers(tmp_path):
     assert count(read_report(tmp_path, make_plan()), "svg") == 0
 
 
+@pytest.mark.slow
 def test_methods_stand_side_by_side_when_there_are_any(tmp_path, page):
     assert "side by side" not in page.text
     plan = make_plan()

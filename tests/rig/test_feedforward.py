@@ -61,7 +61,7 @@ def run_steps(kind, *, design=TRUE, model=TRUE, rate=None, period=0.002, seed=0)
 
         def control(time, told):
             wanted = STEPS[min(int(time / STEP_TIME + 1e-9), len(STEPS) - 1)]
-            return (forward.shape(time, wanted, told) if forward else SetPoint(wanted)), {}
+            return (forward.shape(time, wanted, board=told) if forward else SetPoint(wanted)), {}
 
         run = host.run(control, STEP_TIME * len(STEPS))
     assert run.converged, run.reason
@@ -168,7 +168,7 @@ def test_board_and_feedforward_do_without_the_sensor_of_the_reservoir():
         link = LockstepLink(Cosimulation(board, Blind(CHAMBERS)))
         host = Host(link, period=0.002)
         forward = Feedforward(TRUE, CHAMBERS, host.connect(), period=0.002)
-        run = host.run(lambda time, told: (forward.shape(time, STEPS[0], told), {}), 0.3)
+        run = host.run(lambda time, told: (forward.shape(time, STEPS[0], board=told), {}), 0.3)
     assert run.converged
     settle, over, _ = judge_step(link.list_pressures()[1][-300:], np.array(STEPS[0]), 1e-3)
     assert settle.max() < 0.12
@@ -200,4 +200,4 @@ def test_illegal_options_are_refused():
     with pytest.raises(InputError, match="2 chambers: there must be 3"):
         Feedforward(TRUE, CHAMBERS[:2], known, period=0.002)
     with pytest.raises(InputError, match=r"wanted has shape \(2,\)"):
-        Feedforward(TRUE, CHAMBERS, known, period=0.002).shape(0.0, (0.1, 0.2), None)
+        Feedforward(TRUE, CHAMBERS, known, period=0.002).shape(0.0, (0.1, 0.2), board=None)

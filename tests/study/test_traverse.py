@@ -39,6 +39,7 @@ def test_a_body_wider_than_the_waist_is_too_wide_and_not_its_links_too_long(tigh
     assert tight.diameters_of_link.high <= tight.diameters.high
 
 
+@pytest.mark.slow
 def test_the_limits_are_a_result_with_a_reason_a_table_and_a_picture(tight):
     assert (tight.converged, tight.reason) == (False, "too wide")
     assert tight.to_frame().loc[0, "verdict"] == "too wide"
@@ -62,6 +63,7 @@ def test_that_no_link_passes_is_a_bound_of_the_diameter(tight, monkeypatch):
     assert study.diameters.high_at == pytest.approx(24.0, abs=9.0)
 
 
+@pytest.mark.slow
 def test_the_diameter_is_that_of_the_waist(tight):
     room = 2.0 * float(-make_waist().signed_distance(BEND[6]))
     assert 0.9 * room <= tight.diameters.low <= room + 1e-9 <= tight.diameters.high + 1e-9
@@ -101,6 +103,7 @@ def test_super_ellipsoids_keep_the_room_that_balls_have(monkeypatch):
     assert study.diameters.low > 7.0
 
 
+@pytest.mark.slow
 def test_bounds_of_fitted_shapes_are_told_to_be_of_the_shapes(tight):
     assert tight.fit == tight.to_dict()["fit"] == "inscribed"
     (found,) = tight.findings

@@ -33,7 +33,7 @@ def render_views(
     seed: int = 0,
 ) -> tuple[list[list[Picture]], list[tuple[np.ndarray, np.ndarray]]]:
     """Return the pictures of each view and camera, and the poses of the board."""
-    poses = make_board_poses(board, cameras, TARGET, count=count, seed=seed)
+    poses = make_board_poses(board, cameras, target=TARGET, count=count, seed=seed)
     pictures = [
         [
             replace(

@@ -64,7 +64,7 @@ def picture(scene) -> Picture:
 @pytest.fixture(scope="module")
 def found(picture):
     """Give the length in that."""
-    return measure_length(picture, BOARD, OPTIONS, camera=CAMERA)
+    return measure_length(picture, BOARD, options=OPTIONS, camera=CAMERA)
 
 
 def test_the_length_and_the_marks_are_those_of_the_scene(found):
@@ -89,7 +89,7 @@ def test_both_modes_agree(picture, found):
 
 def test_a_height_left_out_is_an_error_of_height_over_distance(picture, found):
     flat = dataclasses.replace(OPTIONS, height=0.0)
-    other = measure_length(picture, BOARD, flat, camera=CAMERA)
+    other = measure_length(picture, BOARD, options=flat, camera=CAMERA)
     share = OPTIONS.height / found.distance
     assert other.length / found.length - 1.0 == pytest.approx(share, rel=0.05)
     # The budget says the same of a height that is uncertain.
@@ -105,7 +105,7 @@ def test_terms_of_the_set_up_are_a_share_of_the_length_and_the_whole_is_their_su
 
 
 def test_marks_set_by_a_person_give_the_same_length_with_a_pixel_of_uncertainty(picture, found):
-    manual = measure_length(picture, BOARD, OPTIONS, camera=CAMERA, marks=found.marks)
+    manual = measure_length(picture, BOARD, options=OPTIONS, camera=CAMERA, marks=found.marks)
     assert manual.length == pytest.approx(found.length, abs=1e-5)
     assert manual.flags == ("manual",)
     assert manual.budget["ring_1"] == pytest.approx(found.pitch, rel=1e-6)
@@ -113,7 +113,7 @@ def test_marks_set_by_a_person_give_the_same_length_with_a_pixel_of_uncertainty(
 
 def test_a_print_at_another_scale_scales_the_length(picture, found):
     printed = dataclasses.replace(BOARD, check_line=101.0)
-    other = measure_length(picture, printed, OPTIONS, camera=CAMERA)
+    other = measure_length(picture, printed, options=OPTIONS, camera=CAMERA)
     # The height does not scale with it.
     assert other.length / found.length == pytest.approx(1.01, abs=2e-4)
 
@@ -121,34 +121,34 @@ def test_a_print_at_another_scale_scales_the_length(picture, found):
 def test_a_wrong_square_is_flagged(picture):
     wrong = StripBoard(square=6.0, gap=36.0)
     options = dataclasses.replace(OPTIONS, distance=300.0)
-    flags = measure_length(picture, wrong, options, camera=CAMERA).flags
+    flags = measure_length(picture, wrong, options=options, camera=CAMERA).flags
     assert {"ring_width", "distance"} <= set(flags)
 
 
 def test_a_picture_without_board_muscle_or_ring_is_refused(picture, found):
     blank = dataclasses.replace(picture, values=np.full_like(picture.values, 0.7))
     with pytest.raises(GeometryError, match="no marker"):
-        measure_length(blank, BOARD, OPTIONS, camera=CAMERA)
+        measure_length(blank, BOARD, options=OPTIONS, camera=CAMERA)
     mirrored = dataclasses.replace(picture, values=picture.values[:, ::-1].copy())
     with pytest.raises(GeometryError, match="mirrored"):
-        measure_length(mirrored, BOARD, OPTIONS, camera=CAMERA)
+        measure_length(mirrored, BOARD, options=OPTIONS, camera=CAMERA)
     covered = picture.values.copy()
     x, y = np.round(found.marks[0]).astype(int)
     covered[y - 40 : y + 40, x - 40 : x + 40] = np.median(picture.values)
     with pytest.raises(GeometryError, match=r"ring|muscle"):
         hidden = dataclasses.replace(picture, values=covered)
-        measure_length(hidden, BOARD, OPTIONS, camera=CAMERA)
+        measure_length(hidden, BOARD, options=OPTIONS, camera=CAMERA)
     empty = render_picture(Scene(board=BOARD), CAMERA)
     with pytest.raises(GeometryError, match="no muscle"):
-        measure_length(empty, BOARD, OPTIONS, camera=CAMERA)
+        measure_length(empty, BOARD, options=OPTIONS, camera=CAMERA)
 
 
 def test_what_is_missing_or_does_not_fit_is_one_line(picture):
     with pytest.raises(InputError, match="distance"):
-        measure_length(picture, BOARD, OPTIONS)
+        measure_length(picture, BOARD, options=OPTIONS)
     small = _aim(size=(640, 400))
     with pytest.raises(InputError, match="1280 x 800"):
-        measure_length(picture, BOARD, OPTIONS, camera=small)
+        measure_length(picture, BOARD, options=OPTIONS, camera=small)
     with pytest.raises(InputError, match=r"ring is 0 mm"):
         LengthOptions(height=2.8, diameter=1.6, ring=0.0)
 
@@ -159,7 +159,7 @@ def test_a_picture_that_shows_half_a_ring_is_refused_or_flagged(picture, found):
     half[y - 40 : y + 40, x : x + 60] = np.median(picture.values)
     try:
         flags = measure_length(
-            dataclasses.replace(picture, values=half), BOARD, OPTIONS, camera=CAMERA
+            dataclasses.replace(picture, values=half), BOARD, options=OPTIONS, camera=CAMERA
         ).flags
     except GeometryError:
         return
@@ -248,7 +248,7 @@ def test_rows_of_conditions(name):
             distance=-float(camera.centre[2]),
             distance_uncertainty=0.0,
         )
-        found = [measure_length(picture, EXACT, options, camera=c) for c in (camera, None)]
+        found = [measure_length(picture, EXACT, options=options, camera=c) for c in (camera, None)]
         errors.append([one.length - muscle.length for one in found])
         claims.append([one.uncertainty for one in found])
     limit = 0.02 if name == "nominal" else 0.05

@@ -186,9 +186,11 @@ class ContinuumModel(ABC):
             )
         except InputError as error:
             raise PluginError(f"the model {self.name} makes no shape: {error}") from None
-        # Those of this package are rotations by construction: a check costs more than an arc.
+        # Those of this package are products from the base on, each of a rotation by construction:
+        # the last one is not finite if any is not, and to check all costs more than an arc.
         own_model = type(self).__module__.startswith(f"{__name__.partition('.')[0]}.")
-        wrong = find_wrong_frames(made.frames[made.converged], whole=not own_model)
+        looked = made.frames[..., -1:, :, :] if own_model else made.frames
+        wrong = find_wrong_frames(looked[made.converged], whole=not own_model)
         if wrong:
             raise PluginError(f"frames of the model {self.name} {wrong}")
         return made

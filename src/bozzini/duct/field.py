@@ -529,14 +529,19 @@ def _measure(
     progress: Progress,
 ) -> NDArray[np.float32]:
     """Return the distance at all nodes: exact in the lumen, and outside it up to `limit`."""
-    from .kernels.nearest import BAND, INSIDE, dilate, fill_grid
+    from scipy.ndimage import maximum_filter
+
+    from .kernels.nearest import BAND, INSIDE, MARKED, fill_grid
 
     progress("distance", 0.0)
     shape = tuple(int(c) for c in counts)
     flags = np.zeros(shape, dtype=np.uint8)
     slack = wall.mark(flags, low, spacing)
     progress("distance", 0.1)
-    dilate(flags, np.floor(limit / spacing + slack).astype(np.int64))
+    cells = np.floor(limit / spacing + slack).astype(np.int64)
+    near = maximum_filter(flags & MARKED, size=2 * cells + 1, mode="constant")
+    flags |= np.where(near, np.uint8(BAND), np.uint8(0))
+    del near
     wall.flag_inside(flags, low, spacing)
     progress("distance", 0.2)
     below = np.float32(limit)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -451,12 +452,12 @@ class Muscle:
         """Length that contracts [mm]."""
         return self.length - self.dead_length
 
-    @property
+    @cached_property
     def braid(self) -> Braid:
         """The braid at rest, over the whole length."""
         return Braid(length=self.length, radius=self.braid_radius, angle=self.braid_angle)
 
-    @property
+    @cached_property
     def tube(self) -> Tube:
         """The tube at rest, over the whole length."""
         return Tube(

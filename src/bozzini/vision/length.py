@@ -238,8 +238,8 @@ _INDEPENDENT = ("ring_1", "ring_2", "map")
 def measure_length(
     picture: Picture,
     board: StripBoard,
-    options: LengthOptions,
     *,
+    options: LengthOptions,
     camera: Camera | None = None,
     marks: Floats | None = None,
 ) -> MuscleLength:

@@ -250,7 +250,7 @@ def plan_setup(
         truth = _draw_truth(board, options, np.random.default_rng(k))
         picture = _render(length, truth, setup, options, camera, k)
         try:
-            found = measure_length(picture, board, options, camera=known)
+            found = measure_length(picture, board, options=options, camera=known)
             errors[k], claimed[k] = found.length - length, found.uncertainty
         except BozziniError as error:
             failures.append(f"picture {k + 1}: {error}")

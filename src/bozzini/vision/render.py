@@ -505,7 +505,12 @@ class PairLayout:
 
 
 def make_board_poses(
-    board: Board, cameras: Sequence[Camera], target: ArrayLike, *, count: int = 12, seed: int = 0
+    board: Board,
+    cameras: Sequence[Camera],
+    *,
+    target: ArrayLike,
+    count: int = 12,
+    seed: int = 0,
 ) -> list[tuple[Floats, Floats]]:
     """Return poses of a board in the world for a calibration of cameras.
 

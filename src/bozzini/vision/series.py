@@ -391,7 +391,7 @@ def _measure_row(
 ) -> Json:
     marks = np.array(row.marks).reshape(2, 2) if row.marks else None
     picture = read_picture(row.picture)
-    return {"found": measure_length(picture, board, options, camera=camera, marks=marks)}
+    return {"found": measure_length(picture, board, options=options, camera=camera, marks=marks)}
 
 
 def write_series(

@@ -1,8 +1,8 @@
 """Measure the control of the rig: steps, wrong models, runaway hosts and circles of the stick.
 
-    python examples/rig_control.py                    the emulated chip, 12 seeds (minutes)
-    python examples/rig_control.py --board native     the same code compiled for this computer
-    python examples/rig_control.py --seeds 2 steps    less of it
+    python benchmarks/rig_control.py                    the emulated chip, 12 seeds (minutes)
+    python benchmarks/rig_control.py --board native     the same code compiled for this computer
+    python benchmarks/rig_control.py --seeds 2 steps    less of it
 
 Each controller gets the same plants with the same seeds. The tables are in Markdown.
 """
