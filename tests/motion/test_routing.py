@@ -109,9 +109,11 @@ def test_the_twist_of_the_closed_form_is_the_rods() -> None:
     bends, _, _ = find_bends(STIFFNESS, guides, np.array([tension]), start=np.zeros((len(path), 3)))
     x, y = target.curvature.T
     turning = (x * target.slope[:, 1] - y * target.slope[:, 0]) / (x**2 + y**2)
-    told = -(STIFFNESS[0] / STIFFNESS[2]) * np.hypot(x, y) * np.hypot(*path.T) * turning
+    close = np.hypot(x, y) * np.hypot(*path.T)
+    first = -(STIFFNESS[0] / STIFFNESS[2]) * close * turning
     inner = slice(10, -10)
-    assert bends[inner, 2] == pytest.approx(told[inner], rel=0.05)
+    assert bends[inner, 2] == pytest.approx((first / (1.0 - close))[inner], rel=0.01)
+    assert bends[inner, 2] == pytest.approx(first[inner], rel=0.1)
 
 
 def test_a_curve_in_a_plane_needs_no_twist() -> None:
@@ -147,7 +149,9 @@ def test_curvatures_derivatives_are_differences() -> None:
 
 
 def test_limits_that_cannot_be_kept_are_a_reason() -> None:
-    design = design_routing(CURVES["s"], tendons=1, limits=RoutingLimits(core_radius=1.0))
+    design = design_routing(
+        CURVES["s"], tendons=1, limits=RoutingLimits(core_radius=1.0, error_max=0.1)
+    )
     assert not design.converged
     assert "from the curve" in design.reason or "core's radius" in design.reason
 
@@ -201,7 +205,7 @@ def test_no_routings_pass_the_bound(rank) -> None:  # type: ignore[no-untyped-de
     rng = np.random.default_rng(3)
     matrix, rows = rank.matrix, len(rank.matrix)
     for _ in range(1000):
-        k = int(rng.integers(1, 12))
+        k = int(rng.integers(1, len(rank.singular_values)))
         routing = rng.normal(size=(rows, k)) if rng.random() < 0.5 else None
         if routing is None:  # near to the best ones
             left = np.linalg.svd(matrix, full_matrices=False)[0][:, :k]

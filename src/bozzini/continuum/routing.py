@@ -389,12 +389,14 @@ def _integrate(places: Floats, rates: Floats) -> Floats:
 def route_one(target: BendTarget, stiffness: Floats, tension: float) -> Floats:
     """Return the path (2 n, 2) of one tendon that holds a curve, to first order [mm].
 
-    `stiffness` is (EI, EI, GJ) [N mm^2]. With ``beta = (EI / GJ) kappa r`` the rod turns by
-    ``psi' = -beta theta'`` against Bishop's frame, and ``p = EI / T R(-psi) kappa``.
+    `stiffness` is (EI, EI, GJ) [N mm^2]. With ``beta = (EI / GJ) kappa r / (1 - kappa r)`` the rod
+    turns by ``psi' = -beta theta'`` against Bishop's frame, and ``p = EI / T R(-psi) kappa``. The
+    tendon is on the inside of the bend, where it is shorter by ``1 - kappa r``, and so steeper.
     """
     bending, torsional = stiffness[0], stiffness[2]
     x, y = target.curvature.T
-    turning = x * target.slope[:, 1] - y * target.slope[:, 0]  # kappa^2 theta'
+    inside = 1.0 - bending / tension * (x**2 + y**2)
+    turning = (x * target.slope[:, 1] - y * target.slope[:, 0]) / inside  # kappa^2 theta'
     twist = _integrate(target.steps.places, -(bending**2) / (torsional * tension) * turning)
     cosine, sine = np.cos(twist), np.sin(twist)
     path = np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=1)
