@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, pairwise
@@ -169,13 +169,14 @@ class BackboneSteps:
         return Trace(points=points, turns=turns, by_turn=by_turn, by_place=by_place)
 
 
-def make_splines(length: float, count: int):  # type: ignore[no-untyped-def]
+def make_splines(length: float, count: int) -> Callable[..., Floats]:
     """Return `count` cubic B-splines over a length, as one spline of that many columns."""
     from scipy.interpolate import BSpline
 
     inner = np.linspace(0.0, length, count - 2)
     knots = np.concatenate([[0.0] * 3, inner, [length] * 3])
-    return BSpline(knots, np.eye(count), 3)
+    splines: Callable[..., Floats] = BSpline(knots, np.eye(count), 3)
+    return splines
 
 
 def count_coefficients(length: float) -> int:
@@ -283,7 +284,9 @@ class CurvatureFit(BackboneFit):
         self._changes = np.zeros((len(self.basis), 3, 2 * count))
         self._changes[:, 1, :count] = self.basis
         self._changes[:, 0, count:] = -self.basis
-        self._rough = BEND_PENALTY * np.kron(np.eye(2), np.diff(np.eye(count), axis=0))
+        self._rough = np.asarray(
+            BEND_PENALTY * np.kron(np.eye(2), np.diff(np.eye(count), axis=0)), dtype=np.float64
+        )
 
     @property
     def size(self) -> int:
@@ -292,7 +295,7 @@ class CurvatureFit(BackboneFit):
 
     def bend(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Return curvatures, their derivatives, penalties and theirs."""
-        return self._changes @ x, self._changes, self._rough @ x, self._rough
+        return self._changes @ x, self._changes, np.asarray(self._rough @ x), self._rough
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -563,7 +566,9 @@ class RoutingFit(BackboneFit):
         penalties = self._penalise(*self.guide(x[:-3], *self._looked), inside=0.0)
         return max((float(value.max()) for value, _ in penalties), default=0.0) / self.weight
 
-    def _penalise(self, guides: Floats, changes: Floats, inside: float = 1.0):  # type: ignore[no-untyped-def]
+    def _penalise(
+        self, guides: Floats, changes: Floats, inside: float = 1.0
+    ) -> Iterator[tuple[Floats, Floats]]:
         """Give values (m,) beyond limits, weighted, and their derivatives (m, q).
 
         With `inside` 1 limits are drawn in by what a fit keeps from them.
@@ -733,7 +738,7 @@ def fit_straight(
         low[rows], high[rows] = min(1.0, 0.01 * length), length
         start = np.clip(start, low, high)
         found = least_squares(
-            fit.measure, start, bounds=(low, high), x_scale="jac", max_nfev=60, ftol=1e-6
+            fit.place, start, bounds=(low, high), x_scale="jac", max_nfev=60, ftol=1e-6
         )
         if best is None or found.cost < best.cost:
             best = found
@@ -785,8 +790,8 @@ class _Arcs(CurvatureFit):
         tendons = (len(x) - 3) // 3
         return x[: 2 * tendons].reshape(-1, 2), x[2 * tendons : -3], x[-3:]
 
-    def measure(self, x: Floats) -> Floats:
-        """Return how far the points are from the curve."""
+    def place(self, x: Floats) -> Floats:
+        """Return how far the points are from the curve, each coordinate."""
         moments, ends, rotation = self.split(x)
         tensions = np.linalg.norm(moments, axis=1) / self.offset
         ways = moments / np.maximum(tensions, 1e-12)[:, None]

@@ -130,7 +130,7 @@ def check_path(name: str, given: object) -> PathKnots:
 
 
 def evaluate_path(
-    path: PathKnots, places: Floats, interpolation: Interpolation
+    path: Sequence[Sequence[float]], places: Floats, interpolation: Interpolation
 ) -> tuple[Floats, Floats]:
     """Return place and slope, both (..., 2), at arc lengths inside the knots.
 

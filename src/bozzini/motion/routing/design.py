@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -449,7 +450,7 @@ def _measure_error(shape: Shape, found: Floats, points: Floats) -> tuple[float, 
 def _measure_routing(robot: ContinuumRobot) -> tuple[float, float, float, float]:
     """Return the largest slope, least gap, and least and largest offset of the tendons."""
     places = robot.stations(between=4 * BETWEEN)
-    paths = []
+    paths: list[Floats] = []
     slope, gap, least, most = 0.0, math.inf, math.inf, 0.0
     for tendon, end in zip(robot.tendons, robot.tendon_ends, strict=True):
         here = np.minimum(places[places <= end + LENGTH_ROUND_OFF_MM], end)
@@ -489,7 +490,7 @@ def _list_passed(
     return reasons
 
 
-def _vary(shape: Shape, steps: Floats, command: Floats, solve) -> Floats:  # type: ignore[no-untyped-def]
+def _vary(shape: Shape, steps: Floats, command: Floats, solve: Callable[[Floats], Shape]) -> Floats:
     """Return how far the backbone moves by a step of each input, and of all of them [mm]."""
     commands = command + np.vstack([np.diag(steps), steps])
     moved = solve(commands)

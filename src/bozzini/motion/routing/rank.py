@@ -161,7 +161,7 @@ class InsertionRank(ClosedForm):
                 axes.plot([w.cables for w in own], [w.rms for w in own], "o-", label=label)
             own = [way for way in own if way.exact_rms is not None]
             if own:
-                exact = [w.exact_rms for w in own]
+                exact = [w.exact_rms for w in own if w.exact_rms is not None]
                 axes.plot([w.cables for w in own], exact, "x--", label=f"{label}, exact law")
         axes.set_yscale("log")
         if self.ways:
@@ -232,7 +232,7 @@ def insertion_rank(
     values = np.linalg.svd(job.matrix, compute_uv=False)
     found = InsertionRank(
         matrix=job.matrix,
-        singular_values=values,
+        singular_values=np.asarray(values, dtype=np.float64),
         insertions=target.steps.ends[job.heads],
         length=target.steps.length,
         ways=(),
@@ -408,7 +408,12 @@ class _Insertion:
             diagonal = np.diag(matrix) + ridge
             matrix[np.diag_indices_from(matrix)] = diagonal * (1.0 + damping)
             move = np.linalg.solve(matrix, right)
-            trial = self.place(law, head, pose.amplitudes + move[:-3], _turn(move[-3:]) @ pose.turn)
+            trial = self.place(
+                law,
+                head,
+                pose.amplitudes + move[:-3],
+                _turn(np.asarray(move[-3:], dtype=np.float64)) @ pose.turn,
+            )
             gain = pose.cost - trial.cost
             if gain < 0.0:
                 damping = max(1e-4, 10.0 * damping)
