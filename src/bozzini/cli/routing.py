@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,11 +21,15 @@ from .common import (
     answer_options,
     check_target,
     format_rows,
+    gather,
     options_of,
     run_exit,
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from ..duct.base import Duct
     from ..motion.plan import Plan
     from ..motion.routing import InsertionRank, RoutingDesign, TractRobot
@@ -34,27 +39,44 @@ __all__ = ["design_command", "rank_command"]
 _file = click.Path(path_type=Path)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What of a routing is asked for."""
+
+    lumen: Path | None
+    robot: Path | None
+    tendons: int
+    straight: bool
+
+
+_asked = gather(
+    "asked",
+    Asked,
+    click.option(
+        "--lumen",
+        metavar="INPUT",
+        type=_file,
+        help="The file that PLAN was made from: the pose is certified in it.",
+    ),
+    click.option(
+        "--robot",
+        metavar="ROBOT.yaml",
+        type=_file,
+        help="A robot of one section, whose radius and stiffnesses are taken.",
+    ),
+    click.option("--tendons", default=2, show_default=True, help="Number of tendons: 1 or 2."),
+    click.option(
+        "--straight", is_flag=True, help="Straight tendons, up to 12, each with an end of its own."
+    ),
+)
+
+
 @click.command("design")
 @click.argument("source", metavar="[CURVE.csv | PLAN.npz]", required=False, type=_file)
 @click.option(
     "--tract", metavar="INPUT", type=_file, help="Find a robot of even sections for this tract."
 )
-@click.option(
-    "--lumen",
-    metavar="INPUT",
-    type=_file,
-    help="The file that PLAN was made from: the pose is certified in it.",
-)
-@click.option(
-    "--robot",
-    metavar="ROBOT.yaml",
-    type=_file,
-    help="A robot of one section, whose radius and stiffnesses are taken.",
-)
-@click.option("--tendons", default=2, show_default=True, help="Number of tendons: 1 or 2.")
-@click.option(
-    "--straight", is_flag=True, help="Straight tendons, up to 12, each with an end of its own."
-)
+@_asked
 @options_of(RoutingLimits, "limits")
 @options_of(RobotSearch, "search")
 @tract_options
@@ -63,12 +85,12 @@ _file = click.Path(path_type=Path)
 def design_command(
     source: Path | None,
     tract: Path | None,
-    lumen: Path | None,
+    asked: Asked,
     limits: RoutingLimits,
     search: RobotSearch,
     reading: ReadOptions,
+    figure: Path | None,
     answer: Answer,
-    **asked: Any,
 ) -> None:
     """Route tendons so that a robot holds a curve, or find a robot of sections for a tract.
 
@@ -77,46 +99,38 @@ def design_command(
     through, certified. Exit code 0: there is a robot; 1: there is none within the limits, the
     reason is reported and no robot is written; 2: bad input.
     """
-    figure: Path | None = asked.pop("figure")
     check_target(figure, PICTURES, force=answer.force)
-    if (source is None) == (tract is None):
-        raise click.UsageError("give either a curve or a plan, or --tract")
-    if tract is not None:
+    if tract is not None and source is None:
         found = _search_tract(tract, reading, search, answer)
         _give(found, answer, figure, _format_search(found))
-        return
-    design = _design(Path(str(source)), lumen, limits, answer, **asked)
-    _give(design, answer, figure, _format_design(design))
+    elif source is not None and tract is None:
+        design = _design(source, asked, limits, answer)
+        _give(design, answer, figure, _format_design(design))
+    else:
+        raise click.UsageError("give either a curve or a plan, or --tract")
 
 
-def _design(
-    source: Path,
-    lumen: Path | None,
-    limits: RoutingLimits,
-    answer: Answer,
-    **asked: Any,
-) -> RoutingDesign:
+def _design(source: Path, asked: Asked, limits: RoutingLimits, answer: Answer) -> RoutingDesign:
     from ..continuum import ContinuumRobot
     from ..motion.routing import design_routing
 
-    body = None if asked["robot"] is None else ContinuumRobot.from_yaml(asked["robot"])
-    curve: Any = None
+    curve: Plan | NDArray[np.float64]
     duct = None
     if source.suffix.lower() == ".npz":
         curve = read_plan(source)
-        if lumen is not None:
-            duct = rebuild_lumen(curve, lumen, answer)
-    elif lumen is not None:
+        if asked.lumen is not None:
+            duct = rebuild_lumen(curve, asked.lumen, answer)
+    elif asked.lumen is not None:
         raise InputError("--lumen goes with a plan: a curve does not state how the file was read")
     else:
         curve = read_points(source)
     return design_routing(
         curve,
-        tendons=asked["tendons"],
+        tendons=asked.tendons,
         limits=limits,
-        robot=body,
+        robot=None if asked.robot is None else ContinuumRobot.from_yaml(asked.robot),
         duct=duct,
-        routing="straight" if asked["straight"] else "curved",
+        routing="straight" if asked.straight else "curved",
     )
 
 
@@ -139,7 +153,7 @@ def rebuild_lumen(plan: Plan, path: Path, answer: Answer) -> Duct:
         return rebuild_field(plan, read_input(plan, path), progress=progress)
 
 
-def read_points(path: Path) -> Any:
+def read_points(path: Path) -> NDArray[np.float64]:
     """Return the points (m, 3) [mm] of a table with the columns x, y and z.
 
     Raises
@@ -157,9 +171,10 @@ def read_points(path: Path) -> Any:
     for names in (("x_mm", "y_mm", "z_mm"), ("x", "y", "z")):
         if set(names) <= set(table.columns):
             try:
-                return table[list(names)].to_numpy(dtype=float)
+                points: NDArray[np.float64] = table[list(names)].to_numpy(dtype=float)
             except ValueError:
                 raise FileFormatError(f"{path}: x, y and z must be numbers") from None
+            return points
     columns = ", ".join(map(str, table.columns))
     raise FileFormatError(
         f"{path} has the columns {columns}: it needs x, y and z, or x_mm and so on"
@@ -238,14 +253,16 @@ def _format_search(found: TractRobot) -> str:
             str(trial.sections) if trial.sections else "scope",
             f"{trial.head:.1f}",
             f"{trial.clearance:.3f}" if trial.passed else "-",
-            trial.reason,
         ]
         for trial in found.trials
     ]
-    table = format_rows(
-        ["diameter [mm]", "sections", "head [mm]", "clearance [mm]", "why not"], rows
-    )
-    lines = [table] if rows else []
+    head = ["diameter [mm]", "sections", "head [mm]", "clearance [mm]"]
+    lines = [format_rows(head, rows)] if rows else []
+    lines += [
+        f"{trial.diameter:g} mm, {trial.sections or 'a scope'}: {trial.reason}"
+        for trial in found.trials
+        if trial.reason
+    ]
     high = f"{found.limits.high:.2f} mm" if math.isfinite(found.limits.high) else "not known"
     lines.append(f"bounds: any body below {found.limits.low:.2f} mm passes, none above {high}")
     if found.robot is None:
@@ -273,8 +290,6 @@ def rank_command(
     A robot follows its leader along the plan's path. The bound is on the mean square of curvature
     in the linear law; positions are fitted, in the linear law and in the rod's.
     """
-    from dataclasses import replace
-
     from ..motion.routing import insertion_rank
 
     asked = replace(
