@@ -187,6 +187,10 @@ def count_coefficients(length: float) -> int:
 # Least squares of a backbone's points, by parameters of its curvature and the base's rotation.
 
 
+FAR_MM = 1e3
+"""Residual of a trial that has no curvature."""
+
+
 class BackboneFit(ABC):
     """A backbone whose curvature has parameters, fitted to points of a curve.
 
@@ -214,7 +218,13 @@ class BackboneFit(ABC):
         key = x.tobytes()
         if self._known is not None and self._known[0] == key:
             return self._known[1:]
-        curvatures, changes, penalties, slopes = self.bend(x[:-3])
+        try:
+            curvatures, changes, penalties, slopes = self.bend(x[:-3])
+        except GeometryError:
+            if self._known is None:
+                raise
+            # A trial far beyond what a rod does: worse than any other.
+            return np.full_like(self._known[1], FAR_MM), self._known[2]
         trace = self.steps.trace(curvatures, self.place_base(x[-3:]), moves=True)
         n, q = self.steps.count, len(x)
         moves = np.empty((n + 1, 3, q))

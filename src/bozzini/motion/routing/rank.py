@@ -27,7 +27,7 @@ from ...continuum.routing import (
     find_bends,
     fit_bend,
 )
-from ...errors import InputError
+from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
 from ...results import ClosedForm, Json, take_axes, to_plain
 from ..plan import Plan
@@ -396,7 +396,7 @@ class _Insertion:
 
     def fit_pose(self, law: LinearLaw, head: int, amplitudes: Floats, turn: Floats) -> Pose:
         """Return amplitudes and the base's rotation that are nearest to the path's points."""
-        pose = self.place(law, head, amplitudes, turn)
+        pose = self._place_first(law, head, amplitudes, turn)
         damping = 1e-6
         for _ in range(MOST_STEPS):
             columns = self.differentiate(pose, pose.slopes)
@@ -408,13 +408,12 @@ class _Insertion:
             diagonal = np.diag(matrix) + ridge
             matrix[np.diag_indices_from(matrix)] = diagonal * (1.0 + damping)
             move = np.linalg.solve(matrix, right)
-            trial = self.place(
-                law,
-                head,
-                pose.amplitudes + move[:-3],
-                _turn(np.asarray(move[-3:], dtype=np.float64)) @ pose.turn,
-            )
-            gain = pose.cost - trial.cost
+            try:
+                turned = _turn(np.asarray(move[-3:], dtype=np.float64)) @ pose.turn
+                trial = self.place(law, head, pose.amplitudes + move[:-3], turned)
+                gain = pose.cost - trial.cost
+            except GeometryError:  # far beyond what a rod does
+                gain = -math.inf
             if gain < 0.0:
                 damping = max(1e-4, 10.0 * damping)
                 if damping > 1e6:
@@ -426,6 +425,15 @@ class _Insertion:
             if settled:
                 break
         return pose
+
+    def _place_first(self, law: LinearLaw, head: int, amplitudes: Floats, turn: Floats) -> Pose:
+        """Return a pose of these amplitudes, or of as much of them as there is a curvature for."""
+        for part in 0.5 ** np.arange(MOST_STEPS):
+            try:
+                return self.place(law, head, part * amplitudes, turn)
+            except GeometryError:
+                continue
+        return self.place(law, head, 0.0 * amplitudes, turn)
 
     def place(self, law: LinearLaw, head: int, amplitudes: Floats, turn: Floats) -> Pose:
         """Return a pose of amplitudes and a rotation."""
