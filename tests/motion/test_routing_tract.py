@@ -72,9 +72,9 @@ def test_a_robot_of_sections_comes_through_a_pipe() -> None:
 
     turn = np.linspace(0.0, 1.5, 40)
     points = np.stack([60.0 * (1.0 - np.cos(turn)), 0.0 * turn, 60.0 * np.sin(turn)], axis=1)
-    duct = RoundCones(points, np.full(len(points), 8.0))
-    line = Centreline(points=points, radius=np.full(len(points), 8.0))
-    search = RobotSearch(diameter_min=4.0, diameter_max=6.0, diameters=2, sections=(1, 2, 4))
+    duct = RoundCones(points, np.full(len(points), 8.0)).sample(1.0)
+    line = Centreline(points=points, arc_length=60.0 * turn, radius=np.full(len(points), 8.0))
+    search = RobotSearch(diameter_min=4.0, diameter_max=6.0, diameters=1, sections=(2, 4))
     found = design_robot(duct, line, options=search)
     assert found.converged, found.reason
     assert found.robot is not None and found.actuation is not None

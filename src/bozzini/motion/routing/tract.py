@@ -40,6 +40,9 @@ DIAMETER_STEP_MM = 0.1
 BEND_SPARE = 1.1
 """Bend limits are what the motion takes, times this."""
 
+LENGTH_SPARE = 1.02
+"""Length of a robot against its plan's path, so that the base stays in the introducer."""
+
 LINK_SHARE = 0.5
 """Links of the scope whose plan a robot follows, against its shortest section."""
 
@@ -238,8 +241,8 @@ def list_diameters(options: RobotSearch, limits: DiameterLimits) -> list[float]:
 
 
 def make_robot(plan: Plan, diameter: float, count: int, options: RobotSearch) -> ContinuumRobot:
-    """Return a robot of even sections, as long as a plan's path, with three tendons each."""
-    length = float(plan.path_arc_length[-1]) / count
+    """Return a robot of even sections for a plan's path, with three tendons each."""
+    length = LENGTH_SPARE * float(plan.path_arc_length[-1]) / count
     radius = 0.5 * diameter
     sections = []
     for index in range(count):
