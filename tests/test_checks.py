@@ -18,8 +18,10 @@ from bozzini.checks import (
     check_fields,
     check_integer,
     check_number,
+    check_path,
     check_points,
     check_range,
+    choose,
     describe_fields,
     legal_range,
     list_quantities,
@@ -27,6 +29,7 @@ from bozzini.checks import (
     refuse_first,
 )
 from bozzini.errors import InputError
+from bozzini.results import take_axes
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
@@ -64,6 +67,15 @@ REFUSALS: list[tuple[Callable[[object], object], str, str, tuple[object, ...]]] 
     )),
     (lambda value: check_integer("steps", value, low=0), "steps is ", "whole number in [0, inf]", (
         2.5, math.nan, math.inf, "many", "3", None, True, [1],
+    )),
+    (lambda value: choose("model", value, {"arc": 1, "rod": 2}), "there is no model ", "arc, rod", (
+        "pcc", "", None, math.nan, 0, [], {}, ["arc"], {"arc"}, np.zeros(3), object(),
+    )),
+    (lambda value: check_path("path", value), "path is ", "the path of a file", (
+        None, math.nan, 1, True, [], ["a.stl"], {}, object(), b"a.stl",
+    )),
+    (lambda value: take_axes(value, x="x", y="y"), "ax is ", "axes of matplotlib", (
+        "x", 1.0, [], {}, object(),
     )),
     (lambda value: check_points("start", value), "start ", "(..., 3)", (
         1.0, [1.0, 2.0], np.zeros((3, 4)), "abc", [[1, 2, 3], [4, 5]],

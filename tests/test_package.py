@@ -44,7 +44,8 @@ def test_public_names_resolve(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["anatomy", "continuum", "duct", "effector", "motion", "plot", "study"]
+    "name",
+    ["anatomy", "continuum", "duct", "effector", "motion", "plot", "report", "scene", "study"],
 )
 def test_a_package_lists_its_public_names_alone(name: str) -> None:
     package = getattr(bozzini, name)

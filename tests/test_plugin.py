@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -111,7 +112,9 @@ tip = effector.forward({"R": 0.3}).tip
 assert np.allclose(effector.inverse(tip[:2]).pressures, [0.3, 0.0, 0.0], atol=1e-6)
 
 from bozzini.errors import InputError
-from bozzini.muscle import MuscleModel, RankOptions, preset, rank
+from functools import partial
+
+from bozzini.muscle import MuscleModel, RankOptions, calibrate, preset, rank
 
 model = MODELS["spring"](preset("effector-45"))
 held = model.contraction([[0.2], [0.6]], [0.0, 0.5])
@@ -129,10 +132,38 @@ for wrong in (lambda: model.contraction(-0.1), lambda: model.force(0.1, 50.0),
 
 import pandas
 table = pandas.DataFrame({"pressure [MPa]": [0.2, 0.4, 0.6], "contraction [mm]": [2.4, 4.8, 7.2]})
-ranking = rank(table, models={"spring": MODELS["spring"]}, options=RankOptions(folds=0))
+known = {"spring": partial(MODELS["spring"], spring=2.0, gain=12.0)}
+ranking = rank(table, models=known, options=RankOptions(folds=0))
 assert ranking.models[0].parameters == 0 and ranking.models[0].score.rmse < 1e-9
+
+# Without loads only the gain is determined, with loads the spring too; both start at the defaults.
+table["contraction [mm]"] = [3.0, 6.0, 9.0]
+(free,) = rank(table, models=["spring"], options=RankOptions(folds=0)).models
+assert free.calibration.free == ("gain",) and "spring" in free.held
+assert np.isclose(free.calibration.estimates["gain"], 15.0)
+loads = np.repeat([0.0, 0.5, 1.0], 3)
+table = pandas.concat([table] * 3)
+table["load [N]"], table["contraction [mm]"] = loads, table["contraction [mm]"] - loads / 1.25
+fit = calibrate(MODELS["spring"], preset("effector-45"), data=table)
+assert np.allclose([fit.estimates["spring"], fit.estimates["gain"]], [1.25, 15.0])
+assert fit.units["spring"] == "N/mm" and fit.fitted.spring == fit.estimates["spring"]
 """,
     )
+
+
+def test_commands_set_and_fit_the_numbers_of_the_muscle(run, tmp_path):
+    solve = "-m", "bozzini", "muscle", "solve", "--pressure", "0.5MPa", "--model", "spring"
+    assert json.loads(run(*solve, "--json"))["contraction_mm"] == pytest.approx(6.0)
+    found = json.loads(run(*solve, "--set", "gain=10", "--load", "1N", "--json"))
+    assert found["contraction_mm"] == pytest.approx(10.0 * 0.5 - 1.0 / 2.0)
+    run(*solve, "--set", "gain=-1", code=2)
+    rows = "\n".join(f"{p},{q},{15.0 * p - q / 1.25}" for p in (0.2, 0.4, 0.6) for q in (0, 0.5, 1))
+    (tmp_path / "loads.csv").write_text(f"pressure [MPa],load [N],contraction [mm]\n{rows}\n")
+    found = json.loads(
+        run("-m", "bozzini", "muscle", "fit", "loads.csv", "--model", "spring", "--json")
+    )
+    estimates = {name: item["value"] for name, item in found["estimates"].items()}
+    assert estimates == pytest.approx({"spring": 1.25, "gain": 15.0})
 
 
 def test_the_continuum_model_tends_to_arcs_as_discs_are_added(run):

@@ -72,7 +72,7 @@ class SpringMuscle(MuscleModel):
 
     name = "spring"
     unused = tuple(field for field in list_quantities(Muscle) if field != "length")
-    fit_fields = ()  # nothing of the muscle would change the answer
+    fit_fields = ("spring", "gain")  # what a fit frees: nothing of the muscle would matter
 
     def __post_init__(self):
         """Check the numbers."""

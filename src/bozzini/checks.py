@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass
 from numbers import Real
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -95,9 +97,24 @@ def check_word(name: str, word: str, legal: Iterable[str]) -> str:
 
 def choose(noun: str, name: str, known: Mapping[str, T]) -> T:
     """Return what is known by a name, or raise `InputError`; `noun` is what the name stands for."""
-    if name not in known:
-        raise InputError(f"there is no {noun} '{name}': choose one of {', '.join(known)}")
+    if not isinstance(name, str) or name not in known:
+        shown = f"'{name}'" if isinstance(name, str) else show_value(name)
+        raise InputError(f"there is no {noun} {shown}: choose one of {', '.join(known)}")
     return known[name]
+
+
+def check_kind(name: str, value: object, kind: type) -> None:
+    """Raise `InputError` unless a value is of a class."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIO" else "a"
+        raise InputError(f"{name} is {show_value(value)}: it must be {article} {kind.__name__}")
+
+
+def check_path(name: str, path: str | os.PathLike[str]) -> Path:
+    """Return a path as a `Path`, or raise `InputError`."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"{name} is {show_value(path)}: it must be the path of a file")
+    return Path(path)
 
 
 def check_array(name: str, values: ArrayLike) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from .checks import show_value
 from .errors import InputError
 from .units import add_unit
 
@@ -181,6 +182,8 @@ def take_axes(ax: Axes | None, *, x: str, y: str, equal: bool = False) -> Axes:
         from matplotlib import pyplot
 
         ax = pyplot.subplots()[1]
+    if not hasattr(ax, "set_xlabel"):
+        raise InputError(f"ax is {show_value(ax)}: it must be axes of matplotlib")
     ax.set_xlabel(ax.get_xlabel() or x)
     ax.set_ylabel(ax.get_ylabel() or y)
     if equal:

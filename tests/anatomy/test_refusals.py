@@ -200,6 +200,7 @@ REFUSALS: list[tuple[Callable[[Path], object], type[BozziniError], str, str]] = 
     (lambda _: labels(tube(), 2.0 * np.eye(4)),
      InputError, "the affine of array is not a 4 x 4 matrix", "last row 0 0 0 1"),
     # Label files
+    (lambda _: read_tract(None), InputError, "path is None", "the path of a file"),
     (lambda f: read_tract(f / "three.nii.gz"),
      InputError, "three.nii.gz has 2 labels", "1 (0.272 mL), 3 (0.24 mL)"),
     (lambda f: read_tract(f / "three.nii.gz", labels=["colon"]),

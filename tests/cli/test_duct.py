@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bozzini.cli.main import COMMANDS, main
-from bozzini.duct import DUCT_SHAPES, RoundCones
+from bozzini.duct import DUCT_SHAPES, Polygon, RoundCones
 from bozzini.duct.shape_files import load_shapes_file, save_shapes
 
 
@@ -76,6 +76,13 @@ def test_fit_writes_a_file_that_can_be_read_and_shown(duct, tracts, tmp_path):
     assert shown.code == 0, shown.err
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert f"{len(shapes.radii) - 1} cones in " in shown.out
+
+
+def test_shapes_in_the_plane_are_shown_too(duct, tmp_path):
+    save_shapes(Polygon([(0, 0), (8, 0), (8, 3)]), tmp_path / "wedge.json")
+    shown = duct("show", tmp_path / "wedge.json", "--out", tmp_path / "wedge.png")
+    assert shown.code == 0, shown.err
+    assert (tmp_path / "wedge.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_fit_tells_people(duct, tracts):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +99,15 @@ def scale(x: float, y: float, z: float, last: float = 1.0) -> Any:
 
 
 # fmt: off
+
+
+class NotIterable:
+    """As a quantity of pint that is one number: it has ``__iter__``, which fails."""
+
+    def __iter__(self) -> Iterator[object]:
+        raise TypeError("'float' object is not iterable")
+
+
 REFUSALS: list[tuple[Callable[[], object], type[BozziniError], str, str]] = [
     (lambda: make_section(length=0.0), InputError, "section length is 0 mm", "(0, 100000] mm"),
     (lambda: make_section(length=math.nan),
@@ -140,7 +149,7 @@ REFUSALS: list[tuple[Callable[[], object], type[BozziniError], str, str]] = [
     (lambda: make_section(tendons=("a",)),
      InputError, "section tendons hold 'a'", "each must be a Tendon"),
     (lambda: make_section(tendons=make_tendon()),
-     InputError, "section tendons is Tendon(name='a', offset=4.0, angle=0.0, end=None,",
+     InputError, "section tendons is Tendon(name='a', offset=4.0, ",
      "a sequence of Tendon"),
     (lambda: make_section(tendons=None),
      InputError, "section tendons is None", "a sequence of Tendon"),
@@ -371,6 +380,10 @@ REFUSALS: list[tuple[Callable[[], object], type[BozziniError], str, str]] = [
     (lambda: ROBOT.inverse(PLACE, tolerence=0.1),
      InputError, "the inverse has no option 'tolerence'",
      "it has initial, starts, tolerance, angle_tolerance,"),
+    (lambda: ROBOT.forward([0.0, 0.0, 0.0], model=["arc"]),
+     InputError, "there is no model ['arc']", "arc, linkage, energy, rod"),
+    (lambda: make_section(tendons=NotIterable()),
+     InputError, "section tendons is ", "a sequence of Tendon"),
     (lambda: ROBOT.forward([0.0, 0.0, 0.0], model="pcc"),
      InputError, "there is no model 'pcc'", "choose one of arc, linkage, energy, rod"),
     (lambda: ROBOT.forward([0.0, 0.0, 0.0], steps=20),

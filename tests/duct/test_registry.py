@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -83,6 +87,26 @@ class Ball(DuctShape):
         away = self.stretch * np.linalg.norm(points, axis=-1) + self.value
         distance = away + self.bulge * np.abs(points).sum(axis=-1) - self.radius - self.inflation
         return distance if self.count == 1 else np.stack([distance] * self.count)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Balls(DuctShape):
+    """A union of balls, which leaves its columns to be checked by the base."""
+
+    name = "balls"
+    columns = {"place": ("places", "lengths"), "size": ("sizes", "length")}
+
+    places: np.ndarray
+    sizes: np.ndarray
+
+    @property
+    def bounds(self):
+        reach = (self.sizes + self.inflation)[:, None]
+        return [(self.places - reach).min(axis=0), (self.places + reach).max(axis=0)]
+
+    def signed_distance(self, points):
+        away = np.linalg.norm(np.asarray(points)[..., None, :] - self.places, axis=-1)
+        return (away - self.sizes).min(axis=-1) - self.inflation
 
 
 @pytest.fixture
@@ -174,6 +198,34 @@ def test_a_file_may_state_every_length_with_its_unit(name):
     assert read_shapes(data).signed_distance(points) == pytest.approx(wanted, abs=1e-9)
 
 
+@pytest.mark.slow
+def test_code_compiled_for_a_package_that_is_gone_harms_no_other(tmp_path):
+    field = "import numpy as np\nfrom bozzini.duct import SampledField\n"
+    field += "at = dict(spacing=np.ones(3), origin=np.zeros(3), rotation=np.eye(3))\n"
+    field += "values = np.full((2, 2, 2), -1.0, dtype=np.float32)\n"
+    field += "print(SampledField(values=values, **at).signed_distance([(0.5, 0.5, 0.5)]))"
+    torus = "from lost import PackedTorus\n"
+    torus += "print(PackedTorus(9.0, 2.0).signed_distance([(9, 0, 0)]))"
+    (tmp_path / "lost.py").write_bytes((Path(__file__).parent / "torus.py").read_bytes())
+    for code, answer in ((field, "[-1.]"), (torus, "[-2.]"), (field, "[-1.]")):
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=tmp_path,
+            env={
+                **os.environ,
+                "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+                "PYTHONPATH": os.pathsep.join(sys.path),
+            },
+            capture_output=True,
+            text=True,
+            timeout=250,
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.strip() == answer
+        if code == torus:
+            (tmp_path / "lost.py").unlink()
+
+
 def test_units_of_a_shape_of_another_package_are_its_quantities(monkeypatch):
     found = {"ball": EntryPoint("ball", f"{__name__}:Ball", DUCT_SHAPES.group)}
     monkeypatch.setitem(DUCT_SHAPES.__dict__, "plugins", found)
@@ -186,6 +238,22 @@ def test_units_of_a_shape_of_another_package_are_its_quantities(monkeypatch):
     ):
         with pytest.raises(InputError, match=message):
             read_shapes(data | {"shapes": [{"radius": radius}]})
+
+
+def test_columns_of_a_shape_of_another_package_become_arrays_of_one_length(monkeypatch):
+    found = {"balls": EntryPoint("balls", f"{__name__}:Balls", DUCT_SHAPES.group)}
+    monkeypatch.setitem(DUCT_SHAPES.__dict__, "plugins", found)
+    given = Balls(places=[[0, 0, 0], [0, 0, 5]], sizes=[3, 4])
+    again = read_shapes(write_shapes(given))
+    assert np.array_equal(again.places, given.places) and np.array_equal(again.sizes, [3.0, 4.0])
+    assert again.signed_distance((0, 0, 5)) == given.signed_distance((0, 0, 5)) == -4.0
+    for change, message in (
+        ({"sizes": [3.0]}, r"^sizes has 1 value\(s\): it must have one per row of places, 2"),
+        ({"sizes": ["3", "4"]}, r"^sizes must be an array of numbers of shape \(n,\)"),
+        ({"places": [[0, 0], [0, 5]]}, r"^places has shape \(2, 2\): it must be \(n, 3\)"),
+    ):
+        with pytest.raises(InputError, match=message):
+            replace(given, **change)
 
 
 @pytest.mark.parametrize(

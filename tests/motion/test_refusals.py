@@ -27,7 +27,9 @@ from bozzini.motion import (
     find_link_limits,
     move_free_chain,
     place_tail,
+    plan_insertion,
     replan,
+    verify_plan,
 )
 from bozzini.motion.recheck import recheck_motion, surface_wall
 from bozzini.thesis.traverse_bend import Bend, limit_by_turning
@@ -81,6 +83,18 @@ def hold(**arrays: np.ndarray) -> object:
 
 # fmt: off
 REFUSALS: list[tuple[Callable[[], object], type[InputError], str, str]] = [
+    # Things of another kind
+    (lambda: plan_insertion(TUBE, "middle", scope=SCOPE),
+     InputError, "line is 'middle'", "a Centreline"),
+    (lambda: plan_insertion(TUBE, LINE, scope=6.0), InputError, "scope is 6.0", "a Scope"),
+    (lambda: plan_insertion(TUBE, LINE, scope=SCOPE, options=[]),
+     InputError, "options is []", "a PlannerOptions"),
+    (lambda: FreeSpace(TUBE, LINE, "tube"), InputError, "introducer is 'tube'", "an Introducer"),
+    (lambda: PlannerOptions(advise="yes"), InputError, "advise is 'yes'", "a bool"),
+    (lambda: certify_motion("x", TUBE, radius=1.0), InputError, "joints is 'x'", "numbers"),
+    (lambda: certify_plan(None, TUBE), InputError, "plan is None", "a Plan"),
+    (lambda: verify_plan("mine"), InputError, "plan is 'mine'", "a Plan"),
+    (lambda: Plan.load(None), InputError, "plan is None", "the path of a file"),
     # Scopes, routes and options
     (lambda: Scope(diameter=0.0, link_length=5.0),
      InputError, "scope diameter is 0 mm", "[0.1, 500] mm"),

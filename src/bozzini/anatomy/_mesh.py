@@ -134,7 +134,7 @@ def find_nearest(
 
 
 def find_crossing(points: Vertices, faces: Faces, group: Integers | None = None) -> Mask:
-    """Say which triangles cross one of another group; without groups, any other triangle."""
+    """Return which triangles cross one of another group; without groups, any other triangle."""
     from .kernels.meshes import cross_groups
 
     faces = np.ascontiguousarray(faces)

@@ -320,7 +320,7 @@ def report_holes(openings: Sequence[Opening], small: Sequence[_mesh.Hole]) -> li
 def _check_ambiguous(
     points: Vertices, kept: Faces, lumen: Mask, grid: _Grid, source: str
 ) -> list[Finding]:
-    """Ask how often the triangles without caps wind about places in the lumen."""
+    """Find how often the triangles without caps wind about places in the lumen."""
     index = np.flatnonzero(lumen)
     index = index[:: max(1, len(index) // ASKED_VOXELS)]
     places = grid.place(np.stack(np.unravel_index(index, lumen.shape), axis=1))

@@ -16,6 +16,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checks import check_path
 from ..errors import BozziniError, FileFormatError, InputError
 from ..io.files import check_new_file, write_bytes
 from .frame import convert_frame
@@ -26,7 +27,7 @@ PathLike = str | os.PathLike[str]
 
 def has_suffix(path: PathLike, known: tuple[str, ...]) -> bool:
     """Whether a name ends in one of some suffixes, in small or capital letters."""
-    return os.fspath(path).lower().endswith(known)
+    return os.fspath(check_path("path", path)).lower().endswith(known)
 
 
 def check_file(path: PathLike) -> None:

@@ -313,6 +313,14 @@ def parse_pairs(
     return found
 
 
+def split_setting(option: str, text: str, form: str) -> tuple[str, str]:
+    """Return name and value of ``NAME=VALUE``, or raise `InputError`; `form` is what is legal."""
+    name, mark, value = (part.strip() for part in text.partition("="))
+    if not (name and mark and value):
+        raise InputError(f"{option} is '{text}': it must be {form}")
+    return name.replace("-", "_"), value
+
+
 # Options that arrive together, as one object: those of a dataclass, and where the answer goes.
 
 

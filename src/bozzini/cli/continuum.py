@@ -9,7 +9,7 @@ import dataclasses
 import math
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from ..continuum import CONTINUUM_MODELS
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError, PluginError
 from ..results import Json
+from ..units import parse_quantity
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -32,9 +33,11 @@ from .common import (
     format_rows,
     gather,
     make_option,
+    option,
     parse_pairs,
     run_exit,
     spell_option,
+    split_setting,
 )
 from .routing import design_command, rank_command
 
@@ -163,20 +166,38 @@ def make_consistent(
     return displacements - found.misfit, [note]
 
 
+def parse_settings(name: str, texts: Sequence[str]) -> dict[str, float | str]:
+    """Return the options of another package's model, from ``NAME=VALUE``."""
+    known = {
+        item.name: item.metadata["quantity"]
+        for item in dataclasses.fields(CONTINUUM_MODELS[name])
+        if "quantity" in item.metadata and item.name not in OPTIONS
+    }
+    found: dict[str, float | str] = {}
+    for text in texts:
+        key, value = split_setting("--set", text, "NAME=VALUE")
+        if key not in known:
+            legal = ", ".join(known) or "none"
+            raise InputError(f"--set names '{key}': the options of the {name} model are {legal}")
+        if key in found:
+            raise InputError(f"--set names '{key}' more than once: give it once")
+        found[key] = value if known[key].words else parse_quantity(value, known[key].kind)
+    return found
+
+
 def make_model(
-    name: str | None, robot: ContinuumRobot, given: Mapping[str, object], *, strict: bool = True
+    name: str, robot: ContinuumRobot, given: Mapping[str, object], *, strict: bool = True
 ) -> ContinuumModel:
     """Return the model that the options ask for; unless `strict`, others' options are left out."""
-    options = {option: value for option, value in given.items() if value is not None}
-    name = name or robot.choose_model(options)
+    options = {key: value for key, value in given.items() if value is not None}
     known = {item.name for item in dataclasses.fields(CONTINUUM_MODELS[name])}
     if name == "arc":
         known -= {"between"}  # its stations are for pictures only
-    for option in set(options) - known if strict else ():
-        item, models = OPTIONS[option]
+    for key in set(options) - known if strict else ():
+        item, models = OPTIONS[key]
         others = " and ".join(other for other in models if other != name)
         raise InputError(f"{spell_option(item)} is not for the {name} model: it is for {others}")
-    options = {option: value for option, value in options.items() if option in known}
+    options = {key: value for key, value in options.items() if key in known}
     for load in LOADS:
         if load in options and "tendon_stiffness" not in options:
             raise InputError(
@@ -257,6 +278,11 @@ def models_command(answer: Answer) -> None:
     help="By default arc for parallel tendons, energy for others, rod under loads.",
 )
 @model_options
+@option(
+    "--set settings NAME=VALUE",
+    "An option of another package's model; can be repeated.",
+    multiple=True,
+)
 @answer_options(
     ".csv", *PICTURES, quiet=False, help="A picture, or the backbone as a table (.csv)."
 )
@@ -265,6 +291,7 @@ def pose_command(
     displacement: str,
     model_name: str | None,
     given: Mapping[str, Any],
+    settings: tuple[str, ...],
     answer: Answer,
 ) -> None:
     """Find the shape of a robot under tendon displacements.
@@ -278,7 +305,8 @@ def pose_command(
     displacements, notes = make_consistent(
         robot, read_displacements(robot, displacement), given["tolerance"]
     )
-    model = make_model(model_name, robot, given)
+    name = model_name or robot.choose_model(given)
+    model = make_model(name, robot, {**given, **parse_settings(name, settings)})
     shape = model.find_shape(displacements)
     notes += model.notes
     result = {"model": model.name, "robot": describe_robot(robot), "file": None, "notes": notes}

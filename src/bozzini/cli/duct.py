@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..results import Json
-from ..study.options import PathOptions, ReadOptions, TractFitOptions
+from ..study.options import FITTED_KINDS, PathOptions, ReadOptions, TractFitOptions
 from ._tract_options import list_given, read_with_options, report_study, tract_options
 from .common import (
     EXIT_NEGATIVE,
@@ -23,11 +23,11 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from ..study.shapes import FitStudy, SectionStudy
     from ..study.traverse import LimitsStudy
-
-SUFFIXES = (".json", ".yaml", ".yml")
-"""Endings of a file of shapes."""
 
 _LIMITED_BY = {
     "wall": "the wall at {place} limits them",
@@ -92,14 +92,13 @@ def limits_command(
     what does not pass them may pass the tract. Exit code 0: the link passes (without --link: short
     ones do); 1: it does not, or these bounds do not decide it; 2: bad input.
     """
+    from ..duct.shape_files import SUFFIXES, load_shapes_file
     from ..plot.duct import draw_link_limits
     from ..study.traverse import run_limits
 
     given: Any
     fit = ""
     if source.suffix.lower() in SUFFIXES:
-        from ..duct.shape_files import load_shapes_file
-
         _check_shape_options(source, reading)
         file = load_shapes_file(source)
         given, fit = file.shapes, file.fit
@@ -240,6 +239,7 @@ def show_command(
 
     Of a tract: its inscribed circles, circles by least squares, and areas along the centreline.
     """
+    from ..duct.shape_files import SUFFIXES, load_shapes_file, write_shapes
     from ..errors import InputError
     from ..plot import duct as figures
 
@@ -257,8 +257,6 @@ def show_command(
     given = [*list_given(reading), *list_given(options)]
     if given and over is None:
         raise InputError(f"--{given[0]} has no effect on a file of shapes: give --over too")
-    from ..duct.shape_files import load_shapes_file, write_shapes
-
     file = load_shapes_file(source)
     data = write_shapes(file.shapes, fit=file.fit, note=file.note)
     low, high = file.shapes.bounds
@@ -270,7 +268,13 @@ def show_command(
     if over is not None:
         study = _cut_sections(over, reading, options, answer, 10.0)
         under = {"field": study.field, "line": study.line}
-    answer.draw(lambda: figures.draw_shapes(file.shapes, title=content, **under))
+
+    def draw() -> Figure | Axes:
+        if over is None and data["kind"] not in FITTED_KINDS:
+            return file.shapes.plot()
+        return figures.draw_shapes(file.shapes, title=content, **under)
+
+    answer.draw(draw)
     result = {"input": source.name, "pieces": count, "bounds_mm": [low, high], "file": answer.out}
     answer.give(data | result, text if answer.out is None else f"{text}\n{answer.out}")
 

@@ -28,6 +28,7 @@ from .common import (
     progress_bar,
     quiet_option,
     run_exit,
+    split_setting,
 )
 from .muscle_options import (
     make_class,
@@ -191,13 +192,6 @@ def _format_muscles(muscles: Mapping[str, Mapping[str, float]]) -> str:
     return format_rows(["muscle", *(heading for heading, _, _ in shown)], rows)
 
 
-def _split(option: str, item: str, form: str) -> tuple[str, str]:
-    name, mark, values = (part.strip() for part in item.partition("="))
-    if not (name and mark and values):
-        raise InputError(f"{option} is '{item}': it must be {form}")
-    return name.replace("-", "_"), values
-
-
 def _parse_number(option: str, name: str, text: str) -> float:
     """Return a value of a parameter of a study."""
     from ..effector.study import find_quantity
@@ -219,7 +213,7 @@ def _parse_values(item: str) -> tuple[str, Sequence[object]]:
 
     from ..units import parse_quantity
 
-    name, values = _split("--vary", item, "NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE")
+    name, values = split_setting("--vary", item, "NAME=LOW:HIGH:COUNT or NAME=VALUE,VALUE")
     if name == "segments":
         return name, _parse_segments(values)
     if name == "angles":
@@ -836,7 +830,7 @@ def least_command(
 
 def _parse_range(item: str) -> tuple[str, tuple[float, float]]:
     """Return the name and the two ends of one ``--between``."""
-    name, values = _split("--between", item, "NAME=LOW:HIGH")
+    name, values = split_setting("--between", item, "NAME=LOW:HIGH")
     parts = values.split(":")
     if len(parts) != 2:
         raise InputError(f"--between is '{item}': it must be NAME=LOW:HIGH")

@@ -212,7 +212,7 @@ class _Run:
             where = f"cannot write {error.filename}" if error.filename else "cannot write"
             return self._report("OutputError", f"{where}: {error.strerror}", EXIT_BAD_INPUT)
         except MemoryError:
-            message = "not enough memory: ask for less (a larger --voxel or --cell)"
+            message = "not enough memory: a larger --voxel or --cell needs less"
             return self._report("MemoryError", message, EXIT_BAD_INPUT)
         except Exception as error:
             return self._report_internal(error)

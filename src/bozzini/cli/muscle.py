@@ -80,7 +80,7 @@ def models_command(name: str | None, as_json: bool) -> None:
     mended; fitted, with constants to fit; partial, with a law missing that the paper named has.
     """
     from ..muscle import MODELS
-    from ..muscle.models import count_statuses, describe_card
+    from ..muscle.models import count_statuses, describe_card, describe_parameter
 
     if name is None:
         cards = list(MODELS.cards.values())
@@ -101,7 +101,18 @@ def models_command(name: str | None, as_json: bool) -> None:
         result |= {"broken": broken} if broken else {}
         emit(result, as_json=as_json, text="\n".join(lines))
         return
-    card = MODELS.choose(name).card
+    kind = MODELS.choose(name)
+    card, parameters = kind.card, kind.list_parameters()
+    if card is None and parameters:
+        about = next(iter((kind.__doc__ or "").strip().splitlines()), "")
+        plain = {
+            "name": name,
+            "title": about,
+            "parameters": list(map(dataclasses.asdict, parameters)),
+        }
+        lines = [f"{name}: {about}", *map(describe_parameter, parameters)]
+        emit(plain, as_json=as_json, text="\n".join(lines))
+        return
     if card is None:
         whose = "of another package" if name in MODELS.plugins else "this package's own"
         raise InputError(f"the model {name} is {whose} and has no card: see its documentation")
@@ -306,14 +317,14 @@ def fit_command(
 
     DATA is a .csv or .parquet file, see 'bozzini muscle compare --help'.
 
-    Exit code 0: fitted, and nothing speaks against the estimates; 1: fitted, but with warnings,
+    Exit code 0: fitted; 1: fitted, but with warnings,
     or no minimum was found; 2: bad input.
     """
     from ..muscle import FitOptions, calibrate, compare_models
 
     make, name = asked.make(), asked.model_name
-    card = list_kinds()[name].card
-    bounds = _parse_bounds(bound_texts, {i.name: i for i in card.parameters} if card else {})
+    own = {item.name: item for item in list_kinds()[name].list_parameters()}
+    bounds = _parse_bounds(bound_texts, own)
     data = table.read(asked.muscle)
     names = None if free is None else tuple(_name_field(part) for part in free.split(","))
     check_friction(asked.fields, data, free=names or ())

@@ -13,18 +13,20 @@ import click
 from ..checks import list_quantities
 from ..errors import InputError
 from ..muscle.design import Muscle
+from ..units import parse_quantity
 from .common import (
     ModelType,
     QuantityType,
     gather,
     make_option,
     option,
+    split_setting,
 )
 
 if TYPE_CHECKING:
     from ..muscle.data import Measurements
     from ..muscle.model import MuscleModel
-    from ..muscle.models import Card, ModelRegistry, Parameter
+    from ..muscle.models import ModelRegistry, Parameter
 
 CHOICES = {"ends": ("energy", ("none", "trellis")), "load_path": ("thesis", ("none", "bulk"))}
 """Choices that have an option of their own: the model, and the words; the first is the default.
@@ -216,7 +218,10 @@ def _describe_unused(option: str, names: Sequence[str]) -> str:
 
 def describe_model(model: MuscleModel) -> dict[str, object]:
     """Return the choices of a model, None where it has no such choice, and its constants."""
-    given: Mapping[str, object] = getattr(model, "keywords", {})
+    from ..muscle.models.card import make_parameters
+
+    own = {item.name: getattr(model, item.name) for item in make_parameters(type(model))}
+    given: Mapping[str, object] = getattr(model, "keywords", own)
     constants = {name: value for name, value in given.items() if not callable(value)}
     return {**{option: getattr(model, option, None) for option in CHOICES}, "constants": constants}
 
@@ -228,8 +233,8 @@ def set_option(function: _Function) -> _Function:
     """Add ``--set``, which can be repeated."""
     return option(
         "--set settings [MODEL.]NAME=VALUE",
-        "A constant of a model of the catalogue, see 'bozzini muscle models NAME'; can be "
-        "repeated. MODEL is needed where several have one of that name.",
+        "A constant of a model, see 'bozzini muscle models NAME'; can be repeated. MODEL is needed "
+        "where several have one of that name.",
         multiple=True,
     )(function)
 
@@ -245,30 +250,38 @@ def parse_settings(names: Sequence[str], texts: Sequence[str]) -> dict[str, dict
             raise InputError(
                 f"--set is '{text}': it must be NAME=VALUE or MODEL.NAME=VALUE, such as kappa1=0.5"
             )
-        card = _find_owner([model] if model in names else names, model, key)
-        if key in found[card.name]:
+        owner = _find_owner([model] if model in names else names, model, key)
+        if key in found[owner]:
             raise InputError(f"--set names {place} more than once: give it once")
-        found[card.name][key] = _parse_value(card, key, value)
+        found[owner][key] = _parse_value(owner, key, value)
     return found
 
 
-def _find_owner(names: Sequence[str], model: str, key: str) -> Card:
-    """Return the card of the one model of some that takes a constant."""
+def _list_keywords(name: str) -> tuple[str, ...]:
+    """Return the constants, choices and laws that a model takes."""
+    kind = list_kinds()[name]
+    if kind.card is not None:
+        return kind.card.keywords
+    return tuple(item.name for item in kind.list_parameters())
+
+
+def _find_owner(names: Sequence[str], model: str, key: str) -> str:
+    """Return the name of the one model of some that takes a constant."""
     kinds = list_kinds()
     if model and model not in names:
         known = "not among those taken" if model in kinds else "not known"
         raise InputError(
             f"--set names the model '{model}', which is {known}: it must be {_list_some(names)}"
         )
-    cards = [card for name in names if (card := kinds[name].card) and key in card.keywords]
-    if not cards:
+    owners = [name for name in names if key in _list_keywords(name)]
+    if not owners:
         raise InputError(f"--set names '{key}': {_describe_settable(names)}")
-    if len(cards) > 1:
+    if len(owners) > 1:
         raise InputError(
             f"--set names '{key}', which several models have: name the model, as in "
-            f"{cards[0].name}.{key}=VALUE; they are {_list_some([card.name for card in cards])}"
+            f"{owners[0]}.{key}=VALUE; they are {_list_some(owners)}"
         )
-    return cards[0]
+    return owners[0]
 
 
 def _list_some(names: Sequence[str]) -> str:
@@ -283,19 +296,24 @@ def _describe_settable(names: Sequence[str]) -> str:
     for name in names:
         card = list_kinds()[name].card
         laws = {law.name for law in card.laws} if card else set()
-        legal = [word for word in card.keywords if word not in laws] if card else []
+        legal = [word for word in _list_keywords(name) if word not in laws]
         parts.append(f"{name} takes {', '.join(legal) or 'no constants'}")
     return f"the model {' and '.join(parts)}"
 
 
-def _parse_value(card: Card, key: str, text: str) -> float | str:
+def _parse_value(model: str, key: str, text: str) -> float | str:
+    kind = list_kinds()[model]
+    card = kind.card
+    if card is None:
+        known = list_quantities(kind)[key]
+        return known.check(f"{key} of the model {model}", parse_quantity(text, known.kind))
     for item in card.parameters:
         if item.name == key:
             return card.check_parameter(key, parse_constant(item, text))
     for law in card.laws:
         if law.name == key:
             raise InputError(
-                f"{key} of the model {card.name} is a law, a function of "
+                f"{key} of the model {model} is a law, a function of "
                 f"{', '.join(law.arguments)}: it cannot be set here, give it in Python"
             )
     return card.check_choice(key, text)
@@ -303,8 +321,6 @@ def _parse_value(card: Card, key: str, text: str) -> float | str:
 
 def parse_constant(item: Parameter, text: str) -> float:
     """Return the value of a constant: a number in its unit, or a quantity where that is simple."""
-    from ..units import parse_quantity
-
     try:
         return float(text)
     except ValueError:
@@ -325,14 +341,8 @@ class DataRequest:
         """Return the measurements of a muscle."""
         from ..muscle.data import read_measurements
 
-        table = {}
-        for item in self.units:
-            name, mark, unit = item.partition("=")
-            if not (name and mark and unit):
-                raise InputError(
-                    f"--unit is '{item}': it must be COLUMN=UNIT, such as pressure=kPa"
-                )
-            table[name.strip()] = unit.strip()
+        form = "COLUMN=UNIT, such as pressure=kPa"
+        table = dict(split_setting("--unit", item, form) for item in self.units)
         data = read_measurements(self.source, muscle=muscle, units=table)
         return data.mean_of_directions() if self.take_mean else data
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,11 +20,13 @@ from ..vision.track import TrackOptions
 from .common import (
     EXIT_NEGATIVE,
     Answer,
+    Command,
     QuantityType,
     answer_options,
     format_rows,
     gather,
     make_option,
+    option,
     options_of,
     run_exit,
 )
@@ -51,6 +54,19 @@ jobs_option = click.option(
     help="Pictures read at the same time.",
 )
 strict_option = click.option("--strict", is_flag=True, help="Exit code 1 for what is flagged, too.")
+table_argument = click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
+
+
+def board_option(help: str, *, required: bool = True) -> Callable[[Command], Command]:
+    """Return the option ``--board``, the file that describes a board."""
+    kind = click.Path(path_type=Path)
+    return option("--board board_file BOARD.yaml", help, kind, required=required)
+
+
+def cameras_option(help: str, *, required: bool = True) -> Callable[[Command], Command]:
+    """Return the option ``--cameras``, a file of calibrated cameras."""
+    kind = click.Path(path_type=Path)
+    return option("--cameras cameras_file CAMERAS.yaml", help, kind, required=required)
 
 
 @command.command("board")
@@ -105,14 +121,7 @@ def board_command(kind: str, answer: Answer, **given: float | None) -> None:
 
 @command.command("calibrate")
 @click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
-@click.option(
-    "--board",
-    "board_file",
-    metavar="BOARD.yaml",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="The description of the board.",
-)
+@board_option("The description of the board.")
 @options_of(CalibrationOptions, "options")
 @jobs_option
 @answer_options(
@@ -188,15 +197,8 @@ def _describe_calibration(found: Calibration, target: Path) -> str:
 
 
 @command.command("track")
-@click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
-@click.option(
-    "--cameras",
-    "cameras_file",
-    metavar="CAMERAS.yaml",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="The calibrated cameras.",
-)
+@table_argument
+@cameras_option("The calibrated cameras.")
 @options_of(TrackOptions, "options")
 @jobs_option
 @strict_option
@@ -287,8 +289,8 @@ def _load_strips(path: Path | None) -> StripBoard:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Rig:
-    """The files of a set-up: the board, and the camera if it is calibrated."""
+class _LengthFiles:
+    """Files of the board, and of the camera if it is calibrated."""
 
     board_file: Path
     cameras_file: Path | None
@@ -306,30 +308,17 @@ class _Rig:
         return board, cameras[0]
 
 
-rig_options = gather(
-    "rig",
-    _Rig,
-    click.option(
-        "--board",
-        "board_file",
-        metavar="BOARD.yaml",
-        type=click.Path(path_type=Path),
-        required=True,
-        help="The description of the board of strips.",
-    ),
-    click.option(
-        "--cameras",
-        "cameras_file",
-        metavar="CAMERAS.yaml",
-        type=click.Path(path_type=Path),
-        help="The calibrated camera; without it --distance is needed.",
-    ),
+file_options = gather(
+    "files",
+    _LengthFiles,
+    board_option("The description of the board of strips."),
+    cameras_option("The calibrated camera; without it --distance is needed.", required=False),
 )
 
 
 @command.command("length")
-@click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
-@rig_options
+@table_argument
+@file_options
 @length_options
 @jobs_option
 @strict_option
@@ -340,7 +329,7 @@ rig_options = gather(
 )
 def length_command(
     table: Path,
-    rig: _Rig,
+    files: _LengthFiles,
     options: LengthOptions,
     jobs: int,
     strict: bool,
@@ -359,8 +348,8 @@ def length_command(
     from ..vision.pictures import read_manifest
     from ..vision.series import measure_series, write_series
 
-    board, camera = rig.load()
-    inputs = [table, rig.board_file, *([rig.cameras_file] if rig.cameras_file else [])]
+    board, camera = files.load()
+    inputs = [table, files.board_file, *([files.cameras_file] if files.cameras_file else [])]
     manifest = read_manifest(table, ("image", "pressure_kpa"))
     with reserve_directory(answer.target, force=answer.force):
         with answer.show_progress() as progress:
@@ -433,13 +422,7 @@ def demo_command(options: DemoOptions, answer: Answer) -> None:
 
 @command.command("plan-setup")
 @options_of(LengthSetup, "setup")
-@click.option(
-    "--board",
-    "board_file",
-    metavar="BOARD.yaml",
-    type=click.Path(path_type=Path),
-    help="The description of the board of strips, if it is not the usual one.",
-)
+@board_option("The description of the board of strips, if it is not the usual one.", required=False)
 @length_options
 @click.option(
     "--length",
@@ -497,15 +480,8 @@ def plan_setup_command(
 
 
 @command.command("shape")
-@click.argument("table", metavar="TABLE.csv", type=click.Path(path_type=Path))
-@click.option(
-    "--cameras",
-    "cameras_file",
-    metavar="CAMERAS.yaml",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="The two calibrated cameras.",
-)
+@table_argument
+@cameras_option("The two calibrated cameras.")
 @options_of(ShapeOptions, "options")
 @click.option(
     "--model",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number, check_points
+from ..checks import check_array, check_number, check_points, show_value
 from ..errors import InputError
 
 _Item = TypeVar("_Item")
@@ -18,7 +19,7 @@ _Item = TypeVar("_Item")
 def check_name(what: str, name: object) -> str:
     """Return a name as plain text that tables and the command line can hold."""
     if not isinstance(name, str) or not name.strip():
-        raise InputError(f"{what} name is {name!r}: it must be a text that is not empty")
+        raise InputError(f"{what} name is {show_value(name)}: it must be a text that is not empty")
     if name != name.strip() or not name.isprintable() or any(mark in name for mark in ",="):
         raise InputError(
             f"{what} name is {str(name)!r}: it must be printable, without ',' and '=', and "
@@ -30,7 +31,7 @@ def check_name(what: str, name: object) -> str:
 def check_text(what: str, given: object) -> str:
     """Return a text as a plain one."""
     if not isinstance(given, str):
-        raise InputError(f"{what} is {given!r}: it must be a text")
+        raise InputError(f"{what} is {show_value(given)}: it must be a text")
     return str(given)
 
 
@@ -40,7 +41,8 @@ def check_travel(name: str, travel: object) -> tuple[float, float]:
     pair = limits if travel is None else take_items(f"{name} travel", travel, "a pair in mm")
     if len(pair) != 2:
         raise InputError(
-            f"{name} travel is {travel!r}: it must be (smallest, largest) displacement in mm"
+            f"{name} travel is {show_value(travel)}: it must be (smallest, largest) displacement "
+            "in mm"
         )
     low, high = (
         free
@@ -57,9 +59,10 @@ def check_travel(name: str, travel: object) -> tuple[float, float]:
 
 def take_items(name: str, items: object, what: str) -> tuple[Any, ...]:
     """Return what `items` holds; one thing, text and mappings are no sequence."""
-    if isinstance(items, (str, bytes, dict)) or not isinstance(items, Iterable):
-        raise InputError(f"{name} is {items!r}: it must be {what}")
-    return tuple(items)
+    if not isinstance(items, (str, bytes, dict)) and isinstance(items, Iterable):
+        with suppress(TypeError):  # a quantity of pint has iter() and does not iterate
+            return tuple(items)
+    raise InputError(f"{name} is {show_value(items)}: it must be {what}")
 
 
 def check_items(name: str, items: object, kind: type[_Item]) -> tuple[_Item, ...]:
@@ -67,7 +70,7 @@ def check_items(name: str, items: object, kind: type[_Item]) -> tuple[_Item, ...
     found = take_items(name, items, f"a sequence of {kind.__name__}")
     for item in found:
         if not isinstance(item, kind):
-            raise InputError(f"{name} hold {item!r}: each must be a {kind.__name__}")
+            raise InputError(f"{name} hold {show_value(item)}: each must be a {kind.__name__}")
     return found
 
 

@@ -80,7 +80,7 @@ def spread_bends(sections: int) -> Floats:
     return np.asarray(np.sqrt(draws[..., 1:]) * unit)
 
 
-# The search behind the inverse: starts, the kernels' goal, and what is said of the result.
+# The search behind the inverse: starts, the kernels' goal, and the reasons in the result.
 
 STAGES = np.array([[60, 12, 0], [600, 601, 1]])
 """Most steps, steps in which the cost must fall by a tenth, and whether to use second

@@ -140,7 +140,7 @@ class ContinuumRobot(RobotDesign):
 
     def model(self, name: str | None = None, **options: Any) -> ContinuumModel:
         """Return a model of this robot, with its options; see `forward`."""
-        name = name or self.choose_model(options)
+        name = self.choose_model(options) if name is None else name
         kind = CONTINUUM_MODELS.choose(name)
         known = [field.name for field in dataclasses.fields(kind) if field.name != "robot"]
         for option in options:

@@ -160,7 +160,7 @@ def sample_workspace(
         If the tendons are not parallel, or the limits leave no shape at all.
     """
     check_integer("count", count, low=1, high=10_000_000)
-    check_integer("seed", seed, low=0)
+    seed = check_integer("seed", seed, low=0)
     cap = check_number("bend_cap", bend_cap, low=0.0, low_open=True, unit="rad")
     limits = find_limits(robot)
     discs, rows, low, high = limits.kernel

@@ -18,7 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_fields, check_number, check_points, show_value
 from ..errors import GeometryError, InputError
 from ..results import take_axes
-from .checks import check_places, check_rotation, check_wall, set_fields
+from .checks import (
+    check_counts,
+    check_places,
+    check_rotation,
+    check_wall,
+    freeze_array,
+    set_fields,
+)
 from .packed import ROUNDING, GridData, Packed, ShapesData, shift_wall
 from .search import find_least
 
@@ -455,10 +462,25 @@ class DuctShape(Duct):
     def __post_init__(self) -> None:
         """Check the inflation, the wall error, and the fields made by `quantity`.
 
-        A class that checks more calls this too.
+        Of another package's shape also the fields of `columns`, which become arrays: as many rows
+        in each, in space unless the class has ``dim = 2``. A class that checks more calls this too.
         """
         check_wall(self.inflation, self.wall_error)
         check_fields(self)
+        if self.columns and not type(self).__module__.startswith(f"{__name__.partition('.')[0]}."):
+            self._take_columns()
+
+    def _take_columns(self) -> None:
+        size = getattr(type(self), "dim", 3)
+        size = size if isinstance(size, int) else 3
+        shapes = {"lengths": (size,), "numbers": (size,), "axes": (size, size)}
+        found = {
+            name: freeze_array(name, getattr(self, name), shapes.get(form, ()))
+            for name, form in self.columns.values()
+        }
+        first = next(iter(found))
+        check_counts(len(found[first]), found, per=f"row of {first}")
+        set_fields(self, **found)
 
 
 class PackedDuct(Duct):

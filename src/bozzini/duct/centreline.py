@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points, check_range
+from ..checks import check_number, check_points, check_range, show_value
 from ..errors import GeometryError, InputError
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 from ..progress import Progress, no_progress
@@ -310,7 +310,7 @@ class LumenGraph:
         return text
 
     def measure_depth(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Room at points (n, 3) of the grid frame, before inflation [mm]."""
+        """Distance to the wall at points (n, 3) of the grid frame, before inflation [mm]."""
         return -self.field.signed_distance(self.field.to_world(points))
 
     def measure_slope(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -519,11 +519,17 @@ def find_centreline(
             f"field is a {type(field).__name__}: it must be a SampledField, which build_field "
             "makes of a tract and sample() of a duct"
         )
+    try:
+        start_given, end_given = ends
+    except (TypeError, ValueError):
+        raise InputError(
+            f"ends is {show_value(ends)}: it must be a pair of points (3,) or None"
+        ) from None
     progress("centreline", 0.0)
     graph = LumenGraph(field)
     areas = (graph.locate_region("start", regions[0]), graph.locate_region("end", regions[1]))
-    start_nodes = graph.locate("start", ends[0], areas[0])
-    end_nodes = graph.locate("end", ends[1], areas[1])
+    start_nodes = graph.locate("start", start_given, areas[0])
+    end_nodes = graph.locate("end", end_given, areas[1])
     start, goal = _choose_ends(graph, start_nodes, end_nodes)
     progress("centreline", 0.6)
     nodes = _find_path_via(graph, start, goal, via)

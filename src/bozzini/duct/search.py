@@ -124,14 +124,14 @@ def find_split(
     links: NDArray[np.bool_] | None = None,
     far: NDArray[np.bool_] | None = None,
 ) -> tuple[int, int] | None:
-    """Return two shapes between which a union is not connected; None if it hangs together.
+    """Return two shapes between which a union is not connected; None if it is.
 
     Parameters
     ----------
     gaps : (n, n) float
-        How far apart two shapes are about [mm]: the nearest are asked first, and named.
+        How far apart two shapes are about [mm]: the nearest are tried first, and named.
     meet : callable
-        Takes two indices, returns whether these shapes overlap. It is only asked of shapes that
+        Takes two indices, returns whether these shapes overlap. It is called only for shapes that
         are not connected already, neighbours in order first, until all do.
     links : (n, n) bool, optional
         Pairs that are known to overlap.
@@ -141,7 +141,7 @@ def find_split(
     Returns
     -------
     (int, int) or None
-        The nearest two shapes of which one hangs together with the first shape.
+        The nearest two shapes of which one is connected with the first shape.
     """
     from scipy.sparse.csgraph import connected_components
 
@@ -169,7 +169,7 @@ def find_split(
 def link_gauges(
     centres: NDArray[np.float64], gauges: NDArray[np.float64], levels: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Say which convex shapes surely overlap, by what they hold of the lines between centres.
+    """Return which convex shapes surely overlap, by what they hold of the lines between centres.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
-from ..checks import Quantity, check_word, list_quantities, quantity, show_value
+from ..checks import Quantity, check_path, check_word, list_quantities, quantity
 from ..errors import FileFormatError, InputError, PluginError
 from ..io.files import check_new_file, write_text
 from ..io.records import format_yaml, load_data, read_record
@@ -104,7 +104,7 @@ def save_shapes(
     InputError
         If the duct has no such form, or `fit` is another.
     """
-    target = Path(path)
+    target = check_path("path", path)
     check_shapes_target(target, force=force)
     data = write_shapes(duct, fit=fit, note=note)
     if target.suffix.lower() == ".json":
@@ -139,9 +139,7 @@ def load_shapes_file(path: str | os.PathLike[str]) -> ShapesFile:
         If the file is missing, is not JSON or YAML, is of a later version, or holds a shape that
         is none: the message names its number and the value.
     """
-    if not isinstance(path, (str, os.PathLike)):
-        raise InputError(f"path is {show_value(path)}: it must be the path of a file")
-    source = Path(path)
+    source = check_path("path", path)
     if source.suffix.lower() not in SUFFIXES:
         raise FileFormatError(
             f"{source} ends in '{source.suffix}': shapes are in {', '.join(SUFFIXES)}"

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_range, take_named
+from ..checks import check_array, check_range, show_value, take_named
 from ..errors import InputError
 from ..muscle import EnergyMuscle, Muscle, MuscleModel
 from ..muscle.model import NUMBERS_LIMIT
@@ -100,7 +100,7 @@ class EffectorModel:
                 f"design is a {type(self.design).__name__}: it must be an EffectorDesign"
             )
         if not callable(self.model):
-            raise InputError(f"model is {self.model!r}: it must be a class or a function")
+            raise InputError(f"model is {show_value(self.model)}: it must be a class or a function")
         models = tuple(self.model(placed.muscle) for placed in self.design.muscles)
         for built in models:
             if not isinstance(built, MuscleModel):

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from ..checks import check_path
 from ..errors import OutputError
 
 
@@ -25,7 +26,7 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], None]
     OutputError
         If the place cannot be written; nothing is left behind.
     """
-    target = Path(path)
+    target = check_path("path", path)
     try:
         handle, name = tempfile.mkstemp(
             dir=target.parent, prefix=f".{target.stem[:16]}.", suffix=target.suffix
@@ -71,7 +72,7 @@ def check_new_file(
         If it ends otherwise, is a directory, exists and may not be replaced, or its place takes
         no new file.
     """
-    target = Path(path)
+    target = check_path("path", path)
     if target.suffix.lower() not in suffixes:
         raise OutputError(
             f"{target} ends in '{target.suffix}': it must end in {', '.join(suffixes)}"
@@ -460,7 +461,7 @@ def _find_matplotlib_config() -> str:
 
 
 def _takes_files(folder: str) -> bool:
-    """Say whether a directory can be made, if need be, and written: permissions are not all."""
+    """Return whether a directory can be made, if need be, and written: permissions are not all."""
     if not folder:
         return False
     try:

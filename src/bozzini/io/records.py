@@ -38,7 +38,7 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, check_points, list_quantities, show_value
+from ..checks import Quantity, check_path, check_points, list_quantities, show_value
 from ..errors import FileFormatError, InputError
 from ..results import Json, to_plain
 from ..units import parse_quantity
@@ -132,7 +132,7 @@ def load_record(path: str | os.PathLike[str], record: type[_Record], *, name: st
     FileFormatError
         One line that names the file, and the line or the field.
     """
-    source = Path(path)
+    source = check_path("path", path)
     try:
         return read_record(load_data(source), record, name=name)
     except FileFormatError:
@@ -156,7 +156,7 @@ def save_record(record: object, path: str | os.PathLike[str], *, note: str = "")
     OutputError
         If the file cannot be written; then there is none.
     """
-    target = Path(path)
+    target = check_path("path", path)
     data = write_record(record)
     if target.suffix.lower() == ".json":
         return write_text(target, json.dumps(data, indent=2) + "\n")
@@ -171,7 +171,7 @@ def load_data(path: str | os.PathLike[str]) -> object:
     FileFormatError
         If the file cannot be read, is neither, gives a field twice, or refers to itself.
     """
-    source = Path(path)
+    source = check_path("path", path)
     try:
         text = source.read_text(encoding="utf-8")
     except OSError as error:

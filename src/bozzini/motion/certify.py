@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, quantity
+from ..checks import check_array, check_number, quantity
 from ..duct.base import Duct
 from ..errors import InputError
 from .space import FreeSpace
@@ -114,7 +114,7 @@ def certify_motion(
 
     space = space if isinstance(space, FreeSpace) else FreeSpace(space)
     duct, introducer = space.duct, space.introducer
-    array = np.asarray(joints, dtype=np.float64)
+    array = check_array("joints", joints)
     if array.ndim != 3 or array.shape[1] < 2 or not np.all(np.isfinite(array)):
         raise InputError(f"joints of shape {array.shape} must be finite and (steps, joints, dim)")
     if array.shape[2] != duct.dim:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import Quantity, check_number, name_at, quantity
+from ..checks import Quantity, check_number, check_path, name_at, quantity
 from ..duct.centreline import Centreline
 from ..errors import FileFormatError, InputError
 from ..io import records
@@ -605,7 +605,7 @@ class Plan(Result):
             has the wrong shape; if ``status``, ``certified`` or the certificate is not what the
             rest of the file allows.
         """
-        source = Path(path)
+        source = check_path("plan", path)
         meta, arrays = _read_archive(source)
         try:
             texts = {name: meta.pop(name, None) for name in _TEXTS}

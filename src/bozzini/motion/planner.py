@@ -12,7 +12,7 @@ from typing import ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_array, check_number, check_word, show_value
+from ..checks import check_array, check_kind, check_number, check_word, show_value
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..errors import InputError, PluginError
@@ -137,7 +137,10 @@ class Planner(ABC):
         PluginError
             If another package's planner gives a motion that is none, or not that of its path.
         """
-        options = options or PlannerOptions()
+        options = PlannerOptions() if options is None else options
+        check_kind("space", space, FreeSpace)
+        check_kind("scope", scope, Scope)
+        check_kind("options", options, PlannerOptions)
         self.check(scope, options)
         line = space.centreline
         check_link(scope, line)

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
 
-from ..checks import check_fields, check_number, quantity, show_value
+from ..checks import check_fields, check_kind, check_number, quantity, show_value
 from ..errors import InputError
 from ..registry import Registry
 
@@ -111,6 +111,7 @@ class PlannerOptions:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        check_kind("advise", self.advise, bool)
         object.__setattr__(self, "route", check_route(self.route))
 
 

@@ -25,6 +25,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..checks import check_kind
 from ..duct.base import Duct, check_duct
 from ..duct.centreline import Centreline, find_clear_path
 from ..duct.checks import set_fields
@@ -282,6 +283,10 @@ class FreeSpace:
 
     def __post_init__(self) -> None:
         check_duct("duct", self.duct)
+        if self.line is not None:
+            check_kind("line", self.line, Centreline)
+        if self.introducer is not None:
+            check_kind("introducer", self.introducer, Introducer)
         set_fields(self, data=self.duct.pack())
 
     @classmethod

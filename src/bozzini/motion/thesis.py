@@ -40,7 +40,6 @@ class ThesisPlanner(Planner):
     """
 
     name: ClassVar[str] = "thesis"
-    help: ClassVar[str] = "joints only"
     ignored: ClassVar[tuple[str, ...]] = ("slip", "angle_limit", "route")
 
     def move(

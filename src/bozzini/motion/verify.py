@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..anatomy.read import hash_input, read_tract
 from ..anatomy.tract import LabelTract, SurfaceTract
-from ..checks import check_number
+from ..checks import check_kind, check_number
 from ..duct.base import Duct
 from ..duct.field import RefinedField, SampledField, build_field, refine_field
 from ..errors import InputError
@@ -152,6 +152,7 @@ def certify_plan(
     InputError
         If the plan has no scope.
     """
+    check_kind("plan", plan, Plan)
     return certify_motion(
         plan.joints,
         FreeSpace(duct, introducer=plan.introducer),
@@ -228,6 +229,7 @@ def verify_plan(
     InputError
         If the duct has not the plan's dimensions, or the plan lacks its scope.
     """
+    check_kind("plan", plan, Plan)
     checks = check_consistency(plan)
     if duct is None:
         return Verification(plan=plan, checks=checks)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_number
+from ..checks import check_array, check_number, check_path
 from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
 from ..io.files import write_text
 from ..results import Json, take_axes
@@ -388,7 +388,7 @@ def read_measurements(
     MissingExtraError
         If a Parquet file is given and ``pyarrow`` is not installed.
     """
-    path = Path(path)
+    path = check_path("path", path)
     suffix = path.suffix.lower()
     if suffix in _PARQUET_SUFFIXES:
         sheet = _read_parquet(path)
@@ -440,7 +440,7 @@ def write_measurements(path: str | os.PathLike[str], data: Measurements) -> Path
     OutputError
         If the file cannot be written.
     """
-    return write_text(Path(path), data.to_frame().to_csv(index=False, lineterminator="\n"))
+    return write_text(path, data.to_frame().to_csv(index=False, lineterminator="\n"))
 
 
 def check_length(where: str, length: float, strand: float) -> float:

@@ -24,9 +24,8 @@ from .problem import (
     draw_point,
     guess_constants,
     list_own,
-    name_default_fields,
+    list_parameters,
     predict_contraction,
-    split_model,
 )
 
 if TYPE_CHECKING:
@@ -391,15 +390,10 @@ def choose_free(
 ) -> tuple[Callable[..., MuscleModel], tuple[str, ...], dict[str, str]]:
     """Return what makes the model, what is free, and what is held and why."""
     build, held = model_class, {}
-    kind, given = split_model(model_class)
-    constants = () if kind is None else kind.card.parameters
-    known = {item.name for item in constants if item.name in given}
+    known = {item.name for item in list_parameters(model_class)} - set(own)
     if free is None:
-        if kind is None:
-            free = name_default_fields(model_class)
-        else:
-            unknowns = choose_unknowns(model_class, muscle, data)
-            build, free, held = unknowns.build, unknowns.free, unknowns.held
+        unknowns = choose_unknowns(model_class, muscle, data)
+        build, free, held = unknowns.build, unknowns.free, unknowns.held
     names = tuple(dict.fromkeys(free))
     if not names:
         raise InputError("no parameter is free: name one or more")
@@ -425,14 +419,11 @@ def choose_constants(
     start: Mapping[str, float] | None,
 ) -> dict[str, float]:
     """Return where the free constants of the model start."""
-    kind, _ = split_model(model_class)
     for name in start or {}:
         if name not in own or name not in names:
             legal = ", ".join(name for name in names if name in own) or "none"
             raise InputError(f"a start is given for {name}: the free constants are {legal}")
-    if kind is None:
-        return {}
-    guess = {**guess_constants(kind, muscle), **(start or {})}
+    guess = {**guess_constants(model_class, muscle), **(start or {})}
     constants = {}
     for name, (low, high) in zip(names, limits, strict=True):
         if name in own:
@@ -530,7 +521,7 @@ class Calibration(Result):
 
     @property
     def trusted(self) -> bool:
-        """Whether the fit converged and nothing speaks against its estimates."""
+        """Whether the fit converged without warnings."""
         return self.converged and not self.warnings
 
     @property
@@ -734,8 +725,7 @@ def _conclude(
     from scipy.stats import t as student
 
     free, residuals = problem.free, -np.asarray(found.fun)
-    constants = () if fitted.card is None else fitted.card.parameters
-    units = {**PARAMETER_UNITS, **{item.name: item.unit for item in constants}}
+    units = PARAMETER_UNITS | {item.name: item.unit for item in fitted.list_parameters()}
     freedom = len(residuals) - len(free)
     sigma = float(np.sqrt(residuals @ residuals / freedom))
     jacobian = np.asarray(found.jac) / problem.scales

@@ -23,7 +23,7 @@ from .hysteresis import Hysteresis
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from .models.card import Card
+    from .models.card import Card, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -173,7 +173,7 @@ class MuscleModel(ABC):
     unused : tuple of str
         Fields of `Muscle` that make no difference to the model.
     fit_fields : tuple of str
-        Fields of `Muscle` that a fit frees by default.
+        Fields of `Muscle`, and numbers of `list_parameters`, that a fit frees by default.
     choices : mapping
         Keywords of the constructor that take a word, and their words; the first is the default.
     takes_load : bool
@@ -239,6 +239,17 @@ class MuscleModel(ABC):
         ConvergenceError
             If the solver stops short of its tolerance; `solve` reports where.
         """
+
+    @classmethod
+    def list_parameters(cls) -> tuple[Parameter, ...]:
+        """Return the numbers that the model takes beside the muscle, which a fit can free.
+
+        They are those of its card. Without a card they are the fields of a dataclass that are made
+        by `bozzini.checks.quantity`.
+        """
+        from .models.card import make_parameters
+
+        return make_parameters(cls) if cls.card is None else cls.card.parameters
 
     @property
     def takes_load(self) -> bool:
@@ -358,6 +369,7 @@ class MuscleModel(ABC):
         """
         most = check_number("pressure", pressure, low=0.0, low_open=True, unit="MPa")
         first = check_number("lowest", lowest, low=0.0, high=most, unit="MPa")
+        load = check_number("load", load, low=0.0, high=LOAD_LIMIT, unit="N")
         axes = take_axes(ax, x="pressure [kPa]", y="contraction [mm]")
         over = np.linspace(first, most, CURVE_POINTS)
         axes.plot(1e3 * over, self.contraction(over, load), label=self.name)
@@ -474,11 +486,12 @@ def parse_direction(direction: ArrayLike | None) -> Floats:
         return np.asarray(0.0)
     if isinstance(direction, str) and direction in DIRECTIONS:
         return np.asarray(DIRECTIONS[direction])
-    words = np.asarray(direction)
     try:
+        words = np.asarray(direction)
         signs = [DIRECTIONS["" if word is None else str(word)] for word in words.ravel().tolist()]
-    except KeyError as error:
+    except (KeyError, ValueError) as error:  # no such word, or no array
+        shown = f"'{error.args[0]}'" if isinstance(error, KeyError) else show_value(direction)
         raise InputError(
-            f"direction is '{error.args[0]}': it must be 'inflating', 'deflating' or empty"
+            f"direction is {shown}: it must be 'inflating', 'deflating' or empty"
         ) from None
     return np.asarray(signs, dtype=np.float64).reshape(words.shape)

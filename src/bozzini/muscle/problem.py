@@ -386,11 +386,17 @@ def split_model(
     return (make if found else None), given  # type: ignore[return-value]
 
 
+def list_parameters(model_class: Callable[..., MuscleModel]) -> tuple[Parameter, ...]:
+    """Return the constants that a model has beside the muscle."""
+    kind, _ = unwrap(model_class)
+    is_model = isinstance(kind, type) and issubclass(kind, MuscleModel)
+    return kind.list_parameters() if is_model else ()  # type: ignore[attr-defined]
+
+
 def list_own(model_class: Callable[..., MuscleModel]) -> dict[str, Parameter]:
-    """Return the constants that a model has beside the muscle and that are not given, by name."""
-    kind, given = split_model(model_class)
-    items = () if kind is None else kind.card.parameters
-    return {item.name: item for item in items if item.name not in given}
+    """Return the constants of a model that are not given, by name."""
+    _, given = unwrap(model_class)
+    return {item.name: item for item in list_parameters(model_class) if item.name not in given}
 
 
 def list_unused(model_class: Callable[..., MuscleModel]) -> tuple[str, ...]:
@@ -419,16 +425,18 @@ def choose_unknowns(
     """
     wanted = name_default_fields(model_class) if fields is None else fields
     kind, given = split_model(model_class)
-    if kind is None:
+    known = list_own(model_class)
+    wanted = tuple(name for name in wanted if name not in {*known, *given})
+    if kind is None and not any(item.source == "fitted" for item in known.values()):
         return Unknowns(fields=wanted, start={}, held={}, build=model_class)
-    guess = {**guess_constants(kind, muscle), **given}
-    held = _find_unsupported(kind, given)
+    begin = guess_constants(model_class, muscle)
+    guess = {**begin, **given}
+    held = {} if kind is None else _find_unsupported(kind, given)
     own = {
         item.name: item
-        for item in sorted(kind.card.parameters, key=lambda item: item.source != "fitted")
-        if item.name not in given and item.name not in held and _is_unknown(item, given)
+        for item in sorted(known.values(), key=lambda item: item.source != "fitted")
+        if item.name not in held and _is_unknown(item, given)
     }
-    begin = guess_constants(kind, muscle)
     start = {name: begin[name] for name in own}
     build = _hold(model_class, guess, start)
     build(muscle, **start)  # raises if a law is missing
@@ -453,13 +461,17 @@ def choose_unknowns(
     )
 
 
-def guess_constants(kind: type[CatalogueModel], muscle: Muscle) -> dict[str, float]:
+def guess_constants(model_class: Callable[..., MuscleModel], muscle: Muscle) -> dict[str, float]:
     """Return where a fit of each constant may begin, those included that not every fit needs.
 
-    Where the model has no guess: the muscle's length for a length, else the middle of the bounds.
+    A model outside the catalogue begins at its defaults. Without a guess or a default it is the
+    muscle's length for a length, else the middle of the bounds.
     """
-    guess = kind.guess_parameters(muscle)
-    for item in kind.card.parameters:
+    kind, _ = split_model(model_class)
+    items = list_parameters(model_class)
+    defaults = {item.name: item.default for item in items if item.default is not None}
+    guess = defaults if kind is None else kind.guess_parameters(muscle)
+    for item in items:
         low, high = item.bounds
         middle = muscle.active_length if item.unit == "mm" else 0.5 * (low + high)
         if item.source == "fitted":

@@ -650,7 +650,7 @@ def rank(
     if not names and not refused:
         raise InputError("there are 0 models to rank: give 1 or more")
     check_word("criterion", criterion, CRITERIA)
-    check_integer("seed", seed, low=0)
+    seed = check_integer("seed", seed, low=0)
     check_largest(data)
     parts = _choose_parts(data, folds, seed)
     if criterion == "cv" and not parts:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
+from ..muscle.design import LOCKING_ANGLE
 from ..numeric.roots import bisect
 from .style import (
     AMBER,
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 
 # Drawn without pyplot; `bozzini.plot.write_figure` writes the figures. Pressures are in kPa.
 
-LOCKING_ANGLE = math.degrees(math.atan(math.sqrt(2.0)))
 _MARKS = {"inflating": "^", "deflating": "v", "": "o"}
 _PRESSURE = "pressure [kPa]"
 _CONTRACTION = "contraction [mm]"
@@ -238,9 +238,10 @@ def draw_braid_angle(
     for style, (name, model) in zip(_list_styles(models), models.items(), strict=True):
         state = model.solve(over, load, direction=direction)
         axes.semilogx(1e3 * over, np.degrees(state.braid_angle), label=name, **style)
-    axes.axhline(LOCKING_ANGLE, color=INK, linewidth=1.0, linestyle=(0, (1, 1.5)))
+    locking = math.degrees(LOCKING_ANGLE)
+    axes.axhline(locking, color=INK, linewidth=1.0, linestyle=(0, (1, 1.5)))
     axes.text(
-        0.01, LOCKING_ANGLE, f"locking, {LOCKING_ANGLE:.2f}°", va="bottom", fontsize=9, color=INK,
+        0.01, locking, f"locking, {locking:.2f}°", va="bottom", fontsize=9, color=INK,
         transform=axes.get_yaxis_transform(),
     )  # fmt: skip
     axes.set(xlabel=_PRESSURE, ylabel="braid angle [°]", xlim=1e3 * over[[0, -1]])

@@ -415,8 +415,8 @@ def _find_entry_direction(plan: Plan, length: float) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SoftWall:
-    """A wall that may give centreline.
+class WallContact:
+    """How far a soft wall may be displaced, and the contact with it.
 
     Parameters
     ----------
@@ -450,7 +450,7 @@ class PlanClearance:
         Arc length along the tract of the estimate [mm].
     inflation : float
         How far the wall was moved outwards for all of this [mm].
-    soft : SoftWall or None
+    soft : WallContact or None
         Set where the wall was allowed to give way and had to.
     """
 
@@ -459,7 +459,7 @@ class PlanClearance:
     estimate: float | None
     place: float | None
     inflation: float
-    soft: SoftWall | None
+    soft: WallContact | None
 
 
 def read_clearance(plan: Plan, summary: Record) -> PlanClearance:
@@ -499,7 +499,7 @@ def read_clearance(plan: Plan, summary: Record) -> PlanClearance:
 
 def _read_soft_wall(
     plan: Plan, summary: Record, estimate: float | None, place: float | None
-) -> SoftWall | None:
+) -> WallContact | None:
     record, own = read_part(summary, "soft_wall"), plan.soft_wall
     if not record and own is not None:
         record = {
@@ -519,7 +519,7 @@ def _read_soft_wall(
     if contact is None:
         contact = -min(0.0, estimate or 0.0)
     where = read_number(record, "contact_where_mm")
-    return SoftWall(
+    return WallContact(
         allowed=allowed,
         used=used,
         contact=max(0.0, contact),

@@ -7,3 +7,7 @@ from .report import write_report
 __all__ = [
     "write_report",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

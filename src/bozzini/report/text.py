@@ -13,7 +13,7 @@ from ..plot.plan_data import (
     METHOD_NAMES,
     PlanClearance,
     Record,
-    SoftWall,
+    WallContact,
     ceil_mm,
     find_link_length,
     find_radius,
@@ -281,7 +281,7 @@ def _describe_tested(largest: Record, key: str, other: str, name: str) -> str:
     return "" if value is None else f", at {value:g} mm {name}"
 
 
-def _list_contact(soft: SoftWall | None) -> list[tuple[str, str]]:
+def _list_contact(soft: WallContact | None) -> list[tuple[str, str]]:
     if soft is None:
         return []
     return [

@@ -10,7 +10,7 @@ from ..motion.refusal import floor_mm
 from ..plot.plan_data import (
     PlanClearance,
     Record,
-    SoftWall,
+    WallContact,
     find_radius,
     read_centreline,
     read_clearance,
@@ -235,7 +235,7 @@ def _judge_stopped(plan: Plan, summary: Record, known: PlanClearance, scope: str
     return Verdict(tone="red", label="Stopped", sentence=sentence, notes=notes)
 
 
-def _judge_contact(reaches: str, known: PlanClearance, soft: SoftWall) -> Verdict:
+def _judge_contact(reaches: str, known: PlanClearance, soft: WallContact) -> Verdict:
     if not known.certified and soft.contact > soft.used:
         return Verdict(
             tone="red",
@@ -250,7 +250,7 @@ def _judge_contact(reaches: str, known: PlanClearance, soft: SoftWall) -> Verdic
     )
 
 
-def _describe_contact(known: PlanClearance, soft: SoftWall) -> str:
+def _describe_contact(known: PlanClearance, soft: WallContact) -> str:
     if soft.contact > 0.0:
         text = f"it pushes the wall outwards by up to {soft.contact:.2f} mm{_at(soft.place)}"
     else:

@@ -9,3 +9,7 @@ __all__ = [
     "SceneOptions",
     "write_scene",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -20,7 +20,7 @@ from ..anatomy.frame import convert_frame
 from ..anatomy.tract import Finding, LabelTract, SurfaceTract
 from ..continuum import ContinuumRobot
 from ..duct import Centreline, SampledField, build_field
-from ..duct.field import RefinedField, refine_field
+from ..duct.field import RefinedField, check_tract, refine_field
 from ..errors import PluginError
 from ..io.files import new_directory, write_bytes, write_text
 from ..motion import (
@@ -491,6 +491,7 @@ def run_insertion(
         If an input is not legal; a scope that does not fit is a result, not an error.
     """
     options = InsertionOptions() if options is None else options
+    check_tract("tract", tract)
     options.check(scope)
     times: dict[str, float] = {}
     places = resolve_places(tract, options.start, options.end, options.via)

@@ -209,8 +209,8 @@ def measure_mesh(vertices: ArrayLike, faces: ArrayLike) -> NDArray[np.float64]:
 def printed_curve(first: ArrayLike, second: ArrayLike, radius: float) -> NDArray[np.float64]:
     """Return the thesis's relative curvature of a graph as printed [1/mm]; its sign is wrong.
 
-    ``z'' / (1 + z'^2)^(3/2) - 1/R``, said to be positive where a circle rolls. A flat wall gives
-    -1/R.
+    ``z'' / (1 + z'^2)^(3/2) - 1/R``, positive, by the thesis, where a circle rolls. A flat wall
+    gives -1/R.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import assume
 from hypothesis import strategies as st
 
+from bozzini.checks import list_quantities
 from bozzini.errors import InputError
 from bozzini.muscle import ConvergenceError, Muscle, MuscleModel
 from bozzini.muscle.models import MODELS, CatalogueModel
@@ -58,7 +59,7 @@ def find_unused(make: Callable[[Muscle], CatalogueModel], load: float = 0.1) -> 
         state = model.solve(0.5, load, direction=WAYS[:2])
         return [*state.contraction, *state.length, *state.braid_angle, *state.contact_pressure]
 
-    changes = {field: 1.01 * getattr(MUSCLE, field) for field in vars(MUSCLE)}
+    changes = {field: 1.01 * getattr(MUSCLE, field) for field in list_quantities(Muscle)}
     changes |= {"strands": 28, "mooney_ratio": 0.1, "friction_length": 0.01, "end_length": 3.0,
                 "poisson_ratio": 0.4}  # fmt: skip
     return {

@@ -11,9 +11,11 @@ where the point may be outside. `clearance_estimate` is the best estimate of it,
 
 from __future__ import annotations
 
+import functools
 import math
 
 from numba import njit, types
+from numba.core.caching import IndexDataCacheFile
 from numba.extending import overload
 
 from ...errors import InputError
@@ -219,6 +221,27 @@ _KERNELS = {
     ShapesData: (family_bound, family_estimate, family_slope),
 }
 """Bound, estimate and slope of each kind of packed duct."""
+
+
+def _forgive_lost_classes():
+    """Let an index of compiled code that names a class of a package that is gone count as empty.
+
+    Numba's index of a function lists its signatures; one with a packed duct of another package
+    could otherwise not be read without that package, nor could any of ours beside it.
+    """
+    load = IndexDataCacheFile._load_index
+
+    @functools.wraps(load)
+    def load_index(self):
+        try:
+            return load(self)
+        except (ImportError, AttributeError):
+            return {}
+
+    IndexDataCacheFile._load_index = load_index  # type: ignore[method-assign]
+
+
+_forgive_lost_classes()
 
 
 def register_kernels(packed, *, bound, estimate, slope):

@@ -150,7 +150,7 @@ def check_rulings(
 
 
 ESTIMATED = ", error estimated"
-"""Said of the wall where nothing bounds how far the curves are from their chords."""
+"""Added to the name of the wall where nothing bounds how far the curves are from their chords."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from ..checks import (
 from .base import ShapeUnion
 
 TOLERANCE = 1e-7
-"""How much nearer than it is the wall may be said to be, as a fraction of the largest radius."""
+"""How much too small the distance to the wall may be, as a fraction of the largest radius."""
 
 
 @dataclass(frozen=True)

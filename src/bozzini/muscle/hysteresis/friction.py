@@ -21,7 +21,7 @@ from .operator import (
     number,
     numbers,
     take_history,
-    take_ladder,
+    take_increasing,
     take_numbers,
     take_same_count,
 )
@@ -126,7 +126,7 @@ class MaxwellSlip(Operator):
         InputError
             If they are not sequences of one length, or are no such curve.
         """
-        points = take_ladder(
+        points = take_increasing(
             "inputs", check_array("inputs", inputs).ravel().tolist(), low_open=True
         )
         heights = take_numbers("outputs", check_array("outputs", outputs).ravel().tolist())
@@ -166,16 +166,16 @@ class MaxwellSlip(Operator):
         """
         loops = Loops.take(history, response, skip)
         inputs = loops.inputs
-        ladder = choose_thresholds(inputs, yields, count, counts=(1, 200), from_zero=False)
-        rungs = take_ladder("yields", ladder, low_open=True)
+        given = choose_thresholds(inputs, yields, count, counts=(1, 200), from_zero=False)
+        yields = take_increasing("yields", given, low_open=True)
         found = fit_linear(
-            loops.pick(kernels.trace_slips(inputs, np.array(rungs))),
+            loops.pick(kernels.trace_slips(inputs, np.array(yields))),
             loops.target,
-            names=[f"stiffnesses[{i}]" for i in range(len(rungs))],
+            names=[f"stiffnesses[{i}]" for i in range(len(yields))],
             offset=False,
         )
         stiffest = max(found.values)
-        pairs = [(k, r) for k, r in zip(found.values, rungs, strict=True) if k > 1e-12 * stiffest]
+        pairs = [(k, r) for k, r in zip(found.values, yields, strict=True) if k > 1e-12 * stiffest]
         if not pairs:
             raise InputError(
                 "response does not resist the history anywhere: stiffnesses of 0 fit it best"

@@ -84,13 +84,17 @@ def number(low: float = -LIMIT, high: float = LIMIT, **known: Any) -> Any:
 
 
 def numbers(
-    *, like: str = "", ladder: bool = False, default: object = MISSING, **limits: object
+    *, like: str = "", increasing: bool = False, default: object = MISSING, **limits: object
 ) -> Any:
     """Return a dataclass field that is a sequence of numbers, as many as `like` has.
 
-    Those of a `ladder` increase; the limits are those of `take_numbers`.
+    With `increasing` each is above the one before it; the limits are those of `take_numbers`.
     """
-    metadata = {"take": take_ladder if ladder else take_numbers, "like": like, "limits": limits}
+    metadata = {
+        "take": take_increasing if increasing else take_numbers,
+        "like": like,
+        "limits": limits,
+    }
     return field(default=default, metadata=metadata)
 
 
@@ -261,7 +265,7 @@ def take_numbers(
     return numbers
 
 
-def take_ladder(
+def take_increasing(
     name: str, values: Iterable[float], *, low: float = 0.0, low_open: bool = False
 ) -> tuple[float, ...]:
     """Return numbers that increase from one to the next as a tuple, or raise `InputError`."""

@@ -27,7 +27,7 @@ from .operator import (
     numbers,
     search,
     take_history,
-    take_ladder,
+    take_increasing,
     take_numbers,
 )
 
@@ -183,7 +183,7 @@ class PrandtlIshlinskii(PlaySum):
         If they are no such numbers.
     """
 
-    thresholds: tuple[float, ...] = numbers(ladder=True)
+    thresholds: tuple[float, ...] = numbers(increasing=True)
     weights: tuple[float, ...] = numbers(like="thresholds")
     origin: float = number(default=0.0, kw_only=True)
     offset: float = number(default=0.0, kw_only=True)
@@ -289,17 +289,17 @@ class PrandtlIshlinskii(PlaySum):
         """
         origin = check_number("origin", origin, low=-LIMIT, high=LIMIT)
         loops = Loops.take(history, response, skip)
-        ladder = choose_thresholds(loops.inputs, thresholds, count, counts=(1, 200))
-        rungs = take_ladder("thresholds", ladder)
-        lower, upper = _symmetric_edges(rungs)
+        given = choose_thresholds(loops.inputs, thresholds, count, counts=(1, 200))
+        thresholds = take_increasing("thresholds", given)
+        lower, upper = _symmetric_edges(thresholds)
         columns = loops.pick(trace_plays(loops.inputs - origin, lower, upper))
         found = fit_linear(
             columns,
             loops.target,
-            names=[f"weights[{i}]" for i in range(len(rungs))],
+            names=[f"weights[{i}]" for i in range(len(thresholds))],
             limits=(-LIMIT if signed else 0.0, np.inf),
         )
-        operator = cls(rungs, found.values, origin=origin, offset=found.offset)
+        operator = cls(thresholds, found.values, origin=origin, offset=found.offset)
         return loops.report(operator, found)
 
     def _plays(self) -> Plays:
@@ -355,7 +355,7 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
     """
 
     slope: float = number()
-    thresholds: tuple[float, ...] = numbers(ladder=True)
+    thresholds: tuple[float, ...] = numbers(increasing=True)
     ascending_weights: tuple[float, ...] = numbers(like="thresholds")
     descending_weights: tuple[float, ...] = numbers(like="thresholds")
     envelope: tuple[float, ...] = numbers(default=(0.0, 1.0, 0.0))
@@ -403,35 +403,37 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
         """
         loops = Loops.take(history, response, skip)
         inputs = loops.inputs
-        ladder = choose_thresholds(inputs, thresholds, count, counts=(1, 100), from_zero=False)
-        rungs = take_ladder("thresholds", ladder)
+        given = choose_thresholds(inputs, thresholds, count, counts=(1, 100), from_zero=False)
+        thresholds = take_increasing("thresholds", given)
         names = ["slope"]
-        names += [f"{way}_weights[{i}]" for way in _WAYS for i in range(len(rungs))]
+        names += [f"{way}_weights[{i}]" for way in _WAYS for i in range(len(thresholds))]
         low, high = min(float(inputs.min()), 0.0), max(float(inputs.max()), 0.0)
 
         def trace(curve: Sequence[float]) -> Floats:
-            traced = trace_plays(inputs, *_enveloped_edges(rungs, curve))
+            traced = trace_plays(inputs, *_enveloped_edges(thresholds, curve))
             return loops.pick(np.concatenate([inputs[..., None], traced], axis=-1))
 
         found: LinearFit
         if envelope is None:
-            place = _Legal(low, high, 2.0 * rungs[0])
+            place = _Legal(low, high, 2.0 * thresholds[0])
             point, found = search(
                 lambda point: trace(place.bend(point)),
                 loops.target,
                 [[0.0, 0.7, 1.3], [0.0, 1.3, 0.7], [0.05 * (high - low), 1.0, 1.0]],
-                ([-2.0 * rungs[0], 0.0, 0.0], [high - low, 10.0, 10.0]),
+                ([-2.0 * thresholds[0], 0.0, 0.0], [high - low, 10.0, 10.0]),
                 names=names,
             )
             curve = place.bend(point)
         else:
             curve = _take_envelope(envelope)
-            cls(0.0, rungs, (0.0,) * len(rungs), (0.0,) * len(rungs), curve).apply(loops.history)
+            cls(0.0, thresholds, (0.0,) * len(thresholds), (0.0,) * len(thresholds), curve).apply(
+                loops.history
+            )
             found = fit_linear(trace(curve), loops.target, names=names)
         free, *weights = found.values
-        ascending, descending = weights[: len(rungs)], weights[len(rungs) :]
+        ascending, descending = weights[: len(thresholds)], weights[len(thresholds) :]
         operator = cls(
-            free + sum(weights), rungs, tuple(ascending), tuple(descending), curve,
+            free + sum(weights), thresholds, tuple(ascending), tuple(descending), curve,
             offset=found.offset,
         )  # fmt: skip
         undetermined = envelope is None and not loops.distinguish(max(descending))
@@ -547,7 +549,7 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
         If they are no such numbers.
     """
 
-    thresholds: tuple[float, ...] = numbers(ladder=True)
+    thresholds: tuple[float, ...] = numbers(increasing=True)
     weights: tuple[float, ...] = numbers(like="thresholds")
     ascending_slopes: tuple[float, ...] = numbers(low=0.0, low_open=True, like="thresholds")
     descending_slopes: tuple[float, ...] = numbers(low=0.0, low_open=True, like="thresholds")
@@ -593,18 +595,18 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
         """
         loops = Loops.take(history, response, skip)
         inputs = loops.inputs
-        ladder = choose_thresholds(inputs, thresholds, count, counts=(2, 200))
-        rungs = take_ladder("thresholds", ladder)
-        wide = np.array(rungs) > 0.0
+        given = choose_thresholds(inputs, thresholds, count, counts=(2, 200))
+        thresholds = take_increasing("thresholds", given)
+        wide = np.array(thresholds) > 0.0
         if not wide.any():
-            raise InputError(f"thresholds is {list(rungs)}: it must have one above 0")
-        first = rungs[int(np.argmax(wide))]
-        names = [f"weights[{i}]" for i in range(len(rungs))]
-        up = np.ones(len(rungs))
+            raise InputError(f"thresholds is {list(thresholds)}: it must have one above 0")
+        first = thresholds[int(np.argmax(wide))]
+        names = [f"weights[{i}]" for i in range(len(thresholds))]
+        up = np.ones(len(thresholds))
 
         def trace(ratio: float) -> Floats:
             down = np.where(wide, ratio, 1.0)
-            return loops.pick(trace_plays(inputs, *_sloped_edges(rungs, up, down)))
+            return loops.pick(trace_plays(inputs, *_sloped_edges(thresholds, up, down)))
 
         low, high = _legal_ratios(first, float(inputs.min()), float(inputs.max()))
         if high - low < 1e-6:
@@ -620,7 +622,7 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
             ratio = float(np.exp(point[0]))
         down = np.where(wide, ratio, 1.0)
         operator = cls(
-            rungs, found.values, tuple(up.tolist()), tuple(down.tolist()), offset=found.offset
+            thresholds, found.values, tuple(up.tolist()), tuple(down.tolist()), offset=found.offset
         )
         known = loops.distinguish(max(np.array(found.values)[wide]))
         return loops.report(operator, found, lost=() if known else ("descending_slopes",))

@@ -22,7 +22,7 @@ from .operator import (
     numbers,
     take_fields,
     take_history,
-    take_ladder,
+    take_increasing,
 )
 
 Floats = NDArray[np.float64]
@@ -55,7 +55,7 @@ class Preisach(Operator):
         If they are no such numbers.
     """
 
-    levels: tuple[float, ...] = numbers(ladder=True, low=-LIMIT)
+    levels: tuple[float, ...] = numbers(increasing=True, low=-LIMIT)
     weights: tuple[float, ...] = numbers()
     offset: float = number(default=0.0, kw_only=True)
 
@@ -146,23 +146,23 @@ class Preisach(Operator):
         loops = Loops.take(history, response, skip)
         count = check_integer("count", count, low=1, high=40)
         inputs = loops.inputs
-        ladder: Sequence[float] = (
+        given: Sequence[float] = (
             np.linspace(inputs.min(), inputs.max(), count + 1).tolist()
             if levels is None
             else levels
         )
-        rungs = take_ladder("levels", ladder, low=-LIMIT)
-        steps = len(rungs) - 1
-        cls(rungs, (0.0,) * (steps * (steps + 1) // 2))
+        levels = take_increasing("levels", given, low=-LIMIT)
+        steps = len(levels) - 1
+        cls(levels, (0.0,) * (steps * (steps + 1) // 2))
         memory = np.full((len(inputs), steps * (steps + 1) // 2), -1.0)
-        last = np.full(len(inputs), rungs[0])
+        last = np.full(len(inputs), levels[0])
         found = fit_linear(
-            loops.pick(kernels.trace_relays(inputs, np.array(rungs), last, memory)),
+            loops.pick(kernels.trace_relays(inputs, np.array(levels), last, memory)),
             loops.target,
             names=[f"weights[{i}]" for i in range(memory.shape[1])],
             limits=(-LIMIT if signed else 0.0, np.inf),
         )
-        return loops.report(cls(rungs, found.values, offset=found.offset), found)
+        return loops.report(cls(levels, found.values, offset=found.offset), found)
 
     def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
         return np.asarray(

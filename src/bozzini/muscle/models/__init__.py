@@ -6,7 +6,7 @@ from ...registry import Registry, collect_named
 from ..model import MuscleModel
 from . import correction, elastic, empirical, energy, ideal, miniature, structure, thesis
 from .base import CatalogueModel
-from .card import Card, Choice, Law, Parameter, count_statuses, describe_card
+from .card import Card, Choice, Law, Parameter, count_statuses, describe_card, describe_parameter
 
 __all__ = [
     "MODELS",
@@ -18,6 +18,7 @@ __all__ = [
     "Parameter",
     "count_statuses",
     "describe_card",
+    "describe_parameter",
 ]
 
 MODULES = (energy, thesis, ideal, correction, elastic, structure, miniature, empirical)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from ...checks import check_number, check_word
+from ...checks import Limit, check_number, check_word, list_quantities
 from ...errors import InputError, MissingLawError
+from ...units import INTERNAL_UNITS
 
 STATUSES = ("self-contained", "corrected", "fitted", "partial")
 """How much of a model the survey holds, worst last.
@@ -92,6 +94,40 @@ def make_friction(what: str, *, unit: str = "", largest: float = 10.0) -> Parame
     return Parameter(
         f"friction [{unit}]", what, (0.0, largest), default=0.0, neutral=0.0, linear=True
     )
+
+
+LARGEST = 1e9
+"""Bound of a number whose legal range has no end, or one that depends on other numbers."""
+
+
+def make_parameters(kind: type) -> tuple[Parameter, ...]:
+    """Return the fields of a dataclass that are made by `quantity`, as parameters of a model."""
+
+    def end(limit: Limit, largest: float) -> float:
+        return largest if callable(limit) or math.isinf(limit) else float(limit)
+
+    if not dataclasses.is_dataclass(kind):
+        return ()
+    defaults = {item.name: item.default for item in dataclasses.fields(kind)}
+    found = []
+    for name, known in list_quantities(kind).items():
+        if known.words or known.kind not in INTERNAL_UNITS:
+            continue
+        default = defaults[name]
+        low, high = end(known.low, -LARGEST), end(known.high, LARGEST)
+        if known.low_open:
+            low += 1e-9 * max(1.0, abs(low))
+        found.append(
+            Parameter(
+                f"{name} [{known.unit}]",
+                known.help,
+                (low, high),
+                source="fitted" if name in getattr(kind, "fit_fields", ()) else "measured",
+                default=float(default) if isinstance(default, (int, float)) else None,
+                whole=known.whole,
+            )
+        )
+    return tuple(found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -289,6 +325,15 @@ def count_statuses(cards: Iterable[Card]) -> dict[str, int]:
     return {status: found.count(status) for status in STATUSES}
 
 
+def describe_parameter(item: Parameter) -> str:
+    """Return name, unit, source and default of a parameter as a line of text."""
+    value = "must be given or fitted" if item.default is None else f"default {item.default:g}"
+    if item.only_with:
+        value = f"with {item.only_with} only" if item.default is None else value
+    unit = f" [{item.unit}]" if item.unit else ""
+    return f"  {item.name}{unit}: {item.what}; {item.source}; {value}"
+
+
 def describe_card(card: Card) -> str:
     """Return source, equation, constants, laws and errata of a model as lines of text."""
     lines = [
@@ -299,12 +344,7 @@ def describe_card(card: Card) -> str:
     ]
     if card.latex_printed is not None:
         lines.append(f"  as printed: {card.latex_printed}")
-    for item in card.parameters:
-        value = "must be given or fitted" if item.default is None else f"default {item.default:g}"
-        if item.only_with:
-            value = f"with {item.only_with} only" if item.default is None else value
-        unit = f" [{item.unit}]" if item.unit else ""
-        lines.append(f"  {item.name}{unit}: {item.what}; {item.source}; {value}")
+    lines += map(describe_parameter, card.parameters)
     lines += [f"  {item.name}: {item.what}: {', '.join(item.words)}" for item in card.choices]
     for law in card.laws:
         need = "needed" if law.required else "may be left out"
