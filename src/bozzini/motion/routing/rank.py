@@ -250,6 +250,7 @@ def insertion_rank(
             better = job.fit_routings(first, LinearLaw, options.rounds)
             if options.exact:
                 law = partial(ExactLaw, options=options)
+                better = min((first, better), key=lambda modes: job.sum_costs(law(modes)))
                 better = job.fit_routings(better, law, EXACT_ROUNDS)
             ways.append(job.measure(better, "positions", count, found.bounds, options))
     for index, count in enumerate(options.sections):
@@ -494,6 +495,10 @@ class _Insertion:
             system = self._assemble(law, poses)
         return modes
 
+    def sum_costs(self, law: LinearLaw) -> float:
+        """Return the sum of squares of all poses in a law."""
+        return sum(pose.cost for pose in self.fit_poses(law, self.fit_poses(LinearLaw(law.modes))))
+
     def measure_rough(self, modes: Modes) -> float:
         """Return the weighted sum of squared slopes of modes."""
         return float(np.sum((SLOPE_WEIGHT * modes.slopes) ** 2))
@@ -540,6 +545,7 @@ class LinearLaw:
     """The curvature is the sum of modes times amplitudes, without twist."""
 
     def __init__(self, modes: Modes) -> None:
+        self.modes = modes
         values = modes.values
         self.slopes = np.zeros((len(values), 3, values.shape[2]))
         self.slopes[:, 1], self.slopes[:, 0] = values[:, 0], -values[:, 1]
