@@ -21,7 +21,7 @@ class RankOptions:
     stride : int
         Every so many steps of about 2 mm a pose is fitted.
     rounds : int
-        Rounds of the fit of routings to positions; 0 for none.
+        Rounds of the fit of routings to positions, in each law; 0 for none.
     exact : bool
         Whether tensions are fitted by the exact law as well.
     offset_max : float

@@ -48,9 +48,6 @@ MODE_MM = 8.0
 SLOPE_WEIGHT = 2.0
 """Weight of the slope of a mode, against places: mm for 1/mm."""
 
-EXACT_ROUNDS = 4
-"""Rounds of the fit of routings by the exact law, after those by the linear one."""
-
 MOST_STEPS = 30
 """Steps of the fit of a pose."""
 
@@ -251,7 +248,7 @@ def insertion_rank(
             if options.exact:
                 law = partial(ExactLaw, options=options)
                 better = min((first, better), key=lambda modes: job.sum_costs(law(modes)))
-                better = job.fit_routings(better, law, EXACT_ROUNDS)
+                better = job.fit_routings(better, law, options.rounds)
             ways.append(job.measure(better, "positions", count, found.bounds, options))
     for index, count in enumerate(options.sections):
         progress("rank", (len(options.modes) + index) / total)
