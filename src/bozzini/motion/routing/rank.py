@@ -225,7 +225,7 @@ def insertion_rank(
     """
     options = options or RankOptions()
     target = fit_bend(take_curve(curve))
-    job = _Insertion(target, options.stride)
+    job = _Insertion(target, options)
     values = np.linalg.svd(job.matrix, compute_uv=False)
     found = InsertionRank(
         matrix=job.matrix,
@@ -244,12 +244,13 @@ def insertion_rank(
         first = job.take_modes(count)
         ways.append(job.measure(first, "curvature", count, found.bounds, options))
         if options.rounds:
-            better = job.fit_routings(first, LinearLaw, options.rounds)
+            better, poses = job.fit_routings(first, LinearLaw, options.rounds)
             if options.exact:
                 law = partial(ExactLaw, options=options)
                 better = min((first, better), key=lambda modes: job.sum_costs(law(modes)))
-                better = job.fit_routings(better, law, options.rounds)
-            ways.append(job.measure(better, "positions", count, found.bounds, options))
+                better, poses = job.fit_routings(better, law, options.rounds)
+            way = job.measure(better, "positions", count, found.bounds, options)
+            ways.append(job.take_nearer(way, poses) if options.exact else way)
     for index, count in enumerate(options.sections):
         progress("rank", (len(options.modes) + index) / total)
         modes = job.take_sections(count)
@@ -291,8 +292,9 @@ class Pose:
 class _Insertion:
     """The poses of a way in, whose curvature is the path's, shifted by whole steps."""
 
-    def __init__(self, target: BendTarget, stride: int) -> None:
-        self.target, self.steps = target, target.steps
+    def __init__(self, target: BendTarget, options: RankOptions) -> None:
+        self.target, self.steps, stride = target, target.steps, options.stride
+        self.scale = options.stiffness / options.offset_max
         self.count = count = target.steps.count
         self.heads = np.arange(count, 0, -stride)[::-1]
         self.matrix = np.zeros((4 * count, len(self.heads)))
@@ -360,6 +362,16 @@ class _Insertion:
             exact_largest=largest,
             tension_sum=max(tensions),
             slope=options.offset_max * float(np.hypot(*np.moveaxis(modes.slopes, 1, 0)).max()),
+        )
+
+    def take_nearer(self, way: Way, poses: Sequence[Pose]) -> Way:
+        """Return a way with the poses in which its routings were fitted, if these are nearer."""
+        rms, largest = _measure(poses)
+        if way.exact_rms is not None and way.exact_rms <= rms:
+            return way
+        sums = [float(np.abs(pose.amplitudes).sum()) for pose in poses]
+        return replace(
+            way, exact_rms=rms, exact_largest=largest, tension_sum=self.scale * max(sums)
         )
 
     def fit_poses(self, law: LinearLaw, before: Sequence[Pose] = ()) -> list[Pose]:
@@ -459,8 +471,8 @@ class _Insertion:
 
     def fit_routings(
         self, modes: Modes, make_law: Callable[[Modes], LinearLaw], rounds: int
-    ) -> Modes:
-        """Return modes that are nearer in position, amplitudes of all poses free.
+    ) -> tuple[Modes, list[Pose]]:
+        """Return modes that are nearer in position, amplitudes of all poses free, and the poses.
 
         Gauss and Newton's method on the coefficients, after the amplitudes and rotations of every
         pose are eliminated from its linear system (Golub and Pereyra 1973; Kaufman 1975).
@@ -490,7 +502,7 @@ class _Insertion:
                 break
             law = make_law(modes)
             system = self._assemble(law, poses)
-        return modes
+        return modes, poses
 
     def sum_costs(self, law: LinearLaw) -> float:
         """Return the sum of squares of all poses in a law."""
