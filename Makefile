@@ -24,7 +24,7 @@ endif
 
 RIG_TOOLS := $(RUN) -c 'from bozzini.rig.firmware import find_missing_tools as f; print(*f().values())'
 
-.PHONY: help demo test test-all rig oldest fuzz bench docs check format picture figures clean
+.PHONY: help demo test test-all rig opencv oldest fuzz bench docs check format picture figures clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -35,7 +35,7 @@ demo: $(CORE) ## Plan a scope through a phantom tract; report in bozzini-demo/
 test: $(DEV) ## Run the tests
 	@$(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile
 
-test-all: test ## Run all tests, those that take minutes too
+test-all: test opencv ## Run all tests, those that take minutes too
 	@$(RUN) -m pytest -m slow -n auto --maxprocesses 4 --dist worksteal
 
 rig: $(DEV) ## Build the firmware and run the tests of the rig (installs nothing)
@@ -43,6 +43,11 @@ rig: $(DEV) ## Build the firmware and run the tests of the rig (installs nothing
 	  echo "make: the firmware needs these, which are missing; on Debian: apt-get install $$missing" >&2; exit 1; fi
 	@$(MAKE) --no-print-directory -C firmware BUILD=../build/firmware avr native emulator size
 	@$(RUN) -m pytest -n auto --maxprocesses 4 --dist worksteal tests/rig
+
+opencv: $(DEV) ## Run the tests of pictures with the oldest OpenCV, too
+	@$(PIP) --no-deps --upgrade --target build/opencv 'opencv-python-headless==4.10.*'
+	@PYTHONPATH=build/opencv $(RUN) -c 'import cv2; assert cv2.__version__.startswith("4.10."), cv2.__version__'
+	@PYTHONPATH=build/opencv $(RUN) -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile tests/vision
 
 oldest: $(DEV) ## Run the tests with the lowest versions declared, in .venv-oldest
 	@$(PIP) uv
@@ -81,6 +86,7 @@ figures: $(CORE) ## Make the figures of the guide anew from the examples
 	@$(RUN) examples/breathing.py --out docs/images/breathing.png
 	@$(RUN) examples/bicycle_chain.py --out docs/images/bicycle_chain.png
 	@$(RUN) examples/duct_family.py --out docs/images/duct_family.png
+	@$(RUN) examples/fabricate.py --out docs/images/fabricate.png
 	@echo "figures: docs/images/"
 
 clean: ## Remove what was built (not .venv)

@@ -24,6 +24,7 @@ MAY_IMPORT = {
     "effector": {"muscle"},
     "rig": {"continuum", "duct", "effector", "motion", "muscle"},
     "vision": {"effector", "muscle"},
+    "fabricate": {"continuum", "effector"},
 }
 MAY_IMPORT["thesis"] = set(MAY_IMPORT)
 MAY_IMPORT["plot"] = set(MAY_IMPORT) - {"thesis"}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 __all__ = [
     "BozziniError",
+    "DeformationError",
     "FileFormatError",
     "GeometryError",
     "InputError",
@@ -40,6 +41,10 @@ class FileFormatError(InputError):
 
 class GeometryError(InputError):
     """A tract, duct or robot geometry cannot be used; the message has the place and why."""
+
+
+class DeformationError(GeometryError):
+    """A tissue moves otherwise than its frame states, or not one to one; the message has where."""
 
 
 class OutputError(BozziniError, OSError):

@@ -162,6 +162,41 @@ def test_pictures_are_listed_as_the_measurement_of_lengths_takes_them(host, tmp_
         characterise_muscle(host, SHORT, hook=hook)
 
 
+@pytest.mark.slow  # pictures are rendered and measured
+def test_pictures_of_a_hook_become_lengths_and_measurements(host, tmp_path):
+    pytest.importorskip("cv2", reason="the extra 'vision' is not installed")
+    from bozzini import vision
+    from bozzini.vision.pictures import read_manifest
+
+    board = vision.StripBoard()
+    camera = vision.LengthSetup(pitch=0.1, columns=860, rows=700).make_camera(board)
+    free, inflated = EnergyMuscle(MUSCLE).contraction(np.array([0.0, 0.3]), LOAD)
+    for name, contraction in {"0": free, "0.3": inflated}.items():
+        muscle = vision.HungMuscle(length=MUSCLE.length - float(contraction))
+        scene = muscle.make_scene(board)
+        vision.write_picture(vision.render_picture(scene, camera), tmp_path / f"{name}.png")
+    hook = PictureHook(command=f"cp '{tmp_path}/{{pressure}}.png' {{file}}", folder=tmp_path / "p")
+    stairs = Stairs(highest=0.3, steps=1, repeats=2, hold=0.4, load=LOAD)
+    table = characterise_muscle(host, stairs, hook=hook)
+    assert table.converged, table.reason
+    path = table.save_pictures(tmp_path / "p" / "manifest.csv")
+    series = vision.measure_series(
+        read_manifest(path, ("image", "pressure_kpa")),
+        board,
+        options=vision.LengthOptions(height=2.8, diameter=1.6, ring=2.0),
+        camera=camera,
+    )
+    assert series.converged, series.reason
+    states = {(row["direction"], row["pressure_kpa"]): row for row in series.summarise()}
+    state = states["inflating", 300.0]
+    assert state["n"] == 2
+    assert state["contraction_mm"] == pytest.approx(inflated - free, abs=0.02)
+    vision.write_series(series, tmp_path / "out")
+    read = read_measurements(tmp_path / "out" / "contractions.csv")
+    measured = [row.pressure for row in table.rows if row.setpoint > 0.0]
+    assert read.pressure[read.pressure > 0.1] == pytest.approx(measured)
+
+
 @pytest.mark.parametrize(
     ("words", "flag"),
     [

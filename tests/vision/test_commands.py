@@ -11,8 +11,10 @@ import pytest
 
 from bozzini.cli import common
 from bozzini.cli.main import main
-from bozzini.vision import Picture, load_board, load_cameras, write_picture
+from bozzini.vision import Picture, StripBoard, load_board, load_cameras, write_picture
 from tests.vision.sets import BOARD, PAIR
+
+RINGS = ("--height", "3mm", "--diameter", "1.6mm", "--ring", "2mm")
 
 
 @pytest.fixture(autouse=True)
@@ -26,6 +28,7 @@ def folder(tmp_path_factory, pair_pictures):
     """Give a folder with the pictures of a calibration, the board and a table of markers."""
     place = tmp_path_factory.mktemp("vision")
     BOARD.save(place / "board.yaml")
+    StripBoard().save(place / "strips.yaml")
     (place / "pictures").mkdir()
     for k, pictures in enumerate(pair_pictures[0][:8]):
         for i, picture in enumerate(pictures):
@@ -126,6 +129,12 @@ def test_a_lost_marker_is_exit_code_1(folder, cameras, tmp_path, capsys):
         (["calibrate", "{pictures}", "--board", "{board}", "--out", "c.csv"], ".yaml"),
         (["track", "{board}", "--cameras", "{cameras}", "--out", "d"], "markers in its columns"),
         (["track", "{table}", "--cameras", "{board}", "--out", "d"], "unknown field 'kind'"),
+        (["length", "{table}", "--board", "{board}", "--out", "d"], "'--height'"),
+        (["length", "{table}", "--board", "{board}", *RINGS, "--out", "d"], "before strips"),
+        (["length", "{table}", "--board", "{strips}", *RINGS, "--out", "d"], "'image'"),
+        (["plan-setup", *RINGS, "--pitch", "0.01mm"], "0 corners"),
+        (["plan-setup", *RINGS, "--length", "200mm"], "not both in the picture"),
+        (["demo", "--steps", "1", "--out", "d"], "steps is 1"),
         (["track", "none.csv", "--cameras", "{cameras}", "--out", "d"], "none.csv"),
         (["track", "{table}", "--cameras", "{cameras}", "--out", "d", "--markers", "9"], "[1, 6]"),
     ],
@@ -141,6 +150,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
         "blank": folder / "blank",
         "table": folder / "markers.csv",
         "cameras": cameras,
+        "strips": folder / "strips.yaml",
     }
     given = [word.format(**names) for word in arguments]
     jobs = ["--jobs", "1"] if given[0] == "calibrate" else []

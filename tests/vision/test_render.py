@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -84,6 +85,35 @@ def test_rings_are_where_they_are_said_to_be():
     assert values[row, column] == pytest.approx(muscle.dark, abs=0.01)
     column, row = np.round(camera.project(marks.mean(axis=0))).astype(int)
     assert values[row, column] == pytest.approx(muscle.body, abs=0.01)
+
+
+def test_a_straight_tube_is_the_same_from_two_points_or_many():
+    camera = aim_camera((0, 0, -150.0), (0, 0, 0), focal=1000.0, size=(400, 40))
+    first, second = (
+        render_picture(
+            Scene(tubes=(Tube(curve=np.linspace([-25.0, 0, 0], [25.0, 0, 0], n), radius=1.0),)),
+            camera,
+            sensor=CLEAN,
+        ).values
+        for n in (2, 51)
+    )
+    assert first == pytest.approx(second, abs=2e-3)
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.2])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_edges_of_bands_cover_their_share_of_a_pixel(samples, lean):
+    camera = aim_camera((0, 0, -200.0), (0, 0, 0), focal=1000.0, size=(120, 40))
+    sensor = dataclasses.replace(CLEAN, supersampling=samples)
+    along = np.array([math.cos(lean), math.sin(lean), 0.0])
+    curve, x = np.outer([-15.0, 15.0], along), np.arange(120)
+    for start in np.linspace(-1.0, -0.8, 5):
+        tube = Tube(curve=curve, radius=3.0, albedo=0.8, bands=((15 + start, 17 + start, 0.1),))
+        values = render_picture(Scene(tubes=(tube,), light=FLAT), camera, sensor=sensor).values
+        dark = (0.8 - values[19:21].mean(axis=0)[30:90]) / 0.7  # either side of the axis
+        at, _ = camera.project([(start + 1.0) / along[0], 0.0, -3.0])
+        assert dark.sum() == pytest.approx(2.0 / along[0] * 1000.0 / 197.0, abs=0.01)
+        assert dark @ x[30:90] / dark.sum() == pytest.approx(at, abs=0.01)
 
 
 def test_the_same_seed_gives_the_same_picture():

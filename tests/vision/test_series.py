@@ -1,24 +1,32 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import math
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from bozzini.cli.main import main
 from bozzini.errors import FileFormatError, InputError
 from bozzini.muscle import EnergyMuscle, calibrate, preset, read_measurements
 from bozzini.vision import (
     DemoOptions,
+    HungMuscle,
     LengthOptions,
+    LengthSetup,
     MuscleLength,
+    Sensor,
     StripBoard,
     load_board,
     load_cameras,
+    measure_length,
     measure_series,
+    render_picture,
     write_demo,
+    write_picture,
     write_series,
 )
 from bozzini.vision.pictures import read_manifest
@@ -45,10 +53,11 @@ def _make_length(length: float) -> MuscleLength:
     )
 
 
-def _make_series(tmp_path, states) -> LengthSeries:
+def _make_series(tmp_path, states, setpoints=None) -> LengthSeries:
     """Return a series of (pressure, direction, length); a length of None failed."""
-    lines = ["image,specimen,pressure_kpa,direction,repeat"]
-    lines += [f"{k}.png,m,{p},{word},{k}" for k, (p, word, _) in enumerate(states)]
+    asked = setpoints or [""] * len(states)
+    lines = ["image,specimen,pressure_kpa,direction,repeat,setpoint_kpa"]
+    lines += [f"{k}.png,m,{p},{word},{k},{asked[k]}" for k, (p, word, _) in enumerate(states)]
     path = tmp_path / "m.csv"
     path.write_text("\n".join(lines) + "\n")
     manifest = read_manifest(path, ("image", "pressure_kpa"))
@@ -114,6 +123,70 @@ def test_inflation_and_deflation_are_not_pooled_and_differ_by_the_hysteresis(tmp
     assert down["u_hysteresis_mm"] == pytest.approx(rest)
     assert up["hysteresis_mm"] is None
     assert alone["hysteresis_mm"] is None
+
+
+def test_repeats_of_a_set_point_belong_together_whatever_was_measured(tmp_path):
+    states = [(0.2, "inflate", 40.0), (199.0, "inflate", 36.1), (0.0, "inflate", 40.2)]
+    states += [(202.0, "inflate", 35.9)]
+    series = _make_series(tmp_path, states, ["0", "200", "0", "200"])
+    free, short = series.summarise()
+    assert (free["n"], short["n"], short["pressure_kpa"]) == (2, 2, 200.0)
+    assert short["contraction_mm"] == pytest.approx(4.1)
+    columns = series.list_contractions()
+    assert columns["pressure [kPa]"] == [199.0, 202.0]  # a model is fitted to what was measured
+    assert columns["contraction [mm]"] == pytest.approx([4.0, 4.2])
+
+
+def test_every_fault_of_a_picture_is_its_row(tmp_path):
+    board, setup = StripBoard(), LengthSetup(pitch=0.1, columns=860, rows=700)
+    camera, muscle = setup.make_camera(board), HungMuscle(length=37.0)
+    taken = Sensor(jpeg=0, bits=16)
+    deep = render_picture(muscle.make_scene(board), camera, sensor=taken)
+    write_picture(deep, tmp_path / "deep.png")
+    plain = dataclasses.replace(deep, bits=8)
+    whole = write_picture(plain, tmp_path / "grey.png").read_bytes()
+    Image.fromarray(plain.bytes).convert("RGB").save(tmp_path / "colour.png")
+    note = Image.Exif()
+    note[274] = 6
+    Image.fromarray(plain.bytes).save(tmp_path / "turned.jpg", exif=note, quality=95)
+    (tmp_path / "cut.png").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "text.png").write_text("this is no picture")
+    for name, values in {
+        "blank.png": np.full_like(plain.values, 0.6),
+        "mirrored.png": plain.values[:, ::-1],
+        "small.png": plain.values[:600],
+    }.items():
+        write_picture(dataclasses.replace(plain, values=values), tmp_path / name)
+    hidden, ring = plain.values.copy(), measure_length(plain, board, options=OPTIONS, camera=camera)
+    x, y = np.round(ring.edges[0]).astype(int)
+    hidden[y - 20 : y + 20, x - 10 : x + 2] = np.median(hidden[y - 5 : y + 5, x - 9 : x - 4])
+    write_picture(dataclasses.replace(plain, values=hidden), tmp_path / "hidden.png")
+    expected = {
+        "deep.png": ("ok", "", ""),
+        "hidden.png": ("flagged", "ring_changed", ""),
+        "grey.png": ("ok", "", ""),
+        "colour.png": ("ok", "colour", ""),
+        "turned.jpg": ("flagged", "exif_rotated", ""),
+        "cut.png": ("failed", "", "cannot be read"),
+        "text.png": ("failed", "", "not a picture"),
+        "none.png": ("failed", "", "no such picture"),
+        "blank.png": ("failed", "", "no marker of the board"),
+        "mirrored.png": ("failed", "", "mirrored"),
+        "small.png": ("failed", "", "calibrated with 860 x 700"),
+    }
+    lines = ["image,pressure_kpa", *(f"{name},0" for name in expected)]
+    (tmp_path / "m.csv").write_text("\n".join(lines) + "\n")
+    manifest = read_manifest(tmp_path / "m.csv", ("image", "pressure_kpa"))
+    series = measure_series(manifest, board, options=OPTIONS, camera=camera)
+    columns = series.list_columns()
+    rows = zip(*(columns[name] for name in ("image", "status", "flags", "reason")), strict=True)
+    for name, status, flags, reason in rows:
+        assert (status, flags) == expected[name][:2], name
+        assert expected[name][2] in reason
+        assert "\n" not in reason
+    for item in series.found:
+        if item and "ring_changed" not in item.flags:
+            assert item.length == pytest.approx(37.0, abs=0.02)
 
 
 def test_a_failed_picture_is_a_row_with_its_reason(tmp_path):
@@ -197,13 +270,14 @@ def test_the_commands_measure_what_the_demonstration_renders(tmp_path, capsys):
 @pytest.mark.slow
 def test_the_fit_recovers_the_muscle_of_the_demonstration(tmp_path):
     muscle, within = preset("effector-45"), 0
+    setup = LengthSetup(pitch=0.1, columns=820, rows=660)
     for seed in range(20):
         folder, target = tmp_path / f"demo{seed}", tmp_path / f"out{seed}"
-        options = DemoOptions(repeats=2, seed=seed)
-        write_demo(folder, options=options)
+        options = DemoOptions(repeats=2, steps=5, seed=seed)
+        write_demo(folder, options=options, setup=setup)
         assert _measure(folder, target).converged
         data = read_measurements(target / "contractions.csv", muscle=muscle)
-        intervals = calibrate(EnergyMuscle, muscle, data).intervals
+        intervals = calibrate(EnergyMuscle, muscle, data=data).intervals
         truth = {"modulus": options.modulus, "dead_length": options.dead_length}
         within += all(
             intervals[name][0] <= value <= intervals[name][1] for name, value in truth.items()

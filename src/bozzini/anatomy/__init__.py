@@ -17,11 +17,13 @@ if TYPE_CHECKING:
     from .read import read_surface, read_tract
     from .segment import GasSegment, Segmentation, segment_gas
     from .surface import tract_from_surface
+    from .tissue import Breathing, Peristalsis, RecordedMotion, TissueFrame, TissueMotion
     from .tract import Component, Finding, LabelTract, Opening, Organ, SurfaceTract
     from .volumes import read_labels, read_volume
 
 __all__ = [
     "CATALOGUE",
+    "Breathing",
     "Component",
     "FetchResult",
     "Finding",
@@ -29,10 +31,14 @@ __all__ = [
     "LabelTract",
     "Opening",
     "Organ",
+    "Peristalsis",
     "Phantom",
     "PublicData",
+    "RecordedMotion",
     "Segmentation",
     "SurfaceTract",
+    "TissueFrame",
+    "TissueMotion",
     "fetch_data",
     "make_phantom",
     "read_labels",
@@ -55,6 +61,13 @@ _MODULES = {
         "read": ("read_surface", "read_tract"),
         "segment": ("GasSegment", "Segmentation", "segment_gas"),
         "surface": ("tract_from_surface",),
+        "tissue": (
+            "Breathing",
+            "Peristalsis",
+            "RecordedMotion",
+            "TissueFrame",
+            "TissueMotion",
+        ),
         "tract": (
             "Component",
             "Finding",

@@ -69,6 +69,22 @@ def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
+def format_parts(summary: Json, directory: Path) -> str:
+    """Return the table of the parts in a summary of `bozzini.fabricate` for people."""
+    rows = [
+        [
+            part["name"],
+            str(part["count"]),
+            f"{part['diameter_mm']:.3g} x {part['height_mm']:.4g}",
+            str(len(part["channels"])),
+            f"{part['volume_mm3']:.4g}",
+        ]
+        for part in summary["parts"]
+    ]
+    head = ["part", "pieces", "size [mm]", "channels", "volume [mm^3]"]
+    return f"{format_rows(head, rows)}\n{directory}: {len(summary['files'])} files"
+
+
 def describe_classes(registry: Registry[Any]) -> tuple[dict[str, dict[str, str]], str]:
     """Return the first line of each class's docstring and its package, by its name; and as text.
 
@@ -136,6 +152,13 @@ def quiet_option(function: _Function) -> _Function:
 def force_option(function: _Function) -> _Function:
     """Add ``--force`` as the argument ``force``: replace what is there."""
     return click.option("--force", is_flag=True, help="Replace an output that exists.")(function)
+
+
+def step_option(function: _Function) -> _Function:
+    """Add ``--step`` as the argument ``step``: parts as STEP files too."""
+    return click.option(
+        "--step", is_flag=True, help="Write STEP files too; needs the extra 'cad'."
+    )(function)
 
 
 class _Parsed(_AnyType):
@@ -404,6 +427,8 @@ def make_option(
         given["type"] = choose_type(known)
         if isinstance(default, tuple):
             given["multiple"] = True
+        elif default is dataclasses.MISSING:
+            given["required"] = True
         elif default is not None:
             if isinstance(given["type"], QuantityType) and "default" not in other:
                 default = f"{default:g}{known.unit}"

@@ -18,6 +18,7 @@ import click
 from ..continuum import CONTINUUM_MODELS
 from ..continuum.kinematics import LOADS
 from ..errors import GeometryError, InputError, PluginError
+from ..fabricate import BodyOptions
 from ..results import Json
 from ..units import parse_quantity
 from .common import (
@@ -30,14 +31,17 @@ from .common import (
     VectorType,
     answer_options,
     describe_classes,
+    format_parts,
     format_rows,
     gather,
     make_option,
     option,
+    options_of,
     parse_pairs,
     run_exit,
     spell_option,
     split_setting,
+    step_option,
 )
 from .routing import design_command, rank_command
 
@@ -677,6 +681,29 @@ def _format_workspace(found: ContinuumWorkspace) -> list[str]:
             f"z = {z:z.1f} mm"
         )
     return lines
+
+
+# What to make it from.
+
+
+@command.command("fabricate")
+@robot_argument
+@options_of(BodyOptions, "options")
+@step_option
+@answer_options(
+    required=True,
+    metavar="DIRECTORY",
+    help="Directory for the parts, the table and the picture of the routing.",
+    quiet=False,
+)
+def fabricate_command(robot_file: Path, options: BodyOptions, step: bool, answer: Answer) -> None:
+    """Write channelled discs or sleeves as STL, and the routing as a table and a picture."""
+    from ..fabricate import write_body
+
+    summary = write_body(
+        read_robot(robot_file), answer.target, options=options, step=step, force=answer.force
+    )
+    answer.give({"output": answer.target, **summary}, format_parts(summary, answer.target))
 
 
 command.add_command(design_command)

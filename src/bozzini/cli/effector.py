@@ -13,6 +13,7 @@ import click
 from ..checks import check_integer, check_number, list_quantities
 from ..effector.design import EffectorDesign
 from ..errors import InputError
+from ..fabricate import HolderOptions
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -20,15 +21,18 @@ from .common import (
     VectorType,
     answer_options,
     format_csv,
+    format_parts,
     format_rows,
     gather,
     make_option,
     option,
+    options_of,
     parse_pairs,
     progress_bar,
     quiet_option,
     run_exit,
     split_setting,
+    step_option,
 )
 from .muscle_options import (
     make_class,
@@ -136,6 +140,7 @@ effector_options = gather(
         "The muscles, such as A=0deg,B=120deg,C=240deg (prototype: R=307.5deg,G=219deg,B=75deg).",
     ),
     *map(_field_option, ("offset", "backbone_length", "holder_length", "segments")),
+    *map(_field_option, ("holder_diameter", "bore_diameter", "hole_diameter", "coil_diameter")),
     _field_option("flexural_rigidity", "--rigidity"),
     option("--rigidity-test FORCE,DEFLECTION", "The same, from a load across the tip."),
     _field_option("catheter_rigidity", "--catheter"),
@@ -836,3 +841,30 @@ def _parse_range(item: str) -> tuple[str, tuple[float, float]]:
         raise InputError(f"--between is '{item}': it must be NAME=LOW:HIGH")
     low, high = (_parse_number("--between", name, part) for part in parts)
     return name, (low, high)
+
+
+@command.command("fabricate")
+@effector_options
+@options_of(HolderOptions, "options")
+@step_option
+@answer_options(
+    required=True,
+    metavar="DIRECTORY",
+    help="Directory for the parts and the template.",
+    quiet=False,
+)
+def fabricate_command(
+    asked: EffectorRequest, options: HolderOptions, step: bool, answer: Answer
+) -> None:
+    """Write holders and muscle fittings as STL, and a drilling template.
+
+    The template is an SVG at true scale with a line to check the print. The thesis's offset of 4 mm
+    needs a wider holder than it draws: --holder-diameter 11mm, for example.
+    """
+    from ..fabricate import write_holders
+
+    summary = write_holders(
+        asked.effector.design, answer.target, options=options, step=step, force=answer.force
+    )
+    result = {"output": answer.target, **summary, **asked.describe()}
+    _give(result, answer=answer, text=format_parts(summary, answer.target))

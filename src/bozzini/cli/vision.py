@@ -25,7 +25,6 @@ from .common import (
     answer_options,
     format_rows,
     gather,
-    make_option,
     option,
     options_of,
     run_exit,
@@ -265,17 +264,7 @@ def _describe_track(found: Track, target: Path) -> str:
     return "\n".join([*lines, f"Results: {target}"])
 
 
-_LENGTH_FIELDS = dataclasses.fields(LengthOptions)
-length_options = gather(
-    "options",
-    LengthOptions,
-    *(
-        make_option(item, required=True, default=None, show_default=False)
-        if item.default is dataclasses.MISSING
-        else make_option(item)
-        for item in _LENGTH_FIELDS
-    ),
-)
+length_options = options_of(LengthOptions, "options")
 
 
 def _load_strips(path: Path | None) -> StripBoard:
@@ -338,11 +327,12 @@ def length_command(
     """Measure the length between two ring marks of a muscle in the pictures of TABLE.
 
     TABLE has a row for each picture, with the columns image (relative to the table) and
-    pressure_kpa and, if there, specimen, direction (inflate, deflate, none), load_n, and
-    override_x1, override_y1, override_x2, override_y2 for marks that a person sets. Other columns
-    are kept. Contractions are from the rows without pressure; contractions.csv is what 'bozzini
-    muscle fit' reads. Exit code 0: all lengths are there; 1: some are not, and have the reason in
-    their row; 2: bad input.
+    pressure_kpa and, if there, specimen, direction (inflate, deflate, none), load_n, setpoint_kpa
+    (by which repeats belong together where the pressure is a measured one), and override_x1,
+    override_y1, override_x2, override_y2 for marks that a person sets. Other columns are kept.
+    Contractions are from the rows without pressure; contractions.csv is what 'bozzini muscle fit'
+    reads. Exit code 0: all lengths are there; 1: some are not, and have the reason in their row;
+    2: bad input.
     """
     from ..io.files import reserve_directory
     from ..vision.pictures import read_manifest
@@ -410,12 +400,13 @@ def demo_command(options: DemoOptions, answer: Answer) -> None:
     known = DEMO_LENGTH
     target = answer.target
     text = (
-        f"{summary['pictures']} pictures. Measure them by\n"
+        f"{summary['pictures']} pictures. Measure them, and fit a model to their contractions, by\n"
         f"  bozzini vision length {target}/manifest.csv --board {target}/board.yaml "
         f"--cameras {target}/cameras.yaml --height {known.height:g}mm "
         f"--diameter {known.diameter:g}mm --ring {known.ring:g}mm "
         f"--height-uncertainty {known.height_uncertainty:g}mm "
-        f"--tilt-uncertainty {known.tilt_uncertainty:g}rad --out lengths"
+        f"--tilt-uncertainty {known.tilt_uncertainty:g}rad --out lengths\n"
+        "  bozzini muscle fit lengths/contractions.csv --preset effector-45"
     )
     answer.give(summary | {"directory": target}, text)
 

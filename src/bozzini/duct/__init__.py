@@ -7,6 +7,7 @@ from .centreline import Centreline, find_centreline
 from .compose import Moved, Union, Without, union, without
 from .field import RefinedField, build_field, field_from_mask, field_from_mesh, refine_field
 from .fitting.fit import FittedDuct, ShapeFitOptions, fit
+from .moving import MovedField, MovingField, carry_tissue, trace_back
 from .shape_files import load_shapes as load
 from .shape_files import save_shapes as save
 from .shapes import DUCT_SHAPES
@@ -31,6 +32,8 @@ __all__ = [
     "ShapeFitOptions",
     "FittedDuct",
     "Moved",
+    "MovedField",
+    "MovingField",
     "PackedDuct",
     "PlanarField",
     "PointCloud",
@@ -46,6 +49,7 @@ __all__ = [
     "Union",
     "Without",
     "build_field",
+    "carry_tissue",
     "field_from_mask",
     "field_from_mesh",
     "find_centreline",
@@ -53,6 +57,7 @@ __all__ = [
     "load",
     "refine_field",
     "save",
+    "trace_back",
     "union",
     "without",
 ]

@@ -100,7 +100,7 @@ class EffectorDesign:
         small deflections.
     holder_diameter, bore_diameter, hole_diameter, coil_diameter : float
         Of the holder, of the catheter's hole in it, of a muscle's hole, and of the coil round which
-        the section bends [mm] (thesis 4.2); used by `find_conflicts` only.
+        the section bends [mm] (thesis 4.2); for `find_conflicts` and `bozzini.fabricate`.
 
     Raises
     ------
@@ -161,10 +161,18 @@ class EffectorDesign:
         high=10.0,
     )
     beam_factor: float = quantity(default=3.0, low=2.0, high=3.0)
-    holder_diameter: float = quantity("length", default=9.0, low=1e-3, high=1e4)
-    bore_diameter: float = quantity("length", default=3.5, low=0.0, high=1e4)
-    hole_diameter: float = quantity("length", default=2.0, low=0.0, high=1e4)
-    coil_diameter: float = quantity("length", default=4.0, low=0.0, high=1e4)
+    holder_diameter: float = quantity(
+        "length", "Diameter of the holders (prototype: 9 mm).", default=9.0, low=1e-3, high=1e4
+    )
+    bore_diameter: float = quantity(
+        "length", "Catheter's hole in them (prototype: 3.5 mm).", default=3.5, low=0.0, high=1e4
+    )
+    hole_diameter: float = quantity(
+        "length", "A muscle's hole in them (prototype: 2 mm).", default=2.0, low=0.0, high=1e4
+    )
+    coil_diameter: float = quantity(
+        "length", "Coil in the middle (prototype: 4 mm).", default=4.0, low=0.0, high=1e4
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)

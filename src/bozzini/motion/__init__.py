@@ -9,7 +9,8 @@ if TYPE_CHECKING:
     from .certify import Certificate, certify_motion
     from .largest import Largest, find_largest
     from .link import LinkPlacement, move_free_chain, place_tail
-    from .moving import plan_with_soft_wall, replan
+    from .live import LiveFrame, LiveOptions, LiveRun, follow_tissue
+    from .moving import ReplanOptions, plan_with_soft_wall, replan
     from .plan import Plan
     from .planner import Motion, Planner, plan_insertion
     from .planners import PLANNERS, PlannerOptions
@@ -28,12 +29,16 @@ __all__ = [
     "Largest",
     "LinkLimits",
     "LinkPlacement",
+    "LiveFrame",
+    "LiveOptions",
+    "LiveRun",
     "Motion",
     "Passage",
     "Plan",
     "Planner",
     "PlannerOptions",
     "Refusal",
+    "ReplanOptions",
     "Scope",
     "Verification",
     "certify_motion",
@@ -42,6 +47,7 @@ __all__ = [
     "find_largest",
     "find_link_limits",
     "find_passage",
+    "follow_tissue",
     "move_free_chain",
     "place_tail",
     "plan_insertion",
@@ -54,12 +60,13 @@ __all__ = [
 _PLACES = {
     "certify": ("Certificate", "certify_motion"),
     "largest": ("Largest", "find_largest"),
+    "live": ("LiveFrame", "LiveOptions", "LiveRun", "follow_tissue"),
     "link": ("LinkPlacement", "move_free_chain", "place_tail"),
     "plan": ("Plan",),
     "planner": ("Motion", "Planner", "plan_insertion"),
     "planners": ("PLANNERS", "PlannerOptions"),
     "refusal": ("REASON_CODES", "Refusal"),
-    "moving": ("plan_with_soft_wall", "replan"),
+    "moving": ("ReplanOptions", "plan_with_soft_wall", "replan"),
     "scope": ("Introducer", "Scope"),
     "space": ("FreeSpace", "Passage", "find_passage"),
     "traverse": ("LinkLimits", "find_diameter_limits", "find_link_limits"),

@@ -13,21 +13,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_number, check_points
+from ..checks import check_integer, check_number, check_points
 from ..duct.base import Duct
 from ..duct.centreline import Centreline
 from ..duct.field import RefinedField, SampledField
 from ..errors import InputError
-from ..numeric.polylines import measure_arc_length
+from ..numeric.polylines import interpolate_polyline, measure_arc_length
 from ..progress import Progress, no_progress
 from .measures import measure_body
 from .plan import Plan, Replanned, SoftWall
-from .planner import check_link, finish_plan, make_planner, plan_insertion
+from .planner import Motion, check_link, finish_plan, make_planner, plan_insertion
 from .planners import PlannerOptions
+from .refusal import Refusal
 from .scope import Introducer, Scope, measure_bore
-from .shape import HOPELESS_MM
+from .shape import HOPELESS_MM, SPACING_MM
 from .space import FreeSpace
-from .tube import MARGINS, Job, Style, TubeMotion, plan_in_tube
+from .tube import MARGINS, Job, Standing, Style, TubeMotion, plan_in_tube
 
 # A wall that gives way: it is displaced as little as needed, and contacts are named.
 
@@ -132,6 +133,40 @@ SCHEDULES: tuple[tuple[tuple[int, float], ...], ...] = (
 """Rounds of (sweeps, tension), tried in turn; each begins at the moved path."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ReplanOptions:
+    """How far a motion is planned again, and from where.
+
+    Parameters
+    ----------
+    step : int, optional
+        The scope stands at this step of the last plan. Its body is moved with the tissue, and the
+        motion goes on from there; where that fails nothing else is tried. By default the whole
+        insertion is planned again, from the introducer.
+    horizon : float, optional
+        Plan only so far ahead of the head [mm]; by default to the goal.
+    measure : bool
+        Whether clearances are estimated too. Without it time is saved: every clearance of the plan
+        is the certified one, `Plan.measures` is None, and the path's points are 1 mm apart instead
+        of 0.5 mm.
+
+    Raises
+    ------
+    InputError
+        If the horizon is none, or is given without a step.
+    """
+
+    step: int | None = None
+    horizon: float | None = None
+    measure: bool = True
+
+    def __post_init__(self) -> None:
+        if self.horizon is not None:
+            check_number("horizon", self.horizon, low=0.0, high=1e6, unit="mm")
+            if self.step is None:
+                raise InputError("a horizon was given, but no step at which the scope stands")
+
+
 def replan(
     plan: Plan,
     duct: Duct,
@@ -139,7 +174,7 @@ def replan(
     advect: Advect | None = None,
     scope: Scope | None = None,
     line: Centreline | None = None,
-    progress: Progress = no_progress,
+    options: ReplanOptions | None = None,
 ) -> Plan:
     """Plan an insertion again after the lumen has moved or changed.
 
@@ -163,7 +198,8 @@ def replan(
     line : Centreline, optional
         The way to the goal as it is now, for a full plan; by default the moved path. It must be
         given if the last plan did not reach its goal, because such a plan knows no way there.
-    progress : Progress
+    options : ReplanOptions, optional
+        Whether the scope stands in the lumen already, and how far ahead is planned.
 
     Returns
     -------
@@ -172,7 +208,9 @@ def replan(
         the scope's radius and after how many ``sweeps`` (0: as it was), how far the path's points
         were moved with the tissue (``tissue_move``) and, if it did not serve, why (``reason``).
         The certificate holds for the lumen given, not for the time between two
-        lumens: a wall that moves by up to w mm takes up to w mm off the clearance.
+        lumens: a wall that moves by up to w mm takes up to w mm off the clearance. With a horizon
+        the plan is ``"stopped"`` there, with the code ``"HORIZON"``; its path leads on to the goal,
+        and it can be planned again.
 
     Raises
     ------
@@ -181,28 +219,46 @@ def replan(
         introducer, or has not the duct's dimensions, or if `advect` does not return as many finite
         points.
     """
-    _check(plan, duct, line)
+    again = options or ReplanOptions()
+    _check(plan, duct, line, scope, again)
     links = plan.links if scope is None else 0
     scope = plan.get_scope() if scope is None else scope
-    options = plan.options or PlannerOptions()
-    make_planner(plan.method).check(scope, options)
+    asked = plan.options or PlannerOptions()
+    make_planner(plan.method).check(scope, asked)
     style = Style(freedom=0.0 if plan.method == "follow" else (plan.freedom or 1.0))
     path = _advect(advect, plan.path)
-    moved = _measure_line(path, duct)
+    way, rest, standing = path, path[:0], None
+    if again.step is not None:
+        chain = duct.to_grid(_advect(advect, plan.joints[again.step]))
+        way, rest, share = cut_ahead(plan, path, again)
+        standing = Standing(chain=chain, share=share)
+    moved = _measure_line(way, duct)
     space = FreeSpace(duct, moved, _move_introducer(plan, advect, path[0], duct, scope))
-    check_link(scope, moved)
-    links = links or scope.count_links(moved.length)
-    progress("plan", 0.0)
+    if standing is None:
+        check_link(scope, moved)
+    job = Job(
+        space,
+        scope,
+        asked,
+        style,
+        links=links or scope.count_links(moved.length),
+        standing=standing,
+    )
+    if not again.measure:
+        job.spacing = SPACING_MM
     attempt = _Attempt(reason="the last plan did not reach its goal")
-    if plan.status == "complete":
-        attempt = _try_path(Job(space, scope, options, style, links=links))
-    motion = attempt.motion
-    if motion is None:
+    if _knows_way(plan):
+        attempt = _try_path(job)
+    motion: Motion | None = attempt.motion
+    if standing is not None:
+        motion = _go_on(job, attempt, plan, again, rest)
+    elif motion is None:
         if line is not None:
             space = FreeSpace.at_entry(duct, line, along=scope.link_length)
-        motion = plan_in_tube(Job(space, scope, options, style, links=links), progress=progress)
-    result = finish_plan(space, motion, scope=scope, options=options, asked=plan.method)
-    progress("certify", 1.0)
+        motion = plan_in_tube(Job(space, scope, asked, style, links=job.links))
+    result = finish_plan(
+        space, motion, scope=scope, options=asked, asked=plan.method, measure=again.measure
+    )
     note = Replanned(
         warm=attempt.motion is not None,
         margin=attempt.margin,
@@ -211,6 +267,45 @@ def replan(
         reason=attempt.reason,
     )
     return replace(result, replan=note)
+
+
+def cut_ahead(
+    plan: Plan, path: NDArray[np.float64], options: ReplanOptions
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Return the part of a moved path up to the horizon, the rest, and where the head is in it.
+
+    The head's place is a share of the first part's length.
+    """
+    arc = measure_arc_length(path)
+    step = 0 if options.step is None else options.step
+    head = float(np.interp(plan.head_arc_length[step], plan.path_arc_length, arc))
+    end = float(arc[-1])
+    if options.horizon is not None:
+        end = min(end, max(head + options.horizon, float(arc[1])))
+    count = int(np.searchsorted(arc, end - 1e-6))
+    way = np.concatenate([path[:count], interpolate_polyline(path, arc, np.array([end]))])
+    return way, path[int(np.searchsorted(arc, end + 1e-6)) :], min(head / end, 1.0)
+
+
+def _go_on(
+    job: Job, attempt: _Attempt, plan: Plan, options: ReplanOptions, rest: NDArray[np.float64]
+) -> Motion:
+    """Return the motion of a scope that stands in the lumen; if there is none, it stays."""
+    motion, standing = attempt.motion, job.standing
+    if motion is None:
+        at = 0.0 if standing is None else standing.share * job.line.length
+        step = 0 if options.step is None else options.step
+        return Motion(
+            joints=job.duct.to_world(standing.chain)[None] if standing else plan.joints[step][None],
+            head_arc_length=np.array([at]),
+            path=np.concatenate([job.line.points, rest]),
+            refusal=Refusal(code="NOT_CARRIED", at=at, what=attempt.reason),
+        )
+    if len(rest) == 0 or motion.refusal is not None:
+        return motion
+    at = float(motion.head_arc_length[-1])
+    stop = Refusal(code="HORIZON", at=at, what=f"planned up to {at:.1f} mm of the head's path")
+    return replace(motion, path=np.concatenate([motion.path, rest]), refusal=stop)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -249,7 +344,21 @@ def _try_path(job: Job) -> _Attempt:
     return _Attempt(sweeps=sweeps, reason=reason)
 
 
-def _check(plan: Plan, duct: Duct, line: Centreline | None) -> None:
+LIVE_CODES = ("HORIZON", "NOT_CARRIED")
+"""A plan that stopped for one of these knows the whole way to its goal."""
+
+
+def _knows_way(plan: Plan) -> bool:
+    return plan.status == "complete" or plan.reason_code in LIVE_CODES
+
+
+def _check(
+    plan: Plan,
+    duct: Duct,
+    line: Centreline | None,
+    scope: Scope | None,
+    options: ReplanOptions,
+) -> None:
     if plan.method not in ("tube", "follow"):
         raise InputError(
             f"a plan by method {plan.method!r} cannot be planned again: it must be by 'tube' or "
@@ -260,7 +369,11 @@ def _check(plan: Plan, duct: Duct, line: Centreline | None) -> None:
             f"the last plan has {plan.path.shape[1]} dimensions, the duct has "
             f"{duct.dim}: they must agree"
         )
-    if plan.status != "complete" and line is None:
+    if options.step is not None:
+        check_integer("step", options.step, low=0, high=plan.steps - 1)
+        if scope is not None:
+            raise InputError("another scope was given, but the last plan's stands in the lumen")
+    if not _knows_way(plan) and (line is None or options.step is not None):
         raise InputError(
             f"the last plan stopped ({plan.reason_code}), it knows no way to the goal: give line"
         )

@@ -324,16 +324,28 @@ def make_planner(method: str) -> Planner:
 
 
 def finish_plan(
-    space: FreeSpace, motion: Motion, *, scope: Scope, options: PlannerOptions, asked: str
+    space: FreeSpace,
+    motion: Motion,
+    *,
+    scope: Scope,
+    options: PlannerOptions,
+    asked: str,
+    measure: bool = True,
 ) -> Plan:
-    """Certify and measure a motion and put it, with all it was made from, into a plan."""
+    """Certify and measure a motion and put it, with all it was made from, into a plan.
+
+    Without `measure` every clearance is the certified one, and there are no measures.
+    """
     refusal, certificate, duct = motion.refusal, motion.certificate, space.duct
     if certificate is None:
         certificate = certify_motion(motion.joints, space, radius=scope.radius)
     code, reason = motion.reason_code, motion.reason
     if refusal is not None:
         code, reason = refusal.code, refusal.reason
-    clearance, measures = measure_motion(space, motion.joints, motion.head_arc_length, scope)
+    measures = None
+    clearance = np.full((motion.joints.shape[0], motion.joints.shape[1] - 1), certificate.clearance)
+    if measure:
+        clearance, measures = measure_motion(space, motion.joints, motion.head_arc_length, scope)
     return Plan(
         joints=motion.joints,
         head_arc_length=motion.head_arc_length,

@@ -19,6 +19,8 @@ REASON_CODES = {
     "SCOPE_TOO_SHORT": "the scope is wholly inserted before the goal",
     "ANGLE": "neighbouring links would turn by more than the limit",
     "CERTIFICATE_UNRESOLVED": "a motion was found, but its clearance could not be proved",
+    "HORIZON": "planned again only as far as was asked for",
+    "NOT_CARRIED": "the body could not be moved with the tissue and kept clear",
     "HEAD_CLEARANCE": "the head's path lacks clearance (method thesis)",
     "LINK_INFEASIBLE": "a link has no feasible place (method thesis)",
     "LINK_LOCKED": "a link's next feasible place is a jump away (method thesis)",

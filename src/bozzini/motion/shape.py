@@ -97,12 +97,15 @@ class Band:
         What every chord must have [mm].
     lead : float
         How far the introducer's straight line is continued outwards [mm].
+    spacing : float
+        Distance between the points of the shaped path [mm].
     """
 
     space: FreeSpace
     length: float
     clearance: float
     lead: float
+    spacing: float = 0.5 * SPACING_MM
 
     def shape(self, path: Floats, *, thorough: bool = True) -> ShapedPath:
         """Shape a path (m, 3) in the duct's own frame, whose ends stay; return the best found.
@@ -170,7 +173,7 @@ class Band:
             points = np.concatenate([outer, inner])
             relax_path(data, intro, points, first, self.length, aim, sweeps, tension, REACH)
             inner = resample_polyline(points[first:], SPACING_MM)
-        inner = resample_polyline(inner, 0.5 * SPACING_MM)
+        inner = resample_polyline(inner, self.spacing)
         points = np.concatenate([outer, inner])
         found = np.empty(len(points))
         aim = self.clearance + TARGET_MM

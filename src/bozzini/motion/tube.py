@@ -109,6 +109,27 @@ class TubeMotion(Motion):
         )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Standing:
+    """A scope that stands in the lumen when its motion begins.
+
+    Parameters
+    ----------
+    chain : (joints, 3) float
+        Its joints, in the duct's own frame; links may be stretched, as tissue is.
+    share : float
+        Of the path, where the head is.
+    """
+
+    chain: NDArray[np.float64]
+    share: float
+
+    def spread(self, length: float, step: float) -> NDArray[np.float64]:
+        """Return the head's arc length at each step to the end of a path."""
+        begin = self.share * length
+        return np.linspace(begin, length, int(np.ceil((length - begin) / step - 1e-6)) + 1)
+
+
 def plan_in_tube(job: Job, *, progress: Progress = no_progress) -> TubeMotion:
     """Plan a certified motion as far as it goes, and state why it ends there."""
     progress("plan", 0.0)
@@ -138,7 +159,12 @@ class Job:
     scope, options, style
     links : int, optional
         By default what the scope's length, or the line's, takes.
+    standing : Standing, optional
+        By default the scope begins in the introducer.
     """
+
+    spacing = Band.spacing
+    """Distance between the points of a shaped path [mm]."""
 
     def __init__(
         self,
@@ -148,7 +174,9 @@ class Job:
         style: Style,
         *,
         links: int | None = None,
+        standing: Standing | None = None,
     ) -> None:
+        self.standing = standing
         self.space, self.scope, self.options, self.style = space, scope, options, style
         self.duct, self.line, self.passages = space.duct, space.centreline, space.passages
         self.links = links or scope.count_links(self.line.length)
@@ -168,6 +196,7 @@ class Job:
             length=self.scope.link_length,
             clearance=self.scope.radius + margin,
             lead=(self.links + 2) * self.scope.link_length,
+            spacing=self.spacing,
         )
 
     def try_whole_way(self, *, thorough: bool = True) -> TubeMotion | None:
@@ -319,11 +348,16 @@ class Job:
     ) -> TubeMotion:
         """Move the chain along a shaped path, and certify what comes out."""
         freedom = self.style.freedom if freedom is None else freedom
-        heads = spread_heads(shaped.length, self.options)
+        band, standing = self.band(margin), self.standing
+        if standing is None:
+            heads = spread_heads(shaped.length, self.options)
+            back = np.arange(self.links + 1) * band.length
+            chain = shaped.points[shaped.first] + back[:, None] * self.space.intro[3:6]
+        else:
+            heads, chain = standing.spread(shaped.length, self.options.head_step), standing.chain
         joints = np.empty((len(heads), self.links + 1, 3))
-        move_in_tube(
-            self.band(margin), shaped, heads, joints, freedom=freedom, slip=self.options.slip
-        )
+        joints[0] = chain
+        move_in_tube(band, shaped, heads, joints, freedom=freedom, slip=self.options.slip)
         world = self.duct.to_world(joints)
         refusal = None
         limit = self.options.angle_limit
@@ -374,7 +408,7 @@ def move_in_tube(
 ) -> None:
     """Fill `joints` (steps, joints, 3) with a chain whose head is at `heads` on a shaped path.
 
-    All in the duct's own frame. The chain starts straight in the introducer.
+    All in the duct's own frame. It starts from the chain in `joints[0]`, which is replaced.
     """
     from .kernels.path import tabulate_tube
     from .kernels.tractrix import move_in_tube as move
@@ -384,9 +418,7 @@ def move_in_tube(
     tube = np.zeros(len(points))
     if freedom > 0.0:
         tabulate_tube(data, intro, points, first, length, band.clearance, cap, TUBE_SLOPE, tube)
-    back = np.arange(joints.shape[1]) * length
-    chain = points[first] + back[:, None] * intro[3:6]
-    arc, places = shaped.arc_length, -back.astype(np.float64)
+    arc, chain, places = shaped.arc_length, joints[0].copy(), np.empty(joints.shape[1])
     move(
         points, arc, tube, heads, length, DEVIATION_CAP, float(slip), float(freedom), chain,
         places, joints,

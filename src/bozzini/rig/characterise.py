@@ -345,6 +345,7 @@ class Characterisation(Result):
                 "image": [Path(os.path.relpath(r.image, folder)).as_posix() for r in rows],
                 "specimen": self.stairs.specimen,
                 "pressure_kpa": [1e3 * max(r.pressure, 0.0) for r in rows],
+                "setpoint_kpa": [1e3 * r.setpoint for r in rows],
                 "direction": [short[r.direction] for r in rows],
                 "repeat": [r.repeat for r in rows],
                 "load_n": self.stairs.load,

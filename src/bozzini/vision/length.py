@@ -57,6 +57,8 @@ MANUAL_PIXEL = 1.0
 _AMBIGUOUS = 0.6
 _EVEN = 0.5
 _APART = 3.0
+_WIDEST = 0.6
+"""Share of the window's width up to which a muscle is told from the paper."""
 _LINES = 9
 _SHARE = 0.3
 """Lines along the muscle, within this share of its diameter either side of the axis."""
@@ -66,8 +68,12 @@ _CORNER_NOISE = 0.05
 _PAPER = 0.85
 _ROUND = 1.0 / math.sqrt(12.0)
 
-_PIXEL_FLOOR = 0.018
-"""Uncertainty of a ring's middle that no residual shows [px]: sampling and compression."""
+_PIXEL_FLOOR = 0.012
+"""Uncertainty of a ring's middle that no residual shows [px]: sampling and compression.
+
+Measured: with it the errors of 170 rendered pictures, 10 of each condition that the tests have but
+of other seeds, are 1.0 times the claimed uncertainty rms.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -636,7 +642,8 @@ def _find_axis(picture: Picture, board: StripBoard, plane: _Plane, options: Leng
     grid, pixels, along = grid[rows], pixels[rows], along[rows]
     values = ndimage.gaussian_filter(_sample(picture, pixels, 1), 0.7)
     width = 2 * round(1.5 * options.diameter / step) + 1
-    paper = ndimage.grey_closing(ndimage.gaussian_filter(values, 1.5), size=(1, width))
+    most = max(width, round(_WIDEST * len(across)))
+    paper = ndimage.grey_closing(ndimage.gaussian_filter(values, 1.5), size=(1, most))
     ratio = values / np.maximum(ndimage.uniform_filter(paper, width), 1e-3)
     noise = 1.4826 * float(np.median(np.abs(ratio - np.median(ratio))))
     body = _take_tallest(ratio < float(np.median(ratio)) - max(5.0 * noise, 0.05), step, options)
@@ -801,22 +808,25 @@ def _fit_band(along: Floats, grey: Floats, place: float, ring: float, step: floa
     )
     residuals = miss(found.x)
     variance = float(residuals @ residuals) / max(len(x) - 6, 1)
-    covariance = variance * np.linalg.pinv(found.jac.T @ found.jac)
-    pick = np.array([0.0, 0.0, 0.0, 0.5, 0.5, 0.0])
-    spread = math.sqrt(float(pick @ covariance @ pick) * _find_inflation(residuals))
     edges = np.sort(found.x[3:5]) + place
+    middle = float(edges.mean())
+    # What is alike on both sides of the middle does not move it: gamma, and the shape of the blur.
+    odd = 0.5 * (residuals - np.interp(2.0 * (middle - place) - x, x, residuals))
+    weights = 0.5 * np.linalg.pinv(found.jac)[3:5].sum(axis=0)
+    spread = math.sqrt(2.0 * _sum_correlated(weights, odd) / max(len(x) - 4, 1))
     noise = max(math.sqrt(variance), 1e-9)
-    return _Band(float(edges.mean()), edges, spread, abs(float(found.x[2])) / noise)
+    return _Band(middle, edges, spread, abs(float(found.x[2])) / noise)
 
 
-def _find_inflation(residuals: Floats) -> float:
-    """Return 1 + 2 times the sum of the autocorrelation of residuals, up to where it ends."""
-    off = residuals - residuals.mean()
-    whole = float(off @ off)
-    total = 1.0
-    for lag in range(1, len(off) // 4):
-        share = float(off[lag:] @ off[:-lag]) / max(whole, 1e-300)
-        if share <= 0.0:
+def _sum_correlated(weights: Floats, residuals: Floats) -> float:
+    """Return the variance of a weighted sum of residuals, times their number.
+
+    Their autocorrelation counts up to where it ends.
+    """
+    total = float(residuals @ residuals) * float(weights @ weights)
+    for lag in range(1, len(residuals) // 4):
+        shared = float(residuals[lag:] @ residuals[:-lag])
+        if shared <= 0.0:
             break
-        total += 2.0 * share
-    return total
+        total += 2.0 * shared * float(weights[lag:] @ weights[:-lag])
+    return max(total, 0.0)

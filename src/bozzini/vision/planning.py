@@ -88,7 +88,7 @@ class LengthSetup:
     @property
     def sensor(self) -> Sensor:
         """The camera's sensor."""
-        return Sensor(blur=self.blur, noise=self.noise, supersampling=3)
+        return Sensor(blur=self.blur, noise=self.noise)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -315,7 +315,7 @@ def write_demo(
     directory: str | os.PathLike[str],
     *,
     options: DemoOptions = DemoOptions(),
-    setup: LengthSetup = LengthSetup(pitch=0.086, columns=1280, rows=800),
+    setup: LengthSetup = LengthSetup(pitch=0.086, columns=960, rows=760),
     force: bool = False,
     progress: Progress = no_progress,
 ) -> Json:

@@ -69,7 +69,7 @@ class Sensor:
     bits : int
         Of a stored value, 8 or 16.
     supersampling : int
-        Rays a pixel in each direction.
+        Rays a pixel in each direction. Edges of bands are exact for any number.
     """
 
     blur: float = quantity(help="Point spread [px].", default=0.8, low=0.0, high=50.0)
@@ -202,12 +202,15 @@ def _trace_scene(scene: Scene, camera: Camera, samples: int) -> tuple[Floats, Fl
             *(grid, region, turn, origin, curve, measure_arc_length(curve), tube.radius, reach),
             *(bands, light, radiance, depth),
         )
-    width, height = camera.size
-    cells = (height, samples, width, samples)
-    return (
-        radiance.reshape(cells).mean(axis=(1, 3), dtype=float),
-        depth.reshape(cells).min(axis=(1, 3)).astype(float),
-    )
+    return _join(radiance, samples, np.add) / samples**2, _join(depth, samples, np.minimum)
+
+
+def _join(values: Grey, samples: int, add: np.ufunc) -> Floats:
+    """Return a value for each pixel from those of its rays."""
+    joined = values[::samples, ::samples].astype(float)
+    for k in range(1, samples**2):
+        add(joined, values[k // samples :: samples, k % samples :: samples], out=joined)
+    return joined
 
 
 def _densify(curve: Floats) -> Floats:
@@ -253,10 +256,11 @@ def _find_region(
     curve: Floats, radius: float, camera: Camera, samples: int
 ) -> tuple[NDArray[np.int64], Floats]:
     """Return the part of the grid that a tube may be seen in, and the range of its distances."""
-    inside = camera.to_camera(curve)
+    points = resample_polyline(curve, max(radius, 1.0))  # the middle may be nearer than the ends
+    inside = camera.to_camera(points)
     if inside[:, 2].min() <= radius:
         raise InputError("a tube reaches behind the camera: move it or the camera")
-    pixels = camera.project(resample_polyline(curve, max(radius, 1.0)))
+    pixels = camera.project(points)
     margin = 2.0 + 1.3 * camera.focal * radius / (inside[:, 2].min() - radius)
     low, high = pixels.min(axis=0) - margin, pixels.max(axis=0) + margin
     limit = np.array(camera.size)

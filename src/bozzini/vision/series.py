@@ -8,6 +8,7 @@ contraction only that share of the contraction is left.
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import math
 import os
@@ -44,6 +45,9 @@ if TYPE_CHECKING:
 FEW_REPEATS = 5
 """Repeats below which a mean is flagged."""
 
+RING_CHANGE = 0.05
+"""Share by which a ring differs from its median over the pictures of a specimen, flagged above."""
+
 HARMLESS = ("colour",)
 """Flags that say nothing against a length."""
 
@@ -54,13 +58,17 @@ _STATE = ("specimen", "load_n", "pressure_kpa", "direction")
 
 @dataclass(frozen=True)
 class SeriesRow:
-    """A row of a manifest: which state, which picture, and marks that a person has set."""
+    """A row of a manifest: which state, which picture, and marks that a person has set.
+
+    The set-point is the pressure that was asked for, by which repeats belong together.
+    """
 
     specimen: str
     load_n: float
     pressure_kpa: float
     direction: str
     picture: Path
+    setpoint_kpa: float
     marks: tuple[float, ...] = ()
 
 
@@ -143,10 +151,11 @@ class LengthSeries(Result):
     def summarise(self) -> list[Json]:
         """Return a row for each state: mean length, contraction and hysteresis, with uncertainty.
 
-        A state is a specimen, a load, a pressure and a direction: inflation and deflation are not
-        pooled. Contractions are from the specimen's rows without pressure, at its least load.
-        Standard uncertainties begin with ``u_``; ``U95`` is half the interval of 95 % by Student's
-        factor for the effective degrees of freedom (Welch and Satterthwaite; GUM, annex G).
+        A state is a specimen, a load, a pressure (the set-point, where the table has one) and a
+        direction: inflation and deflation are not pooled. Contractions are from the specimen's rows
+        without pressure, at its least load. Standard uncertainties begin with ``u_``; ``U95`` is
+        half the interval of 95 % by Student's factor for the effective degrees of freedom (Welch
+        and Satterthwaite; GUM, annex G).
         """
         groups = [_take_mean(state, self) for state in dict.fromkeys(map(_get_state, self.rows))]
         for group in groups:
@@ -222,7 +231,7 @@ _State = tuple[str, float, float, str]
 
 
 def _get_state(row: SeriesRow) -> _State:
-    return row.specimen, row.load_n, row.pressure_kpa, row.direction
+    return row.specimen, row.load_n, row.setpoint_kpa, row.direction
 
 
 def _take_mean(state: _State, series: LengthSeries) -> Json:
@@ -304,8 +313,9 @@ def read_series(manifest: Manifest) -> tuple[SeriesRow, ...]:
     """Return the rows of a table of pictures.
 
     It needs the columns ``image`` and ``pressure_kpa``; ``specimen``, ``load_n``, ``direction``
-    (inflate, deflate or none) and ``override_x1``, ``override_y1``, ``override_x2``,
-    ``override_y2`` [px] are used where they are there. Others are kept as they are.
+    (inflate, deflate or none), ``setpoint_kpa`` and ``override_x1``, ``override_y1``,
+    ``override_x2``, ``override_y2`` [px] are used where they are there. Others are kept as they
+    are. Without a set-point the pressure is taken for one.
 
     Raises
     ------
@@ -325,10 +335,11 @@ def read_series(manifest: Manifest) -> tuple[SeriesRow, ...]:
             raise FileFormatError(f"{where}: give all of {', '.join(_OVERRIDES)}, or none")
         pressure = _read_number(where, row, "pressure_kpa")
         load = _read_number(where, row, "load_n") if row.get("load_n") else 0.0
+        asked = _read_number(where, row, "setpoint_kpa") if row.get("setpoint_kpa") else pressure
         given = tuple(_read_number(where, row, name) for name in _OVERRIDES) if all(marks) else ()
         specimen = row.get("specimen", "")
         picture = manifest.find_picture(row, "image")
-        rows.append(SeriesRow(specimen, load, pressure, _WORDS[word], picture, given))
+        rows.append(SeriesRow(specimen, load, pressure, _WORDS[word], picture, asked, given))
     return tuple(rows)
 
 
@@ -379,10 +390,28 @@ def measure_series(
     found = measure_each(rows, work, jobs=jobs, stage="lengths", progress=progress)
     return LengthSeries(
         rows=rows,
-        found=tuple(row.get("found") for row in found),
+        found=_flag_rings(rows, [row.get("found") for row in found]),
         reasons=tuple(row["reason"] for row in found),
         manifest=manifest,
         options=options,
+    )
+
+
+def _flag_rings(
+    rows: Sequence[SeriesRow], found: Sequence[MuscleLength | None]
+) -> tuple[MuscleLength | None, ...]:
+    """Flag where a ring is longer or shorter than in most pictures of its specimen: part hidden."""
+    widths = np.array([item.rings if item else (np.nan, np.nan) for item in found])
+    changed = np.zeros(len(rows), bool)
+    for specimen in {row.specimen for row in rows}:
+        own = np.array([row.specimen == specimen for row in rows])
+        known = own & np.isfinite(widths).all(axis=1)
+        if known.sum() >= FEW_REPEATS:
+            usual = np.median(widths[known], axis=0)
+            changed |= known & (np.abs(widths / usual - 1.0) > RING_CHANGE).any(axis=1)
+    return tuple(
+        dataclasses.replace(item, flags=(*item.flags, "ring_changed")) if item and off else item
+        for item, off in zip(found, changed.tolist(), strict=True)
     )
 
 

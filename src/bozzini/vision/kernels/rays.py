@@ -109,6 +109,21 @@ def _shade(albedo, point, normal, origin, light):
 
 
 @njit(cache=True)
+def _cover(x, first, second):
+    """Return the share of a rectangle, its middle at `x`, that is beyond a straight edge at 0.
+
+    `first` and `second` are what its sides measure along the normal of the edge.
+    """
+    wide, narrow = max(first, second), min(first, second)
+    if narrow < 1e-3 * wide:
+        return min(max(x / max(wide, 1e-12) + 0.5, 0.0), 1.0)
+    far, near = 0.5 * (wide + narrow), 0.5 * (wide - narrow)
+    area = max(x + far, 0.0) ** 2 - max(x + near, 0.0) ** 2
+    area += max(x - far, 0.0) ** 2 - max(x - near, 0.0) ** 2
+    return min(max(0.5 * area / (wide * narrow), 0.0), 1.0)
+
+
+@njit(cache=True)
 def render_plane(grid, turn, origin, texture, place, light, radiance, depth):
     """Draw the plane z = 0 into `radiance` and `depth` (h, w).
 
@@ -149,9 +164,11 @@ def render_tube(
     """Draw a tube about a polyline into `radiance` and `depth` (h, w), where it is nearer.
 
     `region` (y0, y1, x0, x1) is the part of the grid looked at, `reach` the range of distances.
-    `bands` (m, 3) are ranges of arc length and their albedo, the first the tube's own.
+    `bands` (m, 3) are ranges of arc length and their albedo, the first the tube's own. The edges of
+    bands are exact: a ray counts the share of its cell of the grid that is within a band.
     """
-    ray, point, normal = np.empty(3), np.empty(3), np.empty(3)
+    ray, point, normal, along = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    rows, columns = grid.shape[:2]
     stride = 1
     while 24 * stride < points.shape[0]:
         stride *= 2
@@ -164,14 +181,30 @@ def render_tube(
             t, where, part = _trace(points, radius, origin, ray, reach[0], reach[1], stride)
             if not t / size < depth[i, j]:
                 continue
+            piece = lengths[where + 1] - lengths[where]
             for k in range(3):
                 point[k] = origin[k] + t * ray[k]
-                axis = points[where, k] + part * (points[where + 1, k] - points[where, k])
+                along[k] = (points[where + 1, k] - points[where, k]) / piece
+                axis = points[where, k] + part * piece * along[k]
                 normal[k] = (point[k] - axis) / radius
-            s = lengths[where] + part * (lengths[where + 1] - lengths[where])
+            s = lengths[where] + part * piece
+            # How far a cell of the grid reaches along the tube, on the plane that touches it.
+            row, column = min(i, rows - 2), min(j, columns - 2)
+            x = grid[row, column + 1, 0] - grid[row, column, 0]
+            y = grid[row + 1, column, 1] - grid[row, column, 1]
+            across, slope = 0.0, 0.0
+            for k in range(3):
+                across += normal[k] * ray[k]
+                slope += along[k] * ray[k]
+            slope /= min(across, -0.05)
+            wide, high = 0.0, 0.0
+            for k in range(3):
+                wide += (along[k] - slope * normal[k]) * turn[0, k]
+                high += (along[k] - slope * normal[k]) * turn[1, k]
+            wide, high = abs(wide * x * t / size), abs(high * y * t / size)
             albedo = bands[0, 2]
             for k in range(1, bands.shape[0]):
-                if bands[k, 0] <= s < bands[k, 1]:
-                    albedo = bands[k, 2]
+                share = _cover(s - bands[k, 0], wide, high) - _cover(s - bands[k, 1], wide, high)
+                albedo += share * (bands[k, 2] - albedo)
             radiance[i, j] = _shade(albedo, point, normal, origin, light)
             depth[i, j] = t / size

@@ -1,0 +1,180 @@
+"""``bozzini live``: keep a scope clear in a tract that moves, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..checks import check_number, quantity
+from ..errors import InputError
+from ..motion.live import LiveOptions
+from ..study.options import InsertionOptions, PathOptions, ReadOptions
+from ._tract_options import Body, read_with_options, report_findings, tract_options
+from .common import EXIT_NEGATIVE, PICTURES, Answer, answer_options, options_of, run_exit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..anatomy import TissueMotion
+    from ..duct import Centreline
+    from ..motion import LiveRun
+
+__all__ = ["command"]
+
+DEPTH_MAX = 0.95
+"""As `bozzini.anatomy.Peristalsis` takes it."""
+
+HEAD_STEP_MM = 1.0
+"""The head's step in every frame."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TissueOptions:
+    """How the tissue moves; what is not given is as in `bozzini.anatomy.tissue`."""
+
+    motion: str = quantity(
+        "text",
+        "breathing, peristalsis, or a file of displacements (.npz).",
+        default="breathing",
+    )
+    amplitude: float | None = quantity(
+        "length", "Of breathing: the largest displacement.  [default: 12mm]", default=None
+    )
+    wavelength: float | None = quantity(
+        "length", "Of breathing: along the body.  [default: 800mm]", default=None
+    )
+    period: float | None = quantity(
+        "time", "Of breathing: how long a breath is.  [default: 4s]", default=None
+    )
+    depth: float | None = quantity(
+        help="Of peristalsis: share of the lumen's width that is closed.  [default: 0.58]",
+        default=None,
+    )
+
+    def prepare(self) -> Callable[[Centreline], TissueMotion]:
+        """Return what makes the motion along a line, which peristalsis needs.
+
+        Raises
+        ------
+        InputError
+            If the motion is unknown, its file cannot be read, or a number is not legal for it.
+        """
+        from ..anatomy.tissue import Breathing, Peristalsis, RecordedMotion
+
+        given = {
+            name: value
+            for name in ("amplitude", "wavelength", "period", "depth")
+            if (value := getattr(self, name)) is not None
+        }
+        taken = {"breathing": ("amplitude", "wavelength", "period"), "peristalsis": ("depth",)}
+        spare = set(given) - set(taken.get(self.motion, ()))
+        if spare:
+            raise InputError(f"--{min(spare)} was given: --motion {self.motion} has none")
+        if self.motion == "peristalsis":
+            if self.depth is not None:
+                check_number("depth", self.depth, low=0.0, high=DEPTH_MAX)
+            return lambda line: Peristalsis(line=line.points, **given)
+        if self.motion == "breathing":
+            motion: TissueMotion = Breathing(**given)
+        elif self.motion.endswith(".npz"):
+            motion = RecordedMotion.load(self.motion)
+        else:
+            raise InputError(
+                f"--motion is '{self.motion}': it must be breathing, peristalsis or an .npz file"
+            )
+        return lambda line: motion
+
+
+@click.command(name="live")
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@tract_options
+@options_of(Body, "body", leave_out=("robot",))
+@options_of(PathOptions, "options", leave_out=("inflate",))
+@options_of(TissueOptions, "tissue")
+@options_of(LiveOptions, "loop")
+@answer_options(
+    *PICTURES, ".csv", help="A picture (.png, .svg, .pdf), or a table of the frames (.csv)."
+)
+def command(
+    source: Path,
+    reading: ReadOptions,
+    body: Body,
+    options: PathOptions,
+    tissue: TissueOptions,
+    loop: LiveOptions,
+    answer: Answer,
+) -> None:
+    """Keep a scope clear in the tract in INPUT while it moves.
+
+    The insertion is planned in the tract at rest. Then, in every frame, the wall is moved, the body
+    is moved with the tissue, and the body and the next stretch of the way are planned and certified
+    again. Frames follow each other as fast as they are computed; --rate is that of the tissue's
+    motion. Exit code 0: every frame's certificate holds until the next frame; 1: not, or the
+    scope does not fit at rest; 2: bad input.
+    """
+    from ..motion import LiveRun, follow_tissue
+    from ..study import run_insertion
+
+    make_motion = tissue.prepare()
+    tract = read_with_options(source, reading, answer)
+    insertion = InsertionOptions(**vars(options), method="tube", head_step=HEAD_STEP_MM)
+    with answer.show_progress() as progress:
+        study = run_insertion(tract, body.scope, options=insertion, progress=progress)
+    report_findings(study.findings[len(tract.findings) :])
+    if study.plan.status != "complete":
+        summary = {"input": source.name, "converged": False, "reason": study.plan.reason}
+        answer.give(summary, f"The scope does not fit at rest: {study.plan.reason}.")
+        run_exit(EXIT_NEGATIVE)
+    motion = make_motion(study.line)
+    surface = None if tract.kind == "labels" else tract
+    with answer.show_progress() as progress:
+        progress("live", 0.0)
+        warm = replace(loop, duration=2.0 / loop.rate)  # so that no compilation is timed
+        follow = {"motion": motion, "surface": surface}
+        LiveRun.collect(
+            follow_tissue(study.plan, study.field, options=warm, **follow),  # type: ignore[arg-type]
+            rate=loop.rate,
+            motion=motion,
+        )
+        frames = follow_tissue(study.plan, study.field, options=loop, **follow)  # type: ignore[arg-type]
+        run = LiveRun.collect(frames, rate=loop.rate, motion=motion)
+    answer.write(run.list_columns(), lambda: _draw(run))
+    summary = {"input": source.name, "motion": tissue.motion, **run.to_dict(), "file": answer.out}
+    answer.give(summary, _describe(run))
+    if not run.converged:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _draw(run: LiveRun) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
+    run.plot(left)
+    run.plot_latency(right)
+    return figure
+
+
+def _describe(run: LiveRun) -> str:
+    found = run.to_dict()
+    total = found["frames"]
+    worst = found["clearance_min_mm"]
+    lines = [
+        f"{found['frames_held']} of {total} frames are certified until the next one, "
+        f"{found['frames_now']} for their own time only, {found['frames_lost']} are not certified, "
+        f"{found['frames_refused']} were refused.",
+        f"Certified clearance {'-' if worst is None else f'{worst:.2f} mm'} at least; the wall "
+        f"moves by up to {found['margin_mm']:.2f} mm between frames ({run.speed:.1f} mm/s at "
+        f"{run.rate:g} Hz).",
+        f"Latency {1e3 * found['latency_median_s']:.0f} ms in the median, "
+        f"{1e3 * found['latency_p95_s']:.0f} ms at 95 %, "
+        f"{1e3 * found['latency_max_s']:.0f} ms at most; {found['frames_late']} frames took longer "
+        "than a period.",
+    ]
+    if run.reason:
+        lines.append(f"First of the worst frames: {run.reason}.")
+    return "\n".join(lines)

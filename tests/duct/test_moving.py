@@ -1,0 +1,269 @@
+"""A wall that moves: bounds and nodes never promise more than the moved mesh, and say so if not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bozzini.anatomy import SurfaceTract, make_phantom, read_tract
+from bozzini.duct import MovingField, build_field, carry_tissue, find_centreline, trace_back
+from bozzini.errors import BozziniError, DeformationError, InputError
+from tests.exact import MeshWall
+from tests.waves import Waves
+
+RADIUS = 3.0
+
+
+def make_tube(radius=6.0, length=60.0, spacing=1.0, bend=45.0):
+    """Return a closed tube along an arc as a surface, and its middle line."""
+    turns = max(12, round(2.0 * np.pi * radius / spacing))
+    rings = round(length / spacing) + 1
+    angle = np.linspace(0.0, length / bend, rings)
+    line = bend * np.stack([1.0 - np.cos(angle), 0.0 * angle, np.sin(angle)], axis=1)
+    across = np.stack([np.cos(angle), 0.0 * angle, -np.sin(angle)], axis=1)
+    turn = 2.0 * np.pi * np.arange(turns) / turns
+    ring = (
+        line[:, None]
+        + radius * np.cos(turn)[None, :, None] * across[:, None]
+        + radius * np.sin(turn)[None, :, None] * np.array([0.0, 1.0, 0.0])
+    )
+    vertices = [*ring.reshape(-1, 3)]
+    index = np.arange(rings * turns).reshape(rings, turns)
+    a, b = index[:-1], np.roll(index[:-1], -1, axis=1)
+    c, d = index[1:], np.roll(index[1:], -1, axis=1)
+    faces = [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([b, c, d], -1).reshape(-1, 3)]
+    # Caps of rings, so that no side is long.
+    for end, out in ((0, False), (rings - 1, True)):
+        outer = index[end]
+        for share in np.arange(1.0 - spacing / radius, 0.0, -spacing / radius):
+            first = len(vertices)
+            vertices += [*(line[end] + share * (ring[end] - line[end]))]
+            inner = first + np.arange(turns)
+            p, q = np.roll(outer, -1), np.roll(inner, -1)
+            cap = np.concatenate([np.stack([outer, p, inner], -1), np.stack([p, q, inner], -1)])
+            faces.append(cap if not out else cap[:, ::-1])
+            outer = inner
+        vertices.append(line[end])
+        tip = np.stack([outer, np.roll(outer, -1), np.full(turns, len(vertices) - 1)], -1)
+        faces.append(tip if not out else tip[:, ::-1])
+    return SurfaceTract(
+        vertices=np.array(vertices), faces=np.concatenate(faces)[:, ::-1], source="tube"
+    ), line
+
+
+@pytest.fixture(scope="module")
+def tube():
+    surface, line = make_tube()
+    return surface, build_field(surface, voxel=1.0), line
+
+
+def move_mesh(surface, displacement):
+    return MeshWall(surface.vertices + displacement(surface.vertices), surface.faces)
+
+
+def list_nodes(field):
+    """Return the nodes that promise something, and what, world frame [mm]."""
+    index = np.argwhere(field.values < 0.0)
+    return field.to_world(index * field.spacing), -field.values[tuple(index.T)]
+
+
+def bound_by_hand(field, waves, points):
+    """The integral of the least singular value, from the field at rest, in plain NumPy."""
+    stretch = np.linalg.svd(np.eye(3) + waves.gradient(points), compute_uv=False)[:, -1]
+    depth, bend = np.maximum(field.clearance_bound(points), 0.0), waves.second_bound
+    depth = np.minimum(depth, stretch / bend)
+    return depth * (stretch - 0.5 * bend * depth)
+
+
+def check_bound(field, surface, points, waves):
+    moved = points + waves(points)
+    exact = move_mesh(surface, waves).clearance(moved)
+    proved = bound_by_hand(field, waves, points)
+    inside = field.clearance_bound(points) > 0.0
+    # Between its corners a triangle is flat, the deformed wall is not: that is what 0.01 mm is for.
+    assert (proved - exact)[inside].max() <= 0.01
+    assert np.median((proved / exact)[inside]) > 0.5
+    return int(inside.sum())
+
+
+def check_band(tract, field, line, waves, *, exact=True):
+    moving = MovingField(field, tract if exact else None)
+    path = line + waves(line)
+    found = moving.update(waves, **waves.bounds, path=path, radius=RADIUS)
+    nodes, promised = list_nodes(found)
+    wall = move_mesh(tract, waves)
+    true = wall.clearance(nodes)
+    assert (promised - true).max() <= 1e-5
+    return found, promised, true
+
+
+@pytest.mark.parametrize("steepness", [0.05, 0.2])
+def test_the_bound_is_below_the_distance_to_the_moved_mesh(tube, steepness):
+    surface, field, _ = tube
+    random = np.random.default_rng(3)
+    waves = Waves(random, steepness, shortest=40.0)
+    points = random.uniform(*field.bounds, (4000, 3))
+    assert check_bound(field, surface, points, waves) > 200
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_nodes_of_the_band_are_below_the_distance_to_the_moved_mesh(tube, exact):
+    surface, field, line = tube
+    waves = Waves(np.random.default_rng(5), 0.2, shortest=40.0)
+    found, promised, true = check_band(surface, field, line, waves, exact=exact)
+    assert found.band > len(promised) > 1000
+    assert (found.measured > 100) == exact
+    near = (true > RADIUS - 0.5) & (true < RADIUS + 0.5)
+    lost = np.median((true - promised)[near])
+    # What is measured is exact up to rounding, what is bounded is not.
+    assert (lost < 1e-5) == exact
+
+
+def test_where_nothing_moves_the_field_is_as_at_rest(tube):
+    surface, field, line = tube
+    moving = MovingField(field, surface)
+    found = moving.update(
+        np.zeros_like, gradient_bound=0.0, second_bound=0.0, path=line, radius=RADIUS
+    )
+    nodes, promised = list_nodes(found)
+    still = -field.signed_distance(nodes)
+    assert np.all(promised <= still + 1e-5)
+    near = np.abs(still - RADIUS) < 0.5
+    assert promised[near] == pytest.approx(still[near], abs=1e-5)
+    # In the field's own bound, which holds between nodes too.
+    inner = line[5:-5]
+    assert np.all(found.clearance_bound(inner) <= field.clearance_bound(inner) + 1e-5)
+    assert found.clearance_bound(inner).min() > RADIUS
+
+
+def test_a_rigid_move_moves_the_distances(tube):
+    surface, field, line = tube
+    shift = np.array([3.0, -2.0, 4.0])  # whole cells
+    found = MovingField(field, surface).update(
+        lambda points: np.broadcast_to(shift, points.shape),
+        gradient_bound=0.0,
+        second_bound=0.0,
+        path=line + shift,
+        radius=RADIUS,
+    )
+    rest = MovingField(field, surface).update(
+        np.zeros_like, gradient_bound=0.0, second_bound=0.0, path=line, radius=RADIUS
+    )
+    assert found.clearance_bound(line + shift) == pytest.approx(
+        rest.clearance_bound(line), abs=1e-5
+    )
+
+
+def test_a_second_frame_does_not_depend_on_the_first(tube):
+    # Searches begin at the triangle that was nearest in the last frame; the answer is the same.
+    surface, field, line = tube
+    random = np.random.default_rng(11)
+    first, second = (Waves(random, 0.15, shortest=40.0) for _ in range(2))
+    moving = MovingField(field, surface)
+    moving.update(first, **first.bounds, path=line + first(line), radius=RADIUS)
+    after = moving.update(second, **second.bounds, path=line + second(line), radius=RADIUS)
+    fresh, *_ = check_band(surface, field, line, second)
+    assert np.array_equal(after.values, fresh.values)
+    assert after.values is not fresh.values
+
+
+@pytest.mark.parametrize("share", [0.95, 0.5, 0.0])
+@pytest.mark.parametrize("which", ["gradient_bound", "second_bound"])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_frame_that_breaks_its_bounds_is_refused(tube, which, share, seed):
+    surface, field, line = tube
+    # One wave in any direction: its bounds are reached. With them it is taken, with less not.
+    waves = Waves(np.random.default_rng(seed), 0.3, count=1, shortest=15.0)
+    moving = MovingField(field, surface)
+    path = line + waves(line)
+    moving.update(waves, **waves.bounds, path=path, radius=RADIUS)
+    broken = {**waves.bounds, which: share * waves.bounds[which]}
+    with pytest.raises(DeformationError, match="stated"):
+        moving.update(waves, **broken, path=path, radius=RADIUS)
+
+
+def test_vertices_of_another_frame_are_refused(tube):
+    surface, field, line = tube
+    waves = Waves(np.random.default_rng(1), 0.1)
+    moving = MovingField(field, surface)
+    given = {**waves.bounds, "path": line + waves(line), "radius": RADIUS}
+    moved = surface.vertices + waves(surface.vertices)
+    same = moving.update(waves, vertices=moved, **given)
+    assert np.array_equal(same.values, moving.update(waves, **given).values)
+    with pytest.raises(DeformationError, match="both must be of one frame"):
+        moving.update(waves, vertices=moved + 0.01, **given)
+    with pytest.raises(InputError, match="vertices have shape"):
+        moving.update(waves, vertices=moved[:-1], **given)
+    with pytest.raises(InputError, match="no surface"):
+        MovingField(field).update(waves, vertices=moved, **given)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"gradient_bound": 1.0}, "gradient bound is 1: it must lie in"),
+        ({"second_bound": -1.0}, "second bound is -1"),
+        ({"radius": np.nan}, "radius is nan"),
+        ({"path": np.zeros((1, 3))}, "path has shape"),
+        ({"displacement": lambda points: points[1:]}, "they must agree"),
+        ({"displacement": lambda points: np.nan * points}, "displacement"),
+    ],
+)
+def test_a_wrong_argument_is_one_line(tube, changed, message):
+    surface, field, line = tube
+    given = {
+        "displacement": np.zeros_like,
+        "gradient_bound": 0.1,
+        "second_bound": 0.1,
+        "path": line,
+        "radius": RADIUS,
+    }
+    with pytest.raises(BozziniError, match=message):
+        MovingField(field, surface).update(**{**given, **changed})
+
+
+def test_an_inflated_field_is_refused():
+    surface, _ = make_tube(length=20.0)
+    field = build_field(surface, voxel=1.0, inflate=1.0)
+    with pytest.raises(InputError, match="inflated by 1 mm"):
+        MovingField(field, surface)
+    other, _ = make_tube(radius=9.0, length=20.0)
+    with pytest.raises(InputError, match="do not belong together"):
+        MovingField(field.inflate(-1.0), other)
+    with pytest.raises(InputError, match="must be a SampledField"):
+        MovingField(surface)
+
+
+def test_tissue_is_carried_there_and_back():
+    random = np.random.default_rng(4)
+    one, other = Waves(random, 0.3), Waves(random, 0.4)
+    points = random.uniform(-50.0, 50.0, (200, 3))
+    assert trace_back(points + one(points), one) == pytest.approx(points, abs=1e-6)
+    there = carry_tissue(points, one, now=other)
+    assert carry_tissue(there, other, now=one) == pytest.approx(points, abs=1e-6)
+    with pytest.raises(DeformationError, match="could not be traced back"):
+        trace_back(points, lambda places: -2.0 * places)
+
+
+@pytest.mark.slow
+def test_no_bound_is_too_large_in_a_phantom_and_a_human_tract(upper_gi_dir):
+    # 12 random fields, and 1e5 points in all.
+    random = np.random.default_rng(7)
+    checked = 0
+    for surface in (
+        make_phantom().to_surface(1.5),
+        read_tract(upper_gi_dir / "upper_gi_mc1mm.stl"),
+    ):
+        field = build_field(surface, voxel=1.0)
+        inner = np.argwhere(field.values < -0.5)
+        line = find_centreline(field).points
+        for steepness in (0.05, 0.1, 0.15, 0.2, 0.3, 0.4):
+            waves = Waves(random, steepness)
+            index = inner[random.integers(0, len(inner), 10_000)]
+            points = field.to_world(
+                (index + random.uniform(-0.5, 0.5, (10_000, 3))) * field.spacing
+            )
+            checked += check_bound(field, surface, points, waves)
+            for exact in (True, False):
+                check_band(surface, field, line, waves, exact=exact)
+    assert checked >= 100_000

@@ -1,0 +1,296 @@
+"""The loop in a tract that moves: what it certifies holds, and what it cannot it says."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bozzini.anatomy import Breathing, Peristalsis, RecordedMotion, TissueFrame, read_tract
+from bozzini.duct import Centreline, MovingField, build_field, carry_tissue, find_centreline
+from bozzini.errors import InputError
+from bozzini.motion import (
+    LiveOptions,
+    LiveRun,
+    Plan,
+    ReplanOptions,
+    Scope,
+    certify_plan,
+    follow_tissue,
+    replan,
+)
+from tests.duct.test_moving import make_tube
+from tests.exact import MeshWall, outside_introducer, sample_body
+from tests.motion.plans import insert
+
+SCOPE = Scope(diameter=5.0, link_length=8.0)
+BREATH = Breathing(amplitude=3.0, wavelength=120.0, period=2.0, direction=(0.0, 1.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def rest():
+    surface, line = make_tube(radius=6.0, length=70.0, bend=40.0)
+    field = build_field(surface, voxel=1.0)
+    way = Centreline.from_points(line[4:-4], field)
+    plan = insert(field, way, scope=SCOPE, method="tube", head_step=1.0)
+    assert plan.status == "complete"
+    return surface, field, plan
+
+
+def record(line, steepness=0.12):
+    """Displacements on a coarse grid around a line, that come and go."""
+    low, spacing = line.min(axis=0) - 20.0, np.array([12.0, 12.0, 12.0])
+    shape = np.ceil((np.ptp(line, axis=0) + 40.0) / spacing).astype(int) + 1
+    nodes = low + np.stack(np.indices(shape), -1) * spacing
+    wave = np.array([0.02, 0.0, 0.05])
+    height = steepness / np.linalg.norm(wave) * np.sin(nodes @ wave)
+    times = np.linspace(0.0, 2.0, 9)
+    strength = np.sin(np.pi * times / 2.0) ** 2
+    grids = strength[:, None, None, None, None] * height[..., None] * np.array([0.0, 1.0, 0.0])
+    return RecordedMotion(displacement=grids, times=times, origin=low, spacing=spacing)
+
+
+def make_motions(line, depth=0.3):
+    return {
+        "breathing": BREATH,
+        "peristalsis": Peristalsis(line=line, depth=depth, width=15.0, wave_speed=20.0),
+        "recorded": record(line),
+    }
+
+
+def measure_exactly(frame, surface, motion, count, random):
+    """The smallest clearance of samples of the frame's motion to the moved triangles [mm]."""
+    moved = surface.vertices + motion.at(frame.time)(surface.vertices)
+    plan, radius = frame.plan, frame.plan.scope.radius
+    points = sample_body(plan.joints, count, random)[0]
+    points = points[outside_introducer(points, plan.introducer, radius)]
+    return MeshWall(moved, surface.faces).clearance(points).min() - radius, len(points)
+
+
+def run(rest, motion, **options):
+    surface, field, plan = rest
+    made = LiveOptions(**{"rate": 10.0, "horizon": 15.0, "advance": 10.0, **options})
+    return list(follow_tissue(plan, field, motion=motion, surface=surface, options=made))
+
+
+@pytest.mark.parametrize(
+    "name", ["breathing", "recorded", pytest.param("peristalsis", marks=pytest.mark.slow)]
+)
+def test_certificates_are_below_the_exact_clearance(rest, name):
+    surface, _, plan = rest
+    motion = make_motions(plan.path)[name]
+    random = np.random.default_rng(0)
+    frames = run(rest, motion, duration=min(motion.period, 1.0))
+    for frame in frames:
+        assert frame.status in ("held", "now"), frame.reason
+        least, count = measure_exactly(frame, surface, motion, 1000, random)
+        assert count > 300
+        assert frame.clearance <= least
+        # A certificate is made of the plan alone: who asks again gets it again.
+        assert certify_plan(frame.plan, frame.field).clearance == pytest.approx(frame.clearance)
+    assert max(frame.tissue_move for frame in frames) > 0.1
+    assert len({frame.head for frame in frames}) > 3
+
+
+def test_the_body_moves_with_the_tissue_and_keeps_its_links(rest):
+    frames = run(rest, BREATH, duration=2.0, advance=0.0)
+    for before, frame in itertools.pairwise(frames):
+        links = np.linalg.norm(np.diff(frame.body, axis=0), axis=1)
+        assert links == pytest.approx(np.full(len(links), SCOPE.link_length))
+        moved = carry_tissue(before.body, BREATH.at(before.time), now=BREATH.at(frame.time))
+        inside = len(frame.body) - 3  # the last joints stand in the introducer
+        gone = np.linalg.norm(frame.body - before.body, axis=1)[:inside]
+        off = np.linalg.norm(frame.body - moved, axis=1)[:inside]
+        assert off.max() < 0.5 * max(gone.max(), 0.2)
+        assert frame.carried >= 0.0
+    # After a breath it stands about where it stood.
+    assert np.abs(frames[-1].body - frames[0].body)[:5].max() < 0.5
+
+
+def test_while_the_body_is_carried_nothing_comes_nearer_than_certified(rest):
+    surface, _, _ = rest
+    frames = run(rest, BREATH, duration=1.0)
+    for before, frame in itertools.pairwise(frames):
+        at = np.argmin(np.linalg.norm(before.plan.joints[:, 0] - frame.body[0], axis=1))
+        old = before.plan.joints[at]
+        for share in (0.25, 0.5, 0.75):
+            time = before.time + share * (frame.time - before.time)
+            wall = MeshWall(surface.vertices + BREATH.at(time)(surface.vertices), surface.faces)
+            chain = ((1.0 - share) * old + share * frame.body)[None, :-3]
+            points = sample_body(np.repeat(chain, 2, axis=0), 400, np.random.default_rng(1))[0]
+            points = points[outside_introducer(points, frame.plan.introducer, SCOPE.radius)]
+            assert wall.clearance(points).min() - SCOPE.radius >= frame.carried
+
+
+def test_the_margin_is_the_walls_speed_over_the_rate(rest):
+    slow, fast = (run(rest, BREATH, rate=rate, duration=0.2)[-1] for rate in (5.0, 50.0))
+    assert slow.margin == pytest.approx(BREATH.speed / 5.0)
+    assert fast.margin == pytest.approx(0.1 * slow.margin)
+    # What is certified is the same; whether it holds up to the next frame depends on the rate.
+    assert fast.clearance >= fast.margin
+    rushed = run(rest, replace(BREATH, period=0.1), rate=4.0, duration=0.5)[0]
+    assert rushed.status == "now"
+    assert "until the next frame" in rushed.reason
+
+
+def test_where_the_way_ahead_is_closed_the_body_is_still_kept_clear(rest):
+    _, _, plan = rest
+    middle = plan.path[int(0.8 * len(plan.path))]
+
+    class Pinch(Breathing):
+        def at(self, time):
+            def move(points):
+                away = points - middle
+                return -0.92 * np.exp(-np.einsum("ij,ij->i", away, away) / 128.0)[:, None] * away
+
+            return TissueFrame(move=move, gradient_bound=0.92, second_bound=1.3803 * 0.92 / 8.0)
+
+    frames = run(rest, Pinch(amplitude=0.1), inserted=0.4, horizon=40.0, duration=0.3)
+    for frame in frames:
+        assert frame.status == "held"
+        assert frame.ahead == 0.0
+        assert frame.clearance > 0.0
+        assert "could not be planned" in frame.reason
+
+
+def test_a_ring_that_closes_on_the_scope_is_said(rest):
+    _, _, plan = rest
+    ring = make_motions(plan.path, depth=0.9)["peristalsis"]
+    frames = run(rest, ring, rate=4.0, duration=1.1 * ring.period, inserted=0.4, advance=0.0)
+    lost = [frame for frame in frames if frame.status == "lost"]
+    assert lost
+    assert all(frame.reason and frame.clearance is None for frame in lost)
+    found = LiveRun.collect(frames, rate=4.0, motion=ring)
+    assert not found.converged
+    assert found.reason.startswith(f"frame {lost[0].number} ")
+    assert found.residual >= len(lost) / len(frames)
+    # Where the ring has passed the scope is clear again.
+    assert frames[-1].status != "lost"
+    assert frames[-1].clearance > 0.0
+
+
+class Liar(Breathing):
+    """Moves more than it states, in its second half."""
+
+    def at(self, time):
+        frame = super().at(time)
+        return replace(frame, gradient_bound=(0.5 if time > 0.45 else 1.0) * frame.gradient_bound)
+
+
+def test_a_frame_that_breaks_its_bounds_is_refused_and_the_loop_goes_on(rest):
+    liar = Liar(amplitude=3.0, wavelength=120.0, period=2.0, direction=(0.0, 1.0, 0.0))
+    frames = run(rest, liar, rate=20.0, duration=0.6)
+    states = [frame.status for frame in frames]
+    assert states[:10] == ["held"] * 10
+    assert states[10:] == ["refused"] * 2
+    for frame in frames[10:]:
+        assert frame.clearance is None
+        assert frame.field is None
+        assert frame.plan is frames[9].plan
+        assert "stated" in frame.reason
+
+
+def test_a_horizon_is_planned_on_from_where_the_scope_stands(rest, tmp_path):
+    surface, field, plan = rest
+    moving = MovingField(field, surface)
+    still = {"gradient_bound": 0.0, "second_bound": 0.0, "radius": SCOPE.radius}
+    lumen = moving.update(np.zeros_like, path=plan.path, **still)
+    step = plan.steps // 2
+    ahead = replan(plan, lumen, options=ReplanOptions(step=step, horizon=12.0, measure=False))
+    assert (ahead.status, ahead.reason_code) == ("stopped", "HORIZON")
+    assert ahead.measures is None
+    heads = ahead.head_arc_length
+    assert heads[0] == pytest.approx(plan.head_arc_length[step], abs=0.1)
+    assert heads[-1] - heads[0] == pytest.approx(12.0, abs=0.1)
+    # The body stands as it stood, the path leads on to the same goal.
+    assert np.abs(ahead.joints[0] - plan.joints[step]).max() < 0.3
+    assert ahead.path[[0, -1]] == pytest.approx(plan.path[[0, -1]])
+    # It can be planned on from, to the goal; the whole way has no more clearance than a part of it.
+    read = Plan.load(ahead.save(tmp_path / "plan.npz"))
+    assert (read.reason_code, read.certificate.clearance) == ("HORIZON", ahead.proved)
+    rest_ = replan(read, lumen, options=ReplanOptions(step=0))
+    assert rest_.status == "complete"
+    assert rest_.certificate.clearance <= ahead.certificate.clearance + 0.1
+    assert rest_.inserted == pytest.approx(rest_.path_arc_length[-1])
+    with pytest.raises(InputError, match="step is 9999"):
+        replan(plan, lumen, options=ReplanOptions(step=9999))
+    thin = Scope(diameter=4.0, link_length=6.0)
+    with pytest.raises(InputError, match="another scope"):
+        replan(plan, lumen, scope=thin, options=ReplanOptions(step=0))
+    with pytest.raises(InputError, match="no step"):
+        ReplanOptions(horizon=5.0)
+
+
+def test_a_run_is_a_table_and_two_pictures(rest):
+    frames = run(rest, BREATH, duration=0.5)
+    found = LiveRun.collect(frames, rate=10.0, motion=BREATH)
+    table = found.to_frame()
+    assert len(table) == len(frames) == 5
+    assert list(table["clearance_mm"]) == [frame.clearance for frame in frames]
+    summary = found.to_dict()
+    counts = [summary[f"frames_{name}"] for name in ("held", "now", "lost", "refused")]
+    assert sum(counts) == summary["frames"]
+    assert summary["clearance_min_mm"] == table["clearance_mm"].min()
+    assert found.plot().get_ylabel() == "clearance [mm]"
+    assert found.plot_latency().get_xlabel() == "latency [ms]"
+    with pytest.raises(InputError, match="at least one"):
+        LiveRun(frames=(), rate=1.0, speed=1.0)
+
+
+def test_labels_are_followed_by_the_bound_alone(rest):
+    _, field, plan = rest
+    gentle = replace(BREATH, amplitude=1.0)
+    options = LiveOptions(rate=10.0, duration=0.5, horizon=15.0)
+    frames = list(follow_tissue(plan, field, motion=gentle, options=options))
+    assert all(frame.measured == 0 for frame in frames)
+    assert all(frame.status == "held" for frame in frames)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["breathing", "peristalsis", "recorded"])
+def test_a_human_tract_that_moves(upper_gi_dir, name):
+    surface = read_tract(upper_gi_dir / "upper_gi_mc1mm.stl")
+    field = build_field(surface, voxel=1.0)
+    line = find_centreline(field)
+    scope = Scope(diameter=6.0, link_length=12.0)
+    plan = insert(field, line, scope=scope, method="tube", head_step=1.0)
+    sway = Breathing(amplitude=6.0, wavelength=200.0, direction=(1.0, 0.0, 0.0))
+    motion = {
+        "breathing": sway,
+        "peristalsis": Peristalsis(line=line.points, depth=0.1, wave_speed=27.0),
+        "recorded": record(line.points, steepness=0.1),
+    }[name]
+    random = np.random.default_rng(0)
+    samples = 0
+    options = LiveOptions(rate=20.0 / motion.period, advance=2.0, inserted=0.6, horizon=30.0)
+    frames = list(follow_tissue(plan, field, motion=motion, surface=surface, options=options))
+    for frame in frames:
+        assert frame.status != "refused", frame.reason
+        if frame.clearance is not None:
+            least, count = measure_exactly(frame, surface, motion, 4000, random)
+            samples += count
+            assert frame.clearance <= least
+    assert samples >= 40_000
+    # and planned again as a whole, from the introducer
+    moving, last = MovingField(field, surface), motion.at(0.0)
+    for number in range(1, 9):
+        now = motion.at(number * motion.period / 8)
+        path = carry_tissue(plan.path, last, now=now)
+        bounds = {"gradient_bound": now.gradient_bound, "second_bound": now.second_bound}
+        lumen = moving.update(now, path=path, radius=scope.radius, **bounds)
+        begin, last = last, now
+        plan = replan(
+            plan, lumen, advect=lambda points, a=begin, b=now: carry_tissue(points, a, now=b)
+        )
+        assert plan.status == "complete", plan.reason
+        wall = MeshWall(surface.vertices + now(surface.vertices), surface.faces)
+        points = sample_body(plan.joints, 6000, random)[0]
+        points = points[outside_introducer(points, plan.introducer, scope.radius)]
+        assert plan.certificate.clearance <= wall.clearance(points).min() - scope.radius
+        # A field built anew proves as much, or more: the band's nodes are no larger.
+        if number in (2, 5):
+            moved = replace(surface, vertices=surface.vertices + now(surface.vertices))
+            anew = certify_plan(plan, build_field(moved, voxel=1.0))
+            assert anew.clearance == pytest.approx(plan.certificate.clearance, abs=0.3)
