@@ -31,6 +31,7 @@ def test_every_example_is_tested():
         "effector_stick",
         "fabricate",
         "muscle_calibration",
+        "routed_tendons",
     }
 
 
@@ -162,6 +163,16 @@ def test_duct_family_takes_one_way_through_every_pipe(tmp_path, capsys):
     assert len(capsys.readouterr().out.splitlines()) == len(names)
     assert out.read_bytes()[:4] == PNG
     assert out.stat().st_size < 150_000
+
+
+@pytest.mark.slow
+def test_routed_tendons_hold_the_s_and_straight_ones_do_not(tmp_path, capsys):
+    out = tmp_path / "routed.png"
+    one, two, *straight = load("routed_tendons").main(["--out", str(out)])
+    assert max(one.error_rms, two.error_rms) < 0.05
+    assert min(design.error_rms for design in straight) > 5.0 * two.error_rms
+    assert len(capsys.readouterr().out.splitlines()) == 5
+    assert out.read_bytes()[:4] == PNG
 
 
 def test_fabricate_draws_closed_parts(tmp_path):

@@ -119,8 +119,8 @@ def cross_matrix(v):
 def place_tendon(tendon, s, h=1e-4):
     """Place, slope and second derivative (3,) of a tendon in the cross-section's frame."""
     s = min(max(s, h), LENGTH - h)
-    path = tendon.path(np.array([s - h, s, s + h]))
-    slope = tendon.path_slope(np.array([s - h, s, s + h]))
+    path = tendon.place_at(np.array([s - h, s, s + h]))
+    slope = tendon.slope_at(np.array([s - h, s, s + h]))
     return (
         np.append(path[1], 0.0),
         np.append(slope[1], 0.0),
@@ -135,7 +135,7 @@ def follow_law(tendons, tensions):
 
     def rates(s, y):
         places = [
-            (np.append(tendon.path(s), 0.0), np.append(tendon.path_slope(s), 0.0))
+            (np.append(tendon.place_at(s), 0.0), np.append(tendon.slope_at(s), 0.0))
             for tendon in tendons
         ]
         u = np.zeros(3)

@@ -138,12 +138,12 @@ def test_energy_is_least_by_another_solver(segment) -> None:
             for k, tendon in enumerate(tendons):
                 if segment == "channel":
                     places = stations[j] + 0.5 * h * (1.0 + nodes)
-                    r = np.column_stack([tendon.path(places), np.zeros(3)])
-                    slope = np.column_stack([tendon.path_slope(places), np.ones(3)])
+                    r = np.column_stack([tendon.place_at(places), np.zeros(3)])
+                    slope = np.column_stack([tendon.slope_at(places), np.ones(3)])
                     rate = np.linalg.norm(np.cross(w / h, r) + slope, axis=1)
                     lengths[k] += 0.5 * h * weights @ rate
                 else:
-                    one, two = (np.append(tendon.path(s), 0.0) for s in stations[j : j + 2])
+                    one, two = (np.append(tendon.place_at(s), 0.0) for s in stations[j : j + 2])
                     lengths[k] += np.linalg.norm(step + turn @ two - one)
         return lengths
 

@@ -155,7 +155,7 @@ def test_end_links_turn_without_twist_and_tendons_keep_their_angles(
     # The redundant last constraint of (5.10): angles between coupler links stay.
     for one in robot.tendons:
         for other in robot.tendons:
-            first, second = one.path(0.0), other.path(0.0)
+            first, second = one.place_at(0.0), other.place_at(0.0)
             ends = turns[:, :, :2] @ np.stack([first, second], axis=-1)
             assert np.allclose(np.sum(ends[..., 0] * ends[..., 1], axis=-1), first @ second)
 

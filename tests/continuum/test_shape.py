@@ -44,7 +44,7 @@ def test_tendons_run_at_their_offset_in_the_cross_sections_to_their_end(shape: S
         assert points.shape == (2, count, 3)
         frames = shape.frames[:, :count]
         local = np.einsum("...ji,...j->...i", frames[..., :3, :3], points - frames[..., :3, 3])
-        assert np.allclose(local[..., :2], tendon.path(shape.arc_length[:count]), atol=1e-9)
+        assert np.allclose(local[..., :2], tendon.place_at(shape.arc_length[:count]), atol=1e-9)
         assert np.allclose(local[..., 2], 0.0, atol=1e-9)
 
 

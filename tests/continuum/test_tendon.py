@@ -18,8 +18,8 @@ TURNS = ((0.0, 0.2), (40.0, 1.0), (100.0, -2.0))
 def test_constant_tendon_stays_where_it_is() -> None:
     tendon = Tendon(name="a", offset=4, angle=math.radians(30.0))
     places = np.linspace(0.0, 500.0, 7)
-    assert np.allclose(tendon.path(places), [4.0 * math.cos(math.pi / 6), 2.0])
-    assert not tendon.path_slope(places).any()
+    assert np.allclose(tendon.place_at(places), [4.0 * math.cos(math.pi / 6), 2.0])
+    assert not tendon.slope_at(places).any()
     assert tendon.is_parallel
     assert tendon.corners().size == 0
 
@@ -42,19 +42,19 @@ def test_slope_is_the_derivative_of_the_path(interpolation: str, place: float) -
     if np.abs(tendon.corners() - place).min() < 1e-3:
         return
     step = 1e-5
-    measured = (tendon.path(place + step) - tendon.path(place - step)) / (2.0 * step)
-    assert np.allclose(tendon.path_slope(place), measured, atol=1e-7)
+    measured = (tendon.place_at(place + step) - tendon.place_at(place - step)) / (2.0 * step)
+    assert np.allclose(tendon.slope_at(place), measured, atol=1e-7)
 
 
 def test_slope_at_a_corner_is_that_of_the_distal_side() -> None:
     tendon = Tendon(name="a", offset=((0.0, 4.0), (50.0, 4.0), (100.0, 2.0)))
-    assert np.allclose(tendon.path_slope([49.9, 50.0, 100.0])[:, 0], [0.0, -0.04, -0.04])
+    assert np.allclose(tendon.slope_at([49.9, 50.0, 100.0])[:, 0], [0.0, -0.04, -0.04])
 
 
 @given(turns=st.floats(-3.0, 3.0), angle=st.floats(-3.0, 3.0))
 def test_helix_has_its_pitch_everywhere(turns: float, angle: float) -> None:
     tendon = Tendon(name="h", offset=4.0, angle=Helix(turns=turns, start=angle), end=80.0)
-    speed = np.linalg.norm(tendon.path_slope(np.linspace(0.0, 80.0, 9)), axis=-1)
+    speed = np.linalg.norm(tendon.slope_at(np.linspace(0.0, 80.0, 9)), axis=-1)
     assert np.allclose(speed, 4.0 * 2.0 * math.pi * abs(turns) / 80.0)
     assert np.allclose(tendon.angle_at([0.0, 80.0]), [angle, angle + 2.0 * math.pi * turns])
 

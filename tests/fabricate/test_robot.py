@@ -55,10 +55,10 @@ def test_channels_of_discs_lie_along_the_tendons(folder):
         tendons = [t for t in SHORT.tendons if t.end >= place]
         assert len(found) == len(tendons)
         for tendon in tendons:
-            middle = tendon.path(place)
+            middle = tendon.place_at(place)
             hole = min(found, key=lambda h, m=middle: np.linalg.norm(h.point[:2] - m))
             np.testing.assert_allclose(hole.point[:2], middle, **NEAR)
-            way = np.append(tendon.path_slope(place), 1.0)
+            way = np.append(tendon.slope_at(place), 1.0)
             np.testing.assert_allclose(hole.way, way / np.linalg.norm(way), **NEAR)
 
 
@@ -73,7 +73,7 @@ def test_channels_of_a_sleeve_follow_the_tendons(tmp_path):
         assert min(wall.rings) == pytest.approx(0.0)
         assert max(wall.rings) == pytest.approx(tendon.end)
         for z, ring in wall.rings.items():
-            middle, slope = tendon.path(z), tendon.path_slope(z)
+            middle, slope = tendon.place_at(z), tendon.slope_at(z)
             np.testing.assert_allclose(ring.mean(axis=0), middle, **NEAR)
             # Every corner lies on the circle across the tendon.
             way = np.append(slope, 1.0) / math.sqrt(1.0 + slope @ slope)
@@ -124,7 +124,7 @@ def test_routing_table_holds_the_paths_and_the_discs(folder):
     for tendon in SHORT.tendons:
         mine = [row for row in rows if row["tendon"] == tendon.name]
         s, x, y = (np.array([float(r[c]) for r in mine]) for c in ("s_mm", "x_mm", "y_mm"))
-        np.testing.assert_allclose(np.column_stack([x, y]), tendon.path(s), rtol=0, atol=1e-7)
+        np.testing.assert_allclose(np.column_stack([x, y]), tendon.place_at(s), rtol=0, atol=1e-7)
         angle, offset = (np.array([float(r[c]) for r in mine]) for c in ("angle_rad", "offset_mm"))
         back = offset * np.exp(1j * angle)
         np.testing.assert_allclose(back, x + 1j * y, rtol=0, atol=1e-7)

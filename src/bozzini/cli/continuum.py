@@ -1,4 +1,7 @@
-"""``bozzini continuum``: displacements to a shape and back, models side by side, the workspace."""
+"""``bozzini continuum``: displacements to a shape and back, models side by side, the workspace.
+
+Robots for a curve, a plan or a tract (``design``, ``rank``) are in `bozzini.cli.routing`.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +43,7 @@ from .common import (
     split_setting,
     step_option,
 )
+from .routing import design_command, rank_command
 
 if TYPE_CHECKING:
     from ..continuum import (
@@ -700,3 +704,7 @@ def fabricate_command(robot_file: Path, options: BodyOptions, step: bool, answer
         read_robot(robot_file), answer.target, options=options, step=step, force=answer.force
     )
     answer.give({"output": answer.target, **summary}, format_parts(summary, answer.target))
+
+
+command.add_command(design_command)
+command.add_command(rank_command)

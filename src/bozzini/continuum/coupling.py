@@ -110,7 +110,7 @@ def coupling_matrix(robot: RobotDesign, *, model: str = "arc") -> Floats:
         )
     matrix = np.zeros((len(robot.tendons), len(robot.sections), 2))
     for row, tendon in enumerate(robot.tendons):
-        matrix[row, : int(robot.tendon_sections[row]) + 1] = tendon.path(0.0)
+        matrix[row, : int(robot.tendon_sections[row]) + 1] = tendon.place_at(0.0)
     return matrix.reshape(len(matrix), -1)
 
 

@@ -18,7 +18,7 @@ from .kernels import energy as kernels
 from .kernels.energy import ARC, CHANNEL, CHORD, CONVERGED, FOLDED, measure_lengths, solve_commands
 from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
 from .robot import RobotDesign
-from .section import ROUND_OFF_MM
+from .section import LEAST_LEVER, ROUND_OFF_MM
 from .shape import Shape
 
 # A robot cut into segments, as the energy model's kernels take it.
@@ -79,7 +79,7 @@ class Grid:
             zip(self.robot.tendons, self.robot.tendon_ends, strict=True)
         ):
             places = self.arc_length[self.arc_length <= end + ROUND_OFF_MM]
-            paths[row, : len(places)] = tendon.path(np.minimum(places, end))
+            paths[row, : len(places)] = tendon.place_at(np.minimum(places, end))
         return paths
 
     @cached_property
@@ -183,8 +183,8 @@ class Grid:
         guides = np.zeros((len(self.counts), len(self.spans), len(kernels.POINTS), 4))
         places = self.arc_length[:-1, None] + self.spans[:, None] * kernels.POINTS
         for row, (tendon, count) in enumerate(zip(self.robot.tendons, self.counts, strict=True)):
-            guides[row, :count, :, :2] = tendon.path(places[:count])
-            guides[row, :count, :, 2:] = tendon.path_slope(places[:count])
+            guides[row, :count, :, :2] = tendon.place_at(places[:count])
+            guides[row, :count, :, 2:] = tendon.slope_at(places[:count])
         return guides
 
 
@@ -435,7 +435,8 @@ class EnergyModel(ContinuumModel):
             return np.ones(len(commands))
         reach = self._grid.reach.copy()
         reach[reach == 0.0] = math.inf  # past a tendon's end
-        turns = np.max(np.abs(commands) / reach.min(axis=1), axis=1)
+        levers = np.maximum(reach.min(axis=1), LEAST_LEVER * self._grid.reach.max(axis=1))
+        turns = np.max(np.abs(commands) / levers, axis=1)
         return np.asarray(PUSH_STEP / np.maximum(turns, PUSH_STEP))
 
     def _explain(self, command: Floats, code: int, share: float) -> str:

@@ -261,8 +261,11 @@ class RobotDesign:
             if start >= end:
                 break
             corners = tendon.corners()
-            # Between corners the offset is monotone.
-            places = np.concatenate([[start, end], corners[(corners > start) & (corners < end)]])
+            places = np.concatenate([[start], corners[(corners > start) & (corners < end)], [end]])
+            if tendon.path is not None:  # between corners of others the offset is monotone
+                parts = np.arange(PIECES_LOOKED_AT) / PIECES_LOOKED_AT
+                inner = places[:-1, None] + np.diff(places)[:, None] * parts
+                places = np.append(inner, end)
             most = float(tendon.offset_at(places).max())
             if most > section.radius * (1.0 + 1e-12):
                 raise InputError(
@@ -270,6 +273,10 @@ class RobotDesign:
                     f"{self.section_label(index)}: it must lie in (0, {section.radius:g}] mm, "
                     "inside the body's radius"
                 )
+
+
+PIECES_LOOKED_AT = 16
+"""Parts of a piece of a path where it is checked to be inside the body."""
 
 
 def check_robot(robot: object) -> None:
@@ -299,5 +306,5 @@ def _rest_length(tendon: Tendon) -> float:
     nodes, weights = np.polynomial.legendre.leggauss(32)
     edges = np.concatenate([[0.0], tendon.corners(), [_end(tendon)]])
     half = 0.5 * np.diff(edges)[:, None]
-    slopes = tendon.path_slope(edges[:-1, None] + half * (1.0 + nodes))
+    slopes = tendon.slope_at(edges[:-1, None] + half * (1.0 + nodes))
     return float(np.sum(half * weights * np.sqrt(1.0 + np.sum(slopes**2, axis=-1))))

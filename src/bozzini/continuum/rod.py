@@ -20,7 +20,7 @@ from .energy import place_stations
 from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
 from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
 from .robot import RobotDesign
-from .section import ROUND_OFF_MM
+from .section import LEAST_LEVER, ROUND_OFF_MM
 from .shape import Shape
 
 # A robot cut into steps, as the rod's kernels take it.
@@ -86,8 +86,8 @@ class RodGrid:
         places = np.stack([self.middles - edge, self.middles, self.middles + edge], axis=1)
         for row, tendon in enumerate(self.robot.tendons):
             here = self.present[:, row]
-            guides[here, :, row, :2] = tendon.path(places[here])
-            guides[here, :, row, 2:] = tendon.path_slope(places[here])
+            guides[here, :, row, :2] = tendon.place_at(places[here])
+            guides[here, :, row, 2:] = tendon.slope_at(places[here])
         return guides
 
     @cached_property
@@ -97,10 +97,14 @@ class RodGrid:
 
     @cached_property
     def reaches(self) -> Floats:
-        """Least distance of each tendon from the backbone [mm], shape (t,)."""
+        """Least distance of each tendon from the backbone, as a lever [mm], shape (t,).
+
+        Of a tendon that comes near to the backbone, or crosses it, a share of its largest.
+        """
         offsets = np.sqrt(np.sum(self.guides[..., :2] ** 2, axis=-1))
+        most = offsets.max(axis=(0, 1))
         offsets = np.where(self.present[:, None], offsets, math.inf)
-        return np.asarray(offsets.min(axis=(0, 1)))
+        return np.asarray(np.maximum(offsets.min(axis=(0, 1)), LEAST_LEVER * most))
 
 
 # A rod to shoot, what is asked of it, and a state of it.

@@ -105,10 +105,60 @@ def evaluate_profile(
     return knots[piece, 1] + slopes[piece] * (places - knots[piece, 0]), slopes[piece]
 
 
+PathKnots = tuple[tuple[ArcLength, float, float], ...]
+"""Knots of arc length, x and y [mm]."""
+
+
+def check_path(name: str, given: object) -> PathKnots:
+    """Return `given` as checked knots of arc length, x and y, or raise `InputError`."""
+    if not _is_row(given):
+        raise InputError(f"{name} is {given!r}: it must be knots (arc length, x, y)")
+    rows = [row if _is_row(row) and len(row) == 3 else None for row in given]
+    if None in rows:
+        index = rows.index(None)
+        raise InputError(f"{name} knot {index} is {given[index]!r}: it must be (arc length, x, y)")
+    coordinate = Quantity(kind="length")
+    columns = [
+        check_profile(f"{name} {axis}", [(row[0], row[k]) for row in rows if row], coordinate)
+        for k, axis in ((1, "x"), (2, "y"))
+    ]
+    pairs = zip(*(column for column in columns if not isinstance(column, float)), strict=True)
+    path = tuple((place, x, y) for (place, x), (_, y) in pairs)
+    if not any(x or y for _, x, y in path):
+        raise InputError(f"{name} runs along the backbone's axis: it must leave it somewhere")
+    return path
+
+
+def evaluate_path(
+    path: Sequence[Sequence[float]], places: Floats, interpolation: Interpolation
+) -> tuple[Floats, Floats]:
+    """Return place and slope, both (..., 2), at arc lengths inside the knots.
+
+    Straight lines between knots, or cubic splines with two continuous derivatives.
+    """
+    knots = np.asarray(path)
+    if interpolation == "cubic":
+        from scipy.interpolate import CubicSpline
+
+        curve = CubicSpline(knots[:, 0], knots[:, 1:])
+        return np.asarray(curve(places)), np.asarray(curve(places, 1))
+    columns = [
+        evaluate_profile(tuple(zip(knots[:, 0], column, strict=True)), places, "linear")
+        for column in knots[:, 1:].T
+    ]
+    return (
+        np.stack([value for value, _ in columns], axis=-1),
+        np.stack([slope for _, slope in columns], axis=-1),
+    )
+
+
 # A tendon: its path through the robot's cross-sections.
 
 ROUND_OFF_MM = 1e-9
 """Length that is round-off [mm]."""
+
+LEAST_LEVER = 0.1
+"""Share of a tendon's largest distance from the backbone that counts as its lever at least."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,10 +173,10 @@ class Tendon:
     name : str
         Name, one of a kind in the robot; without ``,`` and ``=``.
     offset : float or sequence of (arc length, offset)
-        Distance from the backbone [mm], positive; one number, or knots.
+        Distance from the backbone [mm], positive; one number, or knots. Either this or `path`.
     angle : float or sequence of (arc length, angle) or Helix
         Clocking angle from +x about +z of the cross-section [rad]; one number, knots, or an angle
-        that grows evenly up to `end`.
+        that grows evenly up to `end`. With `offset`; 0 unless given.
     end : float, optional
         Arc length where it ends [mm]; without it, where its section ends.
     pushes : bool
@@ -135,20 +185,24 @@ class Tendon:
         Smallest and largest displacement that its drive allows [mm]; ``-inf`` and ``inf`` for no
         limit.
     interpolation : {"linear", "cubic"}
-        How knots are joined; cubics are monotone between knots.
+        How knots are joined. Cubics of `offset` and `angle` are monotone between knots; those of
+        `path` have two continuous derivatives.
+    path : sequence of (arc length, x, y)
+        Knots of the place in the cross-section [mm], in place of `offset` and `angle`. It may
+        cross the backbone, which a distance and an angle do not describe smoothly.
 
     Raises
     ------
     InputError
-        If a value is outside its legal range.
+        If a value is outside its legal range, or both or none of `offset` and `path` are given.
     """
 
     name: str
-    offset: Profile | Sequence[Sequence[float]] = quantity(
-        "length", "Distance from the backbone.", low=0.0, low_open=True
+    offset: Profile | Sequence[Sequence[float]] | None = quantity(
+        "length", "Distance from the backbone.", low=0.0, low_open=True, default=None
     )
-    angle: Profile | Helix | Sequence[Sequence[float]] = quantity(
-        "angle", "Clocking angle.", default=0.0
+    angle: Profile | Helix | Sequence[Sequence[float]] | None = quantity(
+        "angle", "Clocking angle.", default=None
     )
     end: float | None = quantity(
         "length", "Arc length of the end.", low=0.0, low_open=True, default=None
@@ -158,6 +212,9 @@ class Tendon:
         "length", "Smallest and largest displacement.", default=(-math.inf, math.inf)
     )
     interpolation: Interpolation = "linear"
+    path: PathKnots | Sequence[Sequence[float]] | None = quantity(
+        "length", "Knots of arc length, x and y in the cross-section.", default=None
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
@@ -167,21 +224,43 @@ class Tendon:
             raise InputError(f"{label} pushes is {self.pushes!r}: it must be true or false")
         object.__setattr__(self, "travel", check_travel(label, self.travel))
         if self.end is not None:
-            end = known["end"].check(f"{label} end", self.end)
-            object.__setattr__(self, "end", end)
-            if isinstance(self.angle, Helix):
-                object.__setattr__(self, "angle", self.angle.knots(end))
+            object.__setattr__(self, "end", known["end"].check(f"{label} end", self.end))
+        if self.path is not None:
+            if self.offset is not None or self.angle is not None:
+                raise InputError(f"{label} has a path: it takes no offset and no angle beside it")
+            path = check_path(f"{label} path", self.path)
+            object.__setattr__(self, "path", path)
+            self._check_span("path", path[0][0], path[-1][0])
+            return
+        if self.offset is None:
+            raise InputError(f"{label} has neither an offset nor a path: give one of them")
+        if self.angle is None:
+            object.__setattr__(self, "angle", 0.0)
+        elif self.end is not None and isinstance(self.angle, Helix):
+            object.__setattr__(self, "angle", self.angle.knots(self.end))
         for name in ("offset", "angle"):
             given = getattr(self, name)
-            if not isinstance(given, Helix):
-                given = check_profile(f"{label} {name}", given, known[name])
-                object.__setattr__(self, name, given)
-            if self.end is not None and not isinstance(given, float):
-                _check_span(f"{label} {name}", given, self.end)
+            if isinstance(given, Helix):
+                continue
+            profile = check_profile(f"{label} {name}", given, known[name])
+            object.__setattr__(self, name, profile)
+            if not isinstance(profile, float):
+                self._check_span(name, profile[0][0], profile[-1][0])
+
+    def _check_span(self, name: str, first: float, last: float) -> None:
+        """Raise `InputError` unless knots reach from the base to the end, where that is known."""
+        if self.end is None or (first <= ROUND_OFF_MM and last >= self.end - ROUND_OFF_MM):
+            return
+        raise InputError(
+            f"tendon '{self.name}' {name} has knots from {first:g} to {last:g} mm: they must reach "
+            f"from 0 mm, the robot's base, to {self.end:g} mm, the tendon's end"
+        )
 
     @property
     def is_parallel(self) -> bool:
-        """Whether offset and angle are the same all along."""
+        """Whether its place in the cross-section is the same all along."""
+        if self.path is not None:
+            return len({tuple(knot[1:]) for knot in self.path}) == 1
         return not isinstance(self.angle, Helix) and all(
             len({value for _, value in knots}) == 1 for knots in self._list_knots()
         )
@@ -204,19 +283,24 @@ class Tendon:
         InputError
             If an arc length is outside the tendon.
         """
+        if self.path is not None:
+            return np.asarray(np.hypot(*np.moveaxis(self.place_at(arc_length), -1, 0)))
         return self._evaluate("offset", arc_length)[0]
 
     def angle_at(self, arc_length: ArrayLike) -> Floats:
-        """Return the clocking angle [rad] at arc lengths [mm].
+        """Return the clocking angle [rad] at arc lengths [mm]; of a path in (-pi, pi].
 
         Raises
         ------
         InputError
             If an arc length is outside the tendon.
         """
+        if self.path is not None:
+            x, y = np.moveaxis(self.place_at(arc_length), -1, 0)
+            return np.asarray(np.arctan2(y, x))
         return self._evaluate("angle", arc_length)[0]
 
-    def path(self, arc_length: ArrayLike) -> Floats:
+    def place_at(self, arc_length: ArrayLike) -> Floats:
         """Return where the tendon crosses the cross-sections, x and y.
 
         Parameters
@@ -234,11 +318,10 @@ class Tendon:
         InputError
             If an arc length is outside the tendon.
         """
-        offset, angle = self.offset_at(arc_length), self.angle_at(arc_length)
-        return np.stack([offset * np.cos(angle), offset * np.sin(angle)], axis=-1)
+        return self._evaluate_place(arc_length)[0]
 
-    def path_slope(self, arc_length: ArrayLike) -> Floats:
-        """Return the derivative of `path` with arc length, shape (..., 2) [1].
+    def slope_at(self, arc_length: ArrayLike) -> Floats:
+        """Return the derivative of `place_at` with arc length, shape (..., 2) [1].
 
         At a corner of the knots it is that of the distal side.
 
@@ -247,21 +330,33 @@ class Tendon:
         InputError
             If an arc length is outside the tendon.
         """
+        return self._evaluate_place(arc_length)[1]
+
+    def corners(self) -> Floats:
+        """Return the arc lengths inside the tendon where its routing is pieced together [mm]."""
+        places = {place for knots in self._list_knots() for place, _ in knots}
+        places |= {knot[0] for knot in self.path or ()}
+        last = math.inf if self.end is None else self.end - ROUND_OFF_MM
+        return np.asarray([place for place in sorted(places) if ROUND_OFF_MM < place < last])
+
+    def _evaluate_place(self, arc_length: ArrayLike) -> tuple[Floats, Floats]:
+        if self.path is not None:
+            places = self._check_places(arc_length, self.path[-1][0])
+            return evaluate_path(self.path, places, self.interpolation)
         offset, taper = self._evaluate("offset", arc_length)
         angle, twist = self._evaluate("angle", arc_length)
         cosine, sine = np.cos(angle), np.sin(angle)
-        return np.stack(
-            [taper * cosine - offset * twist * sine, taper * sine + offset * twist * cosine],
-            axis=-1,
+        return (
+            np.stack([offset * cosine, offset * sine], axis=-1),
+            np.stack(
+                [taper * cosine - offset * twist * sine, taper * sine + offset * twist * cosine],
+                axis=-1,
+            ),
         )
 
-    def corners(self) -> Floats:
-        """Return the arc lengths inside the tendon where its routing is not smooth [mm]."""
-        places = sorted({place for knots in self._list_knots() for place, _ in knots})
-        last = math.inf if self.end is None else self.end - ROUND_OFF_MM
-        return np.asarray([place for place in places if ROUND_OFF_MM < place < last])
-
     def _list_knots(self) -> list[Knots]:
+        if self.path is not None:
+            return []
         profiles: list[Profile] = [self._profile("offset"), self._profile("angle")]
         return [profile for profile in profiles if not isinstance(profile, float)]
 
@@ -273,27 +368,21 @@ class Tendon:
         return profile
 
     def _evaluate(self, name: str, arc_length: ArrayLike) -> tuple[Floats, Floats]:
-        places = check_array("arc_length", arc_length)
-        end = math.inf if self.end is None else self.end
         profile = self._profile(name)
-        if not isinstance(profile, float):
-            end = min(end, profile[-1][0])
+        last = math.inf if isinstance(profile, float) else profile[-1][0]
+        return evaluate_profile(profile, self._check_places(arc_length, last), self.interpolation)
+
+    def _check_places(self, arc_length: ArrayLike, last: float) -> Floats:
+        """Return arc lengths [mm] inside the tendon; `last` is where its knots end."""
+        places = check_array("arc_length", arc_length)
+        end = last if self.end is None else min(self.end, last)
         inside = (places >= -ROUND_OFF_MM) & (places <= end + ROUND_OFF_MM)
         if not inside.all():
             bad = places.flat[int(np.argmin(inside))]
             raise InputError(
                 f"arc length on tendon '{self.name}' is {bad:g} mm: it must lie in [0, {end:g}] mm"
             )
-        return evaluate_profile(profile, np.clip(places, 0.0, end), self.interpolation)
-
-
-def _check_span(name: str, knots: Knots, end: float) -> None:
-    first, last = knots[0][0], knots[-1][0]
-    if first > ROUND_OFF_MM or last < end - ROUND_OFF_MM:
-        raise InputError(
-            f"{name} has knots from {first:g} to {last:g} mm: they must reach from 0 mm, the "
-            f"robot's base, to {end:g} mm, the tendon's end"
-        )
+        return np.clip(places, 0.0, end)
 
 
 DEFAULT_DISCS = 10

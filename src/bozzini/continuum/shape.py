@@ -141,7 +141,7 @@ class Shape(Result):
         for tendon, end in zip(self.robot.tendons, self.robot.tendon_ends, strict=True):
             places = self.arc_length[self.arc_length <= end + STATION_TOLERANCE_MM]
             frames = self.frames[..., : len(places), :3, :]
-            path = tendon.path(np.minimum(places, end))
+            path = tendon.place_at(np.minimum(places, end))
             across = frames[..., :2] @ path[..., None]
             lines.append(frames[..., 3] + across[..., 0])
         return tuple(lines)

@@ -165,8 +165,8 @@ def _drill_backbone(given: BodyOptions, low: float, high: float) -> list[Channel
 
 def _drill_tendon(tendon: Tendon, place: float, given: BodyOptions) -> Channel:
     """Return a tendon's straight hole in the disc at a place: along the tendon there."""
-    middle = np.append(tendon.path(place), 0.0)
-    way = 0.5 * given.thickness * np.append(tendon.path_slope(place), 1.0)
+    middle = np.append(tendon.place_at(place), 0.0)
+    way = 0.5 * given.thickness * np.append(tendon.slope_at(place), 1.0)
     name = f"tendon {tendon.name}"
     return drill(name, given.tendon_diameter + given.clearance, middle - way, middle + way)
 
@@ -191,12 +191,12 @@ def _sweep(tendon: Tendon, start: float, end: float, given: BodyOptions) -> Chan
     places = np.linspace(start, end, math.ceil((end - start) / SLEEVE_STEP_MM) + 1)
     corners = tendon.corners()
     places = np.union1d(places, corners[(corners > start) & (corners < end)])
-    slope = tendon.path_slope(places)
+    slope = tendon.slope_at(places)
     if np.ptp(slope, axis=0).max() < 1e-12:
         places, slope = places[[0, -1]], slope[[0, 0]]
     return Channel(
         name=f"tendon {tendon.name}",
-        centre=np.column_stack([tendon.path(places), places - start]),
+        centre=np.column_stack([tendon.place_at(places), places - start]),
         diameter=np.full(len(places), given.tendon_diameter + given.clearance),
         slope=slope,
     )
@@ -316,8 +316,8 @@ def tabulate_routing(robot: RobotDesign, step: float = 1.0) -> Routing:
     return Routing(
         robot=robot,
         places=tuple(places),
-        paths=tuple(t.path(s) for t, s in zip(robot.tendons, places, strict=True)),
-        slopes=tuple(t.path_slope(s) for t, s in zip(robot.tendons, places, strict=True)),
+        paths=tuple(t.place_at(s) for t, s in zip(robot.tendons, places, strict=True)),
+        slopes=tuple(t.slope_at(s) for t, s in zip(robot.tendons, places, strict=True)),
     )
 
 

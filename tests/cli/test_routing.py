@@ -1,0 +1,86 @@
+"""``bozzini continuum design`` and ``rank``: what they print is what the library says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bozzini.cli.main import main
+from bozzini.continuum import ContinuumRobot
+from bozzini.motion.routing import design_routing
+
+
+@pytest.fixture
+def run(capsys, tmp_path, monkeypatch):  # type: ignore[no-untyped-def]
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):  # type: ignore[no-untyped-def]
+        capsys.readouterr()
+        code = main(["continuum", *map(str, arguments)])
+        return code, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def curve(tmp_path: Path) -> Path:
+    """A quarter of a turn of a helix, as a table."""
+    turn = np.linspace(0.0, 2.0, 60)
+    points = np.stack([20.0 * np.cos(turn), 20.0 * np.sin(turn), 8.0 * turn], axis=1)
+    path = tmp_path / "curve.csv"
+    np.savetxt(path, points, delimiter=",", header="x,y,z", comments="")
+    return path
+
+
+def test_design_is_the_library_and_writes_the_robot(run, curve) -> None:  # type: ignore[no-untyped-def]
+    code, out, err = run("design", curve, "--out", "robot.yaml", "--figure", "robot.png", "--json")
+    assert (code, err) == (0, "")
+    said = json.loads(out)
+    points = np.loadtxt(curve, delimiter=",", skiprows=1)
+    design = design_routing(points)
+    assert said["tension_sum_N"] == pytest.approx(design.tensions.sum())
+    assert said["error_rms_mm"] == pytest.approx(design.error_rms)
+    assert ContinuumRobot.from_yaml("robot.yaml").tendons == design.robot.tendons
+    assert Path("robot.png").read_bytes()[:4] == b"\x89PNG"
+    code, out, _ = run("design", curve)
+    assert code == 0
+    assert "+1 % tension" in out
+
+
+def test_a_limit_that_is_not_kept_is_a_negative_answer(run, curve) -> None:  # type: ignore[no-untyped-def]
+    code, out, err = run(
+        "design", curve, "--tendons", 1, "--straight", "--error-max", "1um", "--out", "robot.yaml"
+    )
+    assert (code, err) == (1, "")
+    assert "allowed is 0.001 mm" in out
+    assert not Path("robot.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "either a curve or a plan, or --tract"),
+        (("curve.csv", "--tract", "x.stl"), "either a curve or a plan, or --tract"),
+        (("curve.csv", "--tendons", 3), "tendons is 3: it must lie in [1, 2]"),
+        (("curve.csv", "--core-radius", "3mm"), "core radius is 3 mm: it must lie in [0, 2] mm"),
+        (("curve.csv", "--lumen", "x.stl"), "--lumen goes with a plan"),
+        (("none.csv",), "cannot read none.csv"),
+        (("bad.csv",), "bad.csv has the columns a, b: it needs x, y and z"),
+        (("none.npz",), "none.npz"),
+    ],
+)
+def test_a_wrong_input_is_one_line(run, curve, arguments, words) -> None:  # type: ignore[no-untyped-def]
+    Path("bad.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    code, out, err = run("design", *arguments)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+
+
+def test_counts_of_rank_are_whole_numbers(run) -> None:  # type: ignore[no-untyped-def]
+    code, _, err = run("rank", "none.npz", "--modes", "4,x")
+    assert code == 2
+    assert "--modes is '4,x'" in err

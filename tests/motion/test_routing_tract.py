@@ -1,0 +1,89 @@
+"""Robots designed for human tracts: what is claimed of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bozzini.anatomy import read_tract
+from bozzini.continuum.routing import RoutingLimits
+from bozzini.motion import Scope
+from bozzini.motion.routing import (
+    RankOptions,
+    RobotSearch,
+    design_robot,
+    design_routing,
+    insertion_rank,
+)
+from bozzini.study import run_insertion
+
+pytestmark = pytest.mark.slow
+
+LIMITS = RoutingLimits(offset_max=2.0, slope_max=0.4, gap_min=1.2)
+
+
+@pytest.fixture(scope="module")
+def upper(upper_gi_dir: Path):  # type: ignore[no-untyped-def]
+    tract = read_tract(upper_gi_dir / "upper_gi_labels_1mm.nii.gz", labels=[1, 2, 3])
+    return run_insertion(tract, Scope(diameter=5.0, link_length=12.0))
+
+
+def test_two_tendons_hold_the_upper_tract(upper) -> None:  # type: ignore[no-untyped-def]
+    design = design_routing(upper.plan, tendons=2, limits=LIMITS, duct=upper.field)
+    assert design.converged, design.reason
+    assert design.error_rms <= 0.15
+    assert design.error_max <= 0.5
+    assert design.energy_error_rms <= 0.2
+    assert design.slope <= 0.4 + 1e-3
+    assert design.gap >= 1.2 - 1e-3
+    assert design.tensions.sum() <= 12.0
+    assert design.robot.radius == 2.5
+    assert design.clearance is not None and design.clearance >= 0.5
+    straight = design_routing(upper.plan, tendons=6, routing="straight")
+    assert straight.error_rms >= 5.0 * design.error_rms
+    # Open loop it is sensitive, and says so.
+    assert 0.5 < design.by_tension[-1] < 10.0
+
+
+def test_one_tendon_holds_the_colon(colon_dir: Path) -> None:
+    tract = read_tract(colon_dir / "large-intestine.vtk")
+    study = run_insertion(tract, Scope(diameter=8.0, link_length=12.0))
+    design = design_routing(study.plan, tendons=1, duct=study.field)
+    assert design.converged, design.reason
+    assert design.error_rms <= 0.1
+
+
+def test_fitted_routings_do_with_half_the_cables(upper) -> None:  # type: ignore[no-untyped-def]
+    options = RankOptions(modes=(8,), sections=(4, 6, 8), stride=6, rounds=6)
+    found = insertion_rank(upper.plan, options=options)
+    ways = {(way.source, way.count): way for way in found.ways}
+    eight = ways["positions", 8]
+    assert eight.exact_rms < 0.5 * ways["sections", 8].rms
+    assert eight.cables < ways["sections", 8].cables
+    # The table of an earlier, independent calculation, on a path of 326 mm.
+    for count, rms in ((4, 4.15), (6, 2.03), (8, 1.00)):
+        assert ways["sections", count].rms == pytest.approx(rms, rel=0.2)
+
+
+def test_a_robot_of_sections_comes_through_a_pipe() -> None:
+    from bozzini.duct import Centreline, RoundCones
+
+    turn = np.linspace(0.0, 1.5, 40)
+    points = np.stack([60.0 * (1.0 - np.cos(turn)), 0.0 * turn, 60.0 * np.sin(turn)], axis=1)
+    duct = RoundCones(points, np.full(len(points), 8.0)).sample(1.0)
+    line = Centreline(points=points, arc_length=60.0 * turn, radius=np.full(len(points), 8.0))
+    search = RobotSearch(diameter_min=4.0, diameter_max=6.0, diameters=1, sections=(2, 4))
+    found = design_robot(duct, line, options=search)
+    assert found.converged, found.reason
+    assert found.robot is not None and found.actuation is not None
+    assert found.robot.radius == 3.0
+    bends = np.linalg.norm(found.actuation.bends, axis=2).max(axis=0)
+    assert all(
+        section.max_bend >= bend for section, bend in zip(found.robot.sections, bends, strict=True)
+    )
+    assert found.actuation.certificate.clearance >= 0.0
+    none = design_robot(duct, line, options=RobotSearch(diameter_min=17.0, diameter_max=20.0))
+    assert not none.converged
+    assert "proved" in none.reason
