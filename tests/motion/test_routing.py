@@ -16,7 +16,7 @@ from bozzini.continuum.routing import (
     route_one,
 )
 from bozzini.errors import GeometryError, InputError
-from bozzini.motion.routing import RankOptions, design_routing, insertion_rank
+from bozzini.motion.routing import InsertionRankOptions, design_routing, insertion_rank
 
 STIFFNESS = np.array([200.0, 200.0, 200.0 / 1.3])
 
@@ -163,7 +163,7 @@ def test_limits_that_cannot_be_kept_are_a_reason() -> None:
         (lambda: design_routing(CURVES["s"][:1]), "it must be (m, 3) with m at least 2"),
         (lambda: design_routing(0.01 * CURVES["s"]), "it must be at least 5 mm"),
         (lambda: RoutingLimits(core_radius=3.0), "core radius is 3 mm: it must lie in [0, 2] mm"),
-        (lambda: RankOptions(modes=(0,)), "modes[0] is 0"),
+        (lambda: InsertionRankOptions(modes=(0,)), "modes[0] is 0"),
     ],
 )
 def test_a_wrong_input_is_one_line(call, words) -> None:  # type: ignore[no-untyped-def]
@@ -197,7 +197,7 @@ def test_a_design_is_kept_in_a_file(designs, tmp_path) -> None:  # type: ignore[
 @pytest.fixture(scope="module")
 def rank():  # type: ignore[no-untyped-def]
     curve = wind_helix(radius=30.0, pitch=40.0, length=80.0)
-    options = RankOptions(modes=(2, 4), sections=(2, 4), stride=4, rounds=3)
+    options = InsertionRankOptions(modes=(2, 4), sections=(2, 4), stride=4, rounds=3)
     return insertion_rank(curve, options=options)
 
 

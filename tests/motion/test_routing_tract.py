@@ -11,7 +11,7 @@ from bozzini.anatomy import read_tract
 from bozzini.continuum.routing import RoutingLimits
 from bozzini.motion import Scope
 from bozzini.motion.routing import (
-    RankOptions,
+    InsertionRankOptions,
     RobotSearch,
     design_robot,
     design_routing,
@@ -56,7 +56,7 @@ def test_one_tendon_holds_the_colon(colon_dir: Path) -> None:
 
 
 def test_fitted_routings_do_with_half_the_cables(upper) -> None:  # type: ignore[no-untyped-def]
-    options = RankOptions(modes=(8,), sections=(4, 6, 8), stride=6, rounds=6)
+    options = InsertionRankOptions(modes=(8,), sections=(4, 6, 8), stride=6, rounds=6)
     found = insertion_rank(upper.plan, options=options)
     ways = {(way.source, way.count): way for way in found.ways}
     eight = ways["positions", 8]

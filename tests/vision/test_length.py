@@ -16,10 +16,10 @@ from bozzini.vision import (
     LengthSetup,
     Light,
     Picture,
+    RenderedTube,
     Scene,
     Sensor,
     StripBoard,
-    Tube,
     aim_camera,
     measure_length,
     plan_setup,
@@ -191,11 +191,11 @@ def test_a_plan_has_the_budget_of_the_pictures_it_predicts(found):
 MARK = MUSCLE.find_marks(BOARD)[0]
 
 
-def _bar(at, radius, albedo, way=(1.0, 0.0, 0.0)) -> Tube:
+def _bar(at, radius, albedo, way=(1.0, 0.0, 0.0)) -> RenderedTube:
     """Return a bar of 12 mm across the view, in front of a point."""
     middle = np.asarray(at) + [0.0, 0.0, -1.0 - radius]
     ends = middle + np.outer([-6.0, 6.0], way)
-    return Tube(curve=ends, radius=radius, albedo=albedo)
+    return RenderedTube(curve=ends, radius=radius, albedo=albedo)
 
 
 # What goes wrong: changes of the muscle, the sensor and the light, bars in front of the muscle, and

@@ -12,10 +12,10 @@ from bozzini.vision import (
     HungMuscle,
     Light,
     PairLayout,
+    RenderedTube,
     Scene,
     Sensor,
     StripBoard,
-    Tube,
     aim_camera,
     bend_curve,
     make_backbone_scene,
@@ -33,9 +33,9 @@ def _camera(size=(300, 200), pitch=0.2, distortion=(-0.1, 0.04, 3e-4, -2e-4, 0.0
     )
 
 
-def _ball(middle, radius, albedo=0.8) -> Tube:
+def _ball(middle, radius, albedo=0.8) -> RenderedTube:
     ends = np.array([middle, middle]) + np.outer([-1e-4, 1e-4], [0.0, 0.0, 1.0])
-    return Tube(curve=ends, radius=radius, albedo=albedo)
+    return RenderedTube(curve=ends, radius=radius, albedo=albedo)
 
 
 def test_compiled_rays_are_those_of_the_camera():
@@ -91,7 +91,9 @@ def test_a_straight_tube_is_the_same_from_two_points_or_many():
     camera = aim_camera((0, 0, -150.0), (0, 0, 0), focal=1000.0, size=(400, 40))
     first, second = (
         render_picture(
-            Scene(tubes=(Tube(curve=np.linspace([-25.0, 0, 0], [25.0, 0, 0], n), radius=1.0),)),
+            Scene(
+                tubes=(RenderedTube(curve=np.linspace([-25.0, 0, 0], [25.0, 0, 0], n), radius=1.0),)
+            ),
             camera,
             sensor=CLEAN,
         ).values
@@ -108,7 +110,9 @@ def test_edges_of_bands_cover_their_share_of_a_pixel(samples, lean):
     along = np.array([math.cos(lean), math.sin(lean), 0.0])
     curve, x = np.outer([-15.0, 15.0], along), np.arange(120)
     for start in np.linspace(-1.0, -0.8, 5):
-        tube = Tube(curve=curve, radius=3.0, albedo=0.8, bands=((15 + start, 17 + start, 0.1),))
+        tube = RenderedTube(
+            curve=curve, radius=3.0, albedo=0.8, bands=((15 + start, 17 + start, 0.1),)
+        )
         values = render_picture(Scene(tubes=(tube,), light=FLAT), camera, sensor=sensor).values
         dark = (0.8 - values[19:21].mean(axis=0)[30:90]) / 0.7  # either side of the axis
         at, _ = camera.project([(start + 1.0) / along[0], 0.0, -3.0])
@@ -211,4 +215,4 @@ def test_what_cannot_be_rendered_is_one_line():
     with pytest.raises(InputError, match="seed"):
         render_picture(Scene(), camera, seed=-1)
     with pytest.raises(InputError, match="curve"):
-        Tube(curve=np.zeros((1, 3)), radius=1.0)
+        RenderedTube(curve=np.zeros((1, 3)), radius=1.0)

@@ -13,9 +13,9 @@ from bozzini.errors import InputError
 from bozzini.vision import (
     PairLayout,
     Picture,
+    RenderedTube,
     Sensor,
     ShapeOptions,
-    Tube,
     bend_curve,
     compare_shapes,
     make_backbone_scene,
@@ -142,11 +142,11 @@ LARGE = CameraSet(names=("cam0", "cam1"), cameras=PairLayout().make_cameras())
 BENT = bend_curve(LENGTH, math.radians(50.0), plane=1.0)
 
 
-def cover_point(point, *, radius, half, albedo=0.02, nearer=8.0) -> Tube:
+def cover_point(point, *, radius, half, albedo=0.02, nearer=8.0) -> RenderedTube:
     """Return a bar across the view of a point by the first large camera."""
     ahead = LARGE.cameras[0].centre - point
     middle = point + nearer * ahead / np.linalg.norm(ahead)
-    return Tube(
+    return RenderedTube(
         curve=np.stack([middle - np.array(half), middle + np.array(half)]),
         radius=radius,
         albedo=albedo,
@@ -166,7 +166,7 @@ def cover_point(point, *, radius, half, albedo=0.02, nearer=8.0) -> Tube:
     ],
     ids=["narrow", "wide", "bright"],
 )
-def test_what_covers_the_tube_is_flagged_or_refused(cover: Tube, flag: str) -> None:
+def test_what_covers_the_tube_is_flagged_or_refused(cover: RenderedTube, flag: str) -> None:
     pictures = render_pair(BENT, LARGE, covers=(cover, None))
     shape = measure_shape(pictures, LARGE, options=KNOWN)
     if not flag:
@@ -180,7 +180,7 @@ def test_what_covers_the_tube_is_flagged_or_refused(cover: Tube, flag: str) -> N
 def test_a_hidden_ring_is_flagged_and_uncertain() -> None:
     ahead = LARGE.cameras[0].centre - BENT[-1]
     middle = BENT[-1] + 10.0 * ahead / np.linalg.norm(ahead)
-    bar = Tube(curve=np.stack([middle, middle + [0.0, 0.0, 8.0]]), radius=4.0, albedo=0.02)
+    bar = RenderedTube(curve=np.stack([middle, middle + [0.0, 0.0, 8.0]]), radius=4.0, albedo=0.02)
     shape = measure_shape(render_pair(BENT, LARGE, covers=(bar, None)), LARGE, options=KNOWN)
     error = shape.tip - BENT[-1]
     assert shape.converged and "ring_missing" in shape.flags

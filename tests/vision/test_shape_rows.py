@@ -12,10 +12,10 @@ import pytest
 from bozzini.vision import (
     Light,
     PairLayout,
+    RenderedTube,
     Scene,
     Sensor,
     ShapeOptions,
-    Tube,
     make_backbone_scene,
     measure_shape,
     render_picture,
@@ -83,7 +83,7 @@ def draw_curve(seed: int) -> np.ndarray:
     return np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
 
 
-def cover_curve(curve: np.ndarray, seed: int) -> Tube:
+def cover_curve(curve: np.ndarray, seed: int) -> RenderedTube:
     """Return a dark bar of 3 mm across the tube, as the first large camera sees it."""
     at = int(np.random.default_rng(100 + seed).uniform(0.25, 0.75) * len(curve))
     ahead = LARGE[0].centre - curve[at]
@@ -91,7 +91,7 @@ def cover_curve(curve: np.ndarray, seed: int) -> Tube:
     across = np.cross(curve[at + 1] - curve[at - 1], ahead)
     across *= 15.0 / np.linalg.norm(across)
     middle = curve[at] + 8.0 * ahead
-    return Tube(curve=np.stack([middle - across, middle + across]), radius=1.5, albedo=0.02)
+    return RenderedTube(curve=np.stack([middle - across, middle + across]), radius=1.5, albedo=0.02)
 
 
 def find_misses(points: np.ndarray, curve: np.ndarray) -> np.ndarray:

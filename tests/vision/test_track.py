@@ -11,9 +11,9 @@ from bozzini.vision import (
     CameraSet,
     Light,
     Picture,
+    RenderedTube,
     Scene,
     Sensor,
-    Tube,
     render_picture,
     write_picture,
 )
@@ -168,9 +168,9 @@ def test_one_camera_gives_no_points(tmp_path):
         track_markers(table, alone)
 
 
-def _balls(points, albedo=0.8) -> tuple[Tube, ...]:
+def _balls(points, albedo=0.8) -> tuple[RenderedTube, ...]:
     tiny = np.outer([-1e-4, 1e-4], [0.0, 0.0, 1.0])
-    return tuple(Tube(curve=point + tiny, radius=0.9, albedo=albedo) for point in points)
+    return tuple(RenderedTube(curve=point + tiny, radius=0.9, albedo=albedo) for point in points)
 
 
 def _photograph(points, folder, row, *, seed=0) -> str:

@@ -11,7 +11,7 @@ import click
 
 from ..continuum.routing import RoutingLimits
 from ..errors import FileFormatError, InputError
-from ..motion.routing.options import RankOptions, RobotSearch
+from ..motion.routing.options import InsertionRankOptions, RobotSearch
 from ..study.options import ReadOptions
 from ._tract_options import read_with_options, tract_options
 from .common import (
@@ -278,12 +278,12 @@ def _format_search(found: TractRobot) -> str:
 
 @click.command("rank")
 @click.argument("plan", metavar="PLAN.npz", type=_file)
-@options_of(RankOptions, "options")
+@options_of(InsertionRankOptions, "options")
 @click.option("--modes", default="4,6,8,10,12,16", show_default=True, help="Numbers of routings.")
 @click.option("--sections", default="4,6,8,12", show_default=True, help="Numbers of sections.")
 @answer_options(".csv", *PICTURES, help="The table (.csv) or a picture.")
 def rank_command(
-    plan: Path, options: RankOptions, modes: str, sections: str, answer: Answer
+    plan: Path, options: InsertionRankOptions, modes: str, sections: str, answer: Answer
 ) -> None:
     """Find how many tendons the whole way in takes, against sections with as many cables.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .board import NativeBoard
 from .characterise import Characterisation, PictureHook, PlantGauge, characterise_muscle
-from .cosimulation import Board, Cosimulation, CosimulationRecord
+from .cosimulation import ControlBoard, Cosimulation, CosimulationRecord
 from .curves import PressureCurve, read_curve, take_curve
 from .demo import CircleRun, FaultResponses, StepResponses, run_circle, run_faults, run_steps
 from .emulate import emulate_rig, emulated_port, serve
@@ -25,7 +25,7 @@ from .stick import BoardStick, GamepadStick, ScriptedStick, StickSource, make_st
 __all__ = [
     "ATMOSPHERE",
     "FAULT_KINDS",
-    "Board",
+    "ControlBoard",
     "BoardStick",
     "Chamber",
     "Characterisation",

@@ -26,7 +26,7 @@ Host = Callable[[float, bytes], bytes]
 """A host: takes the time [s] and what the board has sent, returns what it sends to the board."""
 
 
-class Board(Protocol):
+class ControlBoard(Protocol):
     """A controller board, emulated or run natively, that advances only when it is asked to."""
 
     def set_voltages(self, voltages: ArrayLike) -> None:
@@ -112,7 +112,7 @@ class Cosimulation:
 
     Parameters
     ----------
-    board : Board
+    board : ControlBoard
         The board.
     plant : Plant
         The plant.
@@ -128,7 +128,7 @@ class Cosimulation:
     """
 
     def __init__(
-        self, board: Board, plant: Plant, *, host: Host | None = None, period: float = PERIOD
+        self, board: ControlBoard, plant: Plant, *, host: Host | None = None, period: float = PERIOD
     ) -> None:
         self.board, self.plant, self.host = board, plant, host
         self.period = check_number("period", period, low=1e-5, high=0.1, unit="s")

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
         HungMuscle,
         Light,
         PairLayout,
+        RenderedTube,
         Scene,
         Sensor,
-        Tube,
         bend_curve,
         make_backbone_scene,
         make_board_poses,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     )
     from .series import LengthSeries, measure_series, write_series
     from .shape import BackboneShape, ShapeOptions, measure_shape
-    from .shape_series import Comparison, compare_shapes, measure_shapes
+    from .shape_series import ShapeComparison, compare_shapes, measure_shapes
 
 __all__ = [
     "BackboneShape",
@@ -37,7 +37,7 @@ __all__ = [
     "CameraSet",
     "CharucoBoard",
     "Checkerboard",
-    "Comparison",
+    "ShapeComparison",
     "DemoOptions",
     "Detection",
     "HungMuscle",
@@ -53,7 +53,7 @@ __all__ = [
     "SetupPlan",
     "ShapeOptions",
     "StripBoard",
-    "Tube",
+    "RenderedTube",
     "aim_camera",
     "bend_curve",
     "compare_shapes",
@@ -89,14 +89,14 @@ _MODULES = {
             "PairLayout",
             "Scene",
             "Sensor",
-            "Tube",
+            "RenderedTube",
             "bend_curve",
             "make_backbone_scene",
             "make_board_poses",
             "render_picture",
         ),
         "shape": ("BackboneShape", "ShapeOptions", "measure_shape"),
-        "shape_series": ("Comparison", "compare_shapes", "measure_shapes"),
+        "shape_series": ("ShapeComparison", "compare_shapes", "measure_shapes"),
     }.items()
     for name in names
 }

@@ -119,7 +119,7 @@ class Light:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tube:
+class RenderedTube:
     """A tube about a curve, with rounded ends and bands around it.
 
     Parameters
@@ -154,14 +154,14 @@ class Scene:
     ----------
     board : Board, optional
         In the plane z = 0 of the world; its print starts at the origin.
-    tubes : tuple of Tube
+    tubes : tuple of RenderedTube
     light : Light
     background : float
         Light that comes from where there is nothing.
     """
 
     board: Board | None = None
-    tubes: tuple[Tube, ...] = ()
+    tubes: tuple[RenderedTube, ...] = ()
     light: Light = Light()
     background: float = 0.03
 
@@ -400,7 +400,7 @@ class HungMuscle:
         rings = tuple(
             (at - half, at + half, self.dark) for at in (self.end, self.end + self.length)
         )
-        tube = Tube(curve=ends, radius=0.5 * self.diameter, albedo=self.body, bands=rings)
+        tube = RenderedTube(curve=ends, radius=0.5 * self.diameter, albedo=self.body, bands=rings)
         return Scene(board=board, tubes=(tube,), light=light)
 
 
@@ -437,7 +437,7 @@ def make_backbone_scene(
     )
     length, half = float(measure_arc_length(points)[-1]), 0.5 * ring
     bands = tuple((at - half, at + half, 0.05) for at in (ends, ends + length))
-    tube = Tube(curve=whole, radius=0.5 * diameter, albedo=0.75, bands=bands)
+    tube = RenderedTube(curve=whole, radius=0.5 * diameter, albedo=0.75, bands=bands)
     return Scene(tubes=(tube,), light=light)
 
 

@@ -48,7 +48,7 @@ _NAMED = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison(Result):
+class ShapeComparison(Result):
     """How far curves of a model are from measured shapes.
 
     Attributes
@@ -155,7 +155,7 @@ def compare_shapes(
     *,
     names: Sequence[str] = (),
     alignment: str = "base",
-) -> Comparison:
+) -> ShapeComparison:
     """Compare measured shapes with the curves of a model, such as of an end-effector or a robot.
 
     Parameters
@@ -173,7 +173,7 @@ def compare_shapes(
 
     Returns
     -------
-    Comparison
+    ShapeComparison
     """
     check_word("alignment", alignment, ALIGNMENTS)
     if len(shapes) != len(curves) or not shapes:
@@ -186,7 +186,7 @@ def compare_shapes(
     kept = [k for k, shape in enumerate(shapes) if shape.converged]
     if not kept:
         empty = np.zeros((0, 0, 3))
-        return Comparison(
+        return ShapeComparison(
             names=(),
             arc_length=empty[..., 0],
             measured=empty,
@@ -210,7 +210,7 @@ def compare_shapes(
     ahead = off / np.maximum(size, 1e-12)[..., None]
     covariance = np.stack([shapes[k].covariance for k in kept])
     along = np.einsum("pni,pnij,pnj->pn", ahead, covariance, ahead)
-    return Comparison(
+    return ShapeComparison(
         names=tuple(words[k] for k in kept),
         arc_length=stations,
         measured=measured,
@@ -370,7 +370,7 @@ def write_shapes(
     directory: str | os.PathLike[str],
     *,
     cameras: CameraSet,
-    comparison: Comparison | None = None,
+    comparison: ShapeComparison | None = None,
     inputs: Sequence[Path] = (),
     parquet: bool = False,
     force: bool = False,

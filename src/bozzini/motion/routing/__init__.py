@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .design import RoutingDesign, design_routing
-    from .options import RankOptions, RobotSearch
+    from .options import InsertionRankOptions, RobotSearch
     from .rank import InsertionRank, insertion_rank
     from .tract import TractRobot, design_robot
 
 __all__ = [
     "InsertionRank",
-    "RankOptions",
+    "InsertionRankOptions",
     "RobotSearch",
     "RoutingDesign",
     "TractRobot",
@@ -24,7 +24,7 @@ __all__ = [
 
 _PLACES = {
     "design": ("RoutingDesign", "design_routing"),
-    "options": ("RankOptions", "RobotSearch"),
+    "options": ("InsertionRankOptions", "RobotSearch"),
     "rank": ("InsertionRank", "insertion_rank"),
     "tract": ("TractRobot", "design_robot"),
 }

@@ -9,7 +9,7 @@ from ...errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class RankOptions:
+class InsertionRankOptions:
     """What `insertion_rank` tries.
 
     Parameters

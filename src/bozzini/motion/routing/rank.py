@@ -32,7 +32,7 @@ from ...progress import Progress, no_progress
 from ...results import ClosedForm, Json, take_axes, to_plain
 from ..plan import Plan
 from .design import take_curve
-from .options import RankOptions
+from .options import InsertionRankOptions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -201,7 +201,7 @@ def _describe(way: Way) -> Json:
 def insertion_rank(
     curve: ArrayLike | Plan,
     *,
-    options: RankOptions | None = None,
+    options: InsertionRankOptions | None = None,
     progress: Progress = no_progress,
 ) -> InsertionRank:
     """Return how many tendons the whole way in takes, against sections with as many cables.
@@ -211,7 +211,7 @@ def insertion_rank(
     curve : (m, 3) array_like or Plan
         A path from the entry on, world frame [mm]; of a plan it is the head's. A robot as long as
         the path follows it.
-    options : RankOptions, optional
+    options : InsertionRankOptions, optional
     progress : Progress
 
     Returns
@@ -223,7 +223,7 @@ def insertion_rank(
     InputError
         If the curve is no curve in space, or more modes are asked for than there are coefficients.
     """
-    options = options or RankOptions()
+    options = options or InsertionRankOptions()
     target = fit_bend(take_curve(curve))
     job = _Insertion(target, options)
     values = np.linalg.svd(job.matrix, compute_uv=False)
@@ -292,7 +292,7 @@ class Pose:
 class _Insertion:
     """The poses of a way in, whose curvature is the path's, shifted by whole steps."""
 
-    def __init__(self, target: BendTarget, options: RankOptions) -> None:
+    def __init__(self, target: BendTarget, options: InsertionRankOptions) -> None:
         self.target, self.steps, stride = target, target.steps, options.stride
         self.scale = options.stiffness / options.offset_max
         self.count = count = target.steps.count
@@ -333,7 +333,12 @@ class _Insertion:
         return Modes(values=values, slopes=np.zeros_like(values), coefficients=np.empty((0, 2, 0)))
 
     def measure(
-        self, modes: Modes, source: WaySource, count: int, bounds: Floats, options: RankOptions
+        self,
+        modes: Modes,
+        source: WaySource,
+        count: int,
+        bounds: Floats,
+        options: InsertionRankOptions,
     ) -> Way:
         """Return how near the poses come, in the linear law and in the exact one."""
         poses = self.fit_poses(LinearLaw(modes))
@@ -588,7 +593,7 @@ class LinearLaw:
 class ExactLaw(LinearLaw):
     """The rod's law, with a cable on each side for every mode: only one of the two is taut."""
 
-    def __init__(self, modes: Modes, options: RankOptions) -> None:
+    def __init__(self, modes: Modes, options: InsertionRankOptions) -> None:
         super().__init__(modes)
         self.offset = options.offset_max
         self.guides = options.offset_max * np.concatenate(
