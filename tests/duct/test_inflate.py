@@ -18,6 +18,7 @@ from bozzini.duct import (
     DuctShape,
     Eroded,
     Moved,
+    MovedField,
     PackedDuct,
     PlanarField,
     PointCloud,
@@ -147,7 +148,8 @@ def measure_outside(duct, points, nodes_most=300_000):
 def test_every_duct_with_a_wall_to_move_is_here():
     kinds = [getattr(ducts, name) for name in ducts.__all__]
     movable = {kind for kind in kinds if isinstance(kind, type) and hasattr(kind, "inflate")}
-    assert movable - set(DUCTS) == {Duct, PackedDuct, DuctShape, PointCloud, Eroded, Without}
+    fixed = {PointCloud, MovedField}  # they refuse it
+    assert movable - set(DUCTS) == {Duct, PackedDuct, DuctShape, Eroded, Without} | fixed
 
 
 @pytest.mark.slow

@@ -132,6 +132,8 @@ def test_where_nothing_moves_the_field_is_as_at_rest(tube):
     assert promised[near] == pytest.approx(still[near], abs=1e-5)
     # In the field's own bound, which holds between nodes too.
     inner = line[5:-5]
+    with pytest.raises(InputError, match="distance is 1 mm: it must be 0 mm"):
+        found.inflate(1.0)
     assert np.all(found.clearance_bound(inner) <= field.clearance_bound(inner) + 1e-5)
     assert found.clearance_bound(inner).min() > RADIUS
 
