@@ -145,6 +145,7 @@ def test_continuum_compare_converges_to_the_rod_and_routing_matters(tmp_path, ca
     assert list(own) == ["colonoscope"]
 
 
+@pytest.mark.slow
 def test_duct_family_takes_one_way_through_every_pipe(tmp_path, capsys):
     example = load("duct_family")
     out = tmp_path / "pipes.png"

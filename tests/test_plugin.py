@@ -151,6 +151,7 @@ assert fit.units["spring"] == "N/mm" and fit.fitted.spring == fit.estimates["spr
     )
 
 
+@pytest.mark.slow
 def test_commands_set_and_fit_the_numbers_of_the_muscle(run, tmp_path):
     solve = "-m", "bozzini", "muscle", "solve", "--pressure", "0.5MPa", "--model", "spring"
     assert json.loads(run(*solve, "--json"))["contraction_mm"] == pytest.approx(6.0)

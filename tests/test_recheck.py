@@ -18,6 +18,8 @@ import pytest
 
 from bozzini.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 Distance = Callable[[np.ndarray], np.ndarray]
 
 EVERY = 20
@@ -204,7 +206,6 @@ def check_proof(plan: SavedPlan, distance: Distance) -> None:
         assert proved <= found.min() + 1e-6
 
 
-@pytest.mark.slow
 def test_plan_from_the_surface_against_its_triangles(
     surface_plan: SavedPlan, stl: Distance
 ) -> None:
@@ -214,7 +215,6 @@ def test_plan_from_the_surface_against_its_triangles(
     check_proof(surface_plan, stl)
 
 
-@pytest.mark.slow
 def test_plan_from_labels_against_the_faces_of_the_voxels(
     label_plan: SavedPlan, upper_gi_dir: Path
 ) -> None:
@@ -223,7 +223,6 @@ def test_plan_from_labels_against_the_faces_of_the_voxels(
     check_proof(label_plan, faces)
 
 
-@pytest.mark.slow
 def test_plan_from_labels_against_the_smoothed_surface(
     label_plan: SavedPlan, stl: Distance
 ) -> None:
@@ -231,7 +230,6 @@ def test_plan_from_labels_against_the_smoothed_surface(
     assert largest_gap(label_plan, stl) <= stated["clearance_error_mm"] + stated["wall_error_mm"]
 
 
-@pytest.mark.slow
 def test_a_plan_moved_by_more_than_its_error_fails_the_re_check(
     surface_plan: SavedPlan, stl: Distance
 ) -> None:
@@ -246,7 +244,6 @@ def test_a_plan_moved_by_more_than_its_error_fails_the_re_check(
     assert largest_gap(moved, stl, every=100) > moved.meta["field"]["clearance_error_mm"]
 
 
-@pytest.mark.slow
 def test_links_keep_their_length(plan: SavedPlan) -> None:
     length = np.linalg.norm(np.diff(plan.joints, axis=1), axis=2)
     assert length == pytest.approx(plan.meta["scope"]["link_length_mm"], abs=1e-6)

@@ -104,10 +104,6 @@ continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm,T4=1mm,T5
 --out pose.csv
 continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --model linkage \
 --segments 20 --out pose.png
-continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --model energy \
---segment-kind arc --between 1
-continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm \
---line-force 0,-0.0001N/mm,0 --tendon-stiffness 10kN
 continuum pose two_sections.yaml --displacement T1=2.1mm,T2=-1mm,T3=-1mm --tolerance 0.1mm
 continuum pose two_sections.yaml --displacement T1=2.1mm,T2=-1mm,T3=-1mm
 continuum pose two_sections.yaml --displacement T1=20mm,T2=-10mm,T3=-10mm
@@ -119,7 +115,6 @@ continuum pose converging.yaml --displacement C1=2mm,C2=-3mm,C3=-3mm --model rod
 continuum pose converging.yaml --displacement C1=2mm,C2=-3mm,C3=-3mm --model arc
 continuum pose helical.yaml --displacement H1=2mm,H2=-5mm,H3=-5mm,H4=-5mm
 continuum pose gastroscope.yaml --displacement s17a=2mm,s17b=-1mm,s17c=-1mm
-continuum reach two_sections.yaml --to 20mm,10mm,95mm --smallest-bends --starts 4
 continuum reach two_sections.yaml --to 300mm,0mm,0mm --starts 2
 continuum reach colonoscope.yaml --to 60mm,20mm,100mm
 continuum reach gastroscope.yaml --to 100mm,50mm,600mm --starts 1
@@ -144,6 +139,11 @@ data fetch nothing --to folder
 """One command a line; ``--json`` is added. Of several, joined by ``&&``, the last is recorded."""
 
 SLOW_COMMANDS = """
+continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm --model energy \
+--segment-kind arc --between 1
+continuum pose two_sections.yaml --displacement T1=2mm,T2=-1mm,T3=-1mm \
+--line-force 0,-0.0001N/mm,0 --tendon-stiffness 10kN
+continuum reach two_sections.yaml --to 20mm,10mm,95mm --smallest-bends --starts 4
 plan tube.nii.gz --diameter 18mm --link 8mm --organ colon --out way
 duct fit tube.stl --organ colon --max-error 0.5mm --out fit.json
 duct fit tube.nii.gz --organ colon --as cylinders --out fit.yaml

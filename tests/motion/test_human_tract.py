@@ -76,6 +76,7 @@ def test_nine_millimetres_are_refused_and_pass_when_inflated(human, link):
     assert inflated.certified
 
 
+@pytest.mark.slow
 def test_joint_moves_stay_near_the_head_step(labels):
     ratios = []
     for step in (0.4, 0.025):
@@ -86,6 +87,7 @@ def test_joint_moves_stay_near_the_head_step(labels):
     assert ratios[1] == pytest.approx(ratios[0], rel=0.1)
 
 
+@pytest.mark.slow
 def test_in_out_in_is_certified_and_spares_motion(surface):
     there_and_back = surface.plan(6.0, 12.0, route=(1.0, 0.0, 1.0))
     assert there_and_back.status == "complete" and there_and_back.certified

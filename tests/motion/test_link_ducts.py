@@ -79,6 +79,7 @@ def test_no_nearer_direction_has_room(name):
     assert seen == {True, False}
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     centre=st.tuples(*[st.floats(-9.0, 9.0)] * 3),

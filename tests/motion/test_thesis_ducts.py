@@ -23,6 +23,7 @@ def plan_pipe(name, scope=SCOPE, head_step=0.5):
     return duct, line, insert(duct, line, scope=scope, method="thesis", head_step=head_step)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_chain_goes_through_every_pipe_and_is_checked_again(name):
     duct, line, plan = plan_pipe(name)

@@ -62,6 +62,7 @@ def check_agreement(case, plan, random, count):
     return len(samples) + second.samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", VARIANTS, ids=str)
 def test_certificate_and_second_checker_agree(case, options):
     random = np.random.default_rng(1)

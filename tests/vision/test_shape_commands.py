@@ -61,6 +61,7 @@ def read_tip(row) -> np.ndarray:
     return np.array([float(row[f"tip_{axis}_mm"]) for axis in "xyz"])
 
 
+@pytest.mark.slow
 def test_a_pair_that_fails_is_a_row_with_its_reason(folder, bent_tube) -> None:
     reasons = {
         "bent,0.png,1.png,a": "",

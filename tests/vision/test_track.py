@@ -129,6 +129,7 @@ def test_what_the_lens_was_not_calibrated_for_is_flagged(tmp_path):
     assert [flag == "" for flag in found.flags] == inside.tolist()
 
 
+@pytest.mark.slow
 def test_calibration_adds_its_uncertainty(tmp_path, pair_calibration):
     pixels = _project(_way())
     _write_table(tmp_path / "t.csv", pixels, columns="{c}_{axis}_{m}")
