@@ -53,6 +53,10 @@ FILES = {
     "cameras": ("cameras.yaml", "cameras.json"),
     "markers": ("markers.csv",),
     "log": ("log.csv",),
+    "way": ("way.csv",),
+    "strips": ("strips.yaml",),
+    "pictures": ("pictures.csv",),
+    "pairs": ("pairs.csv",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
@@ -91,6 +95,19 @@ LEGAL: dict[str, tuple[int, str]] = {
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
     "continuum compare": (3, "<robot --displacement T1=1mm"),
     "continuum workspace": (3, "<robot --count 500"),
+    "continuum design": (2, "<way --tendons 1 --out >.yaml"),
+    "continuum rank": (1, "<plan --modes 4 --sections 4 --rounds 2"),
+    "continuum fabricate": (2, "<robot --out >"),
+    "effector fabricate": (2, "--holder-diameter 11mm --out >"),
+    "live": (2, "<tract --diameter 4mm --link 8mm --duration 0.1s --inserted 0.8"),
+    "vision demo": (1, "--repeats 1 --steps 2 --out >"),
+    "vision length": (
+        4,
+        "<pictures --board <strips --distance 300mm --height 3mm --diameter 2mm --ring 2mm "
+        "--jobs 1 --out >",
+    ),
+    "vision plan-setup": (2, "--height 2.8mm --diameter 1.6mm --ring 2mm"),
+    "vision shape": (4, "<pairs --cameras <cameras --jobs 1 --out >"),
     "vision board": (3, "charuco --out >.pdf"),
     "vision calibrate": (3, ". --board <board --jobs 1 --out >.yaml"),
     "vision track": (6, "<markers --cameras <cameras --jobs 1 --out >"),
@@ -158,7 +175,7 @@ def make_originals(folder: Path) -> None:
     from skimage.measure import marching_cubes
 
     from bozzini.cli.main import main
-    from bozzini.vision import CameraSet, CharucoBoard, PairLayout
+    from bozzini.vision import CameraSet, CharucoBoard, PairLayout, StripBoard
     from tests.cli.plan_cases import write_volume
     from tests.shapes import bend_curve, curve_distance
 
@@ -191,6 +208,13 @@ def make_originals(folder: Path) -> None:
     for suffix in ("yaml", "json"):
         cameras.save(folder / f"cameras.{suffix}")
     CharucoBoard().save(folder / "board.yaml")
+    StripBoard().save(folder / "strips.yaml")
+    # Pictures that are not there are rows with a reason.
+    (folder / "pictures.csv").write_text("image,pressure_kpa\na.png,0\nb.png,100\n")
+    (folder / "pairs.csv").write_text("left,right,pose\na.png,b.png,1\nc.png,,2\n")
+    s = np.linspace(0.0, 60.0, 61)
+    way = np.column_stack([8.0 * np.sin(s / 25.0) ** 2, 0.0 * s, s])
+    np.savetxt(folder / "way.csv", way, delimiter=",", header="x_mm,y_mm,z_mm", comments="")
     seen = np.hstack([each.project(np.linspace([0, 0, 10], [9, 5, 30], 9)) for each in pair])
     rows = [",".join(f"{value:.2f}" for value in row) for row in seen]
     (folder / "markers.csv").write_text("\n".join(["Lx1,Ly1,Rx1,Ry1", *rows]) + "\n")
