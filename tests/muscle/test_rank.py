@@ -198,12 +198,12 @@ def test_a_fold_that_comes_nearer_to_all_rows_is_begun_from(monkeypatch):
     data = measure(make("energy"), noise=0.02)
     spoilt = []
 
-    def spoil(kind, muscle, rows, *, options, **rest):
+    def spoil(kind, muscle, *, data, options, **rest):
         if not spoilt:
             options = dataclasses.replace(options, start={"kappa1": 0.0, "kappa2": 0.02})
-            spoilt.append(calibrate(kind, muscle, data=rows, options=options, **rest))
+            spoilt.append(calibrate(kind, muscle, data=data, options=options, **rest))
             return spoilt[0]
-        return calibrate(kind, muscle, data=rows, options=options, **rest)
+        return calibrate(kind, muscle, data=data, options=options, **rest)
 
     monkeypatch.setattr("bozzini.muscle.ranking.calibrate", spoil)
     models = {"itto-b": ALL["itto-b"]}
