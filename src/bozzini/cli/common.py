@@ -428,7 +428,7 @@ def make_option(
         if isinstance(default, tuple):
             given["multiple"] = True
         elif default is dataclasses.MISSING:
-            given["required"] = True
+            given["required"] = "default" not in other
         elif default is not None:
             if isinstance(given["type"], QuantityType) and "default" not in other:
                 default = f"{default:g}{known.unit}"

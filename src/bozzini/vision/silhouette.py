@@ -181,7 +181,8 @@ def _trace_part(mask: NDArray[np.bool_]) -> tuple[Floats, float] | None:
         near = np.flatnonzero(other >= 0)
         links.append(np.stack([near, other[near], np.full(len(near), math.hypot(dy, dx))]))
     first, second, length = np.concatenate(links, axis=1)
-    graph = coo_array((length, (first.astype(int), second.astype(int))), (len(places),) * 2).tocsr()
+    ends = first.astype(np.int32), second.astype(np.int32)  # SciPy 1.13 takes no other
+    graph = coo_array((length, ends), (len(places),) * 2).tocsr()
     far = dijkstra(graph, directed=False, indices=0)
     start = int(np.argmax(np.where(np.isfinite(far), far, -1.0)))
     far, back = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
