@@ -341,6 +341,24 @@ def test_a_signal_inside_a_callback_of_compiled_code_ends_the_run(
     assert (done.returncode, done.stderr) == (code, "bozzini: interrupted\n")
 
 
+_LOADING = """
+import runpy, sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "bozzini.cli.common":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+runpy.run_module("bozzini", run_name="__main__")
+"""
+
+
+def test_an_interruption_while_loading_is_one_line() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", _LOADING], capture_output=True, text=True, timeout=50
+    )
+    assert (done.returncode, done.stderr) == (130, "bozzini: interrupted\n")
+
+
 def test_signals_are_as_before_after_a_run(use: Setup) -> None:
     before = signal.getsignal(signal.SIGTERM)
     seen = []

@@ -32,7 +32,15 @@ from bozzini.rig import (
 )
 from bozzini.rig import host as host_module
 from bozzini.rig.plant import CHAMBER_POINTS, CHAMBER_PRESSURE, Chamber, Fault
-from bozzini.rig.protocol import SetPoint, State, Trip
+from bozzini.rig.protocol import (
+    Configuration,
+    FrameReader,
+    SetPoint,
+    State,
+    Telemetry,
+    Trip,
+    encode,
+)
 
 pytestmark = pytest.mark.usefixtures("toolchain")
 
@@ -143,6 +151,45 @@ def test_another_protocol_is_refused(monkeypatch):
     monkeypatch.setattr(host_module, "PROTOCOL_VERSION", 250)
     with pytest.raises(InputError, match=r"version \d+: this host has version 250"):
         connect(LockstepLink(make_rig()))
+
+
+class Translated(LockstepLink):
+    """A board whose frames of one type have another layout, as those of a later version may."""
+
+    kind = Telemetry
+
+    def __init__(self, rig):
+        super().__init__(rig)
+        self.reader = FrameReader()
+
+    def read(self):
+        wire = b"\0"
+        for frame in self.reader.read(super().read()):
+            if isinstance(frame, self.kind):
+                wire += encode(0x81 if self.kind is Telemetry else 0x83, frame.sequence, bytes(4))
+            elif isinstance(frame, Telemetry):
+                wire += encode(0x81, frame.sequence, bytes([1] + [0] * (Telemetry.layout.size - 1)))
+        return wire
+
+
+@pytest.mark.parametrize("kind", [Telemetry, Configuration])
+def test_frames_of_another_layout_are_named_as_another_version(kind):
+    link = Translated(make_rig())
+    link.kind = kind
+    with pytest.raises(InputError, match="frames of a right CRC are not of version 1"):
+        connect(link)
+
+
+def test_a_board_that_goes_silent_ends_the_run():
+    class Fading(LockstepLink):
+        def read(self):
+            found = super().read()
+            return found if self.now < 0.5 else b""
+
+    link = Fading(make_rig())
+    run = connect(link).run(hold, 3.0)
+    assert not run.converged and "the board has been silent for 0.5" in run.reason
+    assert link.now < 1.2
 
 
 def test_no_board_is_one_line():

@@ -507,6 +507,9 @@ def flash_command(port: str, programmer: str, run: bool, answer: Answer) -> None
     """Build the firmware and show the command that writes it to a board; --run runs it."""
     from ..rig.firmware import build
 
+    for name, word in (("port", port), ("programmer", programmer)):
+        if not word.strip():
+            raise InputError(f"{name} is {word!r}: it must not be empty")
     words = f"avrdude -p atmega2560 -c {shlex.quote(programmer)} -P {shlex.quote(port)}"
     words += " -b 115200 -D" if programmer == "wiring" else ""
     line = f"{words} -U flash:w:{shlex.quote(str(build('firmware.hex')))}:i"

@@ -55,6 +55,8 @@ EMPTY_LIMIT = 2.0
 """Time for the muscles to be vented before a fault is cleared [s]."""
 EMPTY = 0.02
 """Gauge pressure below which a muscle counts as empty [MPa]; the board accepts 0.05."""
+SILENCE_LIMIT = 0.5
+"""Time without telemetry after which a run ends [s]: its pressures would be old ones."""
 POLL = 1e-3
 """Time between two looks for an answer [s]."""
 
@@ -380,7 +382,8 @@ class Host:
         end = self.link.now + BOOT_LIMIT
         while self.state is State.BOOT:
             if self.link.now > end:
-                raise InputError(f"no telemetry within {BOOT_LIMIT:g} s: is it a board of Bozzini?")
+                hint = self._describe_foreign() or ": is it a board of Bozzini?"
+                raise InputError(f"no telemetry within {BOOT_LIMIT:g} s{hint}")
             self.pause()
         found = self.ask(GetConfiguration(), Configuration)
         if found.version != PROTOCOL_VERSION:
@@ -523,6 +526,17 @@ class Host:
                     return frame
         raise InputError(
             f"the board does not answer a frame of type {answered:#04x} within {ANSWER_LIMIT:g} s"
+            f"{self._describe_foreign()}"
+        )
+
+    def _describe_foreign(self) -> str:
+        """Return the hint that the board speaks another version; empty if nothing shows it."""
+        count = self.reader.foreign
+        return (
+            f": {count} frames of a right CRC are not of version {PROTOCOL_VERSION} of the "
+            "protocol, the host's; see bozzini rig flash"
+            if count
+            else ""
         )
 
     def time_echo(self) -> float:
@@ -598,9 +612,10 @@ class _Loop:
             self.error = error
 
     def run(self, progress: Progress) -> None:
-        """Run all periods, or up to a fault."""
+        """Run all periods, or up to a fault or a board that goes silent."""
         host, link = self.host, self.host.link
-        begin = self.begin = link.now
+        begin = self.begin = heard_at = link.now
+        heard = host.telemetry
         while self.done < self.count and not self.stop.is_set():
             due = begin + self.done * host.period
             link.wait(due)
@@ -609,6 +624,11 @@ class _Loop:
             telemetry = host.telemetry
             if telemetry is None or telemetry.state is not State.ARMED:
                 self.reason = f"the board has left ARMED{host.describe_state()}"
+                return
+            if telemetry is not heard:
+                heard, heard_at = telemetry, now
+            elif now - heard_at > SILENCE_LIMIT:
+                self.reason = f"the board has been silent for {now - heard_at:.2g} s"
                 return
             command, more = self.control(now - begin, telemetry)
             host.send(command)

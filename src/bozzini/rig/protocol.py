@@ -545,23 +545,33 @@ _REPLIES: dict[int, type[Telemetry] | type[Reply] | type[Configuration] | type[E
 }
 
 
+class ForeignFrameError(InputError):
+    """A frame of a right CRC is not one of this version of the protocol."""
+
+
 def decode_reply(wire: bytes) -> Frame:
     """Return the frame of the board that bytes stand for, without the closing zero.
 
     Raises
     ------
+    ForeignFrameError
+        If their CRC is right, but not their type, length or value.
     InputError
-        If they are not COBS, or of a wrong CRC, type, length or value.
+        If they are not COBS, or of a wrong CRC.
     """
     body = decode_cobs(wire)
     if len(body) < 4 or find_crc(body[:-2]) != int.from_bytes(body[-2:], "little"):
         raise InputError(f"the CRC of the frame {wire.hex()} is wrong")
     if body[0] not in _REPLIES:
-        raise InputError(f"a frame is of type {body[0]:#04x}: legal are 0x81, 0x82, 0x83 and 0x85")
+        raise ForeignFrameError(
+            f"a frame is of type {body[0]:#04x}: legal are 0x81, 0x82, 0x83 and 0x85"
+        )
     try:
         return _REPLIES[body[0]].unpack(body[1], body[2:-2])
     except (struct.error, ValueError) as error:
-        raise InputError(f"a frame of type {body[0]:#04x} has no legal payload: {error}") from None
+        raise ForeignFrameError(
+            f"a frame of type {body[0]:#04x} has no legal payload: {error}"
+        ) from None
 
 
 class FrameReader:
@@ -571,12 +581,14 @@ class FrameReader:
     ----------
     good, bad : int
         Frames read, and frames of wrong check or content.
+    foreign : int
+        Those of the bad ones whose check is right: of another version of the protocol.
     gaps : int
         Frames missing by their numbers.
     """
 
     def __init__(self) -> None:
-        self.good = self.bad = self.gaps = 0
+        self.good = self.bad = self.foreign = self.gaps = 0
         self._rest: bytearray | None = None
         self._last = -1
 
@@ -591,8 +603,9 @@ class FrameReader:
                 continue
             try:
                 frame = decode_reply(bytes(wire))
-            except InputError:
+            except InputError as error:
                 self.bad += 1
+                self.foreign += isinstance(error, ForeignFrameError)
                 continue
             if self._last >= 0:
                 self.gaps += (frame.sequence - self._last - 1) % 256

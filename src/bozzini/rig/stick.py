@@ -146,7 +146,8 @@ def _open_gamepad(index: int) -> Any:
     pygame.joystick.init()
     count = pygame.joystick.get_count()
     if index >= count:
-        raise InputError(f"gamepad is {index}: there are {count}, counted from 0")
+        found = f"only 0 to {count - 1} are" if count else "none is"
+        raise InputError(f"gamepad is {index}, counted from 0: {found} connected")
     return pygame.joystick.Joystick(index)
 
 
