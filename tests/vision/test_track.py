@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -116,6 +117,41 @@ def test_another_spot_and_an_empty_cell_cost_one_point_each(tmp_path):
     assert "rays miss each other" in found.reasons[10]
     assert "not seen by two cameras" in found.reasons[19]
     assert found.reason.startswith("3 of 60 points failed (row 6, marker 1")
+
+
+def test_pixels_counted_in_another_way_are_flagged(tmp_path):
+    pixels = np.stack([camera.project(_way()) for camera in PAIR])
+    pixels[1, ..., 1] += 8.0  # one camera's pictures are cropped
+    found = _track(tmp_path, pixels)
+    assert "ok" not in found.status
+    assert not any(
+        status == "flagged" and "rays_miss" not in words
+        for status, words in zip(found.status, found.flags, strict=True)
+    )
+
+
+@pytest.mark.filterwarnings("error")
+def test_points_behind_the_cameras_are_none(tmp_path):
+    """Two cameras that look alike and whose columns are confused."""
+    left = PAIR[0]
+    shift = np.array([30.0, 0.0, 0.0])
+    right = replace(left, translation=left.translation - shift)
+    cameras = CameraSet(names=("left", "right"), cameras=(left, right))
+    pixels = np.stack([camera.project(_way()) for camera in (right, left)])
+    _write_table(tmp_path / "t.csv", pixels)
+    found = track_markers(read_pixels(read_manifest(tmp_path / "t.csv", ()), cameras), cameras)
+    assert set(found.status) == {"failed"}
+    assert np.isnan(found.points).all()
+    assert "do not meet in front of the cameras" in found.reason
+    assert found.to_dict()["median_uncertainty_mm"] is None
+
+
+def test_a_pixel_outside_the_picture_is_told(tmp_path):
+    pixels = np.stack([camera.project(_way()) for camera in PAIR])
+    pixels[0, 4, 1, 0] = 1e9
+    found = _track(tmp_path, pixels)
+    assert found.status.count("failed") == 1
+    assert "is outside the" in found.reasons[9]
 
 
 def test_what_the_lens_was_not_calibrated_for_is_flagged(tmp_path):

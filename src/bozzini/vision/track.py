@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 FLAGGED, REFUSED = 5.0, 20.0
 """Residuals, in standard uncertainties of a pixel, above which a point is flagged, and refused."""
 
+COARSE = 10.0
+"""How far rays may miss each other throughout a series, in least uncertainties of a pixel."""
+
 MOST_MARKERS = 6
 """Markers that are matched at the same time."""
 
@@ -481,20 +484,24 @@ def track_markers(
     uncertainty = max(options.pixel_uncertainty, seen)
     misses = np.sqrt(squares)
     refused = misses > REFUSED * uncertainty
-    points = np.where(refused[..., None], np.nan, points)
+    # A point behind a camera has no residual.
+    lost = refused | ~np.isfinite(misses)
+    points = np.where(lost[..., None], np.nan, points)
     covariance = _propagate(points, cameras, uncertainty) + cameras.calibration_covariance(pixels)
-    covariance = np.where(refused[..., None, None], np.nan, covariance)
+    covariance = np.where(lost[..., None, None], np.nan, covariance)
+    coarse = uncertainty > COARSE * options.pixel_uncertainty
     inside = cameras.covers(pixels)
     rows = []
     for k, (why, note) in enumerate(zip(table.reasons, table.notes, strict=True)):
         for i in range(len(table.markers)):
             words = [note] if note else []
             words += ["markers_swapped"] if table.named and swapped[k] else []
-            words += ["rays_miss"] if misses[k, i] > FLAGGED * uncertainty else []
+            far = misses[k, i] > FLAGGED * uncertainty
+            words += ["rays_miss"] if far or (coarse and not lost[k, i]) else []
             words += ["outside_calibrated_area"] if misses[k, i] >= 0.0 and not inside[k, i] else []
             reason = why
             if not why and math.isnan(misses[k, i]):
-                reason = "not seen by two cameras"
+                reason = _explain_nothing(pixels[:, k, i], cameras)
             elif not why and refused[k, i]:
                 reason = f"rays miss each other by {misses[k, i]:.1f} px"
             verdict = "failed" if reason else "flagged" if words else "ok"
@@ -513,6 +520,18 @@ def track_markers(
         world=cameras.world,
         copied=table.copied,
     )
+
+
+def _explain_nothing(pixels: Floats, cameras: CameraSet) -> str:
+    """Return why the pixels (c, 2) of a marker give no point."""
+    for pixel, name, camera in zip(pixels, cameras.names, cameras.cameras, strict=True):
+        if np.any(pixel < -0.5) or np.any(pixel > np.array(camera.size) - 0.5):
+            x, y = pixel.tolist()
+            width, height = camera.size
+            return f"({x:g}, {y:g}) is outside the {width} x {height} px of camera {name}"
+    if np.isfinite(pixels).all(axis=1).sum() < 2:
+        return "not seen by two cameras"
+    return "its rays do not meet in front of the cameras: are the cameras confused?"
 
 
 def write_track(
