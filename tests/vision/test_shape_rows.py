@@ -61,7 +61,7 @@ ROWS = {
     "defocus": Row(Sensor(aperture=8.0, focus=240.0), refused=2),
     "all": Row(Sensor(blur=2.0, noise=0.03, jpeg=60, uneven=0.6)),
     "gloss": Row(gloss=0.5, refused=1),
-    "covered": Row(covered=True, refused=2),
+    "covered": Row(covered=True, refused=4),  # the bar hides a ring, or a part of the tube
 }
 
 
@@ -169,12 +169,20 @@ def found(calibrated) -> dict[str, list[Found]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*ROWS, "calibrated"])
-def test_every_row_meets_its_errors_and_its_uncertainty(found, name: str) -> None:
-    row = ROWS.get(name, ROWS["normal"])
-    kept = [one for one in found[name] if not one.reason]
-    assert len(kept) >= COUNT - row.refused, [one.reason for one in found[name] if one.reason]
-    assert max(one.tip for one in kept) <= row.tip
-    assert max(one.curve for one in kept) <= row.curve
-    for ratios in ([one.tip_ratio for one in kept], [one.curve_ratio for one in kept]):
-        assert 0.7 <= math.sqrt(np.mean(np.square(ratios))) <= 2.0
+def test_every_row_meets_its_errors_and_its_uncertainty(found) -> None:
+    wrong = []
+    for name, ones in found.items():
+        row = ROWS.get(name, ROWS["normal"])
+        kept = [one for one in ones if not one.reason]
+        if len(kept) < COUNT - row.refused:
+            wrong.append((name, "refused", [one.reason for one in ones if one.reason]))
+        wrong += [
+            (name, field, value, limit)
+            for field, limit in (("tip", row.tip), ("curve", row.curve))
+            if not (value := max(getattr(one, field) for one in kept)) <= limit
+        ]
+        for field in ("tip_ratio", "curve_ratio"):
+            ratio = math.sqrt(np.mean([getattr(one, field) ** 2 for one in kept]))
+            if not 0.7 <= ratio <= 2.0:
+                wrong.append((name, field, ratio))
+    assert len(found) == len(ROWS) + 1 and not wrong
