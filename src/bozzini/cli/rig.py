@@ -45,7 +45,7 @@ BOARDS = ("emulated", "native")
 port_option = option("--port PORT", "A board on the bench, such as /dev/ttyACM0.")
 board_option = option(
     "--board",
-    "Without --port: the board's chip cycle by cycle, or its code compiled for this computer.",
+    "Of an emulated rig: its chip cycle by cycle, or its code compiled for this computer.",
     BOARDS,
     default="emulated",
 )
