@@ -513,9 +513,9 @@ def shape_command(
     dark ring near its base and its tip. Exit code 0: all shapes are there; 1: some are refused or
     failed, and have the reason in their row; 2: bad input.
     """
-    from ..io.files import reserve_directory
+    from ..io.files import check_parquet, reserve_directory
     from ..vision.camera import load_cameras
-    from ..vision.pictures import check_parquet, read_manifest
+    from ..vision.pictures import read_manifest
     from ..vision.shape_series import compare_shapes, measure_shapes, read_model, write_shapes
 
     cameras = load_cameras(cameras_file)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,21 +99,6 @@ class MovedField(SampledField):
     def __post_init__(self) -> None:
         # The grid is made by this module: looking at all of it would take as long as filling it.
         set_fields(self, _rounding=self.largest * 2.0**-23)
-
-    def inflate(self, distance: float) -> Self:
-        """Return the same duct: its wall cannot be moved outwards.
-
-        Raises
-        ------
-        InputError
-            If `distance` is not 0.
-        """
-        if check_number("distance", distance, low=0.0, unit="mm") > 0.0:
-            raise InputError(
-                f"distance is {distance:g} mm: it must be 0 mm, because the distance outside the "
-                "band of a moved wall is not known"
-            )
-        return self
 
 
 class MovingField:

@@ -13,9 +13,13 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..checks import check_path
-from ..errors import OutputError
+from ..errors import MissingExtraError, OutputError
+
+if TYPE_CHECKING:
+    import pandas
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], None]) -> Path:
@@ -50,6 +54,28 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[Path], None]
     finally:
         temporary.unlink(missing_ok=True)
     return target
+
+
+def check_parquet() -> None:
+    """Raise `MissingExtraError` unless ``pyarrow`` is installed."""
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("pyarrow", "parquet") from None
+
+
+def write_parquet(path: str | os.PathLike[str], table: pandas.DataFrame) -> Path:
+    """Write a table as Parquet, without its index.
+
+    Raises
+    ------
+    MissingExtraError
+        If ``pyarrow`` is not installed.
+    OutputError
+        If the place cannot be written; nothing is left behind.
+    """
+    check_parquet()
+    return write_atomically(path, lambda place: table.to_parquet(place, index=False))
 
 
 def check_new_file(

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..checks import check_integer, check_number, describe_fields
-from ..errors import InputError, MissingExtraError, OutputError
-from ..io.files import write_atomically, write_text
+from ..errors import InputError, OutputError
+from ..io.files import write_parquet, write_text
 from ..muscle.data import Measurements
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
@@ -320,11 +320,7 @@ class Characterisation(Result):
         table = self.to_frame()
         if Path(path).suffix.lower() != ".parquet":
             return write_text(path, table.to_csv(index=False, lineterminator="\n"))
-        try:
-            import pyarrow  # noqa: F401
-        except ImportError:
-            raise MissingExtraError("pyarrow", "parquet") from None
-        return write_atomically(path, lambda target: table.to_parquet(target, index=False))
+        return write_parquet(path, table)
 
     def list_pictures(self, folder: str | os.PathLike[str]) -> pandas.DataFrame:
         """Return the pictures as ``bozzini vision length`` takes them, paths from a folder.

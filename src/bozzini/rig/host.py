@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..checks import check_number
-from ..errors import InputError, MissingExtraError
-from ..io.files import write_atomically, write_text
+from ..errors import InputError
+from ..io.files import check_parquet, write_parquet, write_text
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .link import Link
@@ -188,8 +188,7 @@ class HostRun(Result):
         table = self.to_frame()
         if Path(path).suffix.lower() == ".csv":
             return write_text(path, table.to_csv(index=False, lineterminator="\n"))
-        _need_parquet()
-        return write_atomically(path, lambda target: table.to_parquet(target, index=False))
+        return write_parquet(path, table)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw set-points and measured pressures over time, and return the axes."""
@@ -229,7 +228,7 @@ def load_log(path: str | Path) -> pandas.DataFrame:
     source = Path(path)
     is_text = source.suffix.lower() == ".csv"
     if not is_text:
-        _need_parquet()
+        check_parquet()
     try:
         table = pandas.read_csv(source) if is_text else pandas.read_parquet(source)
     except OSError as error:
@@ -245,13 +244,6 @@ def load_log(path: str | Path) -> pandas.DataFrame:
     if not all(kind.kind in "fiu" for kind in numbers.dtypes) or numbers.isna().any(axis=None):
         raise InputError(f"{source}: a time, set-point or pressure is no number")
     return table
-
-
-def _need_parquet() -> None:
-    try:
-        import pyarrow  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("pyarrow", "parquet") from None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

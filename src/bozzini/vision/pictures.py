@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
@@ -28,7 +27,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..errors import BozziniError, FileFormatError, InputError, MissingExtraError
-from ..io.files import write_atomically, write_bytes, write_text
+from ..io.files import write_atomically, write_bytes, write_parquet, write_text
 from ..progress import Progress, no_progress
 from ..results import Json, to_plain
 
@@ -151,12 +150,6 @@ def import_opencv() -> ModuleType:
     except ImportError:
         raise MissingExtraError("opencv-python-headless", "vision") from None
     return cv2
-
-
-def check_parquet() -> None:
-    """Raise `MissingExtraError` where no table can be written as Parquet."""
-    if find_spec("pyarrow") is None:
-        raise MissingExtraError("pyarrow", "parquet")
 
 
 @dataclass(frozen=True)
@@ -348,8 +341,7 @@ def write_tables(
     """Write tables into a directory, as text (.csv) or as .parquet."""
     for name, table in tables.items():
         if parquet:
-            check_parquet()
-            table.to_parquet(folder / f"{name}.parquet", index=False)
+            write_parquet(folder / f"{name}.parquet", table)
         else:
             write_text(folder / f"{name}.csv", table.to_csv(index=False, float_format="%.9g"))
 

@@ -20,8 +20,8 @@ from ...continuum import ContinuumRobot
 from ...continuum.checks import check_frame
 from ...continuum.coupling import coupling_matrix
 from ...continuum.robot import check_robot
-from ...errors import FileFormatError, InputError, MissingExtraError
-from ...io.files import write_atomically, write_text
+from ...errors import FileFormatError, InputError
+from ...io.files import write_atomically, write_parquet, write_text
 from ...results import Json, Result, take_axes
 from .executed import ArcCertificate, place_bodies
 
@@ -338,12 +338,7 @@ class Actuation(Result):
         OutputError
             If the file cannot be written.
         """
-        try:
-            import pyarrow  # noqa: F401
-        except ImportError:
-            raise MissingExtraError("pyarrow", "parquet") from None
-        table = self.to_frame()
-        return write_atomically(path, lambda place: table.to_parquet(place, index=False))
+        return write_parquet(path, self.to_frame())
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write everything as a compressed ``.npz`` and return its path.
