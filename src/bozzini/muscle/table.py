@@ -375,11 +375,8 @@ def _mend_pressures(
     ]
 
 
-def _judge_loads(
-    values: Mapping[str, NDArray[np.float64]], columns: Mapping[str, _Column]
-) -> list[str]:
+def _judge_loads(load: NDArray[np.float64], columns: Mapping[str, _Column]) -> list[str]:
     """Return what to say of negative loads, or raise `InputError` where no load is positive."""
-    load = values.get("load", np.zeros(1))
     if not (load < 0.0).any():
         return []
     if load.max() <= 0.0:
