@@ -19,7 +19,7 @@ from ..checks import check_array, check_integer, check_number, check_word, show_
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
-from .data import Measurements, take_measurements
+from .data import Measurements
 from .design import Muscle, check_muscle, preset
 from .fit import POOR_SHARE, Calibration, FitOptions, conclude, find_minimum, fit_task
 from .model import MuscleModel
@@ -45,6 +45,7 @@ from .problem import (
     move_model,
     predict_parts,
 )
+from .table import take_measurements
 
 if TYPE_CHECKING:
     import pandas
