@@ -182,7 +182,7 @@ def find_minimum(
 def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
     """Return the best of searches from several starts, and the problem it began with.
 
-    A row without an answer counts as the span of the data.
+    A row without an answer counts as `Task.worst`.
     """
     tries = [(find_minimum(one, one.choose_start(), limit=_FIRST), one) for one in starts]
     tries.sort(key=_judge)
@@ -540,8 +540,7 @@ class Calibration(Result):
         Standard deviation of a row about the fit, ``sqrt(sum(r^2) / (n - k))`` [unit of the
         response].
     residuals : ndarray, shape (n,)
-        Measured less fitted response [its unit]; the span of the measured ones where the model has
-        no answer.
+        Measured less fitted response [its unit]; `Task.worst` where the model has no answer.
     answered : ndarray of bool, shape (n,)
         Which rows the model has an answer for.
     squares : float
@@ -697,9 +696,9 @@ def calibrate(
 
     The response is the force, the contraction or the pressure, see `FitOptions.response`. The
     model is judged at every row. A row that it has no answer for counts with the span of the
-    measured response, so that no model gains by it, and is reported. Where the data have errors of
-    their rows, residuals are weighted by them; with errors in several columns by the effective
-    variance, see `bozzini.muscle.problem`.
+    measured response, or the largest if that is more, so that no model gains by it; it is reported.
+    Where the data have errors of their rows, residuals are weighted by them; with errors in several
+    columns by the effective variance, see `bozzini.muscle.problem`.
 
     The default pair of `EnergyMuscle`, modulus and dead length, is well determined by one curve of
     contraction over pressure. Free the gap only with rows at low pressure, the braid angle only
@@ -855,7 +854,7 @@ def conclude(
     if len(models) > 1 or problem.task.each:
         fitted = _build_mean(problem, shared, models)
     count, rows = len(unknowns), len(task.data)
-    residuals = np.where(answered, -miss, task.span)
+    residuals = np.where(answered, -miss, task.worst)
     weighted = residuals if errors is None else residuals / errors
     squares = float(weighted @ weighted)
     freedom = rows - count
@@ -887,11 +886,9 @@ def conclude(
     gaps = []
     if not answered.all():
         row = int(np.argmin(answered))
-        gaps = [
-            f"the model has an answer at {int(answered.sum())} of {rows} rows; the first without "
-            f"one is {task.data.name_row(row)} ({task.data.pressure[row]:g} MPa, "
-            f"{task.data.load[row]:g} N, {task.data.contraction[row]:g} mm)"
-        ]
+        part = next(part for part in task.parts if row in part.rows)
+        why = explain_gap(models[part.specimen], task.data.select([row]), task.response)
+        gaps = [f"the model has an answer at {int(answered.sum())} of {rows} rows; {why}"]
     return Calibration(
         model=fitted.name,
         task=task,

@@ -208,6 +208,11 @@ class Task:
         return float(np.ptp(self.measured)) or float(np.abs(self.measured).max()) or 1.0
 
     @cached_property
+    def worst(self) -> float:
+        """What a row without an answer counts with: the span, or the largest if that is more."""
+        return max(self.span, float(np.abs(self.measured).max()))
+
+    @cached_property
     def states(self) -> States:
         """The measured states."""
         return States.of(self.data)
@@ -540,13 +545,13 @@ class Problem:
     def miss(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the search makes small: `evaluate`, in errors of a row if these are known.
 
-        A row without an answer counts as the span of the measured response. In a response of
+        A row without an answer counts as `Task.worst`. In a response of
         contraction, with constants of the model, which may start far off, it is `steps` there,
         moved away from 0, so that the search finds back.
         """
         miss, held, errors = self.compare(self.name_values(point))
         if not held.all():
-            gap = np.full(miss.shape, self.task.span)
+            gap = np.full(miss.shape, self.task.worst)
             if self.constants and self.task.response == "contraction":
                 steps = self.steps(point)
                 gap = steps + np.copysign(self.task.muscle.length, steps)
@@ -554,9 +559,9 @@ class Problem:
         return miss if errors is None else miss / errors
 
     def measure_cost(self, point: NDArray[np.float64]) -> float:
-        """Return the sum of squares in which a row without an answer counts as the span."""
+        """Return the sum of squares in which a row without an answer is `Task.worst`."""
         miss, held, errors = self.compare(self.name_values(point))
-        full = np.where(held, miss, self.task.span)
+        full = np.where(held, miss, self.task.worst)
         full = full if errors is None else full / errors
         return float(full @ full)
 

@@ -65,7 +65,7 @@ class ModelScore:
     """How near one model comes to the measurements.
 
     All in the unit of the response. A row that the model has no answer for counts with the span of
-    the measured response, largest less smallest.
+    the measured response, or the largest if that is more.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ def score_model(name: str, answers: Answers, task: Task, *, fitted: int) -> Mode
     """Return how near predicted responses come to the measured ones."""
     predicted, held = answers
     difference = np.where(held, predicted - task.measured, 0.0)
-    error = np.where(held, difference, task.span)
+    error = np.where(held, difference, task.worst)
     squares, rows = float(error @ error), len(error)
     standard = float(np.sqrt(squares / (rows - fitted)))
     return ModelScore(
@@ -366,7 +366,7 @@ class CrossValidation:
     ----------
     error : float
         Root mean square over all rows, each left out once [unit of the response]; infinite if there
-        is a `reason`. A row without an answer counts with the span of the data.
+        is a `reason`. A row without an answer counts with `Task.worst`.
     errors : ndarray, shape (f,)
         The same of each fold; infinite in the folds that failed.
     names : tuple of str
@@ -450,7 +450,7 @@ def cross_validate(
             build, settled = fit(task.select(~part))
             unsettled += not settled
             predicted, held = predict_parts(rows, build)
-            miss = np.where(held, predicted - rows.measured, task.span)
+            miss = np.where(held, predicted - rows.measured, task.worst)
             gaps += int((~held).sum())
             squares.append(float(miss @ miss))
         except BozziniError as error:
@@ -741,7 +741,8 @@ def rank(
     Every model is fitted with what is unknown of it, see `calibrate`; a model without unknowns is
     taken as it is. So that models with many constants do not win by them alone, they are ranked by
     an information criterion or by the rows left out of the fit. A row that a model has no answer
-    for counts with the span of the measured response, so that no model wins by its gaps.
+    for counts with the span of the measured response, or the largest if that is more, so that no
+    model wins by its gaps.
 
     Parameters
     ----------

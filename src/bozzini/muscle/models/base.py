@@ -216,16 +216,16 @@ class ExplicitModel(MuscleModel):
         )
         lengths, rest = self.braid.length - contractions, self.braid.length
         at = np.clip(pressures, *self.pressure_limits)
-        low, high = self._limit(at)
         slack = 1e-9 * rest
-        held = (at == pressures) & (lengths >= low - slack) & (lengths <= high + slack)
         try:
+            low, high = self._limit(at)
             with np.errstate(all="ignore"):
                 pull = self._find_total(at, np.clip(lengths, low, high), signs)
         except PluginError:
             raise
-        except BozziniError:  # a law given by the user that has no answer somewhere
+        except BozziniError:  # a law that has no answer somewhere
             return super().try_force(pressure, contraction, direction=direction)
+        held = (at == pressures) & (lengths >= low - slack) & (lengths <= high + slack)
         finite = np.isfinite(pull)
         return np.where(finite, pull, 0.0), np.asarray(held & finite)
 
