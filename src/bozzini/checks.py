@@ -436,8 +436,13 @@ def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> 
 
 
 def describe_fields(item: object) -> dict[str, float]:
-    """Return the fields of a dataclass made by `quantity`, with their units in the names."""
+    """Return the fields of a dataclass made by `quantity`, with their units in the names.
+
+    Those of a muscle that are unset are left out.
+    """
+    unset = getattr(item, "unset", ())
     return {
         add_unit(name, known.unit): getattr(item, name)
         for name, known in list_quantities(type(item)).items()
+        if name not in unset
     }

@@ -47,7 +47,7 @@ BLOWN = TUBE.deform([0.1, 0.2])
 MUSCLE = preset("effector-45")
 ENERGY, THESIS = EnergyMuscle(MUSCLE), ThesisMuscle(MUSCLE)
 BULK = ThesisMuscle(MUSCLE, load_path="bulk")
-STRETCHY = Muscle(length=45.0, outer_radius=0.55, modulus=1e-3, poisson_ratio=0.0)
+STRETCHY = preset("thesis-45", modulus=1e-3, poisson_ratio=0.0)
 PRESSURE = np.linspace(0.1, 0.8, 12)
 DATA = Measurements(pressure=PRESSURE, contraction=ENERGY.contraction(PRESSURE))
 SLIPS = OPERATORS["slips"]

@@ -756,6 +756,7 @@ def fit_task(
     own = list_own(model_class)
     clock = Clock(options.budget) if clock is None else clock
     build, names, held = choose_free(free, model_class, task, own)
+    task = dataclasses.replace(task, muscle=task.muscle.fill(names))
     never, _ = judge_parameters(names, task.data)
     if never and not options.force:
         raise InputError("; ".join(never))

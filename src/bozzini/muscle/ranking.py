@@ -922,7 +922,11 @@ def _fit_model(
         wanted = tuple(field for field in wanted if field in END_FIELDS or field not in unused)
     clock = Clock(options.fit.budget)
     unknowns = choose_unknowns(kind, task, fields=wanted)
-    task = replace(task, each=tuple(each for each in task.each if each in unknowns.free))
+    task = replace(
+        task,
+        muscle=task.muscle.fill(unknowns.free),
+        each=tuple(each for each in task.each if each in unknowns.free),
+    )
     found: Calibration | None = None
     if unknowns.free:
         how = replace(options.fit, bounds={}, start={}, force=True, each=task.each)
