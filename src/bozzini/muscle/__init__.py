@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
+    from .ends import EndEffects, MountedMuscle, find_offset
     from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
     from .model import CompiledMuscle, ConvergenceError, MuscleModel, MuscleState
@@ -38,11 +39,13 @@ __all__ = [
     "Comparison",
     "CompiledMuscle",
     "ConvergenceError",
+    "EndEffects",
     "EnergyMuscle",
     "FitOptions",
     "Hysteresis",
     "Measurements",
     "ModelScore",
+    "MountedMuscle",
     "Muscle",
     "MuscleModel",
     "MuscleState",
@@ -54,6 +57,7 @@ __all__ = [
     "Tube",
     "calibrate",
     "compare_models",
+    "find_offset",
     "preset",
     "rank",
     "read_measurements",
@@ -64,6 +68,7 @@ __all__ = [
 _MODULES = {
     ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
+    ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),

@@ -618,6 +618,13 @@ class Ranking(ScoredModels):
             if entry.validation is not None and entry.validation.reason:
                 reason = entry.validation.reason
                 lines.append(f"{entry.name}: no error of the rows left out{last}: {reason}")
+        if self.models and self.is_poor:
+            best = min(entry.score.rmse for entry in self.models)
+            lines.append(
+                f"no model fits: the nearest is off by {best:.3g} {self.task.unit}, "
+                f"{100.0 * best / self.task.span:.0f} % of the span of the measured "
+                f"{self.task.response}; above {100.0 * POOR_SHARE:.0f} % a fit is poor"
+            )
         return tuple(lines)
 
     def format_table(self) -> str:
