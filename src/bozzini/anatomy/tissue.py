@@ -71,6 +71,7 @@ class TissueMotion(ABC):
     def at(self, time: float) -> TissueFrame:
         """Return the displacement at a time [s]."""
 
+
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -27,6 +28,7 @@ from .common import (
     option,
     progress_bar,
     run_exit,
+    split_setting,
 )
 from .muscle_options import (
     FIELDS,
@@ -362,7 +364,7 @@ setup_options = gather(
     "--shared",
     "free",
     help="Fields of the muscle, constants of the model and end effects (offset, compliance, "
-    "slack-force) to fit, separated by commas, shared by all specimens; the options below are where "
+    "slack-force) to fit, by commas, shared by all specimens; the options below are where "
     "they start (default: modulus,dead-length in energy, modulus,end-length in thesis, in others "
     "what is unknown of them).",
 )
@@ -462,9 +464,8 @@ def _name_fields(texts: str) -> tuple[str, ...]:
 def _parse_bounds(
     texts: tuple[str, ...], own: Mapping[str, Parameter]
 ) -> dict[str, tuple[float, float]]:
-    from ..units import parse_quantity
-
     from ..muscle import EndEffects
+    from ..units import parse_quantity
 
     kinds = {**FIELDS, **list_quantities(EndEffects)}
     bounds: dict[str, tuple[float, float]] = {}
@@ -485,6 +486,94 @@ def _parse_bounds(
         )
         bounds[field] = low, high
     return bounds
+
+
+@command.command("predict")
+@click.argument("file", metavar="FIT.yaml", type=click.Path(path_type=Path))
+@click.argument("source", metavar="[TABLE]", type=click.Path(path_type=Path), required=False)
+@option("--pressure", "Gauge pressure, without a table.", "pressure")
+@option("--contraction", "Contraction, without a table.", "length")
+@option("--load", "Tension held, without a table.", "force")
+@option("--rest-length", "Rest length of the muscle (default: the file's).", "length")
+@option(
+    "--free-length free_text PRESSURE=LENGTH",
+    "Length of this muscle without load at a pressure, for the zero offset, e.g. 620kPa=101mm.",
+)
+@option("--level", "Probability of the bands.", float, default=0.95)
+@answer_options(".csv", *PICTURES, help="A table (.csv) or a picture.", quiet=False)
+def predict_command(
+    file: Path,
+    source: Path | None,
+    pressure: float | None,
+    contraction: float | None,
+    load: float | None,
+    rest_length: float | None,
+    free_text: str | None,
+    level: float,
+    answer: Answer,
+) -> None:
+    """Predict the response of a fitted muscle, also of one that was not measured.
+
+    FIT.yaml is written by 'bozzini muscle fit --out'. The states are those of a TABLE, as 'bozzini
+    muscle compare' takes them, or one that the options give. 'confidence' is half the width of the
+    band of the mean, 'prediction' that of a single reading. Of a table that was measured, the error
+    of the prediction is given as well.
+
+    Exit code 0: predicted; 1: the model has no answer for some rows; 2: bad input.
+    """
+    from ..muscle import Measurements, predict, read_measurements, read_muscle
+
+    fitted = read_muscle(file)
+    muscle = fitted.muscle if rest_length is None else fitted.muscle.replace(length=rest_length)
+    states = {"--pressure": pressure, "--contraction": contraction, "--load": load}
+    given = [name for name, value in states.items() if value is not None]
+    response = "" if fitted.fit is None else fitted.fit.response
+    if source is not None:
+        if given:
+            raise InputError(f"{given[0]} has no effect with a table: leave it out")
+        data = read_measurements(source, muscle=muscle)
+    else:
+        own = {"force": "--load", "contraction": "--contraction", "pressure": "--pressure"}
+        if own.get(response) in given:
+            raise InputError(f"{own[response]} is what is predicted: leave it out")
+        for name in states:
+            if name not in given and name != own.get(response) and name != "--load":
+                raise InputError(f"{name} is missing: give it, or a table of states")
+        data = Measurements(
+            pressure=[pressure or 0.0], contraction=[contraction or 0.0], load=[load or 0.0]
+        )
+    found = predict(
+        fitted, data, length=rest_length, free_length=_parse_free_length(free_text), level=level
+    )
+    answer.write(found.list_columns(), found.plot)
+    result = {
+        "file": file,
+        "model": fitted.model,
+        "rest_length_mm": muscle.length,
+        "rows": len(data),
+        **found.to_dict(),
+    }
+    unit = found.task.unit
+    lines = [] if answer.out else [format_csv(found.list_columns()).rstrip("\n")]
+    if source is not None:
+        result[f"rms_{unit}"], result["covered"] = found.residual, found.covered
+        lines.append(
+            f"rms {found.residual:.3g} {unit} against the table; {100.0 * found.covered:.0f} % of "
+            f"its rows lie in the band of {100.0 * level:g} %"
+        )
+    lines += [found.reason] if found.reason else []
+    answer.give({**result, "out": answer.out}, "\n".join(lines))
+    if not found.converged:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _parse_free_length(text: str | None) -> tuple[float, float] | None:
+    from ..units import parse_quantity
+
+    if text is None:
+        return None
+    name, value = split_setting("--free-length", text, "PRESSURE=LENGTH, such as 620kPa=101mm")
+    return parse_quantity(name, "pressure"), parse_quantity(value, "length")
 
 
 @dataclass(frozen=True)

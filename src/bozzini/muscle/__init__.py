@@ -12,12 +12,14 @@ if TYPE_CHECKING:
     from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
     from .ends import EndEffects, MountedMuscle, find_offset
+    from .files import FitSummary, MuscleFile, read_muscle, write_muscle
     from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
     from .model import CompiledMuscle, ConvergenceError, MuscleModel, MuscleState
     from .models import MODELS, CatalogueModel
     from .models.energy import EnergyMuscle
     from .models.thesis import ThesisMuscle
+    from .prediction import Prediction, predict
     from .ranking import (
         Comparison,
         ModelScore,
@@ -42,14 +44,17 @@ __all__ = [
     "EndEffects",
     "EnergyMuscle",
     "FitOptions",
+    "FitSummary",
     "Hysteresis",
     "Measurements",
     "ModelScore",
     "MountedMuscle",
     "Muscle",
+    "MuscleFile",
     "MuscleModel",
     "MuscleState",
     "RankedModel",
+    "Prediction",
     "RankOptions",
     "Ranking",
     "RepeatStatistics",
@@ -58,11 +63,14 @@ __all__ = [
     "calibrate",
     "compare_models",
     "find_offset",
+    "predict",
     "preset",
     "rank",
     "read_measurements",
+    "read_muscle",
     "take_measurements",
     "write_measurements",
+    "write_muscle",
 ]
 
 _MODULES = {
@@ -70,11 +78,13 @@ _MODULES = {
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
     ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
+    ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),
     ".models": ("MODELS", "CatalogueModel"),
     ".models.energy": ("EnergyMuscle",),
     ".models.thesis": ("ThesisMuscle",),
+    ".prediction": ("Prediction", "predict"),
     ".ranking": ("Comparison", "ModelScore", "RankOptions", "RankedModel", "Ranking",
                  "compare_models", "rank"),
     ".table": ("read_measurements", "take_measurements", "write_measurements"),
