@@ -162,14 +162,13 @@ def _draw(run: LiveRun) -> Figure:
 def _describe(run: LiveRun) -> str:
     found = run.to_dict()
     total = found["frames"]
-    worst = found["clearance_min_mm"]
     lines = [
         f"{found['frames_held']} of {total} frames are certified until the next one, "
         f"{found['frames_now']} for their own time only, {found['frames_lost']} are not certified, "
         f"{found['frames_refused']} were refused.",
-        f"Certified clearance {'-' if worst is None else f'{worst:.2f} mm'} at least; the wall "
-        f"moves by up to {found['margin_mm']:.2f} mm between frames ({run.speed:.1f} mm/s at "
-        f"{run.rate:g} Hz).",
+        f"Certified clearance: {_give(found['clearance_min_mm'])} at least in a frame, "
+        f"{_give(found['carried_min_mm'])} from one to the next; the wall moves by up to "
+        f"{found['margin_mm']:.2f} mm between frames ({run.speed:.1f} mm/s at {run.rate:g} Hz).",
         f"Latency {1e3 * found['latency_median_s']:.0f} ms in the median, "
         f"{1e3 * found['latency_p95_s']:.0f} ms at 95 %, "
         f"{1e3 * found['latency_max_s']:.0f} ms at most; {found['frames_late']} frames took longer "
@@ -178,3 +177,7 @@ def _describe(run: LiveRun) -> str:
     if run.reason:
         lines.append(f"First of the worst frames: {run.reason}.")
     return "\n".join(lines)
+
+
+def _give(length: float | None) -> str:
+    return "none" if length is None else f"{length:.2f} mm"
