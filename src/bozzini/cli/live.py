@@ -166,9 +166,10 @@ def _describe(run: LiveRun) -> str:
         f"{found['frames_held']} of {total} frames are certified until the next one, "
         f"{found['frames_now']} for their own time only, {found['frames_lost']} are not certified, "
         f"{found['frames_refused']} were refused.",
-        f"Certified clearance: {_give(found['clearance_min_mm'])} at least in a frame, "
-        f"{_give(found['carried_min_mm'])} from one to the next; the wall moves by up to "
-        f"{found['margin_mm']:.2f} mm between frames ({run.speed:.1f} mm/s at {run.rate:g} Hz).",
+        f"Certified clearance in a frame: {_limit(found['clearance_min_mm'], 'none')}; from one to "
+        f"the next: {_limit(found['carried_min_mm'], 'contact is not excluded')}. The wall moves "
+        f"by up to {found['margin_mm']:.2f} mm between frames ({run.speed:.1f} mm/s at "
+        f"{run.rate:g} Hz).",
         f"Latency {1e3 * found['latency_median_s']:.0f} ms in the median, "
         f"{1e3 * found['latency_p95_s']:.0f} ms at 95 %, "
         f"{1e3 * found['latency_max_s']:.0f} ms at most; {found['frames_late']} frames took longer "
@@ -179,5 +180,5 @@ def _describe(run: LiveRun) -> str:
     return "\n".join(lines)
 
 
-def _give(length: float | None) -> str:
-    return "none" if length is None else f"{length:.2f} mm"
+def _limit(length: float | None, otherwise: str) -> str:
+    return otherwise if length is None or length < 0.0 else f"at least {length:.2f} mm"
