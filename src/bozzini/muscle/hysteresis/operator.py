@@ -117,10 +117,10 @@ class Operator(ABC):
     others changes nothing at those. All act along the last axis, over any leading ones.
 
     ``identify(history, response, *, options=None)`` of a subclass fits it to measured loops.
-    `history` has the inputs in the order of time, (..., n), each history from rest, and `response` the
-    outputs measured, of the same shape; the options are a `LoopOptions`. It raises `InputError` if
-    these are not finite arrays of one shape, the history is constant, or an option is out of its
-    range.
+    `history` has the inputs in the order of time, (..., n), each history from rest, and `response`
+    the outputs measured, of the same shape; the options are a `LoopOptions`. It raises
+    `InputError` if these are not finite arrays of one shape, the history is constant, or an option
+    is out of its range.
     """
 
     def __post_init__(self) -> None:
@@ -435,6 +435,7 @@ FittedOperator = TypeVar("FittedOperator", bound=Operator)
 
 EVALUATIONS = 100
 """Largest number of evaluations of one search."""
+_TRIAL = 12  # evaluations of each of its starts, of which the best goes on
 
 _FLAT = 1e-8  # what plays add at most, in spans of the response, below which it is of rounding
 
@@ -560,16 +561,17 @@ class Loops:
             return solve(point, judge=False).residual / scale
 
         low, high = (np.asarray(side, dtype=np.float64) for side in bounds)
-        tries = []
-        for start in starts:
+
+        def go_on(start: ArrayLike, most: int) -> Any:
             begin = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
-            tries.append(
-                least_squares(
-                    miss, begin, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-14,
-                    x_scale="jac", max_nfev=EVALUATIONS,
-                )
+            return least_squares(
+                miss, begin, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-14,
+                x_scale="jac", max_nfev=most,
             )  # fmt: skip
+
+        tries = [go_on(start, _TRIAL) for start in starts]
         best = min(tries, key=lambda found: found.cost)
+        tries.append(best := go_on(best.x, EVALUATIONS))
         inner = solve(best.x)
         stopped = "" if best.status > 0 else f"the search ran out of its {EVALUATIONS} evaluations"
         return np.asarray(best.x), replace(
