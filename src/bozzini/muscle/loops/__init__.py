@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .fit import LoopFit, LoopFitOptions, fit_loop
 from .model import OPERATORS, Compensation, LoopModel, load_loop_model, save_loop_model
-from .record import LoopRecord, LoopSamples
+from .record import LoopRecord, LoopSamples, read_loop
 
 __all__ = [
     "OPERATORS",
@@ -16,5 +16,6 @@ __all__ = [
     "LoopSamples",
     "fit_loop",
     "load_loop_model",
+    "read_loop",
     "save_loop_model",
 ]

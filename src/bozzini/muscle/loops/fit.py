@@ -242,7 +242,7 @@ def fit_loop(
             static=static,
             held=record.held,
             pressures=(float(used.pressure.min()), float(used.pressure.max())),
-            offset=float((terms[end - 1] @ factors)),
+            offset=float(terms[end - 1] @ factors),
         ),
         record=record,
         samples=samples,

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...checks import check_array, check_integer, check_range, check_word, name_at
-from ...errors import InputError
+from ...checks import check_array, check_integer, check_path, check_range, check_word, name_at
+from ...errors import FileFormatError, InputError
 from ...results import take_axes
 from ..design import PRESSURE_LIMIT
 from ..hysteresis.operator import LIMIT
 from ..hysteresis.prandtl_ishlinskii import trace_symmetric_plays
+from ..table import ZERO_SHARE, read_columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,7 +31,7 @@ FEWEST = 10
 """Samples that a record must have."""
 
 _REST_SHARE = 0.02  # of the span: so near to the lowest value is there
-_NEGATIVE_SHARE = 0.02  # of the largest pressure: negative ones up to it are the sensor's zero
+_HELD_SHARE = 0.1  # of its largest value: what is held changes by less
 _NOISES = 3.0  # a pressure has turned when it is back by so many times its noise
 _SMALLEST_TURN = 0.002  # of the span, and by this at least
 _WAY_SHARE = 0.8  # of the samples kept are spread over the way of the pressure, others over time
@@ -93,9 +96,7 @@ class LoopRecord:
         least, most = float(self.pressure.min()), float(self.pressure.max())
         if least == most:
             raise InputError(f"pressure is {most:g} MPa all along: it must change")
-        check_range(
-            "pressure", self.pressure, -_NEGATIVE_SHARE * max(most, 0.0), PRESSURE_LIMIT, "MPa"
-        )
+        check_range("pressure", self.pressure, -ZERO_SHARE * max(most, 0.0), PRESSURE_LIMIT, "MPa")
         if least < 0.0:
             count = int((self.pressure < 0.0).sum())
             object.__setattr__(self, "pressure", np.maximum(self.pressure, 0.0))
@@ -189,3 +190,95 @@ class LoopSamples:
     def take(self, rows: Any) -> LoopSamples:
         """Return some of the samples."""
         return LoopSamples(*(getattr(self, item.name)[rows] for item in fields(self)))
+
+
+def read_loop(
+    path: str | os.PathLike[str],
+    *,
+    kind: Response | None = None,
+    held: float | None = None,
+    units: Mapping[str, str] | None = None,
+) -> LoopRecord:
+    """Read a record of time, pressure and contraction, length or force from a table.
+
+    Columns are named as in `bozzini.muscle.read_measurements`, with their units. A length becomes
+    a contraction, less than the longest one. Of a table with both contraction and force the
+    response is the one that changes more, relative to its largest value; the mean of the other is
+    what is held.
+
+    Parameters
+    ----------
+    path : path-like
+        A file ending in .csv, .tsv, .txt, .parquet or .pq.
+    kind : str, optional
+        The response, where it is not to be chosen so: ``"contraction"`` or ``"force"``.
+    held : float, optional
+        Load [N], or contraction [mm] of a record of forces; by default that of the table, or 0.
+    units : mapping, optional
+        Unit of a column whose name has none, such as ``{"pressure": "kPa"}``.
+
+    Raises
+    ------
+    FileFormatError, UnitError, InputError, MissingExtraError
+        If the file is no such table or the record is not legal; one line names the file.
+    """
+    source = check_path("path", path).name
+    names = ("time", "pressure", "contraction", "length", "load")
+    columns, notes = read_columns(path, names, units=units)
+    try:
+        for name in ("time", "pressure"):
+            if name not in columns:
+                there = ", ".join(columns) or "none of those it needs"
+                raise FileFormatError(f"there is no column {name}: the table has {there}")
+        answers, said = take_responses(columns)
+        known = check_word("kind", kind or _choose_response(answers), RESPONSES)
+        if known not in answers:
+            raise FileFormatError(f"there is no column for the {known}")
+        others = [values for name, values in answers.items() if name != known]
+        notes = (*notes, *said)
+        if held is None and others:
+            held = float(others[0].mean())
+            if np.ptp(others[0]) > _HELD_SHARE * np.abs(others[0]).max():
+                other = next(name for name in answers if name != known)
+                unit = RESPONSES[other]
+                notes += (
+                    f"the {other} changes by {np.ptp(others[0]):.4g} {unit} over the record: its "
+                    f"mean is taken, {held:.4g} {unit}",
+                )
+        return LoopRecord(
+            time=columns["time"],
+            pressure=columns["pressure"],
+            response=answers[known],
+            kind=known,
+            held=0.0 if held is None else held,
+            source=source,
+            notes=notes,
+        )
+    except InputError as error:
+        raise type(error)(f"{source}: {error}") from None
+
+
+def take_responses(columns: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[str, ...]]:
+    """Return contraction and force of a table, those that there are, and notes on them."""
+    if "contraction" in columns and "length" in columns:
+        raise FileFormatError("there are columns contraction and length: give one of them")
+    notes: tuple[str, ...] = ()
+    answers = {"contraction": columns["contraction"]} if "contraction" in columns else {}
+    if "length" in columns:
+        longest = float(columns["length"].max())
+        answers["contraction"] = longest - columns["length"]
+        notes = (f"contraction is {longest:g} mm, the longest length, less the length",)
+    if "load" in columns:
+        answers["force"] = columns["load"]
+    if not answers:
+        raise FileFormatError("there is no column contraction, length or force")
+    return answers, notes
+
+
+def _choose_response(answers: Mapping[str, Floats]) -> str:
+    """Return the response that changes more, relative to its largest value."""
+
+    def change(values: Floats) -> float:
+        return float(np.ptp(values)) / (float(np.abs(values).max()) or 1.0)
+
+    return max(answers, key=lambda name: change(answers[name]))
