@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -27,7 +27,11 @@ from .common import (
 from .muscle_options import Request, design_options, list_kinds, model_options, set_option
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from ..muscle.loops import LoopFitOptions, LoopModel, LoopRecord
+    from ..muscle.loops.record import Response
     from ..muscle.model import MuscleModel
 
 _OPERATORS = (
@@ -49,7 +53,7 @@ class LoopRequest:
     """A record of loops and how it is fitted, as the options ask for it."""
 
     source: Path
-    response: Any
+    response: Response | None
     load: float | None
     contraction: float | None
     units: tuple[str, ...]
@@ -65,7 +69,7 @@ class LoopRequest:
             raise InputError("--load and --contraction are both given: only one of them is held")
         known = self.response
         if self.load is not None or self.contraction is not None:
-            implied = "contraction" if self.load is not None else "force"
+            implied: Response = "contraction" if self.load is not None else "force"
             if known not in (None, implied):
                 given = "--load" if self.load is not None else "--contraction"
                 raise InputError(f"{given} has no effect with --response {known}")
@@ -81,6 +85,9 @@ class LoopRequest:
         return LoopFitOptions(drift=self.drift, samples=self.samples, hold_out=self.hold_out)
 
 
+resume_option = option(
+    "--resume", "Begin at the end of what was fitted, instead of at rest.", is_flag=True
+)
 unit_option = option(
     "--unit units COLUMN=UNIT",
     "Unit of a column that states none, e.g. pressure=kPa; can be repeated.",
@@ -190,10 +197,13 @@ model_argument = click.argument("fitted", metavar="FIT", type=click.Path(path_ty
 @command.command("trace")
 @model_argument
 @click.argument("source", metavar="HISTORY", type=click.Path(path_type=Path))
+@resume_option
 @unit_option
 @answer_options(*_TABLES, help="The table (.csv, .parquet).", quiet=False)
-def trace_command(fitted: Path, source: Path, units: tuple[str, ...], answer: Answer) -> None:
-    """Compute the contraction or force along a history of pressures, from rest.
+def trace_command(
+    fitted: Path, source: Path, resume: bool, units: tuple[str, ...], answer: Answer
+) -> None:
+    """Compute the contraction or force along a history of pressures.
 
     FIT is a file of 'bozzini muscle hysteresis fit'; HISTORY has a column pressure and perhaps
     time. The table goes to stdout, unless --out names a file.
@@ -204,7 +214,7 @@ def trace_command(fitted: Path, source: Path, units: tuple[str, ...], answer: An
     columns = _read_history(source, ("time", "pressure"), units)
     if "pressure" not in columns:
         raise FileFormatError(f"{source.name}: there is no column pressure")
-    response = model.trace(columns["pressure"])
+    response = model.trace(columns["pressure"], resume=resume)
     table = _name_columns(columns) | {f"{model.kind}_{_unit(model)}": response}
     _give_table(table, _describe(model) | {"file": answer.out}, answer, f"{len(response)} samples")
 
@@ -213,27 +223,37 @@ def trace_command(fitted: Path, source: Path, units: tuple[str, ...], answer: An
 @model_argument
 @click.argument("source", metavar="WANTED", type=click.Path(path_type=Path))
 @option("--highest", "Highest pressure (default: the highest of the fit).", "pressure")
+@resume_option
 @unit_option
 @answer_options(*_TABLES, *PICTURES, help="A table (.csv, .parquet) or a picture.", quiet=False)
 def invert_command(
-    fitted: Path, source: Path, highest: float | None, units: tuple[str, ...], answer: Answer
+    fitted: Path,
+    source: Path,
+    highest: float | None,
+    resume: bool,
+    units: tuple[str, ...],
+    answer: Answer,
 ) -> None:
-    """Compute the pressures that give a history of contractions or forces, from rest.
+    """Compute the pressures that give a history of contractions or forces.
 
-    FIT is a file of 'bozzini muscle hysteresis fit'; WANTED has a column contraction or force, as
-    the sensor of the record would show them, and perhaps time. The table goes to stdout, unless
-    --out names a file. Where nothing legal reaches what is wanted the pressure is 0 or the highest.
+    FIT is a file of 'bozzini muscle hysteresis fit'; WANTED has a column contraction, length or
+    force, as the sensor of the record would show it, and perhaps time. The table goes to stdout,
+    unless --out names a file. Where nothing legal reaches what is wanted the pressure is 0 or the
+    highest.
 
     Exit code 0: all is reached; 1: some is out of reach; 2: bad input.
     """
     from ..muscle.loops import load_loop_model
 
     model = load_loop_model(fitted)
-    column = "load" if model.kind == "force" else "contraction"
+    column = "load" if model.kind == "force" else "length" if model.longest else "contraction"
     columns = _read_history(source, ("time", column), units)
     if column not in columns:
-        raise FileFormatError(f"{source.name}: there is no column {model.kind}, which FIT has")
-    found = model.compensate(columns.pop(column), highest=highest)
+        asked = "force" if column == "load" else column
+        raise FileFormatError(f"{source.name}: there is no column {asked}, which FIT was fitted to")
+    wanted = columns.pop(column)
+    wanted = model.longest - wanted if column == "length" else wanted
+    found = model.compensate(wanted, highest=highest, resume=resume)
     table = _name_columns(columns) | found.list_columns()
     text = found.reason or f"{len(found.wanted)} samples, all reached"
     result = _describe(model) | {
@@ -265,7 +285,7 @@ def _unit(model: LoopModel) -> str:
     return RESPONSES[model.kind]
 
 
-def _name_columns(columns: Mapping[str, Any]) -> Json:
+def _name_columns(columns: Mapping[str, NDArray[np.float64]]) -> Json:
     names = {"time": "time_s", "pressure": "pressure_MPa"}
     return {names[name]: values for name, values in columns.items()}
 

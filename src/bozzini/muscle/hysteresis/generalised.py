@@ -171,7 +171,7 @@ class GeneralisedPrandtlIshlinskii(Operator):
         *,
         thresholds: Sequence[float] | None = None,
         count: int = 10,
-        pieces: int = 6,
+        pieces: int = 10,
         options: LoopOptions | None = None,
     ) -> HysteresisFit[GeneralisedPrandtlIshlinskii]:
         """Fit the plays and the output curve to measured loops; the input curve is the identity.

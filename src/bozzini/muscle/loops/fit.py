@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,7 +215,7 @@ def fit_loop(
         or does not increase with pressure.
     """
     options = LoopFitOptions() if options is None else options
-    kind: Any = choose("operator", operator, OPERATORS)
+    kind = choose("operator", operator, OPERATORS)
     samples = record.resample(options.samples)
     time = samples.time - record.time[0]
     whole = float(record.time[-1] - record.time[0])
@@ -243,6 +243,8 @@ def fit_loop(
             held=record.held,
             pressures=(float(used.pressure.min()), float(used.pressure.max())),
             offset=float(terms[end - 1] @ factors),
+            longest=record.longest,
+            state=found.operator.run(used.pressure)[1],
         ),
         record=record,
         samples=samples,
@@ -272,7 +274,12 @@ def _find_first_top(pressure: Floats) -> int:
 
 
 def _fit(
-    kind: Any, samples: LoopSamples, terms: Floats, *, curve: StaticCurve | None, skip: int
+    kind: type[Operator],
+    samples: LoopSamples,
+    terms: Floats,
+    *,
+    curve: StaticCurve | None,
+    skip: int,
 ) -> tuple[HysteresisFit[Operator], Floats]:
     """Return the operator's fit, and the factors of the terms."""
     if curve is None:
@@ -286,7 +293,7 @@ def _fit(
     factors[0] = start
     acting = curve.invert(samples.response - start)
     least = _FLAT_SHARE * float(np.gradient(curve.response, curve.acting).max())
-    best: tuple[float, Any, Floats] = (np.inf, None, factors)
+    best: tuple[float, HysteresisFit[Operator] | None, Floats] = (np.inf, None, factors)
     for _ in range(_ROUNDS):
         slopes = np.maximum(curve.find_slopes(acting), least)
         left = samples.response - terms @ factors - curve.apply(acting)
@@ -303,7 +310,8 @@ def _fit(
             best = error, found, factors
         if error > (1.0 - _SETTLED) * before:
             break
-    return best[1], best[2]
+    found = found if best[1] is None else best[1]
+    return found, best[2]
 
 
 def _judge(fit: LoopFit) -> LoopFit:

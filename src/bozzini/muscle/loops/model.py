@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import check_array, check_number, check_path, check_range, check_word, show_value
+from ...checks import (
+    check_array,
+    check_number,
+    check_path,
+    check_range,
+    check_word,
+    choose,
+    show_value,
+)
 from ...errors import FileFormatError, InputError
+from ...io.files import write_text
 from ...io.records import format_yaml, load_data, read_record, write_record
 from ...results import Json, Result, measured, take_axes
 from ..design import PRESSURE_LIMIT, Muscle
@@ -22,6 +32,7 @@ from ..hysteresis import (
     BoucWen,
     FrictionBand,
     GeneralisedPrandtlIshlinskii,
+    HysteresisState,
     Operator,
     PrandtlIshlinskii,
     Preisach,
@@ -105,6 +116,10 @@ class LoopModel:
     offset : float
         What the record that it was fitted to is off by at its end, drift included [mm or N]:
         responses are those that its sensor would show then.
+    longest : float
+        Length that contractions are counted from [mm], where lengths were recorded; 0 otherwise.
+    state : HysteresisState, optional
+        What the operator remembers at the end of what was fitted.
     """
 
     operator: Operator
@@ -113,6 +128,8 @@ class LoopModel:
     held: float = 0.0
     pressures: tuple[float, float] = (0.0, PRESSURE_LIMIT)
     offset: float = 0.0
+    longest: float = 0.0
+    state: HysteresisState | None = None
 
     def __post_init__(self) -> None:
         check_word("kind", self.kind, tuple(RESPONSES))
@@ -137,10 +154,14 @@ class LoopModel:
         """
         if self.static is None:
             raise InputError("there is no static model to carry the operator: fit with one")
-        return replace_hysteresis(self.static, self.operator)
+        if dataclasses.is_dataclass(self.static):
+            return dataclasses.replace(self.static, hysteresis=self.operator)  # type: ignore[unreachable]
+        return self.static.replace(hysteresis=self.operator)  # type: ignore[attr-defined,no-any-return]
 
-    def trace(self, pressure: ArrayLike) -> Floats:
-        """Return the response [mm or N] along a history of pressures (n,) [MPa], from rest.
+    def trace(self, pressure: ArrayLike, *, resume: bool = False) -> Floats:
+        """Return the response [mm or N] along a history of pressures (n,) [MPa].
+
+        It begins at rest, or at the end of the record that was fitted to `resume` there.
 
         Raises
         ------
@@ -149,13 +170,17 @@ class LoopModel:
         """
         pressures = check_array("pressure", pressure)
         check_range("pressure", pressures, 0.0, PRESSURE_LIMIT, "MPa")
-        if self.static is None:
-            own = self.operator.apply(pressures)
-        elif self.kind == "contraction":
-            own = self.carry().trace_contraction(pressures, self.held)
-        else:
-            own = self.static.force(self.operator.apply(pressures), self.held)
-        return own + self.offset
+        acting, _ = self.operator.run(pressures, initial=self._begin(resume))
+        if self.static is not None and self.kind == "contraction":
+            acting = self.static.contraction(acting, self.held)
+        elif self.static is not None:
+            acting = self.static.force(acting, self.held)
+        return acting + self.offset
+
+    def _begin(self, resume: bool) -> HysteresisState | None:
+        if resume and self.state is None:
+            raise InputError("there is no state of a record to resume at")
+        return self.state if resume else None
 
     @cached_property
     def curve(self) -> StaticCurve | None:
@@ -164,11 +189,14 @@ class LoopModel:
             return None
         return tabulate(self.static, self.kind, self.held, self.pressures[1])
 
-    def compensate(self, wanted: ArrayLike, *, highest: float | None = None) -> Compensation:
+    def compensate(
+        self, wanted: ArrayLike, *, highest: float | None = None, resume: bool = False
+    ) -> Compensation:
         """Return the pressures that give the responses wanted, in spite of the hysteresis.
 
-        Sample by sample, from rest. A response out of reach gets the pressure that comes nearest:
-        none, or the highest; what follows is computed from there.
+        Sample by sample, from rest or, to `resume` there, from the end of the record. A response
+        out of reach gets the pressure that comes nearest: none, or the highest; what follows is
+        computed from there.
 
         Parameters
         ----------
@@ -176,6 +204,8 @@ class LoopModel:
             Responses in the order of time [mm or N].
         highest : float, optional
             Highest pressure [MPa]; by default the highest that the operator was fitted to.
+        resume : bool
+            Whether to begin at the end of what was fitted.
 
         Raises
         ------
@@ -196,9 +226,12 @@ class LoopModel:
         curve = self.curve
         acting = asked - self.offset
         acting = acting if curve is None else curve.invert(acting)
-        pressure = self.operator.invert_history(acting, between=(0.0, top), clip=True)
+        pressure = self.operator.invert_history(
+            acting, between=(0.0, top), initial=self._begin(resume), clip=True
+        )
         pressure = np.clip(pressure, 0.0, top)
-        reached, (least, most) = self.trace(pressure), self.trace([0.0, top]).tolist()
+        reached = self.trace(pressure, resume=resume)
+        least, most = self.trace([0.0, top]).tolist()
         at_end = (pressure <= _NEAR * top) | (pressure >= (1.0 - _NEAR) * top)
         return Compensation(
             wanted=asked,
@@ -320,16 +353,21 @@ def tabulate(model: MuscleModel, kind: Response, held: float, highest: float) ->
     return StaticCurve(acting, np.maximum.accumulate(response))
 
 
-def replace_hysteresis(model: MuscleModel, operator: Operator | None) -> MuscleModel:
-    """Return a model with another operator."""
-    own: Any = model
-    if dataclasses.is_dataclass(model):
-        return dataclasses.replace(own, hysteresis=operator)
-    changed: MuscleModel = own.replace(hysteresis=operator)
-    return changed
-
-
 # Files
+
+
+@dataclass(frozen=True)
+class _Head:
+    """Plain fields of a file."""
+
+    kind: str
+    version: int
+    operator: str
+    response: Response
+    held: float
+    pressures: tuple[float, float]
+    offset: float
+    longest: float
 
 
 @dataclass(frozen=True)
@@ -338,6 +376,14 @@ class _Static:
 
     model: str
     muscle: Muscle
+
+
+@dataclass(frozen=True)
+class _State:
+    """What the operator remembers, in a file."""
+
+    last: float
+    memory: tuple[float, ...]
 
 
 def save_loop_model(
@@ -359,28 +405,25 @@ def save_loop_model(
     InputError
         If the static model has laws that are functions, which no file holds.
     """
-    import json
-
-    from ...io.files import write_text
-
     target = check_path("path", path)
-    data: Json = {
-        "kind": KIND,
-        "version": VERSION,
-        "operator": model.operator_name,
-        "response": model.kind,
-        "held": model.held,
-        "pressures": list(model.pressures),
-        "offset": model.offset,
+    data = {
+        **write_record(
+            _Head(
+                KIND, VERSION, model.operator_name, model.kind, model.held, model.pressures,
+                model.offset, model.longest,
+            )
+        ),
         "constants": write_record(model.operator),
-    }
+    }  # fmt: skip
     if model.static is not None:
         data["static"] = _write_static(model.static)
+    if model.state is not None:
+        memory = tuple(model.state.memory.tolist())
+        data["state"] = write_record(_State(float(model.state.last), memory))
     if fit:
         data["fit"] = fit
-    if target.suffix.lower() == ".json":
-        return write_text(target, json.dumps(data, indent=2) + "\n")
-    return write_text(target, format_yaml(data))
+    text = json.dumps(data, indent=2) + "\n"
+    return write_text(target, text if target.suffix.lower() == ".json" else format_yaml(data))
 
 
 def load_loop_model(path: str | os.PathLike[str]) -> LoopModel:
@@ -399,35 +442,35 @@ def load_loop_model(path: str | os.PathLike[str]) -> LoopModel:
         raise FileFormatError(f"{source}: {error}") from None
 
 
-_FIELDS = (
-    *("kind", "version", "operator", "response", "held", "pressures", "offset", "constants"),
-    *("static", "fit"),
-)
-
-
 def _read_model(data: object) -> LoopModel:
     if not isinstance(data, dict) or data.get("kind") != KIND:
         raise InputError(f"it has no 'kind: {KIND}': it is no file of identified loops")
-    for key in data:
-        check_word("a field", key, _FIELDS)
-    if data.get("version") != VERSION:
-        raise InputError(f"version is {show_value(data.get('version'))}: it must be {VERSION}")
-    name = check_word("operator", data.get("operator"), tuple(OPERATORS))
-    ends = data.get("pressures")
-    if not isinstance(ends, list) or len(ends) != 2:
-        raise InputError(f"pressures is {show_value(ends)}: it must be a list of 2")
-    low = check_number("pressures[0]", ends[0], low=0.0, high=PRESSURE_LIMIT, unit="MPa")
-    high = check_number(
-        "pressures[1]", ends[1], low=low, low_open=True, high=PRESSURE_LIMIT, unit="MPa"
+    parts = ("constants", "static", "state", "fit")
+    head = read_record({name: x for name, x in data.items() if name not in parts}, _Head)
+    if head.version != VERSION:
+        raise InputError(f"version is {head.version}: it must be {VERSION}")
+    kind = choose("operator", head.operator, OPERATORS)
+    low = check_number("pressures[0]", head.pressures[0], low=0.0, high=PRESSURE_LIMIT, unit="MPa")
+    check_number(
+        "pressures[1]", head.pressures[1], low=low, low_open=True, high=PRESSURE_LIMIT, unit="MPa"
     )
+    state = data.get("state")
+    if state is not None:
+        known = read_record(state, _State, name="state")
+        state = HysteresisState(np.array(known.last), np.array(known.memory))
     static = data.get("static")
+    operator: Operator = read_record(data.get("constants"), kind, name="constants")
+    if state is not None:
+        operator.run([], initial=state)
     return LoopModel(
-        operator=read_record(data.get("constants"), OPERATORS[name], name="constants"),
-        kind=check_word("response", data.get("response"), tuple(RESPONSES)),
+        operator=operator,
+        kind=head.response,
         static=None if static is None else _read_static(static),
-        held=check_number("held", data.get("held"), low=-LIMIT, high=LIMIT),
-        pressures=(low, high),
-        offset=check_number("offset", data.get("offset"), low=-LIMIT, high=LIMIT),
+        held=head.held,
+        pressures=head.pressures,
+        offset=head.offset,
+        longest=head.longest,
+        state=state,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,8 @@ class LoopRecord:
     held : float
         What is held: the load [N] while the contraction is recorded, the contraction [mm] while the
         force is.
+    longest : float
+        Length that contractions are counted from [mm], where lengths were recorded; 0 otherwise.
     source : str
         Name of the file.
     notes : tuple of str
@@ -73,6 +75,7 @@ class LoopRecord:
     response: Floats
     kind: Response = "contraction"
     held: float = 0.0
+    longest: float = 0.0
     source: str = ""
     notes: tuple[str, ...] = ()
 
@@ -113,8 +116,8 @@ class LoopRecord:
         """Whether it begins without pressure, to 2 % of the largest."""
         return bool(self.pressure[0] <= _REST_SHARE * self.pressure.max())
 
-    def take(self, rows: Any) -> LoopRecord:
-        """Return some of the samples, by a slice, indices or a mask."""
+    def take(self, rows: slice) -> LoopRecord:
+        """Return some of the samples."""
         return replace(
             self, **{name: getattr(self, name)[rows] for name in ("time", "pressure", "response")}
         )
@@ -145,11 +148,9 @@ class LoopRecord:
         first = np.flatnonzero(np.diff(bins, prepend=-1.0) + np.abs(np.diff(ways, prepend=0.0)))
         sizes = np.diff(first, append=len(bins))
         moved = np.add.reduceat(steps, first) > _STILL * _WAY_SHARE * steps.sum() / count
-        means = (
-            np.add.reduceat(getattr(self, name), first) / sizes
-            for name in ("time", "pressure", "response")
-        )
-        return LoopSamples(*means, np.where(moved, ways[first], 0.0))
+        columns = (self.time, self.pressure, self.response)
+        time, pressure, response = (np.add.reduceat(column, first) / sizes for column in columns)
+        return LoopSamples(time, pressure, response, np.where(moved, ways[first], 0.0))
 
     def _smooth(self) -> Floats:
         """Return the pressure behind a play that is as wide as its noise."""
@@ -187,7 +188,7 @@ class LoopSamples:
     def __len__(self) -> int:
         return len(self.time)
 
-    def take(self, rows: Any) -> LoopSamples:
+    def take(self, rows: slice) -> LoopSamples:
         """Return some of the samples."""
         return LoopSamples(*(getattr(self, item.name)[rows] for item in fields(self)))
 
@@ -231,7 +232,8 @@ def read_loop(
                 there = ", ".join(columns) or "none of those it needs"
                 raise FileFormatError(f"there is no column {name}: the table has {there}")
         answers, said = take_responses(columns)
-        known = check_word("kind", kind or _choose_response(answers), RESPONSES)
+        known = _choose_response(answers) if kind is None else kind
+        check_word("kind", known, RESPONSES)
         if known not in answers:
             raise FileFormatError(f"there is no column for the {known}")
         others = [values for name, values in answers.items() if name != known]
@@ -250,6 +252,7 @@ def read_loop(
             pressure=columns["pressure"],
             response=answers[known],
             kind=known,
+            longest=float(columns.get("length", np.zeros(1)).max()),
             held=0.0 if held is None else held,
             source=source,
             notes=notes,
@@ -258,12 +261,14 @@ def read_loop(
         raise type(error)(f"{source}: {error}") from None
 
 
-def take_responses(columns: Mapping[str, Floats]) -> tuple[dict[str, Floats], tuple[str, ...]]:
+def take_responses(columns: Mapping[str, Floats]) -> tuple[dict[Response, Floats], tuple[str, ...]]:
     """Return contraction and force of a table, those that there are, and notes on them."""
     if "contraction" in columns and "length" in columns:
         raise FileFormatError("there are columns contraction and length: give one of them")
     notes: tuple[str, ...] = ()
-    answers = {"contraction": columns["contraction"]} if "contraction" in columns else {}
+    answers: dict[Response, Floats] = {}
+    if "contraction" in columns:
+        answers["contraction"] = columns["contraction"]
     if "length" in columns:
         longest = float(columns["length"].max())
         answers["contraction"] = longest - columns["length"]
@@ -275,7 +280,7 @@ def take_responses(columns: Mapping[str, Floats]) -> tuple[dict[str, Floats], tu
     return answers, notes
 
 
-def _choose_response(answers: Mapping[str, Floats]) -> str:
+def _choose_response(answers: Mapping[Response, Floats]) -> Response:
     """Return the response that changes more, relative to its largest value."""
 
     def change(values: Floats) -> float:
