@@ -71,7 +71,7 @@ TRACE_MM = 1e-7
 """Tissue is traced back until it is within so much of its place [mm]."""
 
 TRACE_STEPS, NEWTON_STEPS, HALVINGS = 30, 30, 12
-"""Steps of that at most: ``x = y - u(x)`` first, then Newton's, which are halved until they help."""
+"""Steps of that at most: of ``x = y - u(x)``, then Newton's, each halved until it helps."""
 
 NEWTON_MM = 0.01
 """For Newton's steps gradients are differences over so much to both sides [mm]."""

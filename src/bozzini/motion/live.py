@@ -32,7 +32,6 @@ from ..results import Json, Result, take_axes
 from .certify import certify_motion
 from .moving import ReplanOptions, cut_ahead, replan
 from .plan import Plan
-from .scope import Introducer
 from .space import FreeSpace
 
 if TYPE_CHECKING:
@@ -335,11 +334,13 @@ def follow_tissue(
     Raises
     ------
     InputError
-        If the plan is not of the tract at rest, does not reach its goal, or is the thesis's.
+        If the plan is not of the tract at rest, does not reach its goal, or is the thesis's, or
+        leads where the motion is not known.
     """
     options = options or LiveOptions()
     if plan.status != "complete":
         raise InputError(f"the plan stopped ({plan.reason_code}): it must reach its goal")
+    motion.check_reach(plan.path)
     loop = _Loop(plan, MovingField(field, surface), motion, options)
     duration = motion.period if options.duration is None else options.duration
     for number in range(max(1, round(duration * options.rate))):
