@@ -28,6 +28,7 @@ from .common import (
     progress_bar,
     run_exit,
 )
+from .hysteresis import command as hysteresis_command
 from .muscle_options import (
     FIELDS,
     DataRequest,
@@ -76,6 +77,9 @@ def drop(values: Json, *names: str) -> Json:
 @click.group("muscle")
 def command() -> None:
     """Solve a pneumatic muscle, list its models, and fit them to measurements."""
+
+
+command.add_command(hysteresis_command)
 
 
 @command.command("models")
