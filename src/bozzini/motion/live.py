@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from ..anatomy.tissue import TissueFrame, TissueMotion
 from ..checks import check_fields, quantity
 from ..duct.base import SampledField
-from ..duct.moving import Displacement, MovedField, MovingField, carry_tissue
+from ..duct.deformation import Displacement, carry_tissue
+from ..duct.moving import MovedField, MovingField
 from ..errors import DeformationError, InputError
 from ..results import Json, Result, take_axes
 from .certify import certify_motion
