@@ -103,8 +103,8 @@ def models_command(name: str | None, as_json: bool) -> None:
         listed = ", ".join(f"{count} {status}" for status, count in counts.items())
         lines = [
             *_format_cards(cards),
-            f"{len(cards)} models of the survey: {listed}; and {' and '.join(own)}, this package's "
-            "own",
+            f"{len(cards)} models of the literature: {listed}; and {' and '.join(own)}, this "
+            "package's own",
             *(f"{key}: of the package {place}" for key, place in plugins.items()),
             *(f"broken: {reason}" for reason in broken.values()),
         ]
