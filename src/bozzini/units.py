@@ -57,7 +57,7 @@ _EXAMPLES = {
     "time": "2s, 50ms",
     "speed": "5mm/s, 2 cm/s",
     "stiffness": "0.1N/mm",
-    "compliance": "0.01mm/N",
+    "compliance": "0.01mm/N, 10 mm/kN",
     "line force": "0.001N/mm, 1N/m",
     "moment": "5Nmm, 0.02 N m",
     "rigidity": "200Nmm^2, 2e-4 N m^2",

@@ -30,7 +30,7 @@ def make_rows():
     numbers = st.floats(-20.0, 20.0, allow_nan=False)
     return st.lists(
         st.tuples(
-            st.floats(0.0, 100.0),
+            st.floats(0.0, 20.0),
             numbers,
             st.floats(0.0, 20.0),
             st.sampled_from(["inflating", "deflating", ""]),

@@ -127,10 +127,18 @@ def test_strands_that_do_not_fit_are_refused():
 
 
 def test_presets():
-    assert set(PRESETS) == {"thesis-40", "thesis-45", "thesis-60", "effector-45", "fitted-45"}
-    for name, muscle in PRESETS.items():
-        assert f"{muscle.length:g}" == name.split("-")[1]
-        assert preset(name) == muscle
+    miniature = {"thesis-40", "thesis-45", "thesis-60", "effector-45", "fitted-45"}
+    assert set(PRESETS) == miniature | {"festo-10", "festo-20", "festo-40"}
+    for name, item in PRESETS.items():
+        assert preset(name) == item.muscle
+        assert item.source
+        size = float(name.split("-")[1])
+        if name in miniature:
+            assert item.muscle.length == size
+            assert item.muscle.unset == ()
+        else:
+            assert 2.0 * item.muscle.outer_radius == size
+            assert item.muscle.unset == BARE.unset
     assert preset("effector-45", outer_radius=0.55) == preset("thesis-45")
     fitted = preset("fitted-45", modulus=0.35, dead_length=0.0)
     assert fitted == preset("effector-45")

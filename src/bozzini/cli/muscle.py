@@ -15,6 +15,7 @@ import click
 from ..checks import check_integer, check_number, describe_fields, list_quantities
 from ..errors import BozziniError, InputError
 from ..results import Json
+from ..units import INTERNAL_UNITS
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -30,6 +31,7 @@ from .common import (
     run_exit,
     split_setting,
 )
+from .hysteresis import command as hysteresis_command
 from .muscle_options import (
     FIELDS,
     DataRequest,
@@ -65,6 +67,13 @@ VERDICT = ("converged", "reason", "residual")
 _WARNED = 3  # so many models, the first, have the warnings of their fits shown
 
 
+def format_quantity(kind: str, name: str, value: float) -> str:
+    """Return a field of a muscle as text, an angle in degrees."""
+    unit = INTERNAL_UNITS[kind]
+    shown = f"{math.degrees(value):.4g} deg" if kind == "angle" else f"{value:.5g} {unit}".rstrip()
+    return f"{name.replace('_', ' ')} {shown}"
+
+
 def drop(values: Json, *names: str) -> Json:
     """Return values without some of them."""
     return {name: value for name, value in values.items() if name not in names}
@@ -73,6 +82,9 @@ def drop(values: Json, *names: str) -> Json:
 @click.group("muscle")
 def command() -> None:
     """Solve a pneumatic muscle, list its models, and fit them to measurements."""
+
+
+command.add_command(hysteresis_command)
 
 
 @command.command("models")
@@ -96,8 +108,8 @@ def models_command(name: str | None, as_json: bool) -> None:
         listed = ", ".join(f"{count} {status}" for status, count in counts.items())
         lines = [
             *_format_cards(cards),
-            f"{len(cards)} models of the survey: {listed}; and {' and '.join(own)}, this package's "
-            "own",
+            f"{len(cards)} models of the literature: {listed}; and {' and '.join(own)}, this "
+            "package's own",
             *(f"{key}: of the package {place}" for key, place in plugins.items()),
             *(f"broken: {reason}" for reason in broken.values()),
         ]
@@ -132,6 +144,29 @@ def _format_cards(cards: list[Card]) -> list[str]:
     return [
         form.format(a, wide[0], b, wide[1], c, wide[2], title).rstrip() for a, b, c, title in rows
     ]
+
+
+@command.command("presets")
+@json_option
+def presets_command(as_json: bool) -> None:
+    """List the muscles that --preset takes: what is known of each, and from where."""
+    from ..muscle import PRESETS
+    from ..muscle.design import Muscle
+
+    lines, result = [], {}
+    for name, item in PRESETS.items():
+        muscle = item.muscle
+        result[name] = {**describe_fields(muscle), "unset": muscle.unset, "source": item.source}
+        neutral = Muscle(length=muscle.length, outer_radius=muscle.outer_radius).given
+        known = [
+            format_quantity(FIELDS[field].kind, field, value)
+            for field, value in muscle.given.items()
+            if field in ("length", "outer_radius") or value != neutral.get(field)
+        ]
+        unset = ", ".join(muscle.unset).replace("_", " ")
+        lines += [f"{name}: {', '.join(known)}" + (f"; unset: {unset}" if unset else "")]
+        lines += [f"    {item.source}"]
+    emit({"presets": result}, as_json=as_json, text="\n".join(lines))
 
 
 @command.command("solve")
@@ -410,7 +445,7 @@ def fit_command(
     bounds = _parse_bounds(bound_texts, own)
     names = setup.join(free)
     options = setup.make(bounds=bounds, force=anyway, resamples=resamples)
-    data = table.read(asked.muscle)
+    data = table.read(asked)
     check_friction(asked.fields, data, free=names or ())
     found = calibrate(make, asked.muscle, data=data, free=names, options=options)
     if answer.out is not None and answer.out.suffix.lower() == ".yaml":
@@ -706,7 +741,7 @@ def compare_command(
     choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
     refuse_unused_fields(names, asked.fields)
     constants = parse_settings(names, asked.settings)
-    data = table.read(asked.muscle)
+    data = table.read(asked)
     check_friction(asked.fields, data, free=())
     makes = {name: make_class(name, **choices[name], constants=constants[name]) for name in names}
     result: dict[str, object] = {
@@ -723,7 +758,8 @@ def compare_command(
         models, refusals, ends = {}, broken, setup.make().ends
         for name, make in makes.items():
             try:
-                models[name] = ends.mount(make(asked.muscle))
+                own = asked.list_file_constants(name)
+                models[name] = ends.mount(make(asked.muscle, **{**own, **constants[name]}))
             except BozziniError as error:
                 refusals[name] = str(error)
         found = compare_models(models, data, refusals=refusals, response=setup.response)

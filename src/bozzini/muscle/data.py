@@ -56,7 +56,7 @@ class Measurements:
     Parameters
     ----------
     pressure : array_like, shape (n,)
-        Gauge pressure, 0 to 100 [MPa].
+        Gauge pressure, 0 to 20 [MPa].
     contraction : array_like, shape (n,)
         Free length less length [mm].
     load : array_like, shape (n,), optional

@@ -35,8 +35,8 @@ LOCKING_ANGLE = math.atan(math.sqrt(2.0))
 BRAID_ANGLES = (math.radians(5.0), math.radians(54.0))
 """Legal angles of a braid at rest, measured from its axis [rad]: below locking, so it contracts."""
 
-PRESSURE_LIMIT = 100.0
-"""Largest legal pressure [MPa]; one above it is taken for a wrong unit."""
+PRESSURE_LIMIT = 20.0
+"""Largest legal pressure [MPa], above that of hydraulic muscles: more is likely one in kPa."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +120,7 @@ class Braid:
         Parameters
         ----------
         pressure : array_like
-            Pressure, in [0, 100] MPa.
+            Pressure, in [0, 20] MPa.
         length : array_like
             Length of the braid [mm]; broadcast with `pressure`.
 
@@ -572,6 +572,14 @@ _STARTS: Mapping[str, Callable[[Muscle], float]] = {
 }
 
 
+@dataclass(frozen=True)
+class Preset:
+    """A muscle by name, and where its numbers come from. What no source gives is unset."""
+
+    muscle: Muscle
+    source: str
+
+
 _MINIATURE = Muscle(
     length=45.0,
     outer_radius=0.55,
@@ -584,23 +592,32 @@ _MINIATURE = Muscle(
     modulus=0.35,
     strand_modulus=3000.0,
 )
-# The captions have strands of 0.04 mm radius, the thesis's section 3.2 about 0.05.
-PRESETS: dict[str, Muscle] = {
-    "thesis-40": _MINIATURE.replace(length=40.0),
-    "thesis-45": _MINIATURE,
-    "thesis-60": _MINIATURE.replace(length=60.0),
-    "effector-45": _MINIATURE.replace(outer_radius=0.75),
-    "fitted-45": _MINIATURE.replace(outer_radius=0.75, modulus=0.56, dead_length=11.7),
+_CAPTION = "the thesis, caption of Fig. {}; its section 3.2 has strands of about 0.05 mm radius"
+_CHAPTER_4 = (
+    "the thesis, chapter 4, which does not give the tube: with 1.5 mm outer diameter ThesisMuscle "
+    "reproduces its contractions; the rest as in the captions of chapter 3"
+)
+_FESTO = (
+    "Festo, data sheet of the Fluidic Muscle DMSP/MAS: nominal diameter {} mm, sold in lengths of "
+    "40 to 9000 mm: give yours. The nominal diameter is that of the bore and stands here for the "
+    "tube; braid angle, wall and material are not published: fit or measure them"
+)
+PRESETS: dict[str, Preset] = {
+    "thesis-40": Preset(_MINIATURE.replace(length=40.0), _CAPTION.format("3.11")),
+    "thesis-45": Preset(_MINIATURE, _CAPTION.format("3.16")),
+    "thesis-60": Preset(_MINIATURE.replace(length=60.0), _CAPTION.format("3.12")),
+    "effector-45": Preset(_MINIATURE.replace(outer_radius=0.75), _CHAPTER_4),
+    "fitted-45": Preset(
+        _MINIATURE.replace(outer_radius=0.75, modulus=0.56, dead_length=11.7),
+        "as effector-45; modulus and dead length fitted, so that EnergyMuscle meets the three "
+        "contractions without load of chapter 4",
+    ),
+    **{
+        f"festo-{bore}": Preset(Muscle(length=250.0, outer_radius=0.5 * bore), _FESTO.format(bore))
+        for bore in (10, 20, 40)
+    },
 }
-"""Muscles by name.
-
-- ``thesis-40``, ``thesis-45``, ``thesis-60``: the captions of the thesis's Figs 3.11, 3.16 and
-  3.12, a tube of 1.1 mm outer diameter.
-- ``effector-45``: the muscle of the thesis's chapter 4. Chapter 4 does not give its tube; one of
-  1.5 mm outer diameter is what reproduces its contractions (see `ThesisMuscle`).
-- ``fitted-45``: the same, with the modulus and dead length for which `EnergyMuscle` meets the
-  three contractions without load of chapter 4. Two parameters fitted to three numbers.
-"""
+"""Muscles by name, each with its source; `preset` returns one of them."""
 
 
 def check_muscle(muscle: object, model: MuscleModel | None = None) -> None:
@@ -627,4 +644,4 @@ def preset(name: str, **overrides: object) -> Muscle:
     InputError
         If there is no such preset, or a field or its value is not legal.
     """
-    return choose("muscle preset", name, PRESETS).replace(**overrides)
+    return choose("muscle preset", name, PRESETS).muscle.replace(**overrides)
