@@ -345,14 +345,15 @@ class SetupRequest:
         """The parameters that every specimen has its own value of."""
         return () if self.each is None else _name_fields(self.each)
 
-    def make(self, **more: Any) -> FitOptions:
-        """Return the options of a fit."""
+    def make(self, asked: Request, **more: Any) -> FitOptions:
+        """Return the options of a fit; end effects begin as in the muscle file, if there is one."""
         from ..muscle import EndEffects, FitOptions
 
         if self.anchored and self.offset is not None:
             raise InputError("--offset has no effect with --offset-from-length: give one of them")
         given = {name: getattr(self, name) for name in ("offset", "compliance", "slack_force")}
-        ends = EndEffects(**{name: value for name, value in given.items() if value is not None})
+        ends = EndEffects() if asked.file is None else asked.file.ends or EndEffects()
+        ends = ends.replace(**{name: value for name, value in given.items() if value is not None})
         return FitOptions(
             response=self.response, ends=ends, anchored=self.anchored, each=self.each_names, **more
         )
@@ -444,7 +445,7 @@ def fit_command(
     own = {item.name: item for item in list_kinds()[name].list_parameters()}
     bounds = _parse_bounds(bound_texts, own)
     names = setup.join(free)
-    options = setup.make(bounds=bounds, force=anyway, resamples=resamples)
+    options = setup.make(asked, bounds=bounds, force=anyway, resamples=resamples)
     data = table.read(asked)
     check_friction(asked.fields, data, free=names or ())
     found = calibrate(make, asked.muscle, data=data, free=names, options=options)
@@ -624,7 +625,9 @@ class RankRequest:
     jobs: int | None
     budget: float | None
 
-    def choose(self, setup: SetupRequest, *, fit: bool, models: int) -> RankOptions | None:
+    def choose(
+        self, setup: SetupRequest, asked: Request, *, fit: bool, models: int
+    ) -> RankOptions | None:
         """Return the options of a ranking; None without a fit, where none may be given."""
         from ..muscle import RankOptions
 
@@ -638,7 +641,7 @@ class RankRequest:
                 folds=self.folds,
                 jobs=min(self.jobs or jobs, 64),
                 fit=setup.make(
-                    seed=self.seed or 0, budget=60.0 if self.budget is None else self.budget
+                    asked, seed=self.seed or 0, budget=60.0 if self.budget is None else self.budget
                 ),
             )
         given = (
@@ -737,7 +740,7 @@ def compare_command(
 
     broken = {} if model_names else list_kinds().broken
     names = list(dict.fromkeys(model_names or (n for n in list_kinds() if n not in broken)))
-    options = ranked.choose(setup, fit=ranked.fit or not model_names, models=len(names))
+    options = ranked.choose(setup, asked, fit=ranked.fit or not model_names, models=len(names))
     choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
     refuse_unused_fields(names, asked.fields)
     constants = parse_settings(names, asked.settings)
@@ -755,7 +758,7 @@ def compare_command(
         "largest_contraction_mm": data.largest_contraction,
     }
     if options is None:
-        models, refusals, ends = {}, broken, setup.make().ends
+        models, refusals, ends = {}, broken, setup.make(asked).ends
         for name, make in makes.items():
             try:
                 own = asked.list_file_constants(name)

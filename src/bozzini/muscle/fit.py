@@ -159,6 +159,7 @@ EVALUATIONS = 200
 _FIRST = 15  # evaluations from each start for constants
 _KEPT = 2  # how many of those searches, the best, go on
 _SECOND = 65  # evaluations that each of these has then; the best of them has the rest
+_EXACT = 1e-11  # of the span: with a root mean square below no other start is tried
 _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 
 
@@ -192,7 +193,11 @@ def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
 
     A row without an answer counts as `Task.worst`.
     """
-    tries = [(find_minimum(one, one.choose_start(), limit=_FIRST), one) for one in starts]
+    tries: list[tuple[OptimizeResult, Problem]] = []
+    for one in starts:
+        tries.append((find_minimum(one, one.choose_start(), limit=_FIRST), one))
+        if _judge(tries[-1]) <= len(one.task.data) * (_EXACT * one.task.span) ** 2:
+            break
     tries.sort(key=_judge)
     ends = [_go_on(*search, limit=_SECOND) for search in tries[:_KEPT]]
     found, begun = _go_on(*min(ends, key=_judge), limit=EVALUATIONS - _FIRST - _SECOND)
@@ -850,7 +855,8 @@ def _find_best(
             _demand_answer(problem, begin)
             _check_effect(problem.unknowns, problem.slope(begin))
             return find_minimum(problem, begin), problem
-        return find_constants([*find_starts(problem, linear=(), seed=options.seed), problem])
+        starts = find_starts(problem, linear=(), seed=options.seed, count=2)
+        return find_constants([problem, *starts])
     if not set(problem.constants) - set(options.start):
         return find_constants([problem])
     linear = tuple(name for name in problem.constants if own[name].linear)
