@@ -29,6 +29,7 @@ from .common import (
     progress_bar,
     run_exit,
 )
+from .hysteresis import command as hysteresis_command
 from .muscle_options import (
     FIELDS,
     DataRequest,
@@ -81,6 +82,9 @@ def command() -> None:
     """Solve a pneumatic muscle, list its models, and fit them to measurements."""
 
 
+command.add_command(hysteresis_command)
+
+
 @command.command("models")
 @click.argument("name", required=False)
 @json_option
@@ -102,8 +106,8 @@ def models_command(name: str | None, as_json: bool) -> None:
         listed = ", ".join(f"{count} {status}" for status, count in counts.items())
         lines = [
             *_format_cards(cards),
-            f"{len(cards)} models of the survey: {listed}; and {' and '.join(own)}, this package's "
-            "own",
+            f"{len(cards)} models of the literature: {listed}; and {' and '.join(own)}, this "
+            "package's own",
             *(f"{key}: of the package {place}" for key, place in plugins.items()),
             *(f"broken: {reason}" for reason in broken.values()),
         ]

@@ -12,7 +12,7 @@ from bozzini.muscle import Muscle, preset
 from bozzini.muscle.models import MODELS, CatalogueModel
 
 SURVEY = {name: MODELS[name] for name in MODELS.cards}
-"""The models of the survey by name."""
+"""The models of the literature by name."""
 OWN = ("energy", "thesis")
 """The models that are of no paper."""
 
