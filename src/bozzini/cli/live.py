@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from ..anatomy import TissueMotion
     from ..duct import Centreline
-    from ..motion import LiveRun
+    from ..motion import LiveFrame, LiveRun
+    from ..progress import Progress
 
 __all__ = ["command"]
 
@@ -141,12 +142,19 @@ def command(
             motion=motion,
         )
         frames = follow_tissue(study.plan, study.field, options=loop, **follow)  # type: ignore[arg-type]
-        run = LiveRun.collect(frames, rate=loop.rate, motion=motion)
+        duration = motion.period if loop.duration is None else loop.duration
+        run = LiveRun.collect(_watch(frames, duration, progress), rate=loop.rate, motion=motion)
     answer.write(run.list_columns(), lambda: _draw(run))
     summary = {"input": source.name, "motion": tissue.motion, **run.to_dict(), "file": answer.out}
     answer.give(summary, _describe(run))
     if not run.converged:
         run_exit(EXIT_NEGATIVE)
+
+
+def _watch(frames: Iterator[LiveFrame], duration: float, progress: Progress) -> Iterator[LiveFrame]:
+    for frame in frames:
+        progress("live", min(frame.time / duration, 1.0))
+        yield frame
 
 
 def _draw(run: LiveRun) -> Figure:
