@@ -176,7 +176,7 @@ def _describe(run: LiveRun) -> str:
         f"{found['frames_refused']} were refused.",
         f"Certified clearance in a frame: {_limit(found['clearance_min_mm'], 'none')}; from one to "
         f"the next: {_limit(found['carried_min_mm'], 'contact is not excluded')}. The wall moves "
-        f"by up to {found['margin_mm']:.2f} mm between frames ({run.speed:.1f} mm/s at "
+        f"by up to {found['margin_mm']:.3g} mm between frames ({run.speed:.1f} mm/s at "
         f"{run.rate:g} Hz).",
         f"Latency {1e3 * found['latency_median_s']:.0f} ms in the median, "
         f"{1e3 * found['latency_p95_s']:.0f} ms at 95 %, "

@@ -465,7 +465,9 @@ class _Loop:
         )
 
     def _plan_rest(self, plan: Plan, tissue: TissueFrame, left: float) -> float | None:
-        """Certify the whole way to the goal, if there is time for it."""
+        """Certify the whole way to the goal, if it is not yet and there is time for it."""
+        if plan.status == "complete":
+            return plan.proved
         if plan.reason_code != "HORIZON" or left < self.rest_time:
             return None
         begin = time.perf_counter()
