@@ -9,13 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .data import (
-        Measurements,
-        RepeatStatistics,
-        read_measurements,
-        take_measurements,
-        write_measurements,
-    )
+    from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
     from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
@@ -32,6 +26,7 @@ if TYPE_CHECKING:
         compare_models,
         rank,
     )
+    from .table import read_measurements, take_measurements, write_measurements
 
 __all__ = [
     "LOCKING_ANGLE",
@@ -67,8 +62,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    ".data": ("Measurements", "RepeatStatistics", "read_measurements", "take_measurements",
-              "write_measurements"),
+    ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
     ".hysteresis": ("Hysteresis",),
@@ -78,6 +72,7 @@ _MODULES = {
     ".models.thesis": ("ThesisMuscle",),
     ".ranking": ("Comparison", "ModelScore", "RankOptions", "RankedModel", "Ranking",
                  "compare_models", "rank"),
+    ".table": ("read_measurements", "take_measurements", "write_measurements"),
 }  # fmt: skip
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
