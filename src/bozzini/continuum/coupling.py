@@ -293,7 +293,7 @@ class ParallelModel(ContinuumModel):
     @property
     def notes(self) -> tuple[str, ...]:
         """Bends that no tendon controls, a sentence each; least elastic energy decides them."""
-        return self.coupling.open_directions()
+        return (*super().notes, *self.coupling.open_directions())
 
     def solve(self, displacements: ArrayLike) -> BendSolution:
         """Return the bends of the sections under `displacements`, shape (..., t) [mm].

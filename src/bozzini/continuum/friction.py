@@ -246,13 +246,18 @@ class Drive:
 
 @dataclass(kw_only=True, eq=False)
 class Sliding:
-    """Newton's method for the tensions along tendons, from one state to the next."""
+    """Newton's method for the tensions along tendons, from one state to the next.
+
+    ``bend`` is the rod under tensions (n, 3, t). `curvatures` and `pulled`, the tensions at the
+    base, are those where it was last.
+    """
 
     channels: Channels
     before: FrictionState
     bend: Callable[[Floats], Bending]
     iterations: int = 0
     curvatures: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    pulled: Floats = field(default_factory=lambda: np.zeros(0))
 
     def follow(self, drive: Drive, halvings: int = HALVINGS) -> tuple[FrictionState, str]:
         """Return the state under a command, in parts if need be, and why there is none, if so."""
@@ -302,7 +307,7 @@ class Sliding:
                     channels.spans, channels.friction, state, (wraps, give), presliding, *parts
                 )
                 start, kept = profile[0, 0].copy(), profile.copy()
-                wanted = drive.pull(whole, start, slopes[0, 0], offsets[0, 0])
+                wanted = self.pulled = drive.pull(whole, start, slopes[0, 0], offsets[0, 0])
                 part = 1.0 if count // DAMPED_STEPS % 2 == 0 else 0.5
                 move_tensions(channels.friction, state, wraps, (presliding, part), parts, wanted)
                 scale = float(np.abs(profile).max(initial=0.0))
@@ -313,7 +318,10 @@ class Sliding:
                     break
             else:
                 if level == 1.0:
-                    reason = f"tensions along tendons did not settle, to {size:.2g} N only"
+                    reason = (
+                        f"tensions along tendons did not settle: they change by {size:.2g} N, and "
+                        f"a tendon misses its length by {gap:.2g} mm"
+                    )
         if reason:
             return old, reason
         self.before = dataclasses.replace(old, tensions=profile, shares=shares, lengths=lengths)

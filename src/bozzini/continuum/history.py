@@ -5,18 +5,35 @@ A fit of coefficients of friction to a recorded loop belongs here.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..results import Result, list_coordinates, take_axes
+from ..checks import check_integer
+from ..results import Json, Result, list_coordinates, take_axes
 from .checks import Floats
 from .shape import Shape
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+BATCHED = (
+    "frames",
+    "displacements",
+    "tendon_lengths",
+    "section_parameters",
+    "tensions",
+    "slack",
+    "residual",
+    "iterations",
+    "converged",
+    "reason",
+)
+"""Fields of a `Shape` with one value for each of the batch."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +78,23 @@ class TendonHistory(Result):
         steps = 0.5 * (pulls[1:] + pulls[:-1]) * np.diff(self.shapes.displacements, axis=0)
         return np.concatenate([[0.0], np.cumsum(np.sum(steps, axis=1))])
 
-    def to_dict(self) -> dict[str, Any]:
+    def pick(self, index: int) -> Shape:
+        """Return one of the shapes, for ``initial=`` of what comes after it; -1 is the last.
+
+        Raises
+        ------
+        InputError
+            If there are not so many.
+        """
+        count = len(self.shapes.displacements)
+        place = check_integer("index", index, low=-count, high=count - 1)
+        parts = {name: getattr(self.shapes, name)[place] for name in BATCHED}
+        state = self.shapes.friction
+        return dataclasses.replace(
+            self.shapes, **parts, friction=None if state is None else state.pick((place,))
+        )
+
+    def to_dict(self) -> Json:
         """Return the verdict, and the shapes as `Shape.to_dict`."""
         verdict = {"converged": self.converged, "reason": self.reason, "given": self.given}
         return verdict | {"work_N_mm": self.work.tolist(), "shapes": self.shapes.to_dict()}

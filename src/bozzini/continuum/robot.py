@@ -224,7 +224,9 @@ class RobotDesign:
         for section in data["sections"]:
             if "disc_positions" in section:
                 del section["discs"]
-            section.setdefault("tendons", [])
+            for tendon in section.setdefault("tendons", []):
+                if not tendon["friction"]:
+                    del tendon["friction"]
         return {"name": self.name} | data
 
     @classmethod

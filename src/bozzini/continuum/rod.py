@@ -18,8 +18,8 @@ from .checks import Floats
 from .coupling import check_displacements
 from .energy import place_stations
 from .friction import Bending, Channels, Drive, FrictionState, Sliding
-from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
 from .history import TendonHistory
+from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
 from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
 from .robot import RobotDesign
 from .section import LEAST_LEVER, ROUND_OFF_MM
@@ -337,9 +337,7 @@ class Shooting:
             shot = dataclasses.replace(start, turns=turns, moments=moments)
             _, jumps, good = self.rod.trace_jumps(shot)
             off = np.concatenate([jumps[:-1].ravel(), jumps[-1, 3:]])
-            size = float(np.abs(off).max()) / (
-                self.rod.moment_scale + float(np.abs(moments).max())
-            )
+            size = float(np.abs(off).max()) / (self.rod.moment_scale + float(np.abs(moments).max()))
             if not good or size > 0.5 * before:
                 return None
             if size <= 1e-10:
@@ -759,9 +757,9 @@ def follow_sliding(
     )
     sliding = Sliding(channels=channels, before=before, bend=bend)
     state, reason = sliding.follow(drive)
-    held = np.flatnonzero(np.abs(state.tensions[0, 0]) >= rod.strongest)
-    if held.size and target.command is not None:
-        reason = target.explain_held(held)
+    held = np.flatnonzero(np.abs(sliding.pulled) >= rod.strongest)
+    if reason and held.size and target.command is not None:
+        reason = f"the command can be followed in part only: {target.explain_held(held)}"
     return dataclasses.replace(
         found,
         tensions=state.tensions[0, 0],
@@ -808,7 +806,7 @@ ROUND_OFF = 1e-6
 
 @dataclass(frozen=True)
 class RodModel(ContinuumModel):
-    """Kirchhoff rod with frictionless tendons in smooth channels, under loads.
+    """Kirchhoff rod with tendons in smooth channels, with friction or without, under loads.
 
     After Rucker and Webster (2011), for a rod that neither shears nor stretches and is straight at
     rest. It is there to check the energy model, and for loads: cables hold tension or are slack.
@@ -824,6 +822,12 @@ class RodModel(ContinuumModel):
     from the straight rod as loads and displacements are raised together, and does not check whether
     it is stable. Loads keep their direction as the robot bends. A moment of fixed direction has no
     potential.
+
+    Where tendons have a coefficient of friction, tensions fall along them by the capstan law in the
+    direction in which they slide, and a shape depends on those before it: `initial` is where they
+    come from, the straight robot without tensions unless given. `bozzini.continuum.friction` has
+    the equations. Displacements that leave tensions open, as those of more tendons than the robot
+    has freedoms do, take the least tensions at the base.
 
     A shape beyond a tendon's travel or a section's `max_bend`, or so curved that discs meet, has
     not converged. A section's bend is here the integral of its curvature. Stiffnesses of the
@@ -897,6 +901,7 @@ class RodModel(ContinuumModel):
     )
 
     name = "rod"
+    takes_friction = True
     checked_by_class = ("tip_force", "tip_moment", "distributed_force")
 
     def __post_init__(self) -> None:
@@ -960,7 +965,8 @@ class RodModel(ContinuumModel):
         pulls = self._check_tensions(tensions)
         states = self._take_states(initial, pulls.shape[:-1])
         shots = [
-            self._shoot(state, tensions=row) for state, row in zip(states, _rows(pulls), strict=True)
+            self._shoot(state, tensions=row)
+            for state, row in zip(states, _rows(pulls), strict=True)
         ]
         return self._answer(pulls, shots, given=True)
 

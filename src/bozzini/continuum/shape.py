@@ -198,6 +198,8 @@ class Shape(Result):
                     "slack": self.slack[..., k],
                     "tension_N": self.tensions[..., k] if self.tensions.size else None,
                 }
+                if self.friction is not None:
+                    tendons[name]["end_tension_N"] = self.end_tensions[..., k]
         places = {
             "tip_mm": self.tip,
             "tip_direction": self.tip_frame[..., :3, 2],

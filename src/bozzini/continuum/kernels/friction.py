@@ -168,11 +168,11 @@ def reduce_slip(spans, friction, state, lying, presliding, factors, shifts, slop
 
 @njit(cache=True)
 def move_tensions(friction, state, wraps, sizes, parts, first):
-    """Take the step of `reduce_slip` from the base tensions ``first`` (k,) on; tensions and shares change.
+    """Take the step of `reduce_slip` from the base tensions ``first`` (k,) on.
 
-    ``parts`` are its four answers, ``sizes`` the slip at which friction acts in full, and the part of
-    the step that the shares take. The share of the friction that acts is that of the slip as it
-    will be, and the tensions follow from it exactly: so they keep their sign.
+    Tensions and shares change. ``parts`` are its four answers, ``sizes`` the slip at which friction
+    acts in full, and the part of the step that the shares take. The share of the friction that acts
+    is that of the slip as it will be, and tensions follow from it exactly: so they keep their sign.
     """
     profile, slips, memory, shares = state
     factors, shifts, slopes, offsets = parts

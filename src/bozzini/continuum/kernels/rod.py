@@ -240,9 +240,9 @@ def integrate_rod(first, last, grid, tensions, loads, states, bends):
     ``grid`` is the steps' ends (n + 1,), the stiffness (n, 3) of every step, places and slopes of
     the tendons at its start, middle and end (n, 3, k, 4), and whether they run there (n, k);
     ``loads`` are the force on the tip, that per length, and by how much tensions differ from
-    ``tensions`` at start, middle and end of steps, (n, 3, k) or (0, 3, k). Goes on from ``states[first]`` and
-    ``bends[first]``: fills ``states`` (n + 1, 10 + k), and ``bends`` (n + 1, 3) with the integral
-    of ``u``. False where it breaks down.
+    ``tensions`` at start, middle and end of steps, (n, 3, k) or empty. Goes on from
+    ``states[first]`` and ``bends[first]``: fills ``states`` (n + 1, 10 + k), and ``bends``
+    (n + 1, 3) with the integral of ``u``. False where it breaks down.
     """
     places, stiffness, guides, present = grid
     tip_force, line_force, changes = loads
