@@ -354,8 +354,8 @@ def _find_pose(model: ContinuumModel, displacements: Floats, before: list[Floats
         return model.find_shape(displacements)
     if not isinstance(model, RodModel) or not model.robot.tendon_friction.any():
         raise InputError(
-            f"--history has no effect on the {model.name} model of robot '{model.robot.name}': it is "
-            "for the rod model and tendons with friction"
+            f"--history has no effect on the {model.name} model of robot '{model.robot.name}': it "
+            "is for the rod model and tendons with friction"
         )
     way = model.trace_displacements(before)
     last = way.pick(-1 if way.converged else int(np.argmin(way.shapes.converged)))

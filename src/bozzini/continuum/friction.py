@@ -140,7 +140,7 @@ class Channels:
 
     def stretch(self, tensions: Floats) -> Floats:
         """Return by how much tendons stretch [mm], shape (t,)."""
-        return self.measure_lengths(np.zeros(tensions.shape), -tensions)[0, 0]
+        return np.asarray(self.measure_lengths(np.zeros(tensions.shape), -tensions)[0, 0])
 
 
 PRESLIDING = 1e-6

@@ -186,6 +186,7 @@ class ContinuumModel(ABC):
                 arc_length=arc_length,
                 displacements=displacements.copy(),
                 disc_arc_length=self.robot.disc_arc_length if discs is None else discs,
+                friction=None,
                 **shaped,
             )
         except InputError as error:

@@ -1184,10 +1184,10 @@ class RodModel(ContinuumModel):
             iterations=np.asarray([s.iterations for s in shots], dtype=np.int64),
             verdict=check_limits(self.robot, displacements, measure, verdict),
         )
-        states = [shot.state for shot in shots if shot.state is not None]
-        if not states:
+        known = [shot.state for shot in shots if shot.state is not None]
+        if not known:
             return made
-        return dataclasses.replace(made, friction=FrictionState.join(states, commands.shape[:-1]))
+        return dataclasses.replace(made, friction=FrictionState.join(known, commands.shape[:-1]))
 
     @cached_property
     def _bends_evenly(self) -> bool:
