@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 from ..anatomy.tissue import TissueFrame, TissueMotion
 from ..checks import check_fields, quantity
 from ..duct.base import SampledField
-from ..duct.moving import Displacement, MovedField, MovingField, carry_tissue
+from ..duct.deformation import Displacement, carry_tissue
+from ..duct.moving import MovedField, MovingField
 from ..errors import DeformationError, InputError
 from ..results import Json, Result, take_axes
 from .certify import certify_motion
 from .moving import ReplanOptions, cut_ahead, replan
 from .plan import Plan
-from .scope import Introducer
 from .space import FreeSpace
 
 if TYPE_CHECKING:
@@ -335,11 +335,13 @@ def follow_tissue(
     Raises
     ------
     InputError
-        If the plan is not of the tract at rest, does not reach its goal, or is the thesis's.
+        If the plan is not of the tract at rest, does not reach its goal, or is the thesis's, or
+        leads where the motion is not known.
     """
     options = options or LiveOptions()
     if plan.status != "complete":
         raise InputError(f"the plan stopped ({plan.reason_code}): it must reach its goal")
+    motion.check_reach(plan.path)
     loop = _Loop(plan, MovingField(field, surface), motion, options)
     duration = motion.period if options.duration is None else options.duration
     for number in range(max(1, round(duration * options.rate))):
