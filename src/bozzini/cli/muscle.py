@@ -352,7 +352,8 @@ class SetupRequest:
         if self.anchored and self.offset is not None:
             raise InputError("--offset has no effect with --offset-from-length: give one of them")
         given = {name: getattr(self, name) for name in ("offset", "compliance", "slack_force")}
-        ends = EndEffects() if asked.file is None else asked.file.ends or EndEffects()
+        is_own = asked.file is not None and asked.file.model in ("", asked.model_name)
+        ends = (asked.file.ends if asked.file and is_own else None) or EndEffects()
         ends = ends.replace(**{name: value for name, value in given.items() if value is not None})
         return FitOptions(
             response=self.response, ends=ends, anchored=self.anchored, each=self.each_names, **more
@@ -762,7 +763,8 @@ def compare_command(
         for name, make in makes.items():
             try:
                 own = asked.list_file_constants(name)
-                models[name] = ends.mount(make(asked.muscle, **{**own, **constants[name]}))
+                model = make(asked.muscle, **{**own, **constants[name]})
+                models[name] = asked.mount(model, ends)
             except BozziniError as error:
                 refusals[name] = str(error)
         found = compare_models(models, data, refusals=refusals, response=setup.response)
