@@ -522,8 +522,8 @@ def _split_title(title: str) -> tuple[str, str]:
     text, unit = match[1], match[2] or ""
     first, mark, last = text.rpartition("_")
     whole, short = (" ".join(re.split(r"[\s_-]+", part)).lower() for part in (text, first))
-    is_known = _find_name(whole) in KINDS or _find_name(whole) in WORDS
-    if not unit and mark and not is_known and _find_name(short) in (*KINDS, *WORDS):
+    is_known = _find_name(whole) in _KINDS or _find_name(whole) in WORDS
+    if not unit and mark and not is_known and _find_name(short) in (*_KINDS, *WORDS):
         return short, last
     return whole, unit
 
