@@ -89,6 +89,20 @@ direction_option = option(
 )
 
 
+def take_muscle(text: str) -> Muscle:
+    """Return a muscle by the name of a preset, or that of a muscle file alone."""
+    from ..muscle.design import preset
+    from ..muscle.files import read_muscle
+
+    if Path(text).suffix.lower() not in (".yaml", ".yml", ".json"):
+        return preset(text)
+    file = read_muscle(text)
+    if file.model or file.ends:
+        words = "the model, its constants and the ends of the file are left out: give --model"
+        click.echo(f"note: {text}: {words}", err=True)
+    return file.muscle
+
+
 def list_kinds() -> ModelRegistry:
     """Return the classes of all models by name."""
     from ..muscle import MODELS
