@@ -9,14 +9,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .data import (
-        Measurements,
-        RepeatStatistics,
-        read_measurements,
-        take_measurements,
-        write_measurements,
-    )
+    from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
+    from .ends import EndEffects, MountedMuscle, find_offset
+    from .files import FitSummary, MuscleFile, read_muscle, write_muscle
     from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
     from .model import CompiledMuscle, ConvergenceError, MuscleModel, MuscleState
@@ -32,6 +28,7 @@ if TYPE_CHECKING:
         compare_models,
         rank,
     )
+    from .table import read_measurements, take_measurements, write_measurements
 
 __all__ = [
     "LOCKING_ANGLE",
@@ -43,12 +40,16 @@ __all__ = [
     "Comparison",
     "CompiledMuscle",
     "ConvergenceError",
+    "EndEffects",
     "EnergyMuscle",
     "FitOptions",
+    "FitSummary",
     "Hysteresis",
     "Measurements",
     "ModelScore",
+    "MountedMuscle",
     "Muscle",
+    "MuscleFile",
     "MuscleModel",
     "MuscleState",
     "RankedModel",
@@ -59,17 +60,21 @@ __all__ = [
     "Tube",
     "calibrate",
     "compare_models",
+    "find_offset",
     "preset",
     "rank",
     "read_measurements",
+    "read_muscle",
     "take_measurements",
     "write_measurements",
+    "write_muscle",
 ]
 
 _MODULES = {
-    ".data": ("Measurements", "RepeatStatistics", "read_measurements", "take_measurements",
-              "write_measurements"),
+    ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
+    ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
+    ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),
@@ -78,6 +83,7 @@ _MODULES = {
     ".models.thesis": ("ThesisMuscle",),
     ".ranking": ("Comparison", "ModelScore", "RankOptions", "RankedModel", "Ranking",
                  "compare_models", "rank"),
+    ".table": ("read_measurements", "take_measurements", "write_measurements"),
 }  # fmt: skip
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
