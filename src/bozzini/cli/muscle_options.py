@@ -25,6 +25,7 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..muscle.data import Measurements
+    from ..muscle.ends import EndEffects
     from ..muscle.files import MuscleFile
     from ..muscle.model import MuscleModel
     from ..muscle.models import ModelRegistry, Parameter
@@ -243,12 +244,23 @@ class Request:
             constants={**known, **self.constants},
         )
 
+    def mount(self, model: MuscleModel, ends: EndEffects) -> MuscleModel:
+        """Return a model with effects of the ends; without any, with those that its file has."""
+        from ..muscle.ends import EndEffects
+
+        is_own = self.file is not None and self.file.model in ("", model.name)
+        if self.file is not None and is_own and self.file.ends and ends == EndEffects():
+            ends = self.file.ends
+        return ends.mount(model)
+
     def build(self, *, pressure: float) -> MuscleModel:
         """Return the one model of the muscle, for the direction asked for.
 
         It is mounted if the muscle file has effects of the ends. What the file has and the model
         does not use is named on stderr.
         """
+        from ..muscle.ends import EndEffects
+
         muscle = self.muscle
         model = self.make(with_file=True)(muscle)
         check_direction(model, self.direction, self.fields, pressure=pressure)
@@ -263,7 +275,7 @@ class Request:
         if spare:
             words = ", ".join(spare)
             click.echo(f"note: the model {model.name} does not use: {words}", err=True)
-        return model if self.file.ends is None else self.file.ends.mount(model)
+        return self.mount(model, EndEffects())
 
 
 def _describe_unused(option: str, names: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_points
+from ..checks import check_array, check_points
 from ..errors import DeformationError, InputError
 
 Floats = NDArray[np.float64]
@@ -109,11 +109,16 @@ def displace(points: Floats, displacement: Displacement) -> Floats:
 
 
 def measure_displacement(displacement: Displacement, points: Floats) -> Floats:
-    """Return a displacement at points, or raise where it is none."""
-    moves = check_points("what displacement returns", displacement(points))
+    """Return a displacement at places (n, 3) at rest, or raise where it is none [mm]."""
+    moves = check_array("what displacement returns", displacement(points))
     if moves.shape != points.shape:
         raise InputError(
             f"displacement returns {moves.shape} for points {points.shape}: they must agree"
+        )
+    bad = np.flatnonzero(~np.isfinite(moves).all(axis=1))
+    if len(bad):
+        raise DeformationError(
+            f"the displacement of the tissue at {name_place(points[bad[0]])} mm is not finite"
         )
     return moves
 

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points
 from ..errors import DeformationError, InputError
 from ..numeric.polylines import resample_polyline
-from .base import SampledField
+from .base import NODES_MAX, SampledField
 from .checks import set_fields
 from .deformation import Displacement, displace, measure_displacement, name_place, trace
 
@@ -188,13 +188,19 @@ class MovingField:
         """
         from .kernels.moving import CAP, measure_nodes
 
-        way = check_points("path", path)
+        way, field = check_points("path", path), self.field
         if way.ndim != 2 or len(way) < 2:
             raise InputError(f"path has shape {way.shape}: it must be (n, 3) with at least 2 rows")
+        span = np.ptp(field.to_grid(way), axis=0) + 2.0 * REACH_MM
+        if np.prod(span / field.spacing + 2.0 * REACH_CELLS) > NODES_MAX:
+            raise InputError(
+                f"path spans {span.max():.3g} mm: the band would have more than {NODES_MAX:.0e} "
+                f"nodes of {field.spacing.max():g} mm"
+            )
         radius = check_number("radius", radius, low=0.0, high=1e3, unit="mm")
         gradient = self._check(displacement, vertices, gradient_bound, second_bound)
         bend = check_number("second bound", second_bound or 0.0, low=0.0, high=1e3, unit="1/mm")
-        wall, field = self._wall, self.field
+        wall = self._wall
         if wall is not None:
             wall.move(displacement, vertices, gradient)
         band = _Band(field, way, bend)
@@ -318,10 +324,8 @@ class MovingField:
         along = moves[1:4] - 2.0 * moves[0] + moves[4:]
         some = np.argsort(np.linalg.norm(along, axis=2).max(axis=0))[-LOOKED_PLACES:]
         probes = PROBE_MM * np.stack([turn.T[i] + turn.T[j] for i, j in pairs])
-        mixed = (
-            measure_displacement(displacement, (rest[some] + probes[:, None]).reshape(-1, 3)) @ turn
-        )
-        mixed = mixed.reshape(3, len(some), 3)
+        probes = (rest[some] + probes[:, None]).reshape(-1, 3)
+        mixed = (measure_displacement(displacement, probes) @ turn).reshape(3, len(some), 3)
         second = np.empty((len(some), 3, 3, 3))
         for k in range(3):
             second[:, :, k, k] = along[k, some]
@@ -357,9 +361,8 @@ class MovingField:
         turn = self.field.rotation
         step = PROBE_MM * way @ turn.T
         ends = np.stack([places + step, places - step]).reshape(-1, 3)
-        return np.asarray(
-            (measure_displacement(displacement, ends) @ turn).reshape(2, len(places), 3)
-        )
+        moves = measure_displacement(displacement, ends) @ turn
+        return np.asarray(moves.reshape(2, len(places), 3))
 
 
 class _Band:
@@ -414,8 +417,9 @@ class _MovingWall:
         if off.max() > field.error + EXCESS_MM:
             worst = surface.vertices[int(np.argmax(off))]
             raise InputError(
-                f"field and surface do not belong together: at the vertex "
-                f"{name_place(worst)} mm the field has {off.max():.3g} mm to the wall, it must be within {field.error:.3g} mm"
+                "field and surface do not belong together: at the vertex "
+                f"{name_place(worst)} mm the field has {off.max():.3g} mm to the wall, it must be "
+                f"within {field.error:.3g} mm"
             )
 
     def move(

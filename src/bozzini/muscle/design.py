@@ -318,7 +318,7 @@ class _Given:
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    def __get__(self, muscle: Muscle | None, owner: type) -> Any:
+    def __get__(self, muscle: Muscle | None, owner: type) -> object:
         if muscle is None:
             return self
         value = vars(muscle)[self.name]

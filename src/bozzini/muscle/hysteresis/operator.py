@@ -319,12 +319,16 @@ class LoopOptions:
     terms : (..., n, k) array_like, optional
         Other causes of the response, such as a drift: each is fitted besides with a factor of any
         sign, and is no part of the operator.
+    start : Operator, optional
+        One of the same class for a search to begin at: `BoucWen` has one. Without, it begins at
+        several places.
     """
 
     skip: int = 0
     carried: bool = False
     weights: ArrayLike | None = None
     terms: ArrayLike | None = None
+    start: Operator | None = None
 
 
 @dataclass(frozen=True, eq=False)

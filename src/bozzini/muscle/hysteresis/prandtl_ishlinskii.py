@@ -530,7 +530,8 @@ def _enveloped_edges(
 
 
 _STEEPEST = 20.0  # ratio of slopes that a fit tries
-_BEYOND = 1.5  # times the inputs of a fit: there it is defined as well
+BEYOND = 1.5
+"""What is fitted for a muscle to carry is defined up to so many times the inputs of the fit."""
 
 
 @dataclass(frozen=True)
@@ -622,7 +623,7 @@ class UnparallelPrandtlIshlinskii(PlaySum):
             return trace_plays(inputs, *_sloped_edges(thresholds, up, down))
 
         # It is defined beyond what was seen, too: a muscle that carries it may go there.
-        low, high = _legal_ratios(first, *(_BEYOND * end for end in (inputs.min(), inputs.max())))
+        low, high = _legal_ratios(first, *(BEYOND * end for end in (inputs.min(), inputs.max())))
         if high - low < 1e-6:
             ratio, found = 1.0, loops.fit(trace(1.0), names=names)
         else:
