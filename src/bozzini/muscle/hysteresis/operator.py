@@ -452,7 +452,7 @@ FittedOperator = TypeVar("FittedOperator", bound=Operator)
 
 EVALUATIONS = 100
 """Largest number of evaluations of one search."""
-_TRIAL = 12  # evaluations of each of its starts, of which the best goes on
+_TRIAL = 8  # evaluations of each of its starts, of which the best goes on
 
 _FLAT = 1e-8  # what plays add at most, in spans of the response, below which it is of rounding
 
@@ -593,7 +593,7 @@ class Loops:
         def go_on(start: ArrayLike, most: int) -> OptimizeResult:
             begin = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
             return least_squares(
-                miss, begin, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-14,
+                miss, begin, bounds=(low, high), xtol=1e-10, ftol=1e-8, gtol=1e-14,
                 x_scale="jac", max_nfev=most,
             )  # fmt: skip
 
