@@ -242,7 +242,8 @@ def test_vertices_alone_give_the_exact_distance_at_all_nodes(tube):
         ({"radius": np.nan}, "radius is nan"),
         ({"path": np.zeros((1, 3))}, "path has shape"),
         ({"displacement": lambda points: points[1:]}, "they must agree"),
-        ({"displacement": lambda points: np.nan * points}, "displacement"),
+        ({"displacement": lambda points: np.nan * points}, "displacement of the tissue.*finite"),
+        ({"path": [[0.0, 0.0, 0.0], [1e6, 1e6, 1e6]]}, r"path spans 1e\+06 mm"),
     ],
 )
 def test_a_wrong_argument_is_one_line(tube, changed, message):

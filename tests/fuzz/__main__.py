@@ -76,6 +76,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "muscle solve": (4, "--pressure 300kPa --load 1N"),
     "muscle curve": (3, "--points 5"),
     "muscle models": (1, "chou"),
+    "muscle presets": (1, ""),
     "muscle fit": (5, "<table --free modulus"),
     "muscle compare": (5, "<table --model energy --model thesis"),
     "muscle hysteresis fit": (4, "<loop --samples 100 --out >.yaml"),

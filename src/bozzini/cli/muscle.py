@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..checks import check_integer, check_number, describe_fields
+from ..checks import check_integer, check_number, describe_fields, list_quantities
 from ..errors import BozziniError, InputError
 from ..results import Json
+from ..units import INTERNAL_UNITS
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -51,14 +53,23 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from ..muscle.fit import Calibration, FitOptions
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
-    from ..muscle.ranking import Criterion, RankOptions
+    from ..muscle.problem import Response
+    from ..muscle.ranking import Criterion, LeaveOut, RankOptions
 
 VERDICT = ("converged", "reason", "residual")
 """Keys that results have and an answer with models in it has not."""
 
 _WARNED = 3  # so many models, the first, have the warnings of their fits shown
+
+
+def format_quantity(kind: str, name: str, value: float) -> str:
+    """Return a field of a muscle as text, an angle in degrees."""
+    unit = INTERNAL_UNITS[kind]
+    shown = f"{math.degrees(value):.4g} deg" if kind == "angle" else f"{value:.5g} {unit}".rstrip()
+    return f"{name.replace('_', ' ')} {shown}"
 
 
 def drop(values: Json, *names: str) -> Json:
@@ -95,8 +106,8 @@ def models_command(name: str | None, as_json: bool) -> None:
         listed = ", ".join(f"{count} {status}" for status, count in counts.items())
         lines = [
             *_format_cards(cards),
-            f"{len(cards)} models of the survey: {listed}; and {' and '.join(own)}, this package's "
-            "own",
+            f"{len(cards)} models of the literature: {listed}; and {' and '.join(own)}, this "
+            "package's own",
             *(f"{key}: of the package {place}" for key, place in plugins.items()),
             *(f"broken: {reason}" for reason in broken.values()),
         ]
@@ -131,6 +142,29 @@ def _format_cards(cards: list[Card]) -> list[str]:
     return [
         form.format(a, wide[0], b, wide[1], c, wide[2], title).rstrip() for a, b, c, title in rows
     ]
+
+
+@command.command("presets")
+@json_option
+def presets_command(as_json: bool) -> None:
+    """List the muscles that --preset takes: what is known of each, and from where."""
+    from ..muscle import PRESETS
+    from ..muscle.design import Muscle
+
+    lines, result = [], {}
+    for name, item in PRESETS.items():
+        muscle = item.muscle
+        result[name] = {**describe_fields(muscle), "unset": muscle.unset, "source": item.source}
+        neutral = Muscle(length=muscle.length, outer_radius=muscle.outer_radius).given
+        known = [
+            format_quantity(FIELDS[field].kind, field, value)
+            for field, value in muscle.given.items()
+            if field in ("length", "outer_radius") or value != neutral.get(field)
+        ]
+        unset = ", ".join(muscle.unset).replace("_", " ")
+        lines += [f"{name}: {', '.join(known)}" + (f"; unset: {unset}" if unset else "")]
+        lines += [f"    {item.source}"]
+    emit({"presets": result}, as_json=as_json, text="\n".join(lines))
 
 
 @command.command("solve")
@@ -293,13 +327,79 @@ def _draw_curve(model: MuscleModel, kind: str, pressure: float, **line: Any) -> 
     return draw({model.name: model}, pressure=pressure, **line)
 
 
+@dataclass(frozen=True)
+class SetupRequest:
+    """What is fitted to what, beside the parameters, as the options ask for it."""
+
+    response: Response | None
+    each: str | None
+    offset: float | None
+    compliance: float | None
+    slack_force: float | None
+    anchored: bool
+
+    @property
+    def each_names(self) -> tuple[str, ...]:
+        """The parameters that every specimen has its own value of."""
+        return () if self.each is None else _name_fields(self.each)
+
+    def make(self, **more: Any) -> FitOptions:
+        """Return the options of a fit."""
+        from ..muscle import EndEffects, FitOptions
+
+        if self.anchored and self.offset is not None:
+            raise InputError("--offset has no effect with --offset-from-length: give one of them")
+        given = {name: getattr(self, name) for name in ("offset", "compliance", "slack_force")}
+        ends = EndEffects(**{name: value for name, value in given.items() if value is not None})
+        return FitOptions(
+            response=self.response, ends=ends, anchored=self.anchored, each=self.each_names, **more
+        )
+
+    def join(self, free: str | None) -> tuple[str, ...] | None:
+        """Return all that is free: what is shared, and what each specimen has of its own."""
+        if free is None:
+            if self.each is not None:
+                raise InputError("--each needs --shared: name what all specimens share as well")
+            return None
+        return (*_name_fields(free), *self.each_names)
+
+    def describe(self) -> Json:
+        """Return what was asked for, as plain values."""
+        return {"each": self.each_names, "offset_from_length": self.anchored}
+
+
+setup_options = gather(
+    "setup",
+    SetupRequest,
+    option(
+        "--response",
+        "What the model is compared in: the force at pressure and length, the contraction at "
+        "pressure and load, or the pressure at force and length (default: that of the data).",
+        ("force", "contraction", "pressure"),
+    ),
+    option("--each", "Free parameters that every specimen has its own value of, by commas."),
+    option("--offset", "Measured contraction less the muscle's own at zero force.", "length"),
+    option("--compliance", "By how much fittings and rig give, e.g. 0.01mm/N.", "compliance"),
+    option("--slack-force", "Force that a slack muscle reads, the least one.", "force"),
+    option(
+        "--offset-from-length anchored",
+        "Take each specimen's offset from its column of lengths without load, such as "
+        "'length at 620 kPa [mm]'.",
+        is_flag=True,
+    ),
+)
+
+
 @command.command("fit")
 @data_options
-@option(
+@click.option(
     "--free",
-    "Fields of the muscle and constants of the model to fit, separated by commas; the options "
-    "below are where fields start (default: modulus,dead-length in energy, modulus,end-length in "
-    "thesis, in others what is unknown of them).",
+    "--shared",
+    "free",
+    help="Fields of the muscle, constants of the model and end effects (offset, compliance, "
+    "slack-force) to fit, separated by commas, shared by all specimens; the options below are where "
+    "they start (default: modulus,dead-length in energy, modulus,end-length in thesis, in others "
+    "what is unknown of them).",
 )
 @option(
     "--bound bound_texts FIELD=LOW:HIGH",
@@ -307,42 +407,52 @@ def _draw_curve(model: MuscleModel, kind: str, pressure: float, **line: Any) -> 
     multiple=True,
 )
 @option("--anyway", "Fit also what the data cannot distinguish.", is_flag=True)
+@option(
+    "--resamples",
+    "Fits to rows drawn anew, for the errors of the parameters; 0 for linearised ones.",
+    int,
+    default=0,
+)
+@setup_options
 @one_model_options
-@answer_options(*PICTURES, quiet=False)
+@answer_options(
+    ".yaml", *PICTURES, quiet=False, help="The fit as a file for 'predict' (.yaml), or a picture."
+)
 def fit_command(
     table: DataRequest,
     free: str | None,
     bound_texts: tuple[str, ...],
     anyway: bool,
+    resamples: int,
+    setup: SetupRequest,
     asked: Request,
     answer: Answer,
 ) -> None:
-    """Fit fields of a muscle, and constants of a model, to measurements.
+    """Fit fields of a muscle, constants of a model and end effects to measurements.
 
-    DATA is a .csv or .parquet file, see 'bozzini muscle compare --help'.
+    DATA is a .csv or .parquet file, see 'bozzini muscle compare --help'. Its columns may give
+    geometry and errors of the specimens.
 
-    Exit code 0: fitted; 1: fitted, but with warnings,
+    Exit code 0: fitted; 1: fitted, but with warnings, a poor fit among them,
     or no minimum was found; 2: bad input.
     """
-    from ..muscle import FitOptions, calibrate, compare_models
+    from ..muscle import calibrate
 
     make, name = asked.make(), asked.model_name
     own = {item.name: item for item in list_kinds()[name].list_parameters()}
     bounds = _parse_bounds(bound_texts, own)
-    data = table.read(asked.muscle)
-    names = None if free is None else tuple(_name_field(part) for part in free.split(","))
+    names = setup.join(free)
+    options = setup.make(bounds=bounds, force=anyway, resamples=resamples)
+    data = table.read(asked)
     check_friction(asked.fields, data, free=names or ())
-    options = FitOptions(bounds=bounds, force=anyway)
     found = calibrate(make, asked.muscle, data=data, free=names, options=options)
+    if answer.out is not None and answer.out.suffix.lower() == ".yaml":
+        from ..muscle import write_muscle
 
-    def draw() -> Figure:
-        from ..plot.muscle import draw_models
-
-        models = {name: found.fitted}
-        return draw_models(compare_models(models, data, fitted={name: len(found.free)}), models)
-
-    answer.write({}, draw)
-    choices = describe_model(found.fitted)
+        write_muscle(answer.out, found.to_file())
+    else:
+        answer.draw(lambda: _draw_fit(found))
+    choices = describe_model(getattr(found.fitted, "model", found.fitted))
     result = {
         "model": name,
         "preset": asked.preset,
@@ -352,6 +462,7 @@ def fit_command(
         "mean": table.take_mean,
         "anyway": anyway,
         "bounds": bounds,
+        **setup.describe(),
         "rows": len(data),
         "ignored_columns": data.ignored,
         "notes": data.notes,
@@ -363,8 +474,24 @@ def fit_command(
         run_exit(EXIT_NEGATIVE)
 
 
+def _draw_fit(found: Calibration) -> Figure | Axes:
+    """Draw a fit: curves of contraction, or what was fitted over what was measured."""
+    if found.response != "contraction" or len(found.models) > 1:
+        return found.plot()
+    from ..muscle import compare_models
+    from ..plot.muscle import draw_models
+
+    models, count = {found.model: found.fitted}, {found.model: len(found.free)}
+    data = found.task.data
+    return draw_models(compare_models(models, data, fitted=count, response="contraction"), models)
+
+
 def _name_field(text: str) -> str:
     return text.strip().replace("-", "_")
+
+
+def _name_fields(texts: str) -> tuple[str, ...]:
+    return tuple(_name_field(part) for part in texts.split(","))
 
 
 def _parse_bounds(
@@ -372,11 +499,14 @@ def _parse_bounds(
 ) -> dict[str, tuple[float, float]]:
     from ..units import parse_quantity
 
+    from ..muscle import EndEffects
+
+    kinds = {**FIELDS, **list_quantities(EndEffects)}
     bounds: dict[str, tuple[float, float]] = {}
     for text in texts:
         name, _, pair = text.partition("=")
         field, ends = _name_field(name), pair.split(":")
-        if (field not in FIELDS and field not in own) or len(ends) != 2:
+        if (field not in kinds and field not in own) or len(ends) != 2:
             raise InputError(
                 f"--bound is '{text}': it must be FIELD=LOW:HIGH, such as modulus=0.1MPa:2MPa"
             )
@@ -385,7 +515,7 @@ def _parse_bounds(
         low, high = (
             parse_constant(own[field], end)
             if field in own
-            else parse_quantity(end, FIELDS[field].kind)
+            else parse_quantity(end, kinds[field].kind)
             for end in ends
         )
         bounds[field] = low, high
@@ -397,23 +527,48 @@ class RankRequest:
     """Whether models are fitted and ranked, and how, as the options ask for it."""
 
     fit: bool
+    free: str | None
     criterion: Criterion | None
+    leave_out: LeaveOut | None
     folds: int | None
     seed: int | None
+    jobs: int | None
+    budget: float | None
 
-    def choose(self, *, fit: bool) -> RankOptions | None:
+    def choose(self, setup: SetupRequest, *, fit: bool, models: int) -> RankOptions | None:
         """Return the options of a ranking; None without a fit, where none may be given."""
         from ..muscle import RankOptions
 
         if fit:
+            jobs = (os.cpu_count() or 1) if self.jobs is None and models > _FEW_MODELS else 1
+            names = setup.join(self.free)
             return RankOptions(
-                criterion=self.criterion or "aicc", folds=self.folds, seed=self.seed or 0
+                fields=names,
+                criterion=self.criterion or "aicc",
+                leave_out=self.leave_out or "rows",
+                folds=self.folds,
+                jobs=min(self.jobs or jobs, 64),
+                fit=setup.make(
+                    seed=self.seed or 0, budget=60.0 if self.budget is None else self.budget
+                ),
             )
-        given = (("--by", self.criterion), ("--folds", self.folds), ("--seed", self.seed))
+        given = (
+            ("--free", self.free),
+            ("--by", self.criterion),
+            ("--leave-out", self.leave_out),
+            ("--folds", self.folds),
+            ("--seed", self.seed),
+            ("--jobs", self.jobs),
+            ("--budget", self.budget),
+            ("--each", setup.each),
+        )
         for flag, value in given:
             if value is not None:
                 raise InputError(f"{flag} has no effect without --fit: leave it out")
         return None
+
+
+_FEW_MODELS = 4  # so many are fitted in this process: another takes a second to start
 
 
 rank_options = gather(
@@ -425,13 +580,33 @@ rank_options = gather(
         "end length (thesis); constants and modulus of the others.",
         is_flag=True,
     ),
+    click.option(
+        "--free",
+        "--shared",
+        "free",
+        help="Of a fit, fields of the muscle to fit in each model that uses them, and end effects "
+        "to fit in all (offset, compliance, slack-force), by commas; beside each model's own "
+        "constants.",
+    ),
     option(
         "--by criterion",
         "Of a fit, rank by an information criterion or by the rows left out (default: aicc).",
         ("aicc", "bic", "cv"),
     ),
+    option(
+        "--leave-out",
+        "Of a fit, what is left out of it at a time, for validation: rows dealt at random, a "
+        "specimen, or a level of pressure (default: rows).",
+        ("rows", "specimen", "pressure"),
+    ),
     option("--folds", "Of a fit, parts for cross-validation; 0 for none (default: 5).", int),
     option("--seed", "Of a fit, for folds and starts (default: 0).", int),
+    option("--jobs", "Of a fit, models fitted at the same time (default: one per core).", int),
+    option(
+        "--budget",
+        "Of a fit, processor time of a model, after which it is stopped (default: 60s).",
+        "time",
+    ),
 )
 
 
@@ -444,36 +619,40 @@ rank_options = gather(
     multiple=True,
 )
 @rank_options
+@setup_options
 @request_options
 @answer_options(*PICTURES, quiet=False)
 def compare_command(
     table: DataRequest,
     model_names: tuple[str, ...],
     ranked: RankRequest,
+    setup: SetupRequest,
     asked: Request,
     answer: Answer,
 ) -> None:
     """Compare models with measurements; without --model, fit and rank all that can be fitted.
 
     DATA is a .csv or .parquet file with the columns pressure, contraction or length and, if there,
-    load, direction and specimen; their units stand in the header, as in 'pressure [kPa]'. The
-    standard error is also given as a percentage of the largest contraction.
+    load, direction and specimen; their units stand in the header, as in 'pressure [kPa]'. More
+    columns give geometry and errors. The standard error is also given as a percentage of the
+    largest measured response. A row that a model has no answer for counts as the largest response.
 
     Models that are fitted are ranked: by AICc, which charges a model for its constants, unless --by
     asks otherwise. 'left out' is the error at rows left out of the fit.
 
-    Exit code 0: compared; 1: no model has an answer; 2: bad input. A picture is written only if a
+    Exit code 0: compared; 1: no model has an answer, or the best one is poor: off by more than 5 %
+    of the span of the measured response after the fit; 2: bad input. A picture is written only if a
     model has an answer.
     """
     from ..muscle import compare_models, rank
 
-    options = ranked.choose(fit=ranked.fit or not model_names)
     broken = {} if model_names else list_kinds().broken
     names = list(dict.fromkeys(model_names or (n for n in list_kinds() if n not in broken)))
+    options = ranked.choose(setup, fit=ranked.fit or not model_names, models=len(names))
     choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
     refuse_unused_fields(names, asked.fields)
     constants = parse_settings(names, asked.settings)
-    data = table.read(asked.muscle)
+    data = table.read(asked)
     check_friction(asked.fields, data, free=())
     makes = {name: make_class(name, **choices[name], constants=constants[name]) for name in names}
     result: dict[str, object] = {
@@ -487,13 +666,15 @@ def compare_command(
         "largest_contraction_mm": data.largest_contraction,
     }
     if options is None:
-        models, refusals = {}, broken
+        models, refusals, ends = {}, broken, setup.make().ends
         for name, make in makes.items():
             try:
-                models[name] = make(asked.muscle)
+                own = asked.list_file_constants(name)
+                model = make(asked.muscle, **{**own, **constants[name]})
+                models[name] = asked.mount(model, ends)
             except BozziniError as error:
                 refusals[name] = str(error)
-        found = compare_models(models, data, refusals=refusals)
+        found = compare_models(models, data, refusals=refusals, response=setup.response)
 
         def draw() -> Figure:
             from ..plot.muscle import draw_models
@@ -501,7 +682,8 @@ def compare_command(
             return draw_models(found, models)
 
         answered, lines = found.converged, [found.format_table()]
-        result |= drop(found.to_dict(), *VERDICT)
+        poor = False
+        result |= {"response": found.response} | drop(found.to_dict(), *VERDICT)
     else:
         with progress_bar() as progress:
             ranking = rank(
@@ -520,6 +702,7 @@ def compare_command(
 
         result |= drop(ranking.to_dict(), *VERDICT)
         answered, lines = ranking.converged, [ranking.format_table()]
+        poor = ranking.is_poor
         for entry in ranking.models[:_WARNED]:
             fit = entry.calibration
             if fit is not None:
@@ -530,5 +713,5 @@ def compare_command(
         answer.write({}, draw)
     result |= {"file": answer.out if answered else None, "muscle": describe_fields(asked.muscle)}
     answer.give(result, note_data(data) + "\n".join(lines))
-    if not answered:
+    if poor or not answered:
         run_exit(EXIT_NEGATIVE)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
+    from .ends import EndEffects, MountedMuscle, find_offset
+    from .files import FitSummary, MuscleFile, read_muscle, write_muscle
     from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
     from .model import CompiledMuscle, ConvergenceError, MuscleModel, MuscleState
@@ -38,12 +40,16 @@ __all__ = [
     "Comparison",
     "CompiledMuscle",
     "ConvergenceError",
+    "EndEffects",
     "EnergyMuscle",
     "FitOptions",
+    "FitSummary",
     "Hysteresis",
     "Measurements",
     "ModelScore",
+    "MountedMuscle",
     "Muscle",
+    "MuscleFile",
     "MuscleModel",
     "MuscleState",
     "RankedModel",
@@ -54,16 +60,21 @@ __all__ = [
     "Tube",
     "calibrate",
     "compare_models",
+    "find_offset",
     "preset",
     "rank",
     "read_measurements",
+    "read_muscle",
     "take_measurements",
     "write_measurements",
+    "write_muscle",
 ]
 
 _MODULES = {
     ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
+    ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
+    ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),

@@ -274,7 +274,9 @@ def design_routing(
     """
     limits = limits or RoutingLimits()
     check_word("routing", routing, get_args(RoutingKind))
-    check_integer("tendons", tendons, low=1, high=MOST_STRAIGHT if routing == "straight" else MOST_CURVED)
+    check_integer(
+        "tendons", tendons, low=1, high=MOST_STRAIGHT if routing == "straight" else MOST_CURVED
+    )
     section = _take_section(robot, limits)
     points = take_curve(curve)
     target = fit_bend(points)
