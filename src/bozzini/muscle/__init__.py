@@ -77,7 +77,6 @@ _MODULES = {
     ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
     ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
-    ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
     ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".hysteresis": ("Hysteresis",),
