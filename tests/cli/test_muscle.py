@@ -429,3 +429,26 @@ def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, arguments, 
     assert err.count("\n") == 1
     assert said in err
     assert {path.name for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            ("--pressure", "20000psi"),
+            "pressure is 137.895 MPa: it must lie in [0, 100] MPa (20000psi was given, "
+            "[0, 14503.8] psi is legal)",
+        ),
+        (("--pressure", "3psi", "--of", "force"), "(3psi was given)"),
+        (
+            ("--braid-angle", "1deg"),
+            "is 0.0174533 rad: it must lie in [0.0872665, {high}] rad (1deg was given, [5, ",
+        ),
+        (("--pressure", "200MPa"), "pressure is 200 MPa: it must lie in [0, 100] MPa\n"),
+    ],
+)
+def test_an_error_has_the_value_as_it_was_typed(run, given, message):
+    high = f"{preset('effector-45').legal_range('braid_angle')[1]:g}"
+    code, _, told = run("curve", *given)
+    assert code == 2
+    assert message.replace("{high}", high) in told

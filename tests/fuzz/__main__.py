@@ -80,6 +80,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "effector pose": (3, "--pressure R=300kPa,G=200kPa"),
     "effector curve": (2, "--points 5"),
     "effector reach": (3, "--to 5mm,-3mm"),
+    "effector stick": (3, "--axes 700,400"),
     "effector workspace": (2, ""),
     "effector trace line": (2, "--from -2mm,0mm --to 5mm,3mm --points 5"),
     "effector trace circle": (2, "--radius 4mm --points 6"),

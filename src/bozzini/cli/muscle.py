@@ -205,6 +205,7 @@ def curve_command(
     held = 0.0 if load is None else load
     line: Json = {"direction": asked.direction}
     if kind != "force":
+        model.solve(pressure, held, direction=asked.direction)  # the error names the value given
         line |= {"load": held, "lowest": _find_lowest(model, pressure, held, asked.direction)}
     columns = _compute_curve(model, kind, pressure, rows, line)
     answer.write(columns, lambda: _draw_curve(model, kind, pressure, **line))
