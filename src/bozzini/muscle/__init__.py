@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .compose import AntagonisticJoint, Bundle
     from .data import (
         Measurements,
         RepeatStatistics,
@@ -32,17 +33,21 @@ if TYPE_CHECKING:
         compare_models,
         rank,
     )
+    from .terms import Creep, ScaledMuscle, TermFit, Thermal, fit_creep, fit_thermal
 
 __all__ = [
     "LOCKING_ANGLE",
     "MODELS",
     "PRESETS",
+    "AntagonisticJoint",
     "Braid",
+    "Bundle",
     "Calibration",
     "CatalogueModel",
     "Comparison",
     "CompiledMuscle",
     "ConvergenceError",
+    "Creep",
     "EnergyMuscle",
     "FitOptions",
     "Hysteresis",
@@ -55,10 +60,15 @@ __all__ = [
     "RankOptions",
     "Ranking",
     "RepeatStatistics",
+    "ScaledMuscle",
+    "TermFit",
+    "Thermal",
     "ThesisMuscle",
     "Tube",
     "calibrate",
     "compare_models",
+    "fit_creep",
+    "fit_thermal",
     "preset",
     "rank",
     "read_measurements",
@@ -67,6 +77,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    ".compose": ("AntagonisticJoint", "Bundle"),
     ".data": ("Measurements", "RepeatStatistics", "read_measurements", "take_measurements",
               "write_measurements"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
@@ -78,6 +89,7 @@ _MODULES = {
     ".models.thesis": ("ThesisMuscle",),
     ".ranking": ("Comparison", "ModelScore", "RankOptions", "RankedModel", "Ranking",
                  "compare_models", "rank"),
+    ".terms": ("Creep", "ScaledMuscle", "TermFit", "Thermal", "fit_creep", "fit_thermal"),
 }  # fmt: skip
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 

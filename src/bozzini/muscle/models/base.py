@@ -18,7 +18,7 @@ from ...checks import broadcast, check_array, check_range, name_at, refuse_first
 from ...errors import BozziniError, InputError
 from ...numeric import roots as numeric_roots
 from ...results import Json
-from ..design import PRESSURE_LIMIT, Braid, Muscle, check_muscle
+from ..design import LOCKING_ANGLE, PRESSURE_LIMIT, Braid, Muscle, check_muscle
 from ..hysteresis import Hysteresis
 from ..model import (
     LOAD_LIMIT,
@@ -187,6 +187,16 @@ class ExplicitModel(MuscleModel):
         return 0.0, PRESSURE_LIMIT
 
     @property
+    def load_limits(self) -> tuple[float, float]:
+        """Legal loads [N]: a muscle that gets longer under pressure can push, others cannot."""
+        return (-LOAD_LIMIT if self._lengthens else 0.0), LOAD_LIMIT
+
+    @property
+    def _lengthens(self) -> bool:
+        """Whether the braid is above its locking angle at rest."""
+        return self.braid.angle > LOCKING_ANGLE
+
+    @property
     def contraction_limits(self) -> tuple[float, float]:
         """Legal contractions [mm], the widest of all pressures: strands straight, strands hoops.
 
@@ -274,7 +284,7 @@ class ExplicitModel(MuscleModel):
         """Pressures, loads and signs of friction, and the lengths, all of one shape."""
         pressures, loads = check_array("pressure", pressure), check_array("load", load)
         check_range("pressure", pressures, *self.pressure_limits, "MPa")
-        check_range("load", loads, 0.0, LOAD_LIMIT, "N")
+        check_range("load", loads, *self.load_limits, "N")
         pressures, loads, signs = broadcast(
             ("pressure", pressures), ("load", loads), ("direction", parse_direction(direction))
         )
@@ -390,7 +400,7 @@ class ExplicitModel(MuscleModel):
             self._total(pressure, np.linspace(start, end, STEPS + 1), sign)
             for end in (low[0], high[0])
         )
-        least, most = max(0.0, float(down.min())), float(up.max())
+        least, most = max(self.load_limits[0], float(down.min())), float(up.max())
         legal = f"[{least:.6g}, {most:.6g}] N"
         if most < least:
             legal = f"what it pulls, and at most that is {most:.6g} N"
@@ -461,7 +471,7 @@ class CatalogueModel(ExplicitModel):
         hysteresis: Hysteresis | None = None,
         **given: object,
     ) -> None:
-        check_muscle(muscle)
+        check_muscle(muscle, extensile=self.extensile)
         check_hysteresis(hysteresis)
         if as_printed and self.card.unprintable:
             raise InputError(
@@ -532,7 +542,9 @@ class CatalogueModel(ExplicitModel):
     def _sign_friction(self, sign: Floats) -> Floats:
         if self.parameters.get("friction", 1.0) == 0.0:
             return np.zeros(())
-        return np.full(sign.shape, -1.0) if self.as_printed and self.prints_one_way else sign
+        if self.as_printed and self.prints_one_way:
+            return np.full(sign.shape, -1.0)
+        return -sign if self._lengthens else sign  # inflation moves it the other way
 
     def _check(self) -> None:
         """Raise `InputError` if muscle and keywords do not go together."""

@@ -49,6 +49,7 @@ class Schulte(ConstantThickness):
     no contact and no friction. ``as_printed=True`` takes friction off at any direction.
     """
 
+    extensile = True
     card = Card(
         name="schulte",
         title="Thin linear elastic bladder, friction on the braid",
@@ -117,6 +118,7 @@ class Ferraresi(ConstantThickness):
     With the area ``2 pi r t0`` instead it is the corrected `Schulte`.
     """
 
+    extensile = True
     card = Card(
         name="ferraresi",
         title="Thin linear elastic bladder",
@@ -158,6 +160,7 @@ class KotheraBalance(ForceBalanceModel):
     high pressure the pull can grow at first as the muscle contracts.
     """
 
+    extensile = True
     card = Card(
         name="kothera-balance",
         title="Thick linear elastic bladder, balance of forces",
@@ -313,6 +316,7 @@ class Delson(MooneyRivlin):
     so near rest, and where the strands are steep.
     """
 
+    extensile = True
     card = Card(
         name="delson",
         title="Mooney-Rivlin energy",

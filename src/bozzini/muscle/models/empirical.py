@@ -87,6 +87,7 @@ class Doric(Chou):
     resists contraction; a width that grows as the muscle contracts would help it.
     """
 
+    extensile = False
     card = Card(
         name="doric",
         title="Chou's pull, fitted forces of elasticity and shape",

@@ -128,7 +128,7 @@ class EnergyMuscle(MuscleModel):
     )
 
     def __post_init__(self) -> None:
-        check_muscle(self.muscle)
+        check_muscle(self.muscle, extensile=self.extensile)
         check_hysteresis(self.hysteresis)
         check_word("ends", self.ends, ENDS)
         if self._tapered and self.muscle.active_length < 6.0 * self.taper_length:

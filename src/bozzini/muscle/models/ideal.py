@@ -232,6 +232,7 @@ class GaylordAngle(CatalogueModel):
     braid, ``V = pi r**2 l``. It is zero at the locking angle, and the same as `GaylordStrain`.
     """
 
+    extensile = True
     card = Card(
         name="gaylord-1",
         title="Ideal braid, by the braid's angle",
@@ -255,6 +256,7 @@ class GaylordStrain(CatalogueModel):
     ``q2 = 1 / sin(theta0)**2``: the same function as `GaylordAngle`, in other symbols.
     """
 
+    extensile = True
     card = Card(
         name="gaylord-2",
         title="Ideal braid, by the strain",
@@ -283,6 +285,7 @@ class Chou(WalledModel):
 
     keeps_thickness = True
 
+    extensile = True
     card = Card(
         name="chou",
         title="Ideal braid round a wall of constant thickness",
