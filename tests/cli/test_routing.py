@@ -64,7 +64,7 @@ def test_a_limit_that_is_not_kept_is_a_negative_answer(run, curve) -> None:  # t
     [
         ((), "either a curve or a plan, or --tract"),
         (("curve.csv", "--tract", "x.stl"), "either a curve or a plan, or --tract"),
-        (("curve.csv", "--tendons", 3), "tendons is 3: it must lie in [1, 2]"),
+        (("curve.csv", "--tendons", 5), "tendons is 5: it must lie in [1, 4]"),
         (("curve.csv", "--core-radius", "3mm"), "core radius is 3 mm: it must lie in [0, 2] mm"),
         (("curve.csv", "--lumen", "x.stl"), "--lumen goes with a plan"),
         (("none.csv",), "cannot read none.csv"),

@@ -8,7 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bozzini.anatomy import Breathing, Peristalsis, RecordedMotion, TissueFrame, read_tract
+from bozzini.anatomy import (
+    Breathing,
+    Peristalsis,
+    RecordedMotion,
+    TissueFrame,
+    TissueMotion,
+    read_tract,
+)
 from bozzini.duct import Centreline, MovingField, build_field, carry_tissue, find_centreline
 from bozzini.errors import InputError
 from bozzini.motion import (
@@ -109,19 +116,129 @@ def test_the_body_moves_with_the_tissue_and_keeps_its_links(rest):
     assert np.abs(frames[-1].body - frames[0].body)[:5].max() < 0.5
 
 
-def test_while_the_body_is_carried_nothing_comes_nearer_than_certified(rest):
-    surface, _, _ = rest
-    frames = run(rest, BREATH, duration=1.0)
+def find_joints(before, frame, share):
+    """Where the joints are at a share of the time between two frames, by the loop's schedule."""
+    plan, last = before.plan, before.next_step
+    begin = 0.5 if last > 0 else 0.0
+    if share < begin:
+        place = last * share / begin
+        step = min(int(place), last - 1)
+        return plan.joints[step] + (place - step) * (plan.joints[step + 1] - plan.joints[step])
+    along = (share - begin) / (1.0 - begin)
+    return (1.0 - along) * plan.joints[last] + along * frame.body
+
+
+def measure_between(before, frame, surface, motion, shares, count=400):
+    """The smallest clearance of samples of the body to the triangles, at times between frames."""
+    random, least = np.random.default_rng(1), np.inf
+    for share in shares:
+        time = before.time + share * (frame.time - before.time)
+        wall = MeshWall(surface.vertices + motion.at(time)(surface.vertices), surface.faces)
+        chain = find_joints(before, frame, share)
+        points = sample_body(np.stack([chain, chain]), count, random)[0]
+        for plan in (before.plan, frame.plan):
+            points = points[outside_introducer(points, plan.introducer, SCOPE.radius)]
+            points = points[(points - plan.introducer.entry) @ plan.introducer.outward < 0.0]
+        assert len(points) > 50
+        least = min(least, wall.clearance(points).min() - SCOPE.radius)
+    return least
+
+
+class Refused(TissueMotion):
+    """A motion that states too little at some times."""
+
+    def __init__(self, motion, *times):
+        self.motion, self.times = motion, times
+        self.period, self.speed = motion.period, motion.speed
+
+    def at(self, time):
+        frame = self.motion.at(time)
+        if any(abs(time - each) < 1e-9 for each in self.times):
+            return replace(frame, gradient_bound=0.3 * frame.gradient_bound)
+        return frame
+
+
+@pytest.mark.parametrize(
+    ("name", "advance"),
+    [
+        ("breathing", 40.0),
+        ("recorded", 0.0),
+        pytest.param("breathing", 0.0, marks=pytest.mark.slow),
+        pytest.param("recorded", 40.0, marks=pytest.mark.slow),
+        pytest.param("peristalsis", 0.0, marks=pytest.mark.slow),
+        pytest.param("peristalsis", 40.0, marks=pytest.mark.slow),
+    ],
+)
+def test_between_frames_nothing_comes_nearer_than_certified(rest, name, advance):
+    surface, _, plan = rest
+    motion = make_motions(plan.path)[name]
+    begin = 0.4 * motion.period
+    loop = Refused(Later(motion, begin), 0.3, 0.4)
+    frames = run(rest, loop, duration=0.8, advance=advance, inserted=0.35)
+    assert [frame.number for frame in frames if frame.status == "refused"] == [3, 4]
+    known = [frame for frame in frames if frame.status != "refused"]
+    for before, frame in itertools.pairwise(known):
+        shares = np.linspace(0.02, 0.98, 9)
+        assert measure_between(before, frame, surface, loop, shares) >= frame.carried
+    assert (max(frame.next_step for frame in frames) > 2) == (advance > 0.0)
+
+
+class Later(TissueMotion):
+    """A motion that begins at a later time of its cycle."""
+
+    def __init__(self, motion, begin):
+        self.motion, self.begin = motion, begin
+        self.period, self.speed = motion.period, motion.speed
+
+    def at(self, time):
+        return self.motion.at(time + self.begin)
+
+
+def test_a_refused_frame_counts_as_if_there_was_none(rest):
+    # With every other frame refused the loop is one of half the rate.
+    missed = run(rest, Refused(BREATH, 0.25, 0.75), rate=4.0, duration=1.25, advance=0.0)
+    seldom = run(rest, BREATH, rate=2.0, duration=1.5, advance=0.0)
+    assert [frame.status == "refused" for frame in missed] == [False, True, False, True, False]
+    assert [missed[k].carried for k in (2, 4)] == [seldom[k].carried for k in (1, 2)]
+    assert [missed[k].clearance for k in (0, 2, 4)] == [frame.clearance for frame in seldom]
+    # What the wall may do until the next frame: in a refused one twice as much.
+    moved = BREATH.speed / 4.0
+    assert [frame.margin for frame in missed[:3]] == pytest.approx([moved, 2.0 * moved, moved])
+
+
+def test_while_the_head_moves_on_the_plan_is_compared_with_the_wall_it_was_made_for(rest):
+    frames = run(rest, BREATH, duration=1.0, advance=40.0, inserted=0.4)
     for before, frame in itertools.pairwise(frames):
-        at = np.argmin(np.linalg.norm(before.plan.joints[:, 0] - frame.body[0], axis=1))
-        old = before.plan.joints[at]
-        for share in (0.25, 0.5, 0.75):
-            time = before.time + share * (frame.time - before.time)
-            wall = MeshWall(surface.vertices + BREATH.at(time)(surface.vertices), surface.faces)
-            chain = ((1.0 - share) * old + share * frame.body)[None, :-3]
-            points = sample_body(np.repeat(chain, 2, axis=0), 400, np.random.default_rng(1))[0]
-            points = points[outside_introducer(points, frame.plan.introducer, SCOPE.radius)]
-            assert wall.clearance(points).min() - SCOPE.radius >= frame.carried
+        assert before.next_step > 0
+        heads = before.plan.head_arc_length
+        assert heads[before.next_step] - heads[0] == pytest.approx(4.0, abs=1.0)
+        assert frame.carried <= before.clearance - 0.5 * before.margin + 1e-12
+    found = LiveRun.collect(frames, rate=10.0, motion=BREATH)
+    assert found.to_dict()["carried_min_mm"] == min(frame.carried for frame in frames[1:])
+
+
+def test_a_head_that_was_held_up_does_not_make_up_for_it(rest):
+    _, _, plan = rest
+    middle = plan.path[int(0.75 * len(plan.path))]
+
+    class Pinch(Breathing):
+        def at(self, time):
+            depth = 0.92 if time < 1.0 else 0.0
+
+            def move(points):
+                away = points - middle
+                return -depth * np.exp(-np.einsum("ij,ij->i", away, away) / 128.0)[:, None] * away
+
+            return TissueFrame(move=move, gradient_bound=depth, second_bound=1.3803 * depth / 8.0)
+
+    frames = run(rest, Pinch(amplitude=0.1), inserted=0.4, horizon=40.0, duration=1.6)
+    held_up = [frame.ahead == 0.0 for frame in frames]
+    assert held_up == [True] * 10 + [False] * 6
+    gone = np.diff([frame.head for frame in frames])
+    assert np.abs(gone[:9]).max() < 0.1
+    # 10 mm/s at 10 Hz, in steps of 1 mm.
+    assert gone[10:].max() < 2.1
+    assert gone[10:].sum() > 3.0
 
 
 def test_the_margin_is_the_walls_speed_over_the_rate(rest):
@@ -162,6 +279,7 @@ def test_a_ring_that_closes_on_the_scope_is_said(rest):
     lost = [frame for frame in frames if frame.status == "lost"]
     assert lost
     assert all(frame.reason and frame.clearance is None for frame in lost)
+    assert all(frame.clearance >= 0.0 for frame in frames if frame.status != "lost")
     found = LiveRun.collect(frames, rate=4.0, motion=ring)
     assert not found.converged
     assert found.reason.startswith(f"frame {lost[0].number} ")

@@ -159,7 +159,7 @@ def test_limits_that_cannot_be_kept_are_a_reason() -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: design_routing(CURVES["s"], tendons=3), "tendons is 3: it must lie in [1, 2]"),
+        (lambda: design_routing(CURVES["s"], tendons=5), "tendons is 5: it must lie in [1, 4]"),
         (lambda: design_routing(CURVES["s"][:1]), "it must be (m, 3) with m at least 2"),
         (lambda: design_routing(0.01 * CURVES["s"]), "it must be at least 5 mm"),
         (lambda: RoutingLimits(core_radius=3.0), "core radius is 3 mm: it must lie in [0, 2] mm"),

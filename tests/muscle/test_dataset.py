@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bozzini.errors import BozziniError, FileFormatError, InputError, MissingExtraError, UnitError
-from bozzini.muscle.data import Measurements, read_measurements, write_measurements
+from bozzini.muscle.data import Measurements
 from bozzini.muscle.design import Muscle
+from bozzini.muscle.table import read_measurements, write_measurements
 
 MUSCLE = Muscle(length=45.0, outer_radius=0.55)
 STRAND = 45.0 / math.cos(math.radians(36.0))
@@ -100,7 +101,7 @@ BAD = {
     "no unit": ("pressure,length [mm]\n1,2\n", "'pressure' has no unit"),
     "wrong unit": ("pressure [mm],length [mm]\n1,2\n", "wrong kind of unit"),
     "unknown unit": ("pressure [foo],length [mm]\n1,2\n", "unknown unit 'foo'"),
-    "negative load": (GOOD + "\n5,43,-1,up\n", "data.csv: row 4: load is -1 in 'load [N]'"),
+    "only negative loads": (GOOD + "\n5,43,-1,up\n", "no load is positive in 'load [N]'"),
     "other digits": (GOOD + "５,43,0,up\n", "row 3: pressure is '５'"),
     "open quote": (GOOD + '5,43,0,"up\n5,43,0,up\n', "row 3 is not CSV"),
     "two lines in a cell": (
@@ -108,12 +109,13 @@ BAD = {
         "row 3: specimen is 'a\\nb': it must be text without control characters",
     ),
     "endless unit": ("pressure [kPa**9**9**9],length [mm]\n1,2\n", "power that is not one digit"),
-    "negative pressure": (GOOD + "-1,43,0,up\n", "row 3: pressure is -1"),
+    "negative pressure": (GOOD + "-2.1,43,0,up\n", "row 3: pressure is -2.1 kPa"),
     "pressure in Pa": (GOOD + "689000,43,0,up\n", "row 3: pressure is 689000 in 'pressure [kPa]'"),
     "longer than the strand": (GOOD + "5,56,0,up\n", "row 3: length is 56 mm, longer than the str"),
     "no length": (GOOD + "5,0,0,up\n", "row 3: length is 0 mm"),
     "text in a number": (GOOD + "\n5,long,0,up\n", "row 4: length is 'long'"),
-    "decimal comma": (GOOD.replace(",", ";") + "5;43,5;0;up\n", "'43,5'"),
+    "decimal comma": (GOOD + '5,"43,5",0,up\n', "'43,5': it must be a finite number with a dec"),
+    "comma and point": (GOOD.replace(",", ";") + "5,1;43.5;0;up\n", "with a decimal comma, as in"),
     "nan": (GOOD + "5,nan,0,up\n", "row 3: length is 'nan'"),
     "empty cell": (GOOD + "5,,0,up\n", "row 3: length is ''"),
     "cells missing": (GOOD + "5,43\n", "row 3: it has 2 cell(s): the header has 4"),

@@ -71,11 +71,6 @@ class TissueMotion(ABC):
     def at(self, time: float) -> TissueFrame:
         """Return the displacement at a time [s]."""
 
-    def track(self, points: ArrayLike) -> Callable[[float], Floats]:
-        """Return what gives, for a time [s], where places at rest (n, 3) are then [mm]."""
-        rest = check_points("points", points)
-        return lambda time: rest + self.at(time)(rest)
-
 
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -259,7 +254,8 @@ class RecordedMotion(TissueMotion):
     Parameters
     ----------
     displacement : (k, nx, ny, nz, 3) float
-        At the nodes of the grid, of places at rest, world frame [mm]; the last is the first again.
+        At the nodes of the grid, of places at rest, world frame [mm]. The last is the first again,
+        within 0.01 mm, and is taken to be equal to it.
     times : (k,) float
         Rising, from 0 [s].
     origin : (3,) float
@@ -305,7 +301,8 @@ class RecordedMotion(TissueMotion):
                 f"the last displacement is up to {gap:.3g} mm from the first: they must agree "
                 f"within {CLOSED_MM:g} mm, because the motion repeats"
             )
-        object.__setattr__(self, "displacement", grids)
+        # Exactly, so that nothing jumps where the motion begins anew.
+        object.__setattr__(self, "displacement", np.concatenate([grids[:-1], grids[:1]]))
         object.__setattr__(self, "times", times)
 
     @classmethod
@@ -357,7 +354,9 @@ class RecordedMotion(TissueMotion):
 
     def at(self, time: float) -> TissueFrame:
         """Return the displacement at a time [s]."""
-        first, share = self._locate(time)
+        within = time % self.period
+        first = min(int(np.searchsorted(self.times, within, "right")) - 1, len(self.times) - 2)
+        share = (within - self.times[first]) / (self.times[first + 1] - self.times[first])
         coefficients, bounds = self._splines
         now = (1.0 - share) * coefficients[first] + share * coefficients[first + 1]
         gradient, second = (1.0 - share) * bounds[first] + share * bounds[first + 1]
@@ -366,23 +365,6 @@ class RecordedMotion(TissueMotion):
             gradient_bound=float(gradient),
             second_bound=float(second),
         )
-
-    def track(self, points: ArrayLike) -> Callable[[float], Floats]:
-        """Return what gives, for a time [s], where places at rest (n, 3) are then [mm]."""
-        rest = check_points("points", points)
-        moved = [self._evaluate(one, rest) for one in self._splines[0]]
-
-        def find(time: float) -> Floats:
-            first, share = self._locate(time)
-            return rest + (1.0 - share) * moved[first] + share * moved[first + 1]
-
-        return find
-
-    def _locate(self, time: float) -> tuple[int, float]:
-        within = time % self.period
-        first = min(int(np.searchsorted(self.times, within, "right")) - 1, len(self.times) - 2)
-        step = self.times[first + 1] - self.times[first]
-        return first, float((within - self.times[first]) / step)
 
     def _evaluate(self, coefficients: Floats, points: Floats) -> Floats:
         from .kernels.splines import evaluate_spline

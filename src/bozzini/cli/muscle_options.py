@@ -339,7 +339,7 @@ class DataRequest:
 
     def read(self, muscle: Muscle) -> Measurements:
         """Return the measurements of a muscle."""
-        from ..muscle.data import read_measurements
+        from ..muscle.table import read_measurements
 
         form = "COLUMN=UNIT, such as pressure=kPa"
         table = dict(split_setting("--unit", item, form) for item in self.units)

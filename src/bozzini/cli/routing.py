@@ -64,7 +64,7 @@ _asked = gather(
         type=_file,
         help="A robot of one section, whose radius and stiffnesses are taken.",
     ),
-    click.option("--tendons", default=2, show_default=True, help="Number of tendons: 1 or 2."),
+    click.option("--tendons", default=2, show_default=True, help="Number of tendons: 1 to 4."),
     click.option(
         "--straight", is_flag=True, help="Straight tendons, up to 12, each with an end of its own."
     ),
@@ -116,6 +116,7 @@ def _design(source: Path, asked: Asked, limits: RoutingLimits, answer: Answer) -
 
     curve: Plan | NDArray[np.float64]
     duct = None
+    robot = None if asked.robot is None else ContinuumRobot.from_yaml(asked.robot)
     if source.suffix.lower() == ".npz":
         curve = read_plan(source)
         if asked.lumen is not None:
@@ -128,7 +129,7 @@ def _design(source: Path, asked: Asked, limits: RoutingLimits, answer: Answer) -
         curve,
         tendons=asked.tendons,
         limits=limits,
-        robot=None if asked.robot is None else ContinuumRobot.from_yaml(asked.robot),
+        robot=robot,
         duct=duct,
         routing="straight" if asked.straight else "curved",
     )
@@ -146,8 +147,8 @@ def rebuild_lumen(plan: Plan, path: Path, answer: Answer) -> Duct:
     from ..anatomy.read import hash_input
     from ..motion.verify import read_input, rebuild_field
 
-    stated = None if plan.input is None else plan.input.sha256
-    if stated is not None and stated != hash_input(path):
+    found = hash_input(path)
+    if plan.input is not None and plan.input.sha256 not in (None, found):
         raise InputError(f"{path} is not the file that the plan was made from")
     with answer.show_progress() as progress:
         return rebuild_field(plan, read_input(plan, path), progress=progress)

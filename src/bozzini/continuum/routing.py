@@ -450,24 +450,42 @@ def find_directions(target: BendTarget, weight: float = TURN_WEIGHT) -> Floats:
 
 
 def route_pair(
-    target: BendTarget, stiffness: Floats, limits: RoutingLimits, *, start: tuple[float, float]
-) -> tuple[Floats, float]:
-    """Return angles (2 n, 2) [rad] of two tendons at `offset_max`, and their tension [N].
+    target: BendTarget,
+    stiffness: Floats,
+    limits: RoutingLimits,
+    *,
+    start: tuple[float, float],
+    tendons: int = 2,
+) -> tuple[Floats, Floats]:
+    """Return angles (2 n, k) [rad] of tendons at `offset_max`, and their tensions (k,) [N].
 
-    ``theta + delta`` and ``theta - delta`` with ``cos delta = EI kappa / (2 T r)``; the tension is
-    the least at which they keep apart by `gap_min` where the curvature is largest, times the second
-    of `start`; the first is the weight of `find_directions`.
+    Two bundles at ``theta + delta`` and ``theta - delta``, each of the moment
+    ``T r = EI kappa / (2 cos delta)``: of two tendons one each, of more half of them, side by side
+    at the distance `gap_min`. `T` is the least at which the bundles keep apart where the curvature
+    is largest, times the second of `start`; the first is the weight of `find_directions`.
     """
     bending, torsional = stiffness[0], stiffness[2]
     radius = limits.offset_max
-    share = math.sqrt(max(1.0 - (limits.gap_min / (2.0 * radius)) ** 2, 0.05))
+    # Half the angle between neighbours, and how far each tendon is from the middle of its bundle.
+    half = math.asin(min(limits.gap_min / (2.0 * radius), 1.0))
+    sizes = (tendons + 1) // 2, tendons // 2
+    fans = [half * (2.0 * np.arange(size) - (size - 1)) for size in sizes]
+    share = max(math.cos(min(0.5 * tendons * half, 0.5 * math.pi)), LEAST_SHARE)
     tension = start[1] * bending * target.sharpest / (2.0 * radius * share)
     angles = find_directions(target, start[0])
     along = np.sum(target.curvature * np.stack([np.cos(angles), np.sin(angles)], axis=1), axis=1)
     apart = np.arccos(np.clip(bending * along / (2.0 * tension * radius), -0.98, 0.98))
     turning = np.gradient(angles, target.steps.places)
     twist = _integrate(target.steps.places, -2.0 * tension * radius**2 / torsional * turning)
-    return np.stack([angles + apart - twist, angles - apart - twist], axis=1), float(tension)
+    bundles = zip((angles + apart - twist, angles - apart - twist), fans, strict=True)
+    return (
+        np.concatenate([middle[:, None] + fan for middle, fan in bundles], axis=1),
+        np.concatenate([np.full(len(fan), tension / np.cos(fan).sum()) for fan in fans]),
+    )
+
+
+LEAST_SHARE = 0.25
+"""Share of its largest moment that a pair gives at least, for a start."""
 
 
 # Routings with parameters, fitted by the exact law.
@@ -667,16 +685,22 @@ TENSIONS_TRIED = 20
 
 
 class AngleFit(RoutingFit):
-    """Two tendons at `offset_max` from the backbone, whose angles are splines."""
+    """Two tendons or more at `offset_max` from the backbone, whose angles are splines."""
 
-    tendons, constant_offset = 2, True
+    constant_offset = True
+
+    def __init__(
+        self, target: BendTarget, stiffness: Floats, limits: RoutingLimits, tendons: int
+    ) -> None:
+        super().__init__(target, stiffness, limits)
+        self.tendons = tendons
 
     def guide(self, x: Floats, basis: Floats, slopes: Floats) -> tuple[Floats, Floats]:
         """Return places and slopes, and their derivatives."""
         radius, count = self.limits.offset_max, self.count
-        changes = np.zeros((len(basis), 2, 4, self.size))
-        guides = np.empty((len(basis), 2, 4))
-        for k in range(2):
+        changes = np.zeros((len(basis), self.tendons, 4, self.size))
+        guides = np.empty((len(basis), self.tendons, 4))
+        for k in range(self.tendons):
             columns = slice(k * count, (k + 1) * count)
             angles, twists = basis @ x[columns], slopes @ x[columns]
             across = radius * np.stack([-np.sin(angles), np.cos(angles)], axis=1)
@@ -694,10 +718,12 @@ class AngleFit(RoutingFit):
         """Give the closed form, with other turns of the direction and larger tensions."""
         smooth = np.concatenate([self.basis, SMOOTHING * np.diff(np.eye(self.count), 2, axis=0)])
         for start in PAIR_STARTS:
-            angles, tension = route_pair(target, self.stiffness, self.limits, start=start)
-            values = np.concatenate([angles, np.zeros((self.count - 2, 2))])
+            angles, tensions = route_pair(
+                target, self.stiffness, self.limits, start=start, tendons=self.tendons
+            )
+            values = np.concatenate([angles, np.zeros((self.count - 2, self.tendons))])
             coefficients = np.linalg.lstsq(smooth, values, rcond=None)[0]
-            yield np.concatenate([coefficients.T.ravel(), [tension, tension]])
+            yield np.concatenate([coefficients.T.ravel(), tensions])
 
 
 PAIR_STARTS = ((0.02, 1.0), (0.1, 1.1), (0.5, 1.3), (0.004, 1.2))

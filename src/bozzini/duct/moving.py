@@ -4,8 +4,9 @@ A deformation phi of the lumen, one to one and smooth, takes a place x with dist
 at rest to a place whose distance to the moved wall is at least the integral of the least singular
 value of D phi from 0 to d: a way from x to the wall crosses all radii below d about x, and each
 part of it is shortened by no more than that value. With ``|D^2 phi| <= H`` this is at least
-``s d - H d^2 / 2`` (``s^2 / 2 H`` where d exceeds s / H), s being the least singular value at x.
-Where that does not decide whether a body fits, the distance to the moved triangles is measured.
+``s d - H d^2 / 2`` (``s^2 / 2 H`` where d exceeds s / H), s being the least singular value at x;
+``(1 - e) d`` is a bound, too, where ``|D u| <= e`` for the displacement u. Where neither decides
+whether a body fits, the distance to the moved triangles is measured.
 
 Every node is then a lower bound of its distance or exact, or 0. The certificate takes such a
 field: the squared distance less ``|x|^2`` is concave, so values at most as large as the distances
@@ -52,7 +53,7 @@ MISS_MM = 0.1
 """So far may the deformation be from linear in a block [mm]."""
 
 TRACED_MM = 0.25
-"""A block's middle is traced back to its place at rest up to this [mm]."""
+"""The middle of a block is traced back until its tissue is within so much of it [mm]."""
 
 PROBE_MM = 0.25
 """Gradients are central differences over so much to both sides [mm]."""
@@ -61,16 +62,19 @@ LOOKED_PLACES, LOOKED_TURNS = 48, 3
 """At so many places the largest derivatives along any line are sought, in so many turns."""
 
 EXCESS_MM = 1e-6
-"""So far may a vertex be from where its displacement takes it, by rounding [mm]."""
+"""So far may a vertex be from where the displacement takes it, by rounding [mm]."""
 
 EXCESS = 1e-6
 """So much may a gradient be above its bound, by rounding."""
 
 TRACE_MM = 1e-7
-"""Tissue is traced back to its place at rest up to this [mm]."""
+"""Tissue is traced back until it is within so much of its place [mm]."""
 
-TRACE_STEPS = 200
-"""Steps of that at most."""
+TRACE_STEPS, NEWTON_STEPS, HALVINGS = 30, 30, 12
+"""Steps of that at most: ``x = y - u(x)`` first, then Newton's, which are halved until they help."""
+
+NEWTON_MM = 0.01
+"""For Newton's steps gradients are differences over so much to both sides [mm]."""
 
 SHARES = 16
 """Into how many shares the nodes to be measured are divided for the processors."""
@@ -133,35 +137,35 @@ class MovingField:
 
     def update(
         self,
-        displacement: Displacement,
+        displacement: Displacement | None = None,
         *,
-        gradient_bound: float,
-        second_bound: float,
+        vertices: ArrayLike | None = None,
+        gradient_bound: float | None = None,
+        second_bound: float | None = None,
         path: ArrayLike,
         radius: float,
-        vertices: ArrayLike | None = None,
     ) -> MovedField:
         """Return the distance to the wall as it is now, near a path.
 
-        The bounds hold for the displacement in the lumen, and in its wall. They are compared with
-        the change of every side of the surface's triangles, and with the gradients around the path
-        and their differences: a frame that breaks them is refused. Other places are not looked at.
+        With a displacement most nodes take the bound of their distance, and few are measured; with
+        vertices alone all in the moved surface are measured, which takes some times as long.
 
         Parameters
         ----------
-        displacement : callable
+        displacement : callable, optional
             Takes places (n, 3) of tissue at rest to its displacement (n, 3), world frame [mm].
-        gradient_bound : float
-            The largest singular value of the displacement's gradient, in [0, 1): below 1 the
-            deformation is one to one.
-        second_bound : float
-            The largest second derivative along any line [1/mm].
+        vertices : (v, 3) float, optional
+            Where the surface's vertices are now, world frame [mm]. Beside a displacement every one
+            is compared with it.
+        gradient_bound : float, optional
+            The largest singular value of the displacement's gradient, in [0, 1); below 1 the
+            deformation is one to one. With vertices alone it is not needed, but checked if given.
+        second_bound : float, optional
+            The largest second derivative along any line [1/mm]. Vertices alone make no use of it.
         path : (n, 3) float
             As it is now, world frame [mm]. Nodes within 3 mm and one and a half cells are known.
         radius : float
             Of the body [mm]: nodes are measured where the bound does not decide for it.
-        vertices : (v, 3) float, optional
-            Where the surface's vertices are now, if that is known already [mm].
 
         Returns
         -------
@@ -174,37 +178,45 @@ class MovingField:
         DeformationError
             If the frame breaks its bounds, or its vertices are not displaced as stated.
         InputError
-            If an argument is out of range.
-        """
-        from .kernels.moving import CAP, bound_nodes, measure_nodes, store_nodes
+            If an argument is out of range, or what is needed is not given.
 
-        e = check_number("gradient bound", gradient_bound, low=0.0, high=0.999)
-        bend = check_number("second bound", second_bound, low=0.0, high=1e3, unit="1/mm")
-        radius = check_number("radius", radius, low=0.0, high=1e3, unit="mm")
+        Notes
+        -----
+        Where a node is not measured, its value needs both bounds to hold at certain places at
+        rest. Its tissue is at x there, d from the wall, and the middle of its block of at most
+        4 x 4 x 4 nodes at m:
+
+        - in the ball of radius d around x, which lies in the lumen;
+        - on the line from x to m, and 0.25 mm around m;
+        - on the triangles of the wall that are nearest to the band once they have moved;
+
+        and the deformation to be one to one in the closed lumen. All of it follows if the bounds
+        hold in the convex hull of the lumen at rest and of the places m, and 0.25 mm around it.
+
+        Verified in every frame: the gradient bound on all sides of all triangles, and both bounds
+        by differences around the places m, along the axes, and for the 48 largest along the line
+        on which they are largest. Trusted: both bounds between those places, and that the lumen
+        does not come to overlap itself. Nodes that are measured need neither bound.
+        """
+        from .kernels.moving import CAP, measure_nodes
+
         way = check_points("path", path)
         if way.ndim != 2 or len(way) < 2:
             raise InputError(f"path has shape {way.shape}: it must be (n, 3) with at least 2 rows")
+        radius = check_number("radius", radius, low=0.0, high=1e3, unit="mm")
+        gradient = self._check(displacement, vertices, gradient_bound, second_bound)
+        bend = check_number("second bound", second_bound or 0.0, low=0.0, high=1e3, unit="1/mm")
         wall, field = self._wall, self.field
-        facet = 0.0
         if wall is not None:
-            wall.move(displacement, vertices, e)
-            facet = bend * wall.side**2 / 6.0
-        elif vertices is not None:
-            raise InputError("vertices were given, but the field has no surface: leave them out")
+            wall.move(displacement, vertices, gradient)
         band = _Band(field, way, bend)
-        middles = self._look_around(displacement, band.middles, e, bend)
-        count = len(band.nodes)
-        places, bounds = np.empty((count, 3), dtype=np.int32), np.empty(count)
-        kinds = np.empty(count, dtype=np.uint8)
-        cell = float(field.spacing.max())
-        limits = np.array([radius, facet, field.error, cell, float(wall is not None)])
-        data = field.pack()
-        bound_nodes(data, middles, band.nodes, band.blocks, band.low, limits, places, bounds, kinds)
-        wanted = np.empty(count, dtype=np.int64)
-        measured = int(store_nodes(band.nodes, bounds, kinds, band.values, wanted))
+        if displacement is None:
+            largest, wanted, places = 0.0, *self._list_inside(band)
+        else:
+            largest, wanted, places = self._bound(displacement, band, radius, gradient, bend)
         if wall is not None:
             measure_nodes(
-                wall.tree, band.nodes, wanted[:measured], band.low, field.spacing, radius + CAP,
+                wall.tree, band.nodes, wanted, band.low, field.spacing, radius + CAP,
                 places, self._seeds, band.values, SHARES,
             )  # fmt: skip
         return MovedField(
@@ -216,10 +228,67 @@ class MovingField:
             wall_error=field.wall_error,
             exact_outside=False,
             frame=field.frame,
-            band=count,
-            measured=measured,
-            largest=max(radius + CAP, float(bounds.max(initial=0.0))),
+            band=len(band.nodes),
+            measured=len(wanted),
+            largest=max(radius + CAP, largest),
         )
+
+    def _check(
+        self,
+        displacement: Displacement | None,
+        vertices: ArrayLike | None,
+        gradient: float | None,
+        bend: float | None,
+    ) -> float:
+        """Return the gradient's bound, infinite if none is needed, or raise `InputError`."""
+        if displacement is None and vertices is None:
+            raise InputError("nothing was given that moves: give a displacement or vertices")
+        if vertices is not None and self._wall is None:
+            raise InputError(
+                "vertices were given, but the field has no surface: give a displacement"
+            )
+        if displacement is not None and (gradient is None or bend is None):
+            raise InputError("a displacement was given: give its gradient_bound and second_bound")
+        if gradient is None:
+            return np.inf
+        return check_number("gradient bound", gradient, low=0.0, high=0.999)
+
+    def _bound(
+        self,
+        displacement: Displacement,
+        band: _Band,
+        radius: float,
+        gradient: float,
+        bend: float,
+    ) -> tuple[float, NDArray[np.int64], NDArray[np.int32]]:
+        """Store bounds; return the largest, the nodes to be measured, and where each is at rest."""
+        from .kernels.moving import bound_nodes, store_nodes
+
+        wall, field, count = self._wall, self.field, len(band.nodes)
+        facet = 0.0 if wall is None else bend * wall.side**2 / 6.0
+        middles = self._look_around(displacement, band.middles, gradient, bend)
+        places, bounds = np.empty((count, 3), dtype=np.int32), np.empty(count)
+        kinds, wanted = np.empty(count, dtype=np.uint8), np.empty(count, dtype=np.int64)
+        cell = float(field.spacing.max())
+        limits = np.array([radius, facet, field.error, cell, float(wall is not None)])
+        data = field.pack()
+        bound_nodes(data, middles, band.nodes, band.blocks, band.low, limits, places, bounds, kinds)
+        measured = int(store_nodes(band.nodes, bounds, kinds, band.values, wanted))
+        return float(bounds.max(initial=0.0)), wanted[:measured], places
+
+    def _list_inside(self, band: _Band) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        """Return the band's nodes in the moved surface, and the reference field's next to each."""
+        from .field import MeshWall
+        from .kernels.nearest import INSIDE
+
+        wall, field = self._wall, self.field
+        flags = np.zeros(band.values.shape, dtype=np.uint8)
+        if wall is not None:
+            mesh = MeshWall(wall.places, wall.surface.faces)
+            mesh.flag_inside(flags, band.low * field.spacing, field.spacing)
+        inside = flags[tuple(band.nodes.T)] & INSIDE != 0
+        places = np.clip(band.nodes + band.low, 0, np.array(field.values.shape) - 1)
+        return np.flatnonzero(inside), places.astype(np.int32)
 
     def _look_around(
         self, displacement: Displacement, targets: Floats, gradient: float, bend: float
@@ -228,12 +297,7 @@ class MovingField:
         from .kernels.moving import describe_middles
 
         field, turn = self.field, self.field.rotation
-        world = field.to_world(targets)
-        rest = world - _measure(displacement, world)
-        for _ in range(TRACE_STEPS):
-            last, rest = rest, world - _measure(displacement, rest)
-            if np.abs(rest - last).max() <= TRACED_MM:
-                break
+        rest, _ = _trace(field.to_world(targets), displacement, within=TRACED_MM)
         probes = np.concatenate([np.zeros((1, 3)), PROBE_MM * turn.T, -PROBE_MM * turn.T])
         moves = _measure(displacement, (rest[None] + probes[:, None]).reshape(-1, 3))
         moves = (moves @ turn).reshape(7, len(rest), 3)
@@ -353,46 +417,44 @@ class _MovingWall:
         self.corners = np.ascontiguousarray(surface.faces[order])
         self.side = float(np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max())
         self.field, self.surface = field, surface
-        probes = np.linspace(0, len(points) - 1, min(len(points), 64)).astype(int)
-        self._probes = np.unique(probes)
-        off = np.abs(field.signed_distance(surface.vertices[self._probes]))
+        self.places = points
+        off = np.abs(field.signed_distance(surface.vertices))
         if off.max() > field.error + EXCESS_MM:
-            worst = surface.vertices[self._probes[int(np.argmax(off))]]
+            worst = surface.vertices[int(np.argmax(off))]
             raise InputError(
                 f"field and surface do not belong together: at the vertex {_place(worst)} mm the "
                 f"field has {off.max():.3g} mm to the wall, it must be within {field.error:.3g} mm"
             )
 
-    def move(self, displacement: Displacement, vertices: ArrayLike | None, gradient: float) -> None:
+    def move(
+        self, displacement: Displacement | None, vertices: ArrayLike | None, gradient: float
+    ) -> None:
         """Move the triangles, or raise `DeformationError` where a side changes too much."""
         from .kernels.moving import move_parts, refit_boxes
 
         rest = self.surface.vertices
-        if vertices is None:
-            moved = _displace(rest, displacement)
-        else:
-            moved = check_points("vertices", vertices)
-            if moved.shape != rest.shape:
+        moved = rest if displacement is None else _displace(rest, displacement)
+        if vertices is not None:
+            given = check_points("vertices", vertices)
+            if given.shape != rest.shape:
                 raise InputError(
-                    f"vertices have shape {moved.shape}: the surface's have {rest.shape}"
+                    f"vertices have shape {given.shape}: the surface's have {rest.shape}"
                 )
-            some = self._probes
-            off = np.linalg.norm(_displace(rest[some], displacement) - moved[some], axis=1)
-            if off.max() > EXCESS_MM:
-                worst = some[int(np.argmax(off))]
+            off = np.linalg.norm(moved - given, axis=1)
+            if displacement is not None and off.max() > EXCESS_MM:
                 raise DeformationError(
-                    f"vertex {worst} is {off.max():.3g} mm from where the displacement takes it: "
-                    "both must be of one frame"
+                    f"vertex {int(np.argmax(off))} is {off.max():.3g} mm from where the "
+                    "displacement takes it: both must be of one frame"
                 )
+            moved = given
         excess = np.empty(len(self.corners))
         field = self.field
         straight = np.array_equal(field.rotation, np.eye(3))
         places = moved - field.origin if straight else field.to_grid(moved)
-        move_parts(
-            np.ascontiguousarray(places), self.corners, self.rest, self.tree.parts, gradient, excess
-        )
+        self.places = np.ascontiguousarray(places)
+        move_parts(self.places, self.corners, self.rest, self.tree.parts, gradient, excess)
         worst = int(np.argmax(excess))
-        if not excess[worst] <= 0.0:
+        if np.isfinite(gradient) and not excess[worst] <= 0.0:
             before, after = (
                 np.stack([part[3:6], part[6:], part[3:6] - part[6:]])
                 for part in (self.rest[worst], self.tree.parts[worst])
@@ -428,19 +490,60 @@ def trace_back(points: ArrayLike, displacement: Displacement) -> Floats:
     Raises
     ------
     DeformationError
-        If that is not found: the deformation is not one to one there.
+        If that is not found: the displacement's gradient must be below 1.
     """
     now = check_points("points", points)
-    rest = now - _measure(displacement, now)
+    rest, miss = _trace(now, displacement, within=TRACE_MM)
+    if len(miss) and miss.max() > TRACE_MM:
+        worst = int(np.argmax(miss))
+        steep = np.linalg.norm(_find_gradients(rest[[worst]], displacement)[0], 2)
+        why = f"{miss[worst]:.2g} mm are left after {TRACE_STEPS + NEWTON_STEPS} steps"
+        if steep >= 1.0:
+            why = f"the displacement's gradient is {steep:.3g}, it must be below 1"
+        raise DeformationError(
+            f"the tissue now at {_place(now[worst])} mm could not be traced back: {why}"
+        )
+    return rest
+
+
+def _trace(now: Floats, displacement: Displacement, *, within: float) -> tuple[Floats, Floats]:
+    """Return places at rest whose tissue is at points now, and how far from it [mm].
+
+    Where the gradient turns out to be 1 or more, infinitely far.
+    """
+    rest = now.copy()
     for _ in range(TRACE_STEPS):
-        last, rest = rest, now - _measure(displacement, rest)
-        if np.abs(rest - last).max(initial=0.0) <= TRACE_MM:
-            return rest
-    off = np.abs(rest - last).max(axis=1)
-    raise DeformationError(
-        f"the tissue now at {_place(now[int(np.argmax(off))])} mm could not be traced back: the "
-        "displacement is not one to one"
-    )
+        off = now - _displace(rest, displacement)
+        rest += off
+        if np.abs(off).max(initial=0.0) <= within:
+            return rest, np.zeros(len(rest))
+    miss = np.linalg.norm(now - _displace(rest, displacement), axis=1)
+    for _ in range(NEWTON_STEPS):
+        some = np.flatnonzero((miss > within) & np.isfinite(miss))
+        if len(some) == 0:
+            break
+        gradient = _find_gradients(rest[some], displacement)
+        folded = np.linalg.norm(gradient, 2, axis=(1, 2)) >= 1.0
+        miss[some[folded]] = np.inf
+        some, gradient = some[~folded], gradient[~folded]
+        off = now[some] - _displace(rest[some], displacement)
+        step = np.linalg.solve(np.eye(3) + gradient, off[:, :, None])[:, :, 0]
+        for _ in range(HALVINGS):
+            tried = rest[some] + step
+            left = np.linalg.norm(now[some] - _displace(tried, displacement), axis=1)
+            better = left < miss[some]
+            rest[some[better]], miss[some[better]] = tried[better], left[better]
+            some, step = some[~better], 0.5 * step[~better]
+            if len(some) == 0:
+                break
+    return rest, miss
+
+
+def _find_gradients(places: Floats, displacement: Displacement) -> Floats:
+    """Return a displacement's gradient (n, 3, 3) at places, from differences."""
+    probes = NEWTON_MM * np.concatenate([np.eye(3), -np.eye(3)])[:, None]
+    moves = _measure(displacement, (places + probes).reshape(-1, 3)).reshape(6, -1, 3)
+    return np.asarray(np.moveaxis(moves[:3] - moves[3:], 0, -1) / (2.0 * NEWTON_MM))
 
 
 def _displace(points: Floats, displacement: Displacement) -> Floats:

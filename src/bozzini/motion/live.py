@@ -3,7 +3,13 @@
 In each frame the distance to the moved wall is made anew near the path, the body is moved with the
 tissue, and the body and the next stretch of its way are certified. The rest of the way follows
 where the frame leaves time for it. A frame's certificate is for the wall at the frame's time; up to
-the next one the wall moves by at most its speed over the rate, which is taken off: the margin.
+the next one the wall moves by at most its speed over the rate: the margin.
+
+Between two frames that were not refused the scope is taken to move so. If the head moves on, it
+follows the plan of the first of the two, and is there by half of the time. In the second half, or
+in all of the time if the head stays, the joints move straight and at constant speed to where the
+second frame finds them in the moved tissue. Compared with the wall of another time, the scope
+loses the speed of the tissue times the time between.
 """
 
 from __future__ import annotations
@@ -26,7 +32,6 @@ from ..results import Json, Result, take_axes
 from .certify import certify_motion
 from .moving import ReplanOptions, cut_ahead, replan
 from .plan import Plan
-from .scope import Introducer
 from .space import FreeSpace
 
 if TYPE_CHECKING:
@@ -94,9 +99,11 @@ class LiveFrame:
     clearance : float or None
         Certified for the body and the next stretch, the wall standing as in this frame [mm].
     carried : float or None
-        Certified while tissue and body moved on from the last frame [mm]; None in the first frame.
+        Certified at all times since the last frame that was not refused, while wall and body moved
+        on to this one [mm]; None where there is none. Negative: contact is not excluded.
     margin : float
-        What the wall may do until the next frame: its speed over the rate [mm].
+        What the wall may do until the next frame: its speed over the rate [mm]. Where frames were
+        refused, what it may do from the last one that was not, whose plan is still valid.
     rest : float or None
         Certified for the whole way from the body to the goal, as `clearance` [mm]; None where
         the frame left no time for it, or it is not certified.
@@ -117,8 +124,9 @@ class LiveFrame:
         How far the path's tissue moved since the last frame [mm].
     plan : Plan
         The plan that is valid now.
-    step : int
-        At which step of it the body stands: the first, but where the frame was refused.
+    step, next_step : int
+        At which step of it the body stands, the first but where the frame was refused, and to which
+        the head moves on until the next frame.
     field : SampledField or None
         The lumen it is certified in; None where the frame was refused.
     """
@@ -143,6 +151,7 @@ class LiveFrame:
     tissue_move: float = 0.0
     plan: Plan = dataclass_field(repr=False)
     step: int = 0
+    next_step: int = 0
     field: SampledField | None = dataclass_field(default=None, repr=False)
 
     @property
@@ -217,6 +226,14 @@ class LiveRun(Result):
         return min(known) if len(known) == len(found) else None
 
     @property
+    def worst_between(self) -> float | None:
+        """The smallest clearance certified from one frame to the next [mm]; None if there is none.
+
+        Negative: contact between frames is not excluded.
+        """
+        return min((f.carried for f in self.frames if f.carried is not None), default=None)
+
+    @property
     def converged(self) -> bool:
         """Whether every frame's certificate holds until the next frame."""
         return self.count("held") == len(self.frames)
@@ -246,6 +263,7 @@ class LiveRun(Result):
             "speed_mm/s": self.speed,
             "margin_mm": self.speed / self.rate,
             "clearance_min_mm": self.worst,
+            "carried_min_mm": self.worst_between,
             "latency_median_s": float(np.median(self.latencies)),
             "latency_p95_s": float(np.quantile(self.latencies, 0.95)),
             "latency_max_s": float(self.latencies.max()),
@@ -334,6 +352,7 @@ class _State:
     plan: Plan
     step: int
     displacement: Displacement
+    time: float = 0.0
     field: MovedField | None = None
 
 
@@ -344,8 +363,6 @@ class _Loop:
         self, plan: Plan, moving: MovingField, motion: TissueMotion, options: LiveOptions
     ) -> None:
         self.moving, self.motion, self.options = moving, motion, options
-        surface = moving.surface
-        self.vertices = None if surface is None else motion.track(surface.vertices)
         wanted = options.inserted * float(plan.path_arc_length[-1])
         step = int(np.argmin(np.abs(plan.head_arc_length - wanted)))
         self.state = _State(plan=plan, step=step, displacement=np.zeros_like)
@@ -363,7 +380,7 @@ class _Loop:
         blocked = ""
         try:
             path = carry_tissue(last.plan.path, last.displacement, now=tissue)
-            lumen = self._update(tissue, now, cut_ahead(last.plan, path, ahead)[0])
+            lumen = self._update(tissue, cut_ahead(last.plan, path, ahead)[0])
             filled = time.perf_counter()
             plan = self._plan_ahead(lumen, tissue, ahead)
             if plan.reason_code == "NOT_CARRIED" and options.horizon > 0.0:
@@ -376,20 +393,21 @@ class _Loop:
                 time=now,
                 status="refused",
                 reason=str(error),
-                margin=margin,
+                margin=margin + self.motion.speed * (now - last.time),
                 head=float(last.plan.head_arc_length[last.step]),
                 latency=time.perf_counter() - begin,
                 plan=last.plan,
                 step=last.step,
+                next_step=last.step,
             )
-        carried = None if last.field is None else self._certify_move(last, plan, lumen)
+        carried = None
+        if last.field is not None:
+            moved = self.motion.speed * (now - last.time)
+            carried = _certify_move(last, plan, lumen, last.field, moved)
         done = time.perf_counter()
-        self.due += options.advance / options.rate
-        done_mm = plan.head_arc_length - plan.head_arc_length[0]
-        step = int(np.searchsorted(done_mm, self.due, "right")) - 1
-        self.due -= float(done_mm[step])
-        self.state = _State(plan=plan, step=step, displacement=tissue, field=lumen)
-        rest = self._plan_rest(plan, tissue, now, 1.0 / options.rate - (done - begin))
+        step = self._move_on(plan)
+        self.state = _State(plan=plan, step=step, displacement=tissue, time=now, field=lumen)
+        rest = self._plan_rest(plan, tissue, 1.0 / options.rate - (done - begin))
         status, reason = _judge(plan, carried, margin)
         known = status != "lost"
         return LiveFrame(
@@ -412,6 +430,7 @@ class _Loop:
             measured=lumen.measured,
             tissue_move=0.0 if plan.replan is None else plan.replan.tissue_move,
             plan=plan,
+            next_step=step,
             field=lumen,
         )
 
@@ -424,46 +443,30 @@ class _Loop:
             options=options,
         )
 
-    def _update(self, tissue: TissueFrame, now: float, path: Floats) -> MovedField:
+    def _move_on(self, plan: Plan) -> int:
+        """Return the step to which the head moves on; where the plan ends, what is due lapses."""
+        self.due += self.options.advance / self.options.rate
+        heads = plan.head_arc_length - plan.head_arc_length[0]
+        step = int(np.searchsorted(heads, self.due, "right")) - 1
+        self.due = 0.0 if step == len(heads) - 1 else self.due - float(heads[step])
+        return step
+
+    def _update(self, tissue: TissueFrame, path: Floats) -> MovedField:
         return self.moving.update(
             tissue,
             gradient_bound=tissue.gradient_bound,
             second_bound=tissue.second_bound,
             path=path,
             radius=self.state.plan.get_scope().radius,
-            vertices=None if self.vertices is None else self.vertices(now),
         )
 
-    def _certify_move(self, last: _State, plan: Plan, lumen: MovedField) -> float:
-        """Certify the body while it moves with the tissue from the last frame to this one.
-
-        It is compared with the last lumen on its first half and with this one on its second: the
-        wall is then never farther than half its way from where it is compared.
-        """
-        tubes = last.plan.get_introducer(), plan.get_introducer()
-        here, there = last.plan.joints[last.step], plan.joints[0]
-        # Joints that stand in the introducer move with it; the first of them ends a link inside.
-        behind = [
-            (b - t.entry) @ t.outward >= 0.0 for b, t in zip((here, there), tubes, strict=True)
-        ]
-        count = max(int(np.argmax(np.append(each, True))) for each in behind) + 1
-        here, there = here[: max(count, 2)], there[: max(count, 2)]
-        middle, radius = 0.5 * (here + there), plan.get_scope().radius
-        least = np.inf
-        for one, other, field_, tube in (
-            (here, middle, last.field, tubes[0]),
-            (middle, there, lumen, tubes[1]),
-        ):
-            least = min(least, _certify_pair(np.stack([one, other]), field_, tube, radius))
-        return float(least - 0.5 * self.motion.speed / self.options.rate)
-
-    def _plan_rest(self, plan: Plan, tissue: TissueFrame, now: float, left: float) -> float | None:
+    def _plan_rest(self, plan: Plan, tissue: TissueFrame, left: float) -> float | None:
         """Certify the whole way to the goal, if there is time for it."""
         if plan.reason_code != "HORIZON" or left < self.rest_time:
             return None
         begin = time.perf_counter()
         try:
-            lumen = self._update(tissue, now, plan.path)
+            lumen = self._update(tissue, plan.path)
         except DeformationError:
             return None
         whole = replan(plan, lumen, options=ReplanOptions(step=0, measure=False))
@@ -471,13 +474,32 @@ class _Loop:
         return whole.proved if whole.status == "complete" else None
 
 
-def _certify_pair(
-    joints: Floats, lumen: MovedField | None, tube: Introducer, radius: float
+def _certify_move(
+    last: _State, plan: Plan, lumen: MovedField, lumen_before: MovedField, moved: float
 ) -> float:
-    if lumen is None:
-        return np.inf
-    space = FreeSpace(lumen, None, tube)
-    return certify_motion(joints, space, radius=radius).clearance
+    """Certify the body from the last frame to this one, while the wall moves by up to `moved` mm.
+
+    The first half of the joints' way is compared with the last lumen, the second with this one.
+    """
+    begin = 0.5 if last.step > 0 else 0.0  # share of the time in which the head moves on
+    tubes = last.plan.get_introducer(), plan.get_introducer()
+    here, there = last.plan.joints[last.step], plan.joints[0]
+    # Joints that stand in the introducer move with it; the first of them ends a link inside.
+    behind = [(b - t.entry) @ t.outward >= 0.0 for b, t in zip((here, there), tubes, strict=True)]
+    count = max(int(np.argmax(np.append(each, True))) for each in behind) + 1
+    here, there = here[: max(count, 2)], there[: max(count, 2)]
+    middle, radius = 0.5 * (here + there), plan.get_scope().radius
+    least = np.inf
+    if last.step > 0:
+        least = (-np.inf if last.plan.proved is None else last.plan.proved) - begin * moved
+    for one, other, wall, tube, late in (
+        (here, middle, lumen_before, tubes[0], 0.5 * (1.0 + begin)),
+        (middle, there, lumen, tubes[1], 0.5 * (1.0 - begin)),
+    ):
+        space = FreeSpace(wall, None, tube)
+        found = certify_motion(np.stack([one, other]), space, radius=radius).clearance
+        least = min(least, found - late * moved)
+    return float(least)
 
 
 def _judge(plan: Plan, carried: float | None, margin: float) -> tuple[FrameStatus, str]:

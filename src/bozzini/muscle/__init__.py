@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .compose import AntagonisticJoint, Bundle
-    from .data import (
-        Measurements,
-        RepeatStatistics,
-        read_measurements,
-        take_measurements,
-        write_measurements,
-    )
+    from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
     from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
@@ -33,6 +27,7 @@ if TYPE_CHECKING:
         compare_models,
         rank,
     )
+    from .table import read_measurements, take_measurements, write_measurements
     from .terms import Creep, ScaledMuscle, TermFit, Thermal, fit_creep, fit_thermal
 
 __all__ = [
@@ -78,8 +73,7 @@ __all__ = [
 
 _MODULES = {
     ".compose": ("AntagonisticJoint", "Bundle"),
-    ".data": ("Measurements", "RepeatStatistics", "read_measurements", "take_measurements",
-              "write_measurements"),
+    ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
     ".hysteresis": ("Hysteresis",),
@@ -90,6 +84,7 @@ _MODULES = {
     ".ranking": ("Comparison", "ModelScore", "RankOptions", "RankedModel", "Ranking",
                  "compare_models", "rank"),
     ".terms": ("Creep", "ScaledMuscle", "TermFit", "Thermal", "fit_creep", "fit_thermal"),
+    ".table": ("read_measurements", "take_measurements", "write_measurements"),
 }  # fmt: skip
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..checks import check_number, describe_fields
 from ..errors import BozziniError, InputError
 from ..results import Json, Result, take_axes, to_plain
-from .data import Measurements, take_measurements
+from .data import Measurements
 from .design import check_muscle
 from .problem import (
     PARAMETER_UNITS,
@@ -27,6 +27,7 @@ from .problem import (
     list_parameters,
     predict_contraction,
 )
+from .table import take_measurements
 
 if TYPE_CHECKING:
     import pandas

@@ -16,7 +16,7 @@ from ..checks import check_array, check_integer, check_number, check_word, show_
 from ..errors import BozziniError, InputError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
-from .data import Measurements, take_measurements
+from .data import Measurements
 from .design import Muscle, check_muscle, preset
 from .fit import Calibration, FitOptions, calibrate, find_minimum
 from .model import MuscleModel
@@ -30,6 +30,7 @@ from .problem import (
     list_unused,
     predict_contraction,
 )
+from .table import take_measurements
 
 if TYPE_CHECKING:
     import pandas

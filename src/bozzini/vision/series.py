@@ -22,7 +22,7 @@ import numpy as np
 
 from ..errors import FileFormatError, InputError
 from ..io.files import new_directory, write_text
-from ..muscle.data import BRANCHES
+from ..muscle.table import BRANCHES
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes
 from .board import StripBoard

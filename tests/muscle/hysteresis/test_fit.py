@@ -12,6 +12,7 @@ from bozzini.muscle.hysteresis import (
     AsymmetricPrandtlIshlinskii,
     BoucWen,
     FrictionBand,
+    LoopOptions,
     MaxwellSlip,
     PrandtlIshlinskii,
     Preisach,
@@ -122,7 +123,7 @@ def test_skip_leaves_the_first_branch_out():
     response = truth.apply(history)
     response[:50] += 0.2  # the muscle was not at rest before
     options = {"thresholds": truth.thresholds}
-    fit = PrandtlIshlinskii.identify(history, response, skip=50, **options)
+    fit = PrandtlIshlinskii.identify(history, response, options=LoopOptions(skip=50), **options)
     assert fit.operator.weights == pytest.approx(truth.weights, abs=1e-9)
     assert fit.deviation < 1e-9 and fit.residual[0] == pytest.approx(0.2)
     spoilt = PrandtlIshlinskii.identify(history, response, **options)
@@ -215,7 +216,9 @@ def test_bounded_least_squares_meets_its_conditions(count, seed):
     """Karush, Kuhn and Tucker: no gradient inside, the right sign at a bound."""
     random = np.random.default_rng(seed)
     columns, target = random.normal(size=(30, count)), random.normal(size=30) + 3.0
-    found = fit_linear(columns, target, names="abcde"[:count], limits=(0.0, 0.1))
+    found = fit_linear(
+        columns, target, names="abcde"[:count], limits=(0.0, 0.1), free=np.ones((30, 1))
+    )
     values = np.array(found.values)
     gradient = -columns.T @ found.residual
     assert found.residual.sum() == pytest.approx(0.0, abs=1e-9)

@@ -302,7 +302,7 @@ def bound_nodes(field, middles, nodes, blocks, low, limits, places, bounds, kind
         The reference field.
     middles : (b, 19) float
         Of each block: x1, phi(x1), the inverse of D phi(x1) by rows, its least singular value,
-        by how much D phi may be wrong, H, and the largest stretch.
+        by how much D phi may be wrong, H, and 1 + the gradient's bound.
     limits : (5,) float
         Radius of the body, what a facet may be off, by how much an estimate of the field may be
         wrong, the longest side of a cell [mm], and 1 where distances can be measured, else 0.
@@ -343,7 +343,7 @@ def bound_nodes(field, middles, nodes, blocks, low, limits, places, bounds, kind
         bounds[n] = 0.0
         if d <= 0.0:
             continue
-        bound = bound_moved(stretch, bend, d) - miss - facet
+        bound = max(bound_moved(stretch, bend, d), (2.0 - middles[b, 18]) * d) - miss - facet
         if bound <= 0.0:
             continue
         bounds[n] = bound

@@ -1,8 +1,8 @@
 """A robot whose tendons are routed so that under their tensions it takes a given shape.
 
 Thesis 6.2: a routing that adheres to the profile of the tract, so that actuation is minimal. One
-tendon that may cross the backbone, or two of constant offset, hold any one shape; what they cost is
-tension, slope, and sensitivity to it.
+tendon that may cross the backbone, or two and more of constant offset, hold any one shape; what
+they cost is tension, slope, and sensitivity to it.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ KNOT_DIGITS = 5
 SHORTEST_MM = 5.0
 """Shortest curve for a robot."""
 
-MOST_STRAIGHT = 12
-"""Straight tendons at most."""
+MOST_CURVED, MOST_STRAIGHT = 4, 12
+"""Tendons at most: curved ones and straight ones."""
 
 SLOPE_ROUND_OFF, LENGTH_ROUND_OFF_MM = 1e-3, 1e-3
 """By how much a routing may pass its limits."""
@@ -246,9 +246,9 @@ def design_routing(
     curve : (m, 3) array_like or Plan
         The backbone's shape from the base on, world frame [mm]; of a plan it is the head's path.
     tendons : int
-        With ``"curved"`` 1 or 2: one tendon may cross the backbone (``core_radius=0``), two run at
-        `offset_max` all along. With ``"straight"`` up to 12, parallel to the backbone, each with
-        its own end.
+        With ``"curved"`` 1 to 4: one tendon may cross the backbone (``core_radius=0``), two or more
+        run at `offset_max` all along. With ``"straight"`` up to 12, parallel to the backbone, each
+        with its own end.
     limits : RoutingLimits, optional
         What the routing keeps to.
     robot : RobotDesign, optional
@@ -274,7 +274,9 @@ def design_routing(
     """
     limits = limits or RoutingLimits()
     check_word("routing", routing, get_args(RoutingKind))
-    check_integer("tendons", tendons, low=1, high=MOST_STRAIGHT if routing == "straight" else 2)
+    check_integer(
+        "tendons", tendons, low=1, high=MOST_STRAIGHT if routing == "straight" else MOST_CURVED
+    )
     section = _take_section(robot, limits)
     points = take_curve(curve)
     target = fit_bend(points)
@@ -332,8 +334,11 @@ def _route_curved(
     target: BendTarget, stiffness: Floats, limits: RoutingLimits, tendons: int
 ) -> tuple[tuple[Tendon, ...], Floats, Floats]:
     """Return tendons, the base's frame and tensions: from the closed form, by the exact law."""
-    kind = PathFit if tendons == 1 else AngleFit
-    fit = kind(target, stiffness, limits)
+    fit = (
+        PathFit(target, stiffness, limits)
+        if tendons == 1
+        else AngleFit(target, stiffness, limits, tendons)
+    )
     found = fit.settle(target)
     length = target.steps.length
     places = np.linspace(0.0, length, math.ceil(length / KNOT_MM) + 1)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from .bouc_wen import BoucWen
 from .friction import FrictionBand, MaxwellSlip
-from .operator import Hysteresis, HysteresisFit, HysteresisState, Operator
+from .generalised import GeneralisedPrandtlIshlinskii, MonotoneCurve
+from .operator import Hysteresis, HysteresisFit, HysteresisState, LoopOptions, Operator
 from .prandtl_ishlinskii import (
     AsymmetricPrandtlIshlinskii,
     PrandtlIshlinskii,
@@ -19,10 +20,13 @@ __all__ = [
     "AsymmetricPrandtlIshlinskii",
     "BoucWen",
     "FrictionBand",
+    "GeneralisedPrandtlIshlinskii",
     "Hysteresis",
     "HysteresisFit",
     "HysteresisState",
+    "LoopOptions",
     "MaxwellSlip",
+    "MonotoneCurve",
     "Operator",
     "PrandtlIshlinskii",
     "Preisach",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...checks import check_number, refuse_first
 from ...errors import InputError
 from ..kernels import hysteresis as kernels
-from .operator import HysteresisFit, Loops, Operator, number, search
+from .operator import HysteresisFit, LoopOptions, Loops, Operator, number
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ class BoucWen(Operator):
         response: ArrayLike,
         *,
         exponent: float | None = None,
-        skip: int = 0,
+        options: LoopOptions | None = None,
     ) -> HysteresisFit[BoucWen]:
         """Fit everything to measured loops.
 
@@ -104,37 +104,39 @@ class BoucWen(Operator):
         begun at several widths; a height of more than 1000 times the span of the response is not
         tried.
 
-        History, response and skip are those of all operators, see `Operator`.
+        History, response and options are those of all operators, see `Operator`.
 
         Parameters
         ----------
         exponent : float, optional
             n where it is known; fitted, between 1 and 10, without.
         """
-        loops = Loops.take(history, response, skip)
+        loops = Loops.take(history, response, options)
         inputs = loops.inputs
         span = float(inputs.max() - inputs.min())
-        tall = float(np.ptp(loops.target)) or 1.0
+        tall = float(np.ptp(loops.response[..., loops.skip :])) or 1.0
         known = exponent is not None
         if exponent is not None:
             exponent = check_number("exponent", exponent, low=1.0, high=_HIGHEST)
 
         def trace(point: Floats) -> Floats:
             power = exponent if exponent is not None else float(point[2])
-            state = _run_normalised(inputs, power, float(point[1]), float(np.exp(point[0])))
-            return loops.pick(np.stack([inputs, -state], axis=-1))
+            reach = float(np.exp(point[0]))
+            state = _run_normalised(inputs, power, float(point[1]), reach)
+            # What is carried is at least its own line less h, which is never negative.
+            least = inputs / reach if loops.carried else 0.0
+            return np.stack([inputs, least - state], axis=-1)
 
         widths = (-2.0, -1.0, -3.5)
         starts = [[np.log(span) + width, 0.6] + [1.5] * (not known) for width in widths]
         low, high = [np.log(span) - 7.0, 0.0], [np.log(span) + 3.0, 5.0]
-        point, found = search(
+        point, found = loops.search(
             trace,
-            loops.target,
             starts,
             (low + [1.0] * (not known), high + [10.0] * (not known)),
             names=("slope", "alpha"),
             limits=(
-                np.array([-_LARGEST * tall / span, 0.0]),
+                np.array([0.0 if loops.carried else -_LARGEST * tall / span, 0.0]),
                 np.array([_LARGEST * tall / span, _LARGEST * tall]),
             ),
         )
@@ -145,6 +147,7 @@ class BoucWen(Operator):
             height = _FLAT * tall
             lost = ("beta", "gamma", *(() if known else ("exponent",)))
         alpha, share = 1.0 / float(np.exp(point[0])), float(point[1])
+        slope += height * alpha if loops.carried else 0.0
         operator = cls(
             slope=slope / height,
             scale=height,
@@ -152,7 +155,7 @@ class BoucWen(Operator):
             beta=share * alpha,
             gamma=(1.0 - share) * alpha,
             exponent=power,
-            offset=found.offset,
+            offset=loops.find_offset(found),
         )
         return loops.report(operator, found, lost=lost)
 

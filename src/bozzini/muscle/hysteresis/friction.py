@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +14,9 @@ from ..kernels import hysteresis as kernels
 from .operator import (
     LIMIT,
     HysteresisFit,
+    LoopOptions,
     Loops,
     Operator,
-    fit_linear,
     list_rows,
     number,
     numbers,
@@ -149,13 +149,13 @@ class MaxwellSlip(Operator):
         *,
         yields: Sequence[float] | None = None,
         count: int = 10,
-        skip: int = 0,
+        options: LoopOptions | None = None,
     ) -> HysteresisFit[MaxwellSlip]:
         """Fit the elements to measured loops: linear least squares with bounds.
 
         The output has no offset. Elements of which nothing is left are dropped.
 
-        History, response and skip are those of all operators, see `Operator`.
+        History, response and options are those of all operators, see `Operator`.
 
         Parameters
         ----------
@@ -164,13 +164,12 @@ class MaxwellSlip(Operator):
         count : int
             How many, 1 to 200.
         """
-        loops = Loops.take(history, response, skip)
+        loops = Loops.take(history, response, options)
         inputs = loops.inputs
         given = choose_thresholds(inputs, yields, count, counts=(1, 200), from_zero=False)
         yields = take_increasing("yields", given, low_open=True)
-        found = fit_linear(
-            loops.pick(kernels.trace_slips(inputs, np.array(yields))),
-            loops.target,
+        found = loops.fit(
+            kernels.trace_slips(inputs, np.array(yields)),
             names=[f"stiffnesses[{i}]" for i in range(len(yields))],
             offset=False,
         )
@@ -263,24 +262,22 @@ class FrictionBand(Operator):
 
     @classmethod
     def identify(
-        cls, history: ArrayLike, response: ArrayLike, *, skip: int = 0
+        cls, history: ArrayLike, response: ArrayLike, *, options: LoopOptions | None = None
     ) -> HysteresisFit[FrictionBand]:
         """Fit kappa1 and kappa2 to measured loops: linear least squares with bounds.
 
-        History, response and skip are those of all operators, see `Operator`; the response is the
-        pressures that would give the same without friction.
+        History, response and options are those of all operators, see `Operator`; the response has
+        the pressures that would give the same without friction.
         """
-        loops = Loops.take(history, response, skip)
+        loops = Loops.take(history, response, options)
         inputs = loops.inputs
         low, high = float(inputs.min()), float(inputs.max())
         share = (inputs - low) / (high - low)
         ways = _hold_last(np.sign(np.diff(inputs, axis=-1, prepend=0.0)))
         loss = -ways * inputs
         columns = np.stack([loss * (1.0 - share), loss * share], axis=-1)
-        rest = loops.target - loops.pick(inputs[..., None])[:, 0]
-        found = fit_linear(
-            loops.pick(columns), rest, names=("kappa1", "kappa2"), offset=False, limits=(0.0, 1.0)
-        )
+        rest = replace(loops, response=loops.response - loops.history)
+        found = rest.fit(columns, names=("kappa1", "kappa2"), offset=False, limits=(0.0, 1.0))
         first, last = found.values
         kappa2 = -(last - first) / (high - low)
         return loops.report(cls(-first - kappa2 * low, kappa2), found)

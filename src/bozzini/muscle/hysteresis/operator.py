@@ -116,11 +116,11 @@ class Operator(ABC):
     Only the order of the inputs counts, not their timing: a sample more on the way between two
     others changes nothing at those. All act along the last axis, over any leading ones.
 
-    ``identify(history, response, skip=0)`` of a subclass fits it to measured loops. `history` has
-    the inputs in the order of time, (..., n), each history from rest, and `response` the outputs
-    measured, of the same shape. The first `skip` samples of each history only move the memory. It
-    raises `InputError` if these are not finite arrays of one shape, the history is constant, or an
-    option is out of its range.
+    ``identify(history, response, *, options=None)`` of a subclass fits it to measured loops.
+    `history` has the inputs in the order of time, (..., n), each history from rest, and `response` the
+    outputs measured, of the same shape; the options are a `LoopOptions`. It raises `InputError` if
+    these are not finite arrays of one shape, the history is constant, or an option is out of its
+    range.
     """
 
     def __post_init__(self) -> None:
@@ -291,6 +291,30 @@ _SHARE = 1e-4  # of a parameter in what nothing determines, for it to be named
 
 
 @dataclass(frozen=True, eq=False)
+class LoopOptions:
+    """How an operator is fitted to loops.
+
+    Parameters
+    ----------
+    skip : int
+        The first samples of each history that only move the memory and are not fitted.
+    carried : bool
+        Whether a muscle is to carry the operator: its output is 0 at rest, at an input of 0, and
+        never negative where the inputs are not.
+    weights : (..., n) array_like, optional
+        What the residual of each sample is multiplied by, 0 or more; 1 without.
+    terms : (..., n, k) array_like, optional
+        Other causes of the response, such as a drift: each is fitted besides with a factor of any
+        sign, and is no part of the operator.
+    """
+
+    skip: int = 0
+    carried: bool = False
+    weights: ArrayLike | None = None
+    terms: ArrayLike | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class HysteresisFit(Result, Generic[Fitted]):
     """What came of a fit.
 
@@ -299,9 +323,10 @@ class HysteresisFit(Result, Generic[Fitted]):
     operator : Operator
         The operator fitted.
     residual : (..., n) ndarray
-        Response less the operator's output, at all samples, in the unit of the response.
+        Response less the operator's output and the terms, at all samples, in the unit of the
+        response.
     deviation : float
-        Root mean square of the residual over the samples fitted.
+        Root mean square of the residual over the samples fitted, by their weights.
     converged : bool
         Whether the search met its tolerance.
     reason : str
@@ -311,6 +336,8 @@ class HysteresisFit(Result, Generic[Fitted]):
     undetermined : tuple of str
         Parameters that these histories do not determine, alone or among each other: other values
         fit as well.
+    terms : tuple of float
+        Factors of `LoopOptions.terms`.
     """
 
     operator: Fitted
@@ -320,6 +347,7 @@ class HysteresisFit(Result, Generic[Fitted]):
     reason: str
     evaluations: int
     undetermined: tuple[str, ...]
+    terms: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,7 +355,7 @@ class LinearFit:
     """Solution of bounded linear least squares: see `fit_linear`."""
 
     values: tuple[float, ...]
-    offset: float
+    free: tuple[float, ...]
     residual: Floats
     converged: bool
     reason: str
@@ -341,13 +369,13 @@ def fit_linear(
     *,
     names: Sequence[str],
     limits: tuple[float | Floats, float | Floats] = (0.0, np.inf),
-    offset: bool = True,
+    free: Floats | None = None,
     judge: bool = True,
 ) -> LinearFit:
-    """Fit ``columns @ values + offset`` (n,) to a target, with bounds on the values (k,).
+    """Fit ``columns @ values + free @ factors`` (n,) to a target, with bounds on the values (k,).
 
-    A constant column determines nothing and gets the value nearest to 0. The offset, if there is
-    one, has no bounds. With `judge` the names of values that are undetermined are looked for.
+    A column that the free ones make up determines nothing and gets the value nearest to 0. With
+    `judge` the names of values that are undetermined are looked for.
     """
     from scipy.optimize import lsq_linear
 
@@ -355,21 +383,25 @@ def fit_linear(
     lows = np.broadcast_to(np.asarray(limits[0], dtype=np.float64), (count,))
     highs = np.broadcast_to(np.asarray(limits[1], dtype=np.float64), (count,))
     values = np.clip(np.zeros(count), lows, highs)
-    # An offset without bounds takes all that is constant: it is fitted to the means.
-    middle = columns.mean(axis=0) if offset else np.zeros(count)
-    mean = float(target.mean()) if offset else 0.0
-    level = columns - middle
+    # What has no bounds is projected out, and the rest made as small as it has columns.
+    others = np.empty((len(target), 0)) if free is None else free
+    sides, sizes, _ = np.linalg.svd(others, full_matrices=False)
+    sides = sides[:, sizes > 1e-12 * sizes.max(initial=0.0)]
+    level = columns - sides @ (sides.T @ columns)
     scales = np.sqrt(np.square(level).sum(axis=0))
     varying = scales > 1e-9 * np.sqrt(np.square(columns).sum(axis=0))
     converged, reason = True, ""
     doubtful = ~varying
     if varying.any():
-        matrix = level[:, varying] / scales[varying]
-        rest = target - mean - level @ np.where(varying, 0.0, values)
+        rest = target - level @ np.where(varying, 0.0, values)
+        rest = rest - sides @ (sides.T @ rest)
         size = float(np.abs(rest).max()) or 1.0
+        both = np.column_stack([level[:, varying] / scales[varying], rest / size])
+        small = np.linalg.qr(both, mode="r")
+        matrix = small[:, :-1]
         solution = lsq_linear(
             matrix,
-            rest / size,
+            small[:, -1],
             bounds=(
                 lows[varying] * scales[varying] / size,
                 highs[varying] * scales[varying] / size,
@@ -378,20 +410,21 @@ def fit_linear(
             tol=1e-14,
             max_iter=10 * count + 100,
         )
-        free = np.clip(solution.x * size / scales[varying], lows[varying], highs[varying])
+        found = np.clip(solution.x * size / scales[varying], lows[varying], highs[varying])
         at = solution.active_mask.astype(np.int64)  # -1 at the lower bound, 1 at the upper
-        values[varying] = np.choose(at + 1, (lows[varying], free, highs[varying]))
+        values[varying] = np.choose(at + 1, (lows[varying], found, highs[varying]))
         converged = bool(solution.status > 0)
         reason = "" if converged else "bounded least squares ran out of iterations"
         if judge:
-            _, sizes, directions = np.linalg.svd(matrix, full_matrices=len(matrix) < count)
+            _, sizes, directions = np.linalg.svd(matrix)
             rank = int(np.count_nonzero(sizes > _SIGNIFICANT * sizes[0]))
             doubtful[np.flatnonzero(varying)] = (np.abs(directions[rank:]) > _SHARE).any(axis=0)
-    constant = mean - float(middle @ values)
+    left = target - columns @ values
+    factors = np.linalg.lstsq(others, left, rcond=1e-12)[0]
     return LinearFit(
         values=tuple(values.tolist()),
-        offset=constant,
-        residual=target - columns @ values - constant,
+        free=tuple(factors.tolist()),
+        residual=left - others @ factors,
         converged=converged,
         reason=reason,
         undetermined=tuple(str(name) for name, lost in zip(names, doubtful, strict=True) if lost),
@@ -408,25 +441,45 @@ _FLAT = 1e-8  # what plays add at most, in spans of the response, below which it
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """Histories and responses, one shape, of which the first `skip` samples are not fitted."""
+    """Histories and responses, one shape, and how they are fitted."""
 
     history: Floats
     response: Floats
     skip: int
+    carried: bool
+    weights: Floats
+    terms: Floats
 
     @classmethod
-    def take(cls, history: ArrayLike, response: ArrayLike, skip: int) -> Loops:
+    def take(
+        cls, history: ArrayLike, response: ArrayLike, options: LoopOptions | None = None
+    ) -> Loops:
         """Return loops, checked."""
+        options = LoopOptions() if options is None else options
         inputs = take_history("history", history)
         outputs = take_history("response", response)
         if inputs.shape != outputs.shape:
             raise InputError(f"response has shape {outputs.shape}: it must be {inputs.shape}")
         if inputs.size == 0:
             raise InputError(f"history has shape {inputs.shape}: it must have at least 2 samples")
-        skip = check_integer("skip", skip, low=0, high=max(0, inputs.shape[-1] - 2))
+        skip = check_integer("skip", options.skip, low=0, high=max(0, inputs.shape[-1] - 2))
         if inputs.max() == inputs.min():
             raise InputError(f"history is {inputs.flat[0]:g} all along: it must change")
-        return cls(inputs, outputs, skip)
+        weights, terms = np.ones(inputs.shape), np.empty((*inputs.shape, 0))
+        if options.weights is not None:
+            weights = check_array("weights", options.weights)
+            check_range("weights", weights, 0.0, LIMIT)
+        if options.terms is not None:
+            terms = check_array("terms", options.terms)
+            check_range("terms", terms, -LIMIT, LIMIT)
+        if weights.shape != inputs.shape or terms.shape[:-1] != inputs.shape:
+            raise InputError(
+                f"weights have shape {weights.shape} and terms {terms.shape}: they must be "
+                f"{inputs.shape} and {(*inputs.shape, 'k')}"
+            )
+        if not weights[..., skip:].any():
+            raise InputError("weights are 0 at all samples: one must be above 0")
+        return cls(inputs, outputs, skip, bool(options.carried), weights, terms)
 
     @property
     def inputs(self) -> Floats:
@@ -435,70 +488,93 @@ class Loops:
 
     @property
     def target(self) -> Floats:
-        """The responses to be fitted, one after the other."""
-        return self.response[..., self.skip :].ravel()
+        """The responses to be fitted, one after the other, times their weights."""
+        return self.pick(list_rows(self.response)[..., None])[:, 0]
 
     def pick(self, columns: Floats) -> Floats:
-        """Return columns (m, n, k) at the samples to be fitted (m (n - skip), k)."""
-        return columns[:, self.skip :].reshape(-1, columns.shape[-1])
+        """Return columns (m, n, k) at the samples to be fitted (m (n - skip), k), weighted."""
+        weighted = columns * list_rows(self.weights)[..., None]
+        kept = weighted[:, self.skip :]
+        return np.asarray(kept.reshape(kept.shape[0] * kept.shape[1], kept.shape[2]))
+
+    def pick_free(self, *, offset: bool = True) -> Floats:
+        """Return the columns of what is free: an offset, unless it is known, and the terms."""
+        kinds = [self.terms.reshape(*self.inputs.shape, -1)]
+        kinds += [np.ones((*self.inputs.shape, 1))] if offset and not self.carried else []
+        return self.pick(np.concatenate(kinds, axis=-1))
+
+    def fit(self, columns: Floats, *, offset: bool = True, **options: Any) -> LinearFit:
+        """Fit columns (m, n, k), an offset and the terms: see `fit_linear`."""
+        return fit_linear(
+            self.pick(columns), self.target, free=self.pick_free(offset=offset), **options
+        )
+
+    def find_offset(self, found: LinearFit) -> float:
+        """Return the offset of a fit that has one; 0 where it is known to be."""
+        return 0.0 if self.carried else found.free[-1]
 
     def distinguish(self, weight: float) -> bool:
         """Whether plays of this weight, 0 or more, can make a difference to the responses."""
-        return weight * float(np.ptp(self.history)) > _FLAT * float(np.ptp(self.target))
+        span = float(np.ptp(self.response[..., self.skip :]))
+        return weight * float(np.ptp(self.history)) > _FLAT * span
 
     def report(
         self, operator: FittedOperator, found: LinearFit, *, lost: tuple[str, ...] = ()
     ) -> HysteresisFit[FittedOperator]:
         """Return the fit, with the residual that the operator itself leaves."""
-        residual = self.response - operator.apply(self.history)
-        fitted = residual[..., self.skip :]
+        factors = found.free[: self.terms.shape[-1]]
+        residual = self.response - operator.apply(self.history) - self.terms @ np.array(factors)
+        fitted = (self.weights * residual)[..., self.skip :]
+        size = np.square(self.weights[..., self.skip :]).sum()
         return HysteresisFit(
             operator=operator,
             residual=residual,
-            deviation=float(np.sqrt(np.mean(np.square(fitted)))),
+            deviation=float(np.sqrt(np.square(fitted).sum() / size)),
             converged=found.converged,
             reason=found.reason,
             evaluations=found.evaluations,
             undetermined=(*found.undetermined, *lost),
+            terms=tuple(factors),
         )
 
+    def search(
+        self,
+        columns_at: Callable[[Floats], Floats],
+        starts: list[list[float]],
+        bounds: tuple[ArrayLike, ArrayLike],
+        **options: Any,
+    ) -> tuple[Floats, LinearFit]:
+        """Return the best parameters on which columns (m, n, k) depend, from several starts.
 
-def search(
-    columns_at: Callable[[Floats], Floats],
-    target: Floats,
-    starts: list[list[float]],
-    bounds: tuple[ArrayLike, ArrayLike],
-    **options: Any,
-) -> tuple[Floats, LinearFit]:
-    """Return the best parameters on which columns (n, k) depend, from several starts.
+        What is linear in the columns is solved within, by `fit` with the options.
+        """
+        from scipy.optimize import least_squares
 
-    What is linear in the columns is solved within, by `fit_linear` with the options.
-    """
-    from scipy.optimize import least_squares
+        target, free = self.target, self.pick_free()
+        scale = float(np.abs(target - target.mean()).max()) or 1.0
 
-    scale = float(np.abs(target - target.mean()).max()) or 1.0
+        def solve(point: Floats, **judge: bool) -> LinearFit:
+            return fit_linear(self.pick(columns_at(point)), target, free=free, **options, **judge)
 
-    def miss(point: Floats) -> Floats:
-        return fit_linear(columns_at(point), target, judge=False, **options).residual / scale
+        def miss(point: Floats) -> Floats:
+            return solve(point, judge=False).residual / scale
 
-    low, high = (np.asarray(side, dtype=np.float64) for side in bounds)
-    best, evaluations = None, 0
-    for start in starts:
-        begin = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
-        found = least_squares(
-            miss, begin, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-14,
-            x_scale="jac", max_nfev=EVALUATIONS,
-        )  # fmt: skip
-        evaluations += int(found.nfev)
-        if best is None or found.cost < best.cost:
-            best = found
-    if best is None:
-        raise InputError("a search needs at least one start")
-    inner = fit_linear(columns_at(best.x), target, **options)
-    stopped = "" if best.status > 0 else f"the search ran out of its {EVALUATIONS} evaluations"
-    return np.asarray(best.x), replace(
-        inner,
-        converged=inner.converged and not stopped,
-        reason="; ".join(word for word in (inner.reason, stopped) if word),
-        evaluations=evaluations,
-    )
+        low, high = (np.asarray(side, dtype=np.float64) for side in bounds)
+        tries = []
+        for start in starts:
+            begin = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+            tries.append(
+                least_squares(
+                    miss, begin, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-14,
+                    x_scale="jac", max_nfev=EVALUATIONS,
+                )
+            )  # fmt: skip
+        best = min(tries, key=lambda found: found.cost)
+        inner = solve(best.x)
+        stopped = "" if best.status > 0 else f"the search ran out of its {EVALUATIONS} evaluations"
+        return np.asarray(best.x), replace(
+            inner,
+            converged=inner.converged and not stopped,
+            reason="; ".join(word for word in (inner.reason, stopped) if word),
+            evaluations=sum(int(found.nfev) for found in tries),
+        )

@@ -19,13 +19,12 @@ from .operator import (
     HysteresisFit,
     HysteresisState,
     LinearFit,
+    LoopOptions,
     Loops,
     Operator,
-    fit_linear,
     list_rows,
     number,
     numbers,
-    search,
     take_history,
     take_increasing,
     take_numbers,
@@ -60,17 +59,17 @@ class PlaySum(Operator):
         """How many plays there are."""
         return len(self._plays().weights)
 
-    def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
-        return np.asarray(kernels.run_plays(inputs, *self._plays(), memory))
-
-
-class SteppedPlaySum(PlaySum):
-    """A sum of plays that is inverted step by step, for want of a closed form."""
-
     @property
     @abstractmethod
     def _steepness(self) -> float:
         """A slope that the output has at least, whatever the plays do."""
+
+    def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
+        return np.asarray(kernels.run_plays(inputs - self._origin, *self._plays(), memory))
+
+    @property
+    def _origin(self) -> float:
+        return 0.0
 
     def invert_history(
         self,
@@ -78,6 +77,7 @@ class SteppedPlaySum(PlaySum):
         *,
         between: tuple[float, float],
         initial: HysteresisState | None = None,
+        clip: bool = False,
     ) -> Floats:
         """Return the inputs that give these outputs, sample by sample.
 
@@ -92,12 +92,15 @@ class SteppedPlaySum(PlaySum):
             Smallest and largest input to look at.
         initial : HysteresisState, optional
             As in `run`.
+        clip : bool
+            Whether an output that is out of reach gets the nearest end of `between`; it is an
+            error without.
 
         Raises
         ------
         InputError
             If the operator need not increase with its input, is not defined all over `between`, or
-            gives none of the outputs there.
+            gives none of the outputs there and `clip` is not set.
         """
         outputs = take_history("response", response)
         low = check_number("between[0]", between[0], low=-LIMIT, high=LIMIT)
@@ -113,8 +116,9 @@ class SteppedPlaySum(PlaySum):
         flat = list_rows(outputs)
         memory = np.array(np.broadcast_to(state.memory, (*batch, self.memory_size)))
         memory = memory.reshape(len(flat), self.memory_size)
+        shift = self._origin
         inputs, row, sample, bottom, top = kernels.invert_plays(
-            flat, *self._plays(), memory, low, high
+            flat, *self._plays(), memory, low - shift, high - shift, clip
         )
         if row >= 0:
             index = row * flat.shape[1] + sample
@@ -122,7 +126,7 @@ class SteppedPlaySum(PlaySum):
                 f"{name_at('response', outputs, index)} is {outputs.flat[index]:g}: between inputs "
                 f"of {low:g} and {high:g} it must lie in [{bottom:g}, {top:g}]"
             )
-        return np.asarray(inputs.reshape(outputs.shape))
+        return np.asarray(inputs.reshape(outputs.shape) + shift)
 
 
 def trace_plays(inputs: Floats, lower: Floats, upper: Floats) -> Floats:
@@ -270,11 +274,11 @@ class PrandtlIshlinskii(PlaySum):
         count: int = 10,
         origin: float = 0.0,
         signed: bool = False,
-        skip: int = 0,
+        options: LoopOptions | None = None,
     ) -> HysteresisFit[PrandtlIshlinskii]:
         """Fit weights and offset to measured loops: linear least squares with bounds.
 
-        History, response and skip are those of all operators, see `Operator`.
+        History, response and options are those of all operators, see `Operator`.
 
         Parameters
         ----------
@@ -288,28 +292,35 @@ class PrandtlIshlinskii(PlaySum):
             Whether weights may be negative; without, they are 0 or more.
         """
         origin = check_number("origin", origin, low=-LIMIT, high=LIMIT)
-        loops = Loops.take(history, response, skip)
+        loops = Loops.take(history, response, options)
         given = choose_thresholds(loops.inputs, thresholds, count, counts=(1, 200))
         thresholds = take_increasing("thresholds", given)
-        lower, upper = _symmetric_edges(thresholds)
-        columns = loops.pick(trace_plays(loops.inputs - origin, lower, upper))
-        found = fit_linear(
-            columns,
-            loops.target,
+        found = loops.fit(
+            trace_symmetric_plays(loops.inputs - origin, thresholds),
             names=[f"weights[{i}]" for i in range(len(thresholds))],
-            limits=(-LIMIT if signed else 0.0, np.inf),
+            limits=(-LIMIT if signed and not loops.carried else 0.0, np.inf),
         )
-        operator = cls(thresholds, found.values, origin=origin, offset=found.offset)
+        operator = cls(thresholds, found.values, origin=origin, offset=loops.find_offset(found))
         return loops.report(operator, found)
 
     def _plays(self) -> Plays:
         return Plays(*_symmetric_edges(self.thresholds), np.array(self.weights), 0.0, self.offset)
 
-    def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
-        return np.asarray(kernels.run_plays(inputs - self.origin, *self._plays(), memory))
+    @property
+    def _origin(self) -> float:
+        return self.origin
+
+    @property
+    def _steepness(self) -> float:
+        return min(self.slopes) if self.thresholds[0] == 0.0 else 0.0
 
 
-def _symmetric_edges(thresholds: Sequence[float]) -> tuple[Floats, Floats]:
+def trace_symmetric_plays(inputs: Floats, thresholds: Sequence[float] | Floats) -> Floats:
+    """Return the positions of symmetric plays (m, n, k) along inputs (m, n), from rest at 0."""
+    return trace_plays(inputs, *_symmetric_edges(thresholds))
+
+
+def _symmetric_edges(thresholds: Sequence[float] | Floats) -> tuple[Floats, Floats]:
     """Return both edges of symmetric plays (k, 3)."""
     lower = np.zeros((len(thresholds), 3))
     lower[:, 1] = 1.0
@@ -320,7 +331,7 @@ def _symmetric_edges(thresholds: Sequence[float]) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True)
-class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
+class AsymmetricPrandtlIshlinskii(PlaySum):
     """Ascending and descending plays, thesis (2.55), for loops that are not symmetric.
 
     The sum is::
@@ -382,7 +393,7 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
         thresholds: Sequence[float] | None = None,
         count: int = 6,
         envelope: Sequence[float] | None = None,
-        skip: int = 0,
+        options: LoopOptions | None = None,
     ) -> HysteresisFit[AsymmetricPrandtlIshlinskii]:
         """Fit everything but the thresholds to measured loops.
 
@@ -390,7 +401,7 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
         which keeps to what is legal on the history. k1 is kept at or above the sum of all weights,
         so that the operator found does not fall as its input rises.
 
-        History, response and skip are those of all operators, see `Operator`.
+        History, response and options are those of all operators, see `Operator`.
 
         Parameters
         ----------
@@ -401,7 +412,7 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
         envelope : sequence of float, optional
             a0, a1, a2 where they are known; fitted without.
         """
-        loops = Loops.take(history, response, skip)
+        loops = Loops.take(history, response, options)
         inputs = loops.inputs
         given = choose_thresholds(inputs, thresholds, count, counts=(1, 100), from_zero=False)
         thresholds = take_increasing("thresholds", given)
@@ -411,16 +422,17 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
 
         def trace(curve: Sequence[float]) -> Floats:
             traced = trace_plays(inputs, *_enveloped_edges(thresholds, curve))
-            return loops.pick(np.concatenate([inputs[..., None], traced], axis=-1))
+            return np.concatenate([inputs[..., None], traced], axis=-1)
 
         found: LinearFit
         if envelope is None:
             place = _Legal(low, high, 2.0 * thresholds[0])
-            point, found = search(
+            # With this much less than the input its edges stay at 0 or above.
+            least = -thresholds[0] if loops.carried else -2.0 * thresholds[0]
+            point, found = loops.search(
                 lambda point: trace(place.bend(point)),
-                loops.target,
                 [[0.0, 0.7, 1.3], [0.0, 1.3, 0.7], [0.05 * (high - low), 1.0, 1.0]],
-                ([-2.0 * thresholds[0], 0.0, 0.0], [high - low, 10.0, 10.0]),
+                ([least, 0.0, 0.0], [high - low, 10.0, 10.0]),
                 names=names,
             )
             curve = place.bend(point)
@@ -429,12 +441,12 @@ class AsymmetricPrandtlIshlinskii(SteppedPlaySum):
             cls(0.0, thresholds, (0.0,) * len(thresholds), (0.0,) * len(thresholds), curve).apply(
                 loops.history
             )
-            found = fit_linear(trace(curve), loops.target, names=names)
+            found = loops.fit(trace(curve), names=names)
         free, *weights = found.values
         ascending, descending = weights[: len(thresholds)], weights[len(thresholds) :]
         operator = cls(
             free + sum(weights), thresholds, tuple(ascending), tuple(descending), curve,
-            offset=found.offset,
+            offset=loops.find_offset(found),
         )  # fmt: skip
         undetermined = envelope is None and not loops.distinguish(max(descending))
         return loops.report(operator, found, lost=("envelope",) if undetermined else ())
@@ -518,10 +530,11 @@ def _enveloped_edges(
 
 
 _STEEPEST = 20.0  # ratio of slopes that a fit tries
+_BEYOND = 1.5  # times the inputs of a fit: there it is defined as well
 
 
 @dataclass(frozen=True)
-class UnparallelPrandtlIshlinskii(SteppedPlaySum):
+class UnparallelPrandtlIshlinskii(PlaySum):
     """A weighted sum of plays with edges of their own slopes, thesis (2.56).
 
     The plays are::
@@ -576,7 +589,7 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
         *,
         thresholds: Sequence[float] | None = None,
         count: int = 8,
-        skip: int = 0,
+        options: LoopOptions | None = None,
     ) -> HysteresisFit[UnparallelPrandtlIshlinskii]:
         """Fit weights, offset and one ratio of slopes to measured loops.
 
@@ -584,7 +597,7 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
         ``be / al``, which all plays of r > 0 share; al is 1. It keeps to what is legal on the
         history. A play of r = 0 is the input itself.
 
-        History, response and skip are those of all operators, see `Operator`.
+        History, response and options are those of all operators, see `Operator`.
 
         Parameters
         ----------
@@ -593,7 +606,7 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
         count : int
             How many, 2 to 200.
         """
-        loops = Loops.take(history, response, skip)
+        loops = Loops.take(history, response, options)
         inputs = loops.inputs
         given = choose_thresholds(inputs, thresholds, count, counts=(2, 200))
         thresholds = take_increasing("thresholds", given)
@@ -606,15 +619,15 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
 
         def trace(ratio: float) -> Floats:
             down = np.where(wide, ratio, 1.0)
-            return loops.pick(trace_plays(inputs, *_sloped_edges(thresholds, up, down)))
+            return trace_plays(inputs, *_sloped_edges(thresholds, up, down))
 
-        low, high = _legal_ratios(first, float(inputs.min()), float(inputs.max()))
+        # It is defined beyond what was seen, too: a muscle that carries it may go there.
+        low, high = _legal_ratios(first, *(_BEYOND * end for end in (inputs.min(), inputs.max())))
         if high - low < 1e-6:
-            ratio, found = 1.0, fit_linear(trace(1.0), loops.target, names=names)
+            ratio, found = 1.0, loops.fit(trace(1.0), names=names)
         else:
-            point, found = search(
+            point, found = loops.search(
                 lambda point: trace(float(np.exp(point[0]))),
-                loops.target,
                 [[np.log(0.8)], [np.log(1.25)], [0.0]],
                 ([np.log(low)], [np.log(high)]),
                 names=names,
@@ -622,8 +635,12 @@ class UnparallelPrandtlIshlinskii(SteppedPlaySum):
             ratio = float(np.exp(point[0]))
         down = np.where(wide, ratio, 1.0)
         operator = cls(
-            thresholds, found.values, tuple(up.tolist()), tuple(down.tolist()), offset=found.offset
-        )
+            thresholds,
+            found.values,
+            tuple(up.tolist()),
+            tuple(down.tolist()),
+            offset=loops.find_offset(found),
+        )  # fmt: skip
         known = loops.distinguish(max(np.array(found.values)[wide]))
         return loops.report(operator, found, lost=() if known else ("descending_slopes",))
 

@@ -15,9 +15,9 @@ from .operator import (
     LIMIT,
     HysteresisFit,
     HysteresisState,
+    LoopOptions,
     Loops,
     Operator,
-    fit_linear,
     number,
     numbers,
     take_fields,
@@ -125,14 +125,14 @@ class Preisach(Operator):
         levels: Sequence[float] | None = None,
         count: int = 10,
         signed: bool = False,
-        skip: int = 0,
+        options: LoopOptions | None = None,
     ) -> HysteresisFit[Preisach]:
         """Fit weights and offset to measured loops: linear least squares with bounds.
 
         To determine all weights it takes reversals at all levels: loops that grow or shrink step by
         step. `HysteresisFit.undetermined` names the weights that the history does not determine.
 
-        History, response and skip are those of all operators, see `Operator`.
+        History, response and options are those of all operators, see `Operator`.
 
         Parameters
         ----------
@@ -143,7 +143,7 @@ class Preisach(Operator):
         signed : bool
             Whether weights may be negative; without, they are 0 or more.
         """
-        loops = Loops.take(history, response, skip)
+        loops = Loops.take(history, response, options)
         count = check_integer("count", count, low=1, high=40)
         inputs = loops.inputs
         given: Sequence[float] = (
@@ -156,13 +156,15 @@ class Preisach(Operator):
         cls(levels, (0.0,) * (steps * (steps + 1) // 2))
         memory = np.full((len(inputs), steps * (steps + 1) // 2), -1.0)
         last = np.full(len(inputs), levels[0])
-        found = fit_linear(
-            loops.pick(kernels.trace_relays(inputs, np.array(levels), last, memory)),
-            loops.target,
+        # Of an operator that is carried the output at rest is 0, not that in the middle.
+        low = -1.0 if loops.carried else 0.0
+        found = loops.fit(
+            kernels.trace_relays(inputs, np.array(levels), last, memory) - low,
             names=[f"weights[{i}]" for i in range(memory.shape[1])],
             limits=(-LIMIT if signed else 0.0, np.inf),
         )
-        return loops.report(cls(levels, found.values, offset=found.offset), found)
+        middle = sum(found.values) if loops.carried else loops.find_offset(found)
+        return loops.report(cls(levels, found.values, offset=middle), found)
 
     def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:
         return np.asarray(

@@ -64,11 +64,12 @@ def add_plays(point, lower, upper, weights, slope, offset, memory):
 
 
 @njit(cache=True)
-def invert_plays(response, lower, upper, weights, slope, offset, memory, least, most):
+def invert_plays(response, lower, upper, weights, slope, offset, memory, least, most, clip):
     """Inputs in ``[least, most]`` that give these outputs, by bisection to the last bits.
 
-    The sum must increase with the input. Also returns the row and the sample of the first output
-    out of reach and what can be reached there; a row of -1 if all can.
+    The sum must increase with the input. Outputs out of reach get the nearest end if they are to be
+    clipped. Otherwise also returns the row and the sample of the first one and what can be reached
+    there; a row of -1 if there is none.
     """
     rows, count = response.shape
     output = np.empty((rows, count))
@@ -79,7 +80,9 @@ def invert_plays(response, lower, upper, weights, slope, offset, memory, least, 
             bottom = add_plays(low, lower, upper, weights, slope, offset, memory[row])
             top = add_plays(high, lower, upper, weights, slope, offset, memory[row])
             slack = 1e-12 * (abs(bottom) + abs(top))
-            if not bottom - slack <= target <= top + slack:
+            if clip:
+                target = min(max(target, bottom), top)
+            elif not bottom - slack <= target <= top + slack:
                 return output, row, i, bottom, top
             for _ in range(200):
                 middle = 0.5 * (low + high)

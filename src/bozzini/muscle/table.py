@@ -1,0 +1,577 @@
+"""Tables of measurements: reading files and data frames, and writing them."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import difflib
+import io
+import itertools
+import math
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_path
+from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
+from ..io.files import write_text
+from ..units import parse_quantity
+from .data import GEOMETRY, LOAD_LIMIT, MEASURED, Measurements, describe_field, sort_columns
+from .design import PRESSURE_LIMIT, Muscle
+
+if TYPE_CHECKING:
+    import pandas
+
+ZERO_SHARE = 0.02
+"""Negative pressures up to this share of the largest are the error of a sensor's zero."""
+
+
+def read_measurements(
+    path: str | os.PathLike[str],
+    *,
+    muscle: Muscle | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Measurements:
+    """Read measurements from a CSV or Parquet file.
+
+    Columns: `pressure`; `contraction` or `length`; if there, `load` (or `force`, `mass`),
+    `direction` and `specimen`. A length, and a contraction in % of the rest length or as a ratio
+    (`strain`), need the rest length: that of the muscle, or a column ``rest length [mm]``. Further
+    columns give the geometry of each specimen, by the names of the fields of `Muscle` or as
+    diameters, and the standard errors of the measured ones, such as ``load error [N]``. The unit
+    of a column stands in its name, as in ``pressure [kPa]``, ``length (mm)`` or ``load_N``, or in
+    `units`. A load in kg is a weight.
+
+    A CSV file is UTF-8 with ``,``, ``;`` or tabs between columns. Numbers have a decimal point, or
+    throughout a decimal comma if the columns are not separated by commas. A line that begins with
+    ``#`` is a comment. Other columns are ignored, and named in `Measurements.ignored`; what looks
+    like a load and is not understood is an error. Negative pressures of at most 2 % of the largest
+    one are 0: `Measurements.notes` has what was changed.
+
+    Parameters
+    ----------
+    path : path-like
+        A file ending in .csv, .tsv, .txt, .parquet or .pq; Parquet needs the extra ``parquet``.
+    muscle : Muscle, optional
+        The muscle measured: turns length into contraction, and lengths are checked against its
+        strand.
+    units : mapping, optional
+        Unit of a column whose name has none, such as ``{"pressure": "kPa"}``.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read as such a table. The row is named: the line of a CSV file, the
+        record of a Parquet file counted from 1.
+    UnitError
+        If a column has no unit, two, or a wrong one.
+    InputError
+        If a value is outside its range.
+    MissingExtraError
+        If a Parquet file is given and ``pyarrow`` is not installed.
+    """
+    path = check_path("path", path)
+    suffix = path.suffix.lower()
+    if suffix in _PARQUET_SUFFIXES:
+        sheet = _read_parquet(path)
+    elif suffix in _TEXT_SUFFIXES:
+        sheet = _read_text(path)
+    else:
+        known = ", ".join(_TEXT_SUFFIXES + _PARQUET_SUFFIXES)
+        raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
+    try:
+        data = _take_sheet(sheet, muscle, units or {})
+    except InputError as error:
+        raise type(error)(f"{path.name}: {error}") from None
+    return dataclasses.replace(data, source=path.name)
+
+
+def take_measurements(
+    data: Measurements | pandas.DataFrame,
+    *,
+    muscle: Muscle | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Measurements:
+    """Return measurements from a table of pandas; measurements are returned as they are.
+
+    The columns are those that `read_measurements` reads, units in their names.
+
+    Parameters
+    ----------
+    data : Measurements or DataFrame
+    muscle, units : optional
+        As in `read_measurements`.
+
+    Raises
+    ------
+    FileFormatError, UnitError, InputError
+        As `read_measurements` does; rows are counted from 1.
+    """
+    if isinstance(data, Measurements):
+        return data
+    if not hasattr(data, "columns"):
+        raise InputError(f"data is a {type(data).__name__}: it must be Measurements or a DataFrame")
+    return _take_sheet(_take_frame(data), muscle, units or {})
+
+
+def write_measurements(path: str | os.PathLike[str], data: Measurements) -> Path:
+    """Write measurements as a CSV file that `read_measurements` reads back exactly.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    return write_text(path, data.to_frame().to_csv(index=False, lineterminator="\n"))
+
+
+_MEASURED_KINDS = {
+    "pressure": "pressure",
+    "contraction": "length",
+    "length": "length",
+    "load": "force",
+}
+KINDS = {
+    **_MEASURED_KINDS,
+    **{f"{name} error": _MEASURED_KINDS[name] for name in MEASURED},
+    **{describe_field(name): known.kind for name, known in GEOMETRY.items()},
+}
+"""The columns that hold quantities, and the kind of each."""
+WORDS = ("direction", "specimen")
+"""The columns that hold text."""
+SYNONYMS = {
+    **dict.fromkeys(("force", "tension", "weight", "mass"), "load"),
+    **dict.fromkeys(("displacement", "strain", "contraction ratio"), "contraction"),
+    "force error": "load error",
+    "length error": "contraction error",
+    "free length": "rest length",
+    "branch": "direction",
+}
+DIAMETERS = {f"{name} diameter": f"{name} radius" for name in ("outer", "inner", "strand")}
+RATIOS = ("strain", "contraction ratio")
+"""Names of contractions over the rest length, which need no unit."""
+WEIGHTS = {"kg": "kgf", "g": "gf", "lb": "lbf"}
+"""Units of mass, which stand for the weight of a load."""
+BRANCHES = {
+    "inflating": "inflating",
+    "inflation": "inflating",
+    "up": "inflating",
+    "deflating": "deflating",
+    "deflation": "deflating",
+    "down": "deflating",
+    "": "",
+}
+LIMITS = {"pressure": (PRESSURE_LIMIT, "MPa"), "load": (LOAD_LIMIT, "N")}
+EXAMPLES = {"pressure": "kPa", "length": "mm", "force": "N", "angle": "deg"}
+
+# A name, and perhaps a unit in brackets.
+_HEADER = re.compile(r"\s*(.+?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
+_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
+_LOAD_WORDS = re.compile(r"\b(load|force|tension|weight|mass|pull)s?\b")
+_TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
+_PARQUET_SUFFIXES = (".parquet", ".pq")
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Where a column stands, how it is called in the file, and what its numbers are times.
+
+    The numbers of a ratio are times the rest length as well.
+    """
+
+    place: int
+    title: str
+    factor: float = 1.0
+    is_ratio: bool = False
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """A table as text: its titles, its rows, and the number of each row in the file.
+
+    `may_have_commas` is whether a comma may be a decimal one.
+    """
+
+    titles: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    numbers: Sequence[int]
+    may_have_commas: bool = False
+
+
+def _take_frame(table: pandas.DataFrame) -> _Sheet:
+    cells = table.astype(object).where(table.notna(), "").to_numpy().tolist()
+    return _Sheet([_show(name) for name in table.columns], cells, range(1, len(cells) + 1))
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileFormatError(f"cannot read {path}: {error.strerror or error}") from None
+    except ValueError as error:  # a null byte in the name
+        raise FileFormatError(f"cannot read {path}: {error}") from None
+
+
+def _read_text(path: Path) -> _Sheet:
+    try:
+        text = _read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise FileFormatError(f"{path.name} is not text in UTF-8: save the table as CSV") from None
+    records = _Records(text)
+    cells, numbers = [], []
+    try:
+        for row in records:
+            cells.append(row)
+            numbers.append(records.start)
+    except csv.Error as error:
+        raise FileFormatError(f"{path.name}: row {records.start} is not CSV: {error}") from None
+    if not cells:
+        raise FileFormatError(f"{path.name} is empty: a table has a header and rows")
+    kept = [i for i, row in enumerate(cells) if i and any(map(str.strip, row))]
+    titles = [_show(title) for title in cells[0]]
+    rows = [cells[i] for i in kept]
+    return _Sheet(titles, rows, [numbers[i] for i in kept], records.mark != ",")
+
+
+class _Records:
+    """The records of a CSV text, without comments; a quoted cell may hold ends of lines.
+
+    `start` is the line on which the last one begins, counted from 1; `mark` stands between cells.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.start = 0
+        self._fresh = True
+        # Unlike str.splitlines this breaks lines where CSV does and nowhere else.
+        self._lines = enumerate(io.StringIO(text, newline=""), start=1)
+        first = next(self._feed(), "")
+        self.mark = max(",;\t", key=first.count)
+        self._reader = csv.reader(
+            itertools.chain([first] if first else [], self._feed()),
+            delimiter=self.mark,
+            skipinitialspace=True,
+            strict=True,  # a quote that is not closed would take the rest of the file
+        )
+
+    def __iter__(self) -> Iterator[list[str]]:
+        return self
+
+    def __next__(self) -> list[str]:
+        row = next(self._reader)
+        self._fresh = True
+        return row
+
+    def _feed(self) -> Iterator[str]:
+        for number, line in self._lines:
+            if self._fresh:
+                if not line.strip() or line.lstrip().startswith("#"):
+                    continue
+                self.start = number
+            self._fresh = False
+            yield line
+
+
+def _read_parquet(path: Path) -> _Sheet:
+    try:
+        from pyarrow import ArrowException, parquet
+    except ImportError:
+        raise MissingExtraError("pyarrow", "parquet") from None
+    try:
+        table = parquet.read_table(io.BytesIO(_read_bytes(path)))
+    except (ArrowException, OSError) as error:
+        what = " ".join(str(error).split())
+        raise FileFormatError(f"{path.name} is not a Parquet file: {what}") from None
+    return _take_frame(table.to_pandas())
+
+
+def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:
+    columns, ignored, notes = _find_columns(sheet.titles, units)
+    if not sheet.rows:
+        raise FileFormatError("the table has a header and no rows")
+    commas = sheet.may_have_commas and any(
+        _DECIMAL_COMMA.fullmatch(str(row[column.place]).strip())
+        for row in sheet.rows
+        for name, column in columns.items()
+        if name not in WORDS and column.place < len(row)
+    )
+    numbers: dict[str, list[float]] = {name: [] for name in columns if name not in WORDS}
+    words: dict[str, list[str]] = {name: [] for name in columns if name in WORDS}
+    for number, row in zip(sheet.numbers, sheet.rows, strict=True):
+        where = f"row {number}: "
+        if len(row) != len(sheet.titles):
+            raise FileFormatError(
+                f"{where}it has {len(row)} cell(s): the header has {len(sheet.titles)}"
+            )
+        for name, column in columns.items():
+            cell = row[column.place]
+            if name in WORDS:
+                words[name].append(_take_word(where, name, cell))
+            else:
+                numbers[name].append(_take_quantity(where, name, column, cell, commas=commas))
+    values = {name: np.array(column) for name, column in numbers.items()}
+    _find_contractions(values, columns, muscle)
+    notes += ["numbers have a decimal comma"] if commas else []
+    notes += _mend_pressures(values, columns["pressure"].title, sheet.numbers)
+    notes += _judge_loads(values.get("load", np.zeros(1)), columns)
+    for name in GEOMETRY:
+        if (title := describe_field(name)) in values:
+            values[name] = values.pop(title)
+    data = Measurements(
+        **sort_columns({**values, **{name: np.array(column) for name, column in words.items()}}),
+        ignored=ignored,
+        numbers=np.array(sheet.numbers, dtype=np.int64),
+        notes=tuple(notes),
+    )
+    if muscle is not None:
+        data.check_lengths(muscle)
+    return data
+
+
+def _find_contractions(
+    values: dict[str, NDArray[np.float64]], columns: Mapping[str, _Column], muscle: Muscle | None
+) -> None:
+    """Turn lengths and ratios into contractions, by the rest length of each row."""
+    relative = [column.title for column in columns.values() if column.is_ratio]
+    relative += [columns["length"].title] if "length" in columns else []
+    if not relative:
+        return
+    rest = values.get("rest length", None if muscle is None else np.asarray(muscle.length))
+    if rest is None:
+        raise InputError(
+            f"column '{relative[0]}' needs the muscle: its free length, or a column "
+            "'rest length [mm]'"
+        )
+    for name, column in columns.items():
+        if column.is_ratio:
+            values[name] = values[name] * rest
+    if "length" in values:
+        values["contraction"] = rest - values.pop("length")
+
+
+def _mend_pressures(
+    values: dict[str, NDArray[np.float64]], title: str, numbers: Sequence[int]
+) -> list[str]:
+    """Set small negative pressures to 0; return what to say of it."""
+    pressure = values["pressure"]
+    below, least, most = pressure < 0.0, float(pressure.min()), float(pressure.max())
+    if not below.any():
+        return []
+    if least < -ZERO_SHARE * most:
+        raise InputError(
+            f"row {numbers[int(np.argmin(pressure))]}: pressure is {1e3 * least:g} kPa in "
+            f"'{title}': it must lie in [0, {1e3 * PRESSURE_LIMIT:g}] kPa; down to "
+            f"-{100 * ZERO_SHARE:g} % of the largest, {1e3 * most:g} kPa, is taken as 0"
+        )
+    values["pressure"] = np.maximum(pressure, 0.0)
+    return [
+        f"{int(below.sum())} row(s) have a negative pressure, down to {1e3 * least:g} kPa: taken "
+        "as 0, the error of the sensor's zero"
+    ]
+
+
+def _judge_loads(load: NDArray[np.float64], columns: Mapping[str, _Column]) -> list[str]:
+    """Return what to say of negative loads, or raise `InputError` where no load is positive."""
+    if not (load < 0.0).any():
+        return []
+    if load.max() <= 0.0:
+        raise InputError(
+            f"no load is positive in '{columns['load'].title}', and one is {load.min():g} N: "
+            "the pull of a muscle is positive, turn the sign of the column"
+        )
+    return [
+        f"{int((load < 0.0).sum())} row(s) have a negative load, down to {load.min():g} N: the "
+        "muscle pushes; only a force can be compared with them"
+    ]
+
+
+def _find_columns(
+    titles: Sequence[str], units: Mapping[str, str]
+) -> tuple[dict[str, _Column], tuple[str, ...], list[str]]:
+    """Return the known columns by name, the titles of the others, and what to say of them."""
+    given = {}
+    for word, unit in units.items():
+        name = _find_name(word)
+        if name not in KINDS:
+            raise UnitError(f"unit given for '{word}': a unit has one of {', '.join(KINDS)}")
+        given[name] = unit
+    columns: dict[str, _Column] = {}
+    ignored, notes = [], []
+    for place, title in enumerate(titles):
+        word, unit = _split_title(title)
+        name, shown = _find_name(word), title.strip()
+        if name not in KINDS and name not in WORDS:
+            notes += _refuse_slip(shown, word, unit)
+            ignored.append(shown)
+            continue
+        if name in columns:
+            raise FileFormatError(f"columns '{columns[name].title}' and '{title}' are both {name}")
+        if name in WORDS:
+            columns[name] = _Column(place, shown)
+            continue
+        columns[name] = _take_column(place, shown, word, unit, given.get(name, ""))
+        notes += _describe_reading(columns[name], word, unit or given.get(name, ""))
+    there = ", ".join(f"'{title.strip()}'" for title in titles)
+    if "pressure" not in columns:
+        raise FileFormatError(f"there is no column pressure: the table has {there}")
+    if "contraction" in columns and "length" in columns:
+        raise FileFormatError("there are columns contraction and length: give one of them")
+    if "contraction" not in columns and "length" not in columns:
+        raise FileFormatError(f"there is no column contraction or length: the table has {there}")
+    return columns, tuple(ignored), notes
+
+
+def _find_name(word: str) -> str:
+    """Return the column that a word stands for, or the word."""
+    return DIAMETERS.get(word) or SYNONYMS.get(word, word)
+
+
+def _split_title(title: str) -> tuple[str, str]:
+    """Return the name and the unit in a column's title; the unit is empty if there is none.
+
+    The unit is in brackets, or after the last underscore of a name that is not known with it.
+    """
+    match = _HEADER.fullmatch(title)
+    if match is None:
+        return title.strip().lower(), ""
+    text, unit = match[1], match[2] or ""
+    first, mark, last = text.rpartition("_")
+    whole, short = (" ".join(re.split(r"[\s_-]+", part)).lower() for part in (text, first))
+    is_known = _find_name(whole) in KINDS or _find_name(whole) in WORDS
+    if not unit and mark and not is_known and _find_name(short) in (*KINDS, *WORDS):
+        return short, last
+    return whole, unit
+
+
+def _refuse_slip(title: str, name: str, unit: str) -> list[str]:
+    """Raise if to ignore a column would change the result; return what to say of it otherwise."""
+    if name.endswith("noise"):
+        of = name.removesuffix("noise").strip()
+        return [
+            f"'{title}' is ignored: scatter within a reading is not its error; name it "
+            f"'{of} error' to weight rows by it"
+        ]
+    near = difflib.get_close_matches(
+        name, [*KINDS, *WORDS, *SYNONYMS, *DIAMETERS], n=1, cutoff=0.75
+    )
+    if near:
+        raise FileFormatError(f"column '{title}' is not known: is it {near[0]}?")
+    if _LOAD_WORDS.search(name) or _is_load_unit(unit):
+        raise FileFormatError(
+            f"column '{title}' looks like a load and is not understood: call it 'load [N]' or "
+            "'mass [kg]', or leave it out"
+        )
+    return []
+
+
+def _is_load_unit(unit: str) -> bool:
+    try:
+        parse_quantity(f"1 {WEIGHTS.get(unit, unit)}", "force")
+    except UnitError:
+        return False
+    return bool(unit)
+
+
+def _describe_reading(column: _Column, word: str, unit: str) -> list[str]:
+    """Return what to say of a column that is taken for something else than it is called."""
+    if unit in WEIGHTS and _find_name(word).startswith("load"):
+        return [f"'{column.title}' is taken as weight: 1 kg is 9.80665 N"]
+    if word in ("displacement", "strain"):
+        what = "contraction over rest length" if column.is_ratio else "contraction"
+        return [f"'{column.title}' is taken as {what}: positive where the muscle is shorter"]
+    return []
+
+
+def _take_column(place: int, title: str, word: str, unit: str, given: str) -> _Column:
+    """Return a column of numbers, with the factor of its unit."""
+    name = _find_name(word)
+    kind = KINDS[name]
+    is_load = name in ("load", "load error")
+    if unit and given:
+        one, two = (_find_factor(title, kind, text, is_load=is_load) for text in (unit, given))
+        if not math.isclose(one, two):
+            raise UnitError(f"column '{title}' has another unit than the '{given}' given")
+    unit = unit or given
+    if name in ("contraction", "contraction error") and (
+        unit in ("%", "percent", "1", "-", "mm/mm") or (word in RATIOS and not unit)
+    ):
+        factor = 0.01 if unit in ("%", "percent") else 1.0
+        return _Column(place, title, factor, is_ratio=True)
+    if word == "mass" and unit not in WEIGHTS:
+        wrong = f"has the unit '{unit}'" if unit else "has no unit"
+        raise UnitError(f"column '{title}' {wrong}: write 'mass [kg]', or 'load [N]' for a force")
+    if kind == "dimensionless" and unit in ("", "1", "-"):
+        return _Column(place, title)
+    if not unit:
+        raise UnitError(
+            f"column '{title}' has no unit: write '{word} [{EXAMPLES[kind]}]', or give the unit"
+        )
+    factor = _find_factor(title, kind, unit, is_load=is_load)
+    return _Column(place, title, 0.5 * factor if word in DIAMETERS else factor)
+
+
+def _find_factor(title: str, kind: str, unit: str, *, is_load: bool) -> float:
+    """Return the value of one unit."""
+    try:
+        return parse_quantity(f"1 {WEIGHTS.get(unit, unit) if is_load else unit}", kind)
+    except UnitError as error:
+        raise UnitError(f"column '{title}': {error}") from None
+
+
+def _take_word(where: str, name: str, cell: object) -> str:
+    word = str(cell).strip()
+    if name == "specimen":
+        return word
+    if word.lower() not in BRANCHES:
+        raise FileFormatError(
+            f"{where}direction is '{_show(cell)}': it must be inflating, deflating or empty"
+        )
+    return BRANCHES[word.lower()]
+
+
+def _take_quantity(where: str, name: str, column: _Column, cell: object, *, commas: bool) -> float:
+    value = _take_number(where, name, cell, commas=commas) * column.factor
+    high, unit = LIMITS.get(name, (math.inf, ""))
+    if name in LIMITS and not -high <= value <= high:
+        hint = "; is it in kPa?" if name == "pressure" and column.factor == 1.0 else ""
+        low = -high if name == "load" else 0.0
+        raise InputError(
+            f"{where}{name} is {_show(cell)} in '{column.title}', {value:g} {unit}: it must lie in "
+            f"[{low:g}, {high:g}] {unit}{hint}"
+        )
+    return value
+
+
+def _show(cell: object) -> str:
+    """Return a cell as one short line."""
+    text = " ".join(str(cell).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _take_number(where: str, name: str, cell: object, *, commas: bool) -> float:
+    """Return the number in a cell; in a table with decimal commas a point is none."""
+    text = str(cell).strip()
+    try:
+        value = float(text.replace(",", ".") if commas and "." not in text else text)
+    except ValueError:
+        value = math.nan
+    mixed = commas and "." in text
+    # Python's own float takes 1_000 and the digits of every script.
+    is_plain = "_" not in text and text.isascii() and not isinstance(cell, bool)
+    if is_plain and math.isfinite(value) and not mixed:
+        return value
+    hint = ""
+    if not text:
+        hint = " (the cell is empty)"
+    elif mixed:
+        hint = " with a decimal comma, as in the rest of the table"
+    elif _DECIMAL_COMMA.fullmatch(text):
+        hint = " with a decimal point"
+    elif re.match(r"[-+.0-9]+\s*[A-Za-zµ]", text) and math.isnan(value):
+        hint = ": a unit belongs into the header, one for the whole column"
+    raise FileFormatError(f"{where}{name} is '{_show(text)}': it must be a finite number{hint}")
