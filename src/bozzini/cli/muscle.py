@@ -290,6 +290,47 @@ def _draw_curve(model: MuscleModel, kind: str, pressure: float, **line: Any) -> 
     return draw({model.name: model}, pressure=pressure, **line)
 
 
+@command.command("export")
+@option("--pressure", "Largest pressure of a table (default: 0.8MPa).", "pressure")
+@option("--points", "Pressures and contractions of a table, each (default: 41).", int)
+@directed_options
+@answer_options(
+    ".c",
+    ".py",
+    ".csv",
+    ".parquet",
+    required=True,
+    quiet=False,
+    help="C, Python that needs NumPy alone, or a table of forces (.csv, .parquet).",
+)
+def export_command(
+    pressure: float | None, points: int | None, asked: Request, answer: Answer
+) -> None:
+    """Write a model as C, as Python that needs NumPy alone, or as a lookup table.
+
+    C and Python have muscle_force(pressure, contraction), muscle_contraction(pressure, load) and
+    muscle_pressure(force, length), in MPa, mm and N; NaN where the model has no answer. A model
+    without an explicit force law, as energy and thesis, gives a table only.
+    """
+    from ..muscle.export import export_muscle
+
+    table = {"pressure": pressure, "points": points}
+    given = {name: value for name, value in table.items() if value is not None}
+    if answer.target.suffix.lower() in (".c", ".py") and given:
+        raise InputError(f"--{next(iter(given))} has no effect on code: leave it out")
+    model = asked.build(pressure=0.8 if pressure is None else pressure)
+    out = export_muscle(model, answer.target, direction=asked.direction, **given)
+    result = {
+        "model": asked.model_name,
+        "preset": asked.preset,
+        "direction": asked.direction,
+        **describe_model(model),
+        "file": out,
+        "muscle": describe_fields(asked.muscle),
+    }
+    answer.give(result, f"{out}: the model {asked.model_name}")
+
+
 @command.command("fit")
 @data_options
 @option(

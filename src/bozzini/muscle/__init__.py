@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .compose import AntagonisticJoint, Bundle
     from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
+    from .export import export_muscle
     from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
     from .model import CompiledMuscle, ConvergenceError, MuscleModel, MuscleState
@@ -62,6 +63,7 @@ __all__ = [
     "Tube",
     "calibrate",
     "compare_models",
+    "export_muscle",
     "fit_creep",
     "fit_thermal",
     "preset",
@@ -75,6 +77,7 @@ _MODULES = {
     ".compose": ("AntagonisticJoint", "Bundle"),
     ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
+    ".export": ("export_muscle",),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),

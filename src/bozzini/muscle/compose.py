@@ -137,7 +137,7 @@ class Bundle(MuscleModel):
             "the muscles of the bundle have no common contraction there",
             unit="N",
         )
-        return found.reshape(low.shape)
+        return np.asarray(found.reshape(low.shape))
 
 
 @dataclass(frozen=True)

@@ -319,7 +319,11 @@ class ExplicitModel(MuscleModel):
         return pressure
 
     def _length_limits(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
-        """Smallest and largest legal length at each pressure [mm]."""
+        """Smallest and largest legal length at each pressure [mm], or raise `InputError`."""
+        return self._find_lengths(pressure)
+
+    def _find_lengths(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
+        """Smallest and largest legal length at each pressure [mm], without checks."""
         return self._base_lengths()
 
     def _base_lengths(self) -> tuple[float, float]:
