@@ -195,12 +195,13 @@ def _parse_typed(text: str, kind: str) -> float:
     return value
 
 
-def add_typed(message: str, meta: Mapping[str, Any]) -> str:
+def add_typed(message: str, context: click.Context | None) -> str:
     """Return the message of an error with the value as it was typed, in another unit than ours.
 
     The legal range that follows the value is repeated in that unit.
     """
-    for shown, (typed, scale, unit) in meta.get(_TYPED, {}).items():
+    quantities = {} if context is None else context.meta.get(_TYPED, {})
+    for shown, (typed, scale, unit) in quantities.items():
         own = re.escape(shown.partition(" ")[2])
         number = r"[-+0-9.einf]+"
         form = rf" is {re.escape(shown)}:(?:.*?([\[(])({number}), ({number})([\])]) {own})?"

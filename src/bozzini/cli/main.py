@@ -201,8 +201,8 @@ class _Run:
         except click.ClickException as error:
             return self._report_usage(error)
         except BozziniError as error:
-            meta = self.context.meta if self.context else {}
-            return self._report(type(error).__name__, add_typed(str(error), meta), EXIT_BAD_INPUT)
+            message = add_typed(str(error), self.context)
+            return self._report(type(error).__name__, message, EXIT_BAD_INPUT)
         except (KeyboardInterrupt, Abort):
             return self.report_interruption()
         except BrokenPipeError:

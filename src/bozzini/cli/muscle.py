@@ -314,12 +314,19 @@ def export_command(
     """
     from ..muscle.export import export_muscle
 
-    table = {"pressure": pressure, "points": points}
-    given = {name: value for name, value in table.items() if value is not None}
-    if answer.target.suffix.lower() in (".c", ".py") and given:
-        raise InputError(f"--{next(iter(given))} has no effect on code: leave it out")
-    model = asked.build(pressure=0.8 if pressure is None else pressure)
-    out = export_muscle(model, answer.target, direction=asked.direction, **given)
+    is_code = answer.target.suffix.lower() in (".c", ".py")
+    for flag, value in (("--pressure", pressure), ("--points", points)):
+        if is_code and value is not None:
+            raise InputError(f"{flag} has no effect on code: leave it out")
+    highest = 0.8 if pressure is None else pressure
+    model = asked.build(pressure=highest)
+    out = export_muscle(
+        model,
+        answer.target,
+        direction=asked.direction,
+        pressure=highest,
+        points=41 if points is None else points,
+    )
     result = {
         "model": asked.model_name,
         "preset": asked.preset,

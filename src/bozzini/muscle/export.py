@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,8 +113,11 @@ class _Tape:
         return f"({float(number)!r})" if float(number) < 0.0 else repr(float(number))
 
 
-class _Traced(np.ndarray[Any, Any]):
-    """A number that keeps what NumPy does to it, and has no value."""
+Floats = NDArray[np.float64]
+
+
+class _Traced(np.ndarray[tuple[int, ...], np.dtype[np.float64]]):
+    """A number that keeps what NumPy does to it, and has no value; it holds an object instead."""
 
     tape: _Tape
     word: str
@@ -122,31 +125,35 @@ class _Traced(np.ndarray[Any, Any]):
     def __array_finalize__(self, given: object) -> None:
         self.word = ""
 
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **more: Any) -> Any:
+    def __array_ufunc__(
+        self, ufunc: np.ufunc, method: str, *inputs: object, **more: object
+    ) -> _Traced:
         if method != "__call__" or more:
             raise _UntracedError(f"numpy.{ufunc.__name__}.{method}")
         return self._find_tape(inputs).take(ufunc.__name__, *inputs)
 
     def __array_function__(
-        self, func: Callable[..., Any], types: Any, args: Any, kwargs: Any
-    ) -> Any:
-        name = func.__name__
-        if name == "where" and len(args) == 3:
-            return self._find_tape(args).take("where", *args)
-        if name == "clip" and len(args) == 3:
-            tape = self._find_tape(args)
-            return tape.take("minimum", tape.take("maximum", *args[:2]), args[2])
+        self,
+        func: Callable[..., object],
+        types: object,
+        args: Iterable[object],
+        kwargs: Mapping[str, object],
+    ) -> object:
+        name, given = func.__name__, list(args)
+        if name == "where" and len(given) == 3:
+            return self._find_tape(given).take("where", *given)
+        if name == "clip" and len(given) == 3:
+            tape = self._find_tape(given)
+            return tape.take("minimum", tape.take("maximum", *given[:2]), given[2])
         if name == "shape":
             return ()
-        if name in ("zeros_like", "ones_like"):
-            return np.float64(name == "ones_like")
         raise _UntracedError(f"numpy.{name}")
 
     @staticmethod
-    def _find_tape(values: Any) -> _Tape:
+    def _find_tape(values: Sequence[object]) -> _Tape:
         return next(value.tape for value in values if isinstance(value, _Traced))
 
-    def _refuse(self, *given: Any, **more: Any) -> Any:
+    def _refuse(self, *given: object, **more: object) -> NoReturn:
         raise _UntracedError("a branch or a loop")
 
     __bool__ = __float__ = __int__ = __getitem__ = __setitem__ = __iter__ = _refuse
@@ -238,7 +245,7 @@ def export_muscle(
 
 def tabulate_force(
     model: MuscleModel, *, pressure: float = 0.8, points: int = 41, direction: str | None = None
-) -> Mapping[str, NDArray[np.float64]]:
+) -> Mapping[str, Floats]:
     """Return a table of the force over pressure and contraction, as columns; NaN where none is.
 
     Pressures go from the lowest legal one to `pressure`, contractions between those without load
@@ -405,8 +412,8 @@ def _find_pressures(model: MuscleModel) -> tuple[float, float]:
 
 
 def _trace_pull(
-    model: MuscleModel, pressure: _Traced, contraction: Any, direction: str | None
-) -> Any:
+    model: MuscleModel, pressure: _Traced, contraction: Floats, direction: str | None
+) -> Floats:
     """Return the traced pull of a model."""
     if isinstance(model, ScaledMuscle):
         return _trace_pull(model.model, pressure, contraction / model.factor, direction)
@@ -422,10 +429,11 @@ def _trace_pull(
     return pull + float(sign) * model._friction(pressure, length) if sign.any() else pull
 
 
-def _trace_limits(model: MuscleModel, pressure: _Traced) -> tuple[Any, Any]:
+def _trace_limits(model: MuscleModel, pressure: _Traced) -> tuple[Floats | float, Floats | float]:
     """Return the traced legal contractions of a model."""
     if isinstance(model, ScaledMuscle):
-        return tuple(model.factor * end for end in _trace_limits(model.model, pressure))  # type: ignore[return-value]
+        low, high = _trace_limits(model.model, pressure)
+        return model.factor * low, model.factor * high
     if isinstance(model, Bundle):
         lows, highs = zip(*(_trace_limits(one, pressure) for one in model.models), strict=True)
         tape = pressure.tape
