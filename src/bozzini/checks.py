@@ -69,8 +69,18 @@ def check_number(
         raise InputError(f"{name} is {show_value(value)}: it must be a number in {legal}") from None
     below = number <= low if low_open and not math.isinf(low) else number < low
     if not math.isfinite(number) or below or number > high:
-        raise InputError(f"{name} is {number:g}{suffix}: it must lie in {legal}")
+        hint = _ask_unit(name, number, high, unit)
+        raise InputError(f"{name} is {number:g}{suffix}: it must lie in {legal}{hint}")
     return number
+
+
+def _ask_unit(name: str, value: float, high: float, unit: str) -> str:
+    """Return a question after the unit of a pressure that would be legal in kPa."""
+    return (
+        "; is it in kPa?"
+        if unit == "MPa" and "pressure" in name and (high < value <= 1e3 * high)
+        else ""
+    )
 
 
 def check_integer(name: str, value: int, *, low: int, high: int | None = None) -> int:
@@ -202,9 +212,10 @@ def check_range(
     if values.size and not (values.min() >= least and values.max() <= most):
         index = int(np.argmin((values >= least) & (values <= most)))
         suffix = f" {unit}" if unit else ""
+        value = float(values.flat[index])
         raise InputError(
-            f"{name_at(name, values, index)} is {values.flat[index]:g}{suffix}: "
-            f"it must lie in [{low:g}, {high:g}]{suffix}"
+            f"{name_at(name, values, index)} is {value:g}{suffix}: "
+            f"it must lie in [{low:g}, {high:g}]{suffix}{_ask_unit(name, value, high, unit)}"
         )
 
 
@@ -436,8 +447,13 @@ def check_fields(item: Any, prefix: str = "", *, skip: tuple[str, ...] = ()) -> 
 
 
 def describe_fields(item: object) -> dict[str, float]:
-    """Return the fields of a dataclass made by `quantity`, with their units in the names."""
+    """Return the fields of a dataclass made by `quantity`, with their units in the names.
+
+    Those of a muscle that are unset are left out.
+    """
+    unset = getattr(item, "unset", ())
     return {
         add_unit(name, known.unit): getattr(item, name)
         for name, known in list_quantities(type(item)).items()
+        if name not in unset
     }

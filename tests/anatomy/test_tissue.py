@@ -148,7 +148,10 @@ def test_a_recorded_motion_is_read_from_a_file(tmp_path):
     assert read.at(0.7)(places) == pytest.approx(recorded.at(0.7)(places))
     assert read.speed == recorded.speed
     for changed, message in (
-        ({"times": given["times"] + 1.0}, "times has shape"),
+        ({"times": given["times"] + 1.0}, "must rise from 0 s"),
+        ({"times": np.append(given["times"][:-1], np.inf)}, "must rise from 0 s"),
+        ({"times": given["times"][:-1]}, "times has shape"),
+        ({"displacement": 1e3 * given["displacement"]}, "per mm.* all in mm"),
         ({"spacing": np.zeros(3)}, "spacing is"),
         ({"displacement": given["displacement"][..., :2]}, "displacement has shape"),
         ({"displacement": np.nan * given["displacement"]}, "finite"),

@@ -43,7 +43,7 @@ def test_the_list_is_the_catalogue(run):
     assert code == 0
     lines = out.splitlines()
     assert [line.split()[0] for line in lines[1:-1]] == list(SURVEY)
-    assert lines[-1].startswith(f"{len(SURVEY)} models of the survey: ")
+    assert lines[-1].startswith(f"{len(SURVEY)} models of the literature: ")
     said = json.loads(run("models", "--json")[1])
     assert [item["name"] for item in said["models"]] == list(SURVEY)
     assert sum(said["counts"].values()) == len(SURVEY)

@@ -75,6 +75,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "muscle curve": (3, "--points 5"),
     "muscle models": (1, "chou"),
     "muscle export": (3, "--model chou --out >.c"),
+    "muscle presets": (1, ""),
     "muscle fit": (5, "<table --free modulus"),
     "muscle compare": (5, "<table --model energy --model thesis"),
     "rig identify": (5, "<curve --check <curve"),

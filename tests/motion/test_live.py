@@ -357,6 +357,16 @@ def test_a_run_is_a_table_and_two_pictures(rest):
         LiveRun(frames=(), rate=1.0, speed=1.0)
 
 
+def test_a_motion_that_is_not_known_along_the_way_is_refused(rest):
+    _, field, plan = rest
+    known = record(plan.path)
+    in_metres = replace(known, origin=1e-3 * known.origin, spacing=1e-3 * known.spacing,
+        displacement=1e-3 * known.displacement)  # fmt: skip
+    with pytest.raises(InputError, match="the grid of displacements reaches from.*in mm"):
+        next(follow_tissue(plan, field, motion=in_metres))
+    assert next(follow_tissue(plan, field, motion=known)).status == "held"
+
+
 def test_labels_are_followed_by_the_bound_alone(rest):
     _, field, plan = rest
     gentle = replace(BREATH, amplitude=1.0)

@@ -33,6 +33,7 @@ def muscles(draw: Any, **fixed: Any) -> Muscle:
         inner_radius=outer * draw(st.floats(0.0501, 0.989)),
         gap=0.0,
         strands=30,
+        strand_modulus=3000.0,
         strand_radius=math.pi * outer / 30.0 * draw(st.floats(0.2, 0.99)),
         end_length=0.0,
         braid_angle=draw(st.floats(*BRAID_ANGLES)),

@@ -17,7 +17,6 @@ from bozzini.muscle import (
     EnergyMuscle,
     FitOptions,
     Measurements,
-    Muscle,
     ThesisMuscle,
     calibrate,
     preset,
@@ -25,7 +24,7 @@ from bozzini.muscle import (
 from bozzini.muscle import problem as fitting
 from bozzini.muscle.fit import CONDITION_LIMIT, CORRELATION_LIMIT, judge_parameters, judge_repeats
 
-TRUTH = Muscle(length=45.0, outer_radius=0.55, modulus=0.5, dead_length=10.0)
+TRUTH = preset("thesis-45", modulus=0.5, dead_length=10.0)
 START = TRUTH.replace(modulus=0.35, dead_length=0.0)
 PRESSURES = np.linspace(0.0, 0.827, 20)
 NOISE = 0.1

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bozzini.muscle import EnergyMuscle, Muscle, ThesisMuscle
+from bozzini.muscle import EnergyMuscle, ThesisMuscle, preset
 from bozzini.muscle.data import Measurements
 from bozzini.muscle.ranking import compare_models
 
-MUSCLE = Muscle(length=45.0, outer_radius=0.75)
+MUSCLE = preset("effector-45")
 ENERGY, THESIS = EnergyMuscle(MUSCLE), ThesisMuscle(MUSCLE)
 PRESSURES = np.linspace(0.1, 0.7, 13)
 

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from bozzini.errors import BozziniError, FileFormatError, InputError, MissingExtraError, UnitError
 from bozzini.muscle.data import Measurements
-from bozzini.muscle.design import Muscle
+from bozzini.muscle.design import preset
 from bozzini.muscle.table import read_measurements, write_measurements
 
-MUSCLE = Muscle(length=45.0, outer_radius=0.55)
+MUSCLE = preset("thesis-45")
 STRAND = 45.0 / math.cos(math.radians(36.0))
 
 
@@ -30,7 +30,7 @@ def make_rows():
     numbers = st.floats(-20.0, 20.0, allow_nan=False)
     return st.lists(
         st.tuples(
-            st.floats(0.0, 100.0),
+            st.floats(0.0, 20.0),
             numbers,
             st.floats(0.0, 20.0),
             st.sampled_from(["inflating", "deflating", ""]),

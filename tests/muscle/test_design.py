@@ -12,7 +12,7 @@ from hypothesis import given
 
 from bozzini.checks import list_quantities
 from bozzini.errors import InputError
-from bozzini.muscle import PRESETS, Muscle, preset
+from bozzini.muscle import MODELS, PRESETS, Muscle, preset
 from tests.muscle.strategies import muscles
 
 RANGED = (
@@ -43,7 +43,7 @@ def test_parts_have_the_muscles_dimensions(muscle):
 
 @pytest.mark.parametrize("name", RANGED)
 def test_ranges_end_where_they_say(name):
-    muscle = Muscle(length=45.0, outer_radius=0.55)
+    muscle = preset("thesis-45")
     low, high = muscle.legal_range(name)
     assert low < high
     for value in (low - 1e-3 * (high - low), high + 1e-3 * (high - low), math.nan, math.inf):
@@ -56,14 +56,65 @@ def test_ranges_end_where_they_say(name):
 
 def test_fields_become_plain_numbers():
     """Whatever they came as, so that equal muscles are equal and models need not look again."""
-    muscle = Muscle(length=np.int64(45), outer_radius=np.array(0.55), strands=30.0, gap=0)
-    assert muscle == Muscle(length=45.0, outer_radius=0.55, gap=0.0)
+    muscle = preset(
+        "thesis-45", length=np.int64(45), outer_radius=np.array(0.55), strands=30.0, gap=0
+    )
+    assert muscle == preset("thesis-45", gap=0.0)
     assert {type(getattr(muscle, name)) for name in ("length", "outer_radius", "gap")} == {float}
     assert type(muscle.strands) is int
 
 
+BARE = Muscle(length=250.0, outer_radius=9.0)
+
+
+def test_what_is_not_given_is_unset_and_not_inherited():
+    assert set(BARE.unset) == {
+        *("inner_radius", "braid_angle", "strands", "strand_radius", "modulus", "strand_modulus")
+    }
+    assert set(BARE.given) | set(BARE.unset) == set(list_quantities(Muscle))
+    for name in BARE.unset:
+        with pytest.raises(InputError, match=f"the muscle has no {name.replace('_', ' ')}"):
+            getattr(BARE, name)
+    for part in ("tube", "braid"):
+        with pytest.raises(InputError, match="the muscle has no"):
+            getattr(BARE, part)
+    assert BARE.gap == BARE.dead_length == BARE.end_length == BARE.friction_length == 0.0
+    assert pickle.loads(pickle.dumps(BARE)) == BARE == BARE.replace(modulus=None)
+    assert hash(BARE) == hash(BARE.replace())
+    assert BARE != BARE.replace(modulus=1.0) != BARE.replace(modulus=2.0)
+    assert eval(repr(BARE), {"Muscle": Muscle}) == BARE
+    assert BARE.fill().unset == ()
+    assert BARE.fill(["modulus"]).unset == tuple(n for n in BARE.unset if n != "modulus")
+    assert BARE.replace(modulus=3.0).fill().modulus == 3.0
+
+
+def answer(model):
+    """What a model pulls with, or why it has no answer."""
+    try:
+        return float(model.force(0.2, 1.0))
+    except InputError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_needs_what_makes_a_difference_to_it_and_no_more(name):
+    kind, full = MODELS[name], BARE.fill()
+    own = {item.name: item.bounds[0] for item in kind.list_parameters() if item.default is None}
+    own |= kind.guess_parameters(BARE) if name in MODELS.cards else {}
+    own |= {law.name: (lambda *at: 0.1 * at[0]) for law in kind.card.laws} if kind.card else {}
+    needed = [field for field in BARE.unset if field not in kind.unused]
+    enough = BARE.replace(**{field: getattr(full, field) for field in needed})
+    assert answer(kind(enough, **own)) == answer(kind(full, **own))
+    for field in needed:
+        word = field.replace("_", "-")
+        with pytest.raises(InputError, match=f"the model {name} needs the muscle's {word}: give "):
+            kind(enough.replace(**{field: None}), **own)
+    with pytest.raises(InputError, match=", ".join(needed).replace("_", "-")):
+        kind(BARE, **own)
+
+
 def test_strands_that_do_not_fit_are_refused():
-    muscle = Muscle(length=45.0, outer_radius=0.55)
+    muscle = preset("thesis-45")
     high = muscle.legal_range("strand_radius")[1]
     # Thirty strands in two families, flat side by side across the strands' direction.
     assert 15 * 2.0 * high == pytest.approx(
@@ -76,10 +127,18 @@ def test_strands_that_do_not_fit_are_refused():
 
 
 def test_presets():
-    assert set(PRESETS) == {"thesis-40", "thesis-45", "thesis-60", "effector-45", "fitted-45"}
-    for name, muscle in PRESETS.items():
-        assert f"{muscle.length:g}" == name.split("-")[1]
-        assert preset(name) == muscle
+    miniature = {"thesis-40", "thesis-45", "thesis-60", "effector-45", "fitted-45"}
+    assert set(PRESETS) == miniature | {"festo-10", "festo-20", "festo-40"}
+    for name, item in PRESETS.items():
+        assert preset(name) == item.muscle
+        assert item.source
+        size = float(name.split("-")[1])
+        if name in miniature:
+            assert item.muscle.length == size
+            assert item.muscle.unset == ()
+        else:
+            assert 2.0 * item.muscle.outer_radius == size
+            assert item.muscle.unset == BARE.unset
     assert preset("effector-45", outer_radius=0.55) == preset("thesis-45")
     fitted = preset("fitted-45", modulus=0.35, dead_length=0.0)
     assert fitted == preset("effector-45")

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError
-from bozzini.muscle import EnergyMuscle, Muscle, preset
+from bozzini.muscle import EnergyMuscle, preset
 from tests.muscle import reference
 from tests.muscle.strategies import SHARES, muscles, pressures
 
@@ -40,7 +40,7 @@ def test_taper_against_a_boundary_value_problem(name, pressure, load):
 @pytest.mark.parametrize("angle", [25.0, 36.0, 48.0])
 def test_soft_taper_decays_as_in_closed_form(angle):
     """Close to rest the taper is exponential: radius cot(angle)^2 / sqrt(3) along the axis."""
-    muscle = Muscle(length=100.0, outer_radius=0.55, braid_angle=math.radians(angle), modulus=1e-9)
+    muscle = preset("thesis-45", length=100.0, braid_angle=math.radians(angle), modulus=1e-9)
     plain, ended = EnergyMuscle(muscle), EnergyMuscle(muscle, ends="trellis")
     shrink = 1e-4
     load = float(plain.force(1.0, shrink * muscle.length))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from bozzini.muscle import LOCKING_ANGLE, EnergyMuscle, Muscle, preset
+from bozzini.muscle import LOCKING_ANGLE, EnergyMuscle, preset
 from bozzini.muscle.kernels import energy as kernels
 from bozzini.muscle.models.energy import pack_design
 from tests.muscle import reference
@@ -20,7 +20,7 @@ TABLE = np.array([0.6894, 0.5516, 0.4136])
 
 
 def build(outer_radius: float = 0.55, **changes: float) -> EnergyMuscle:
-    return EnergyMuscle(Muscle(length=45.0, outer_radius=outer_radius, **changes))
+    return EnergyMuscle(preset("thesis-45", outer_radius=outer_radius, **changes))
 
 
 def largest_load(model: EnergyMuscle, pressure: float, direction: str = "") -> float:

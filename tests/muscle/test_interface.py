@@ -208,7 +208,9 @@ def test_stiffness_along_a_branch_is_the_slope_of_its_force(model):
 
 def test_the_largest_forces_are_loads_too():
     """What a legal muscle pulls, it can be asked to hold."""
-    huge = Muscle(length=1e4, outer_radius=1e3, inner_radius=990.0, braid_angle=BRAID_ANGLES[0])
+    huge = preset(
+        "thesis-45", length=1e4, outer_radius=1e3, inner_radius=990.0, braid_angle=BRAID_ANGLES[0]
+    )
     for name in ("energy", "thesis"):  # too short for trellis ends
         strong = BUILDS[name](huge.replace(modulus=1e3))
         pressure = 100.0 if strong.name == "energy" else 10.0

@@ -25,7 +25,7 @@ from bozzini.muscle import (
 from bozzini.muscle.ranking import count_states, cross_validate, split_rows
 from tests.muscle.models.catalogue import SURVEY
 
-MUSCLE = Muscle(length=45.0, outer_radius=0.75, inner_radius=0.4, gap=0.05)
+MUSCLE = preset("effector-45", inner_radius=0.4, gap=0.05)
 ALL = dict(MODELS)
 RIVALS = ("gaylord-1", "chou", "ferraresi")
 LOADS = ((0.0, 0.15), (0.05, 0.15), (0.0,))

@@ -71,6 +71,9 @@ class TissueMotion(ABC):
     def at(self, time: float) -> TissueFrame:
         """Return the displacement at a time [s]."""
 
+    def check_reach(self, points: ArrayLike) -> None:  # noqa: B027
+        """Raise `InputError` where it is not known how places (n, 3) at rest move [mm]."""
+
 
 _X, _Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -266,7 +269,7 @@ class RecordedMotion(TissueMotion):
     Raises
     ------
     InputError
-        If arrays do not agree, or the cycle is not closed.
+        If arrays do not agree, the cycle is not closed, or the tissue may fold.
     """
 
     displacement: Floats = field(repr=False)
@@ -284,10 +287,10 @@ class RecordedMotion(TissueMotion):
             )
         if not np.isfinite(grids).all():
             raise InputError("displacement is not finite everywhere")
-        if times.shape != grids.shape[:1] or times[0] != 0.0 or not (np.diff(times) > 0.0).all():
-            raise InputError(
-                f"times has shape {times.shape}: it must be ({len(grids)},), rising from 0 s"
-            )
+        if times.shape != grids.shape[:1]:
+            raise InputError(f"times has shape {times.shape}: it must be ({len(grids)},)")
+        if times[0] != 0.0 or not (np.diff(times) > 0.0).all() or not np.isfinite(times[-1]):
+            raise InputError(f"times is {times} s: it must rise from 0 s")
         for name in ("origin", "spacing"):
             value = check_array(name, getattr(self, name))
             if value.shape != (3,) or not np.isfinite(value).all():
@@ -304,6 +307,13 @@ class RecordedMotion(TissueMotion):
         # Exactly, so that nothing jumps where the motion begins anew.
         object.__setattr__(self, "displacement", np.concatenate([grids[:-1], grids[:1]]))
         object.__setattr__(self, "times", times)
+        steep = self._splines[1][:, 0]
+        if steep.max() >= 1.0:
+            raise InputError(
+                f"displacement changes by up to {steep.max():.3g} mm per mm at "
+                f"{times[np.argmax(steep)]:.3g} s: it must be below 1, or the tissue may fold; are "
+                "displacement, origin and spacing all in mm?"
+            )
 
     @classmethod
     def load(cls, path: str | Path) -> RecordedMotion:
@@ -340,6 +350,20 @@ class RecordedMotion(TissueMotion):
         for axis in (1, 2, 3):
             coefficients = spline_filter1d(coefficients, 3, axis=axis, mode="mirror")
         return coefficients, np.array([_bound_splines(one, self.spacing) for one in coefficients])
+
+    def check_reach(self, points: ArrayLike) -> None:
+        """Raise `InputError` where places (n, 3) at rest are a cell or more beyond the grid."""
+        places = check_points("points", points)
+        low = self.origin - self.spacing
+        high = self.origin + self.spacing * self.displacement.shape[1:4]
+        beyond = np.flatnonzero(((places < low) | (places > high)).any(axis=1))
+        if len(beyond):
+            ends = low + self.spacing, high - self.spacing
+            raise InputError(
+                f"the grid of displacements reaches from {_name(ends[0])} to {_name(ends[1])} mm, "
+                f"the way leads to {_name(places[beyond[0]])} mm: it must be inside; are origin "
+                "and spacing in mm, in the tract's frame?"
+            )
 
     @property
     def period(self) -> float:  # type: ignore[override]
@@ -385,6 +409,10 @@ def _bound_splines(coefficients: Floats, spacing: Floats) -> tuple[float, float]
             turn = np.linalg.norm(np.diff(first[a], axis=b), axis=-1) / spacing[b]
             second[a, b] = float(turn.max(initial=0.0))
     return math.hypot(*size), float(np.linalg.eigvalsh(second).max())
+
+
+def _name(place: Floats) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in place) + ")"
 
 
 def _unit(name: str, vector: ArrayLike) -> tuple[float, float, float]:

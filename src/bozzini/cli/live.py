@@ -162,13 +162,13 @@ def _draw(run: LiveRun) -> Figure:
 def _describe(run: LiveRun) -> str:
     found = run.to_dict()
     total = found["frames"]
-    worst = found["clearance_min_mm"]
     lines = [
         f"{found['frames_held']} of {total} frames are certified until the next one, "
         f"{found['frames_now']} for their own time only, {found['frames_lost']} are not certified, "
         f"{found['frames_refused']} were refused.",
-        f"Certified clearance {'-' if worst is None else f'{worst:.2f} mm'} at least; the wall "
-        f"moves by up to {found['margin_mm']:.2f} mm between frames ({run.speed:.1f} mm/s at "
+        f"Certified clearance in a frame: {_limit(found['clearance_min_mm'], 'none')}; from one to "
+        f"the next: {_limit(found['carried_min_mm'], 'contact is not excluded')}. The wall moves "
+        f"by up to {found['margin_mm']:.2f} mm between frames ({run.speed:.1f} mm/s at "
         f"{run.rate:g} Hz).",
         f"Latency {1e3 * found['latency_median_s']:.0f} ms in the median, "
         f"{1e3 * found['latency_p95_s']:.0f} ms at 95 %, "
@@ -178,3 +178,7 @@ def _describe(run: LiveRun) -> str:
     if run.reason:
         lines.append(f"First of the worst frames: {run.reason}.")
     return "\n".join(lines)
+
+
+def _limit(length: float | None, otherwise: str) -> str:
+    return otherwise if length is None or length < 0.0 else f"at least {length:.2f} mm"

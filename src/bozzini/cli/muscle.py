@@ -13,6 +13,7 @@ import click
 from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
 from ..results import Json
+from ..units import INTERNAL_UNITS
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
@@ -27,6 +28,7 @@ from .common import (
     progress_bar,
     run_exit,
 )
+from .hysteresis import command as hysteresis_command
 from .muscle_options import (
     FIELDS,
     DataRequest,
@@ -60,6 +62,13 @@ VERDICT = ("converged", "reason", "residual")
 _WARNED = 3  # so many models, the first, have the warnings of their fits shown
 
 
+def format_quantity(kind: str, name: str, value: float) -> str:
+    """Return a field of a muscle as text, an angle in degrees."""
+    unit = INTERNAL_UNITS[kind]
+    shown = f"{math.degrees(value):.4g} deg" if kind == "angle" else f"{value:.5g} {unit}".rstrip()
+    return f"{name.replace('_', ' ')} {shown}"
+
+
 def drop(values: Json, *names: str) -> Json:
     """Return values without some of them."""
     return {name: value for name, value in values.items() if name not in names}
@@ -68,6 +77,9 @@ def drop(values: Json, *names: str) -> Json:
 @click.group("muscle")
 def command() -> None:
     """Solve a pneumatic muscle, list its models, and fit them to measurements."""
+
+
+command.add_command(hysteresis_command)
 
 
 @command.command("models")
@@ -91,8 +103,8 @@ def models_command(name: str | None, as_json: bool) -> None:
         listed = ", ".join(f"{count} {status}" for status, count in counts.items())
         lines = [
             *_format_cards(cards),
-            f"{len(cards)} models of the survey: {listed}; and {' and '.join(own)}, this package's "
-            "own",
+            f"{len(cards)} models of the literature: {listed}; and {' and '.join(own)}, this "
+            "package's own",
             *(f"{key}: of the package {place}" for key, place in plugins.items()),
             *(f"broken: {reason}" for reason in broken.values()),
         ]
@@ -127,6 +139,29 @@ def _format_cards(cards: list[Card]) -> list[str]:
     return [
         form.format(a, wide[0], b, wide[1], c, wide[2], title).rstrip() for a, b, c, title in rows
     ]
+
+
+@command.command("presets")
+@json_option
+def presets_command(as_json: bool) -> None:
+    """List the muscles that --preset takes: what is known of each, and from where."""
+    from ..muscle import PRESETS
+    from ..muscle.design import Muscle
+
+    lines, result = [], {}
+    for name, item in PRESETS.items():
+        muscle = item.muscle
+        result[name] = {**describe_fields(muscle), "unset": muscle.unset, "source": item.source}
+        neutral = Muscle(length=muscle.length, outer_radius=muscle.outer_radius).given
+        known = [
+            format_quantity(FIELDS[field].kind, field, value)
+            for field, value in muscle.given.items()
+            if field in ("length", "outer_radius") or value != neutral.get(field)
+        ]
+        unset = ", ".join(muscle.unset).replace("_", " ")
+        lines += [f"{name}: {', '.join(known)}" + (f"; unset: {unset}" if unset else "")]
+        lines += [f"    {item.source}"]
+    emit({"presets": result}, as_json=as_json, text="\n".join(lines))
 
 
 @command.command("solve")
@@ -374,7 +409,7 @@ def fit_command(
     make, name = asked.make(), asked.model_name
     own = {item.name: item for item in list_kinds()[name].list_parameters()}
     bounds = _parse_bounds(bound_texts, own)
-    data = table.read(asked.muscle)
+    data = table.read(asked)
     names = None if free is None else tuple(_name_field(part) for part in free.split(","))
     check_friction(asked.fields, data, free=names or ())
     options = FitOptions(bounds=bounds, force=anyway)
@@ -518,7 +553,7 @@ def compare_command(
     choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
     refuse_unused_fields(names, asked.fields)
     constants = parse_settings(names, asked.settings)
-    data = table.read(asked.muscle)
+    data = table.read(asked)
     check_friction(asked.fields, data, free=())
     makes = {name: make_class(name, **choices[name], constants=constants[name]) for name in names}
     result: dict[str, object] = {
@@ -535,7 +570,8 @@ def compare_command(
         models, refusals = {}, broken
         for name, make in makes.items():
             try:
-                models[name] = make(asked.muscle)
+                own = asked.list_file_constants(name)
+                models[name] = make(asked.muscle, **{**own, **constants[name]})
             except BozziniError as error:
                 refusals[name] = str(error)
         found = compare_models(models, data, refusals=refusals)

@@ -25,6 +25,7 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..muscle.data import Measurements
+    from ..muscle.files import MuscleFile
     from ..muscle.model import MuscleModel
     from ..muscle.models import ModelRegistry, Parameter
 
@@ -41,16 +42,22 @@ _Function = Callable[..., Any]
 
 
 def design_options(function: _Function) -> _Function:
-    """Add the options that make a muscle: ``preset``, and the fields by their names."""
+    """Add the options that make a muscle: preset or file, and the fields by their names."""
     for name, known in reversed(list(FIELDS.items())):
         item = Muscle.__dataclass_fields__[name]
         function = make_option(
             item, type=QuantityType(known.kind), default=None, show_default=False
         )(function)
-    presets = "thesis-40, thesis-45, thesis-60, effector-45, fitted-45"
-    return option("--preset NAME", f"Where the fields begin: {presets}.", default="effector-45")(
-        function
-    )
+    function = option(
+        "--muscle muscle_file FILE",
+        "A muscle file, where the fields, the model and its constants begin.",
+        click.Path(path_type=Path),
+    )(function)
+    return option(
+        "--preset NAME",
+        "Where the fields begin, see 'bozzini muscle presets' (default: effector-45; none with "
+        "--muscle, or with both --length and --outer-radius).",
+    )(function)
 
 
 def model_options(function: _Function) -> _Function:
@@ -64,9 +71,9 @@ def model_options(function: _Function) -> _Function:
 
 model_option = option(
     "--model model_name",
-    "The model: energy, thesis, or one that 'bozzini muscle models' lists.",
+    "The model: energy, thesis, or one that 'bozzini muscle models' lists (default: that of the "
+    "muscle file, else energy).",
     ModelType(lambda: list_kinds()),
-    default="energy",
 )
 direction_option = option(
     "--direction",
@@ -91,7 +98,7 @@ def make_class(
 ) -> Callable[[Muscle], MuscleModel]:
     """Return what makes the model from a muscle; a choice that it does not have is refused."""
     chosen: Mapping[str, object] = select_choices([name], ends=ends, load_path=load_path)[name]
-    return partial(list_kinds()[name], **chosen, **(constants or {}))
+    return partial(list_kinds()[name], **{**(constants or {}), **chosen})
 
 
 def select_choices(
@@ -164,20 +171,35 @@ def _has_friction(model: MuscleModel, pressure: float) -> bool:
 
 @dataclass(frozen=True)
 class Request:
-    """A muscle and its model, as the options ask for them."""
+    """A muscle and its model, as the options ask for them; no preset where there is none."""
 
-    preset: str
+    preset: str | None
     ends: str | None
     load_path: str | None
     settings: tuple[str, ...]
     fields: Mapping[str, float | None]
+    file: MuscleFile | None = None
+    is_named: bool = True
     model_name: str = ""
     direction: str | None = None
 
     @classmethod
     def take(cls, **values: Any) -> Request:
         """Return the request of some options."""
-        return cls(fields={name: values.pop(name) for name in FIELDS}, **values)
+        fields = {name: values.pop(name) for name in FIELDS}
+        path, file = values.pop("muscle_file"), None
+        if path is not None:
+            from ..muscle.files import read_muscle
+
+            file = read_muscle(path)
+            if values["preset"] is not None:
+                raise InputError("--preset and --muscle both give the muscle: give one")
+        elif values["preset"] is None and None in (fields["length"], fields["outer_radius"]):
+            values |= {"preset": "effector-45", "is_named": False}
+        if "model_name" in values:
+            own = "" if file is None else file.model
+            values["model_name"] = values["model_name"] or own or "energy"
+        return cls(fields=fields, file=file, **values)
 
     @cached_property
     def muscle(self) -> Muscle:
@@ -190,26 +212,58 @@ class Request:
         strands = changes.get("strands")
         if strands is not None and strands == int(strands):
             changes["strands"] = int(strands)
-        return preset(self.preset, **changes)
+        if self.file is not None:
+            return self.file.muscle.replace(**changes)
+        if self.preset is not None:
+            return preset(self.preset, **changes)
+        size = changes["length"], changes["outer_radius"]
+        return Muscle(length=size[0], outer_radius=size[1]).replace(**changes)
 
     @cached_property
     def constants(self) -> dict[str, object]:
         """What is set of the one model."""
         return parse_settings([self.model_name], self.settings)[self.model_name]
 
-    def make(self) -> Callable[[Muscle], MuscleModel]:
-        """Return what makes the one model, options without effect being refused."""
+    def list_file_constants(self, name: str) -> Mapping[str, object]:
+        """Return the constants that the muscle file has for a model."""
+        is_own = self.file is not None and self.file.model == name
+        return self.file.constants if self.file is not None and is_own else {}
+
+    def make(self, *, with_file: bool = False) -> Callable[[Muscle], MuscleModel]:
+        """Return what makes the one model, options without effect being refused.
+
+        The constants of the muscle file are held only if they are asked for: a fit finds its own.
+        """
         refuse_unused_fields([self.model_name], self.fields)
+        known = self.list_file_constants(self.model_name) if with_file else {}
         return make_class(
-            self.model_name, ends=self.ends, load_path=self.load_path, constants=self.constants
+            self.model_name,
+            ends=self.ends,
+            load_path=self.load_path,
+            constants={**known, **self.constants},
         )
 
     def build(self, *, pressure: float) -> MuscleModel:
-        """Return the one model of the muscle, for the direction asked for."""
+        """Return the one model of the muscle, for the direction asked for.
+
+        It is mounted if the muscle file has effects of the ends. What the file has and the model
+        does not use is named on stderr.
+        """
         muscle = self.muscle
-        model = self.make()(muscle)
+        model = self.make(with_file=True)(muscle)
         check_direction(model, self.direction, self.fields, pressure=pressure)
-        return model
+        if self.file is None:
+            return model
+        neutral = Muscle(length=muscle.length, outer_radius=muscle.outer_radius).given
+        spare = [
+            name.replace("_", " ")
+            for name, value in self.file.muscle.given.items()
+            if name in model.unused and value != neutral.get(name)
+        ]
+        if spare:
+            words = ", ".join(spare)
+            click.echo(f"note: the model {model.name} does not use: {words}", err=True)
+        return model if self.file.ends is None else self.file.ends.mount(model)
 
 
 def _describe_unused(option: str, names: Sequence[str]) -> str:
@@ -220,6 +274,7 @@ def describe_model(model: MuscleModel) -> dict[str, object]:
     """Return the choices of a model, None where it has no such choice, and its constants."""
     from ..muscle.models.card import make_parameters
 
+    model = getattr(model, "model", model)  # of a mounted one
     own = {item.name: getattr(model, item.name) for item in make_parameters(type(model))}
     given: Mapping[str, object] = getattr(model, "keywords", own)
     constants = {name: value for name, value in given.items() if not callable(value)}
@@ -337,13 +392,20 @@ class DataRequest:
     units: tuple[str, ...]
     take_mean: bool
 
-    def read(self, muscle: Muscle) -> Measurements:
-        """Return the measurements of a muscle."""
+    def read(self, asked: Request) -> Measurements:
+        """Return the measurements of a muscle, which has to be named if the table has its size."""
+        from ..muscle.data import describe_field
         from ..muscle.table import read_measurements
 
         form = "COLUMN=UNIT, such as pressure=kPa"
         table = dict(split_setting("--unit", item, form) for item in self.units)
-        data = read_measurements(self.source, muscle=muscle, units=table)
+        data = read_measurements(self.source, muscle=asked.muscle, units=table)
+        if data.geometry and not asked.is_named:
+            columns = ", ".join(map(describe_field, data.geometry))
+            raise InputError(
+                f"{self.source}: the table has the geometry of its specimens ({columns}): name "
+                "their muscle as well, by --muscle, --preset, or --length and --outer-radius"
+            )
         return data.mean_of_directions() if self.take_mean else data
 
 

@@ -335,7 +335,8 @@ def characterise_command(
     elif port is not None:
         raise InputError("--port needs --hook: nothing else measures the muscle's length")
     if port is not None:
-        _refuse_options(("board", "seed", "reading_error", "preset", "settings", *CHOICES, *FIELDS))
+        plant = ("board", "seed", "reading_error", "preset", "muscle_file", "settings")
+        _refuse_options((*plant, *CHOICES, *FIELDS))
         link: Link = SerialLink(port)
     else:
         model = asked.build(pressure=stairs.highest)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from .base import Duct, DuctShape, Eroded, PackedDuct, PlanarField, SampledField
 from .centreline import Centreline, find_centreline
 from .compose import Moved, Union, Without, union, without
+from .deformation import carry_tissue, trace_back
 from .field import RefinedField, build_field, field_from_mask, field_from_mesh, refine_field
 from .fitting.fit import FittedDuct, ShapeFitOptions, fit
-from .moving import MovedField, MovingField, carry_tissue, trace_back
+from .moving import MovedField, MovingField
 from .shape_files import load_shapes as load
 from .shape_files import save_shapes as save
 from .shapes import DUCT_SHAPES

@@ -15,7 +15,6 @@ give an interpolant that is at most as large, too.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,17 +24,15 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_number, check_points
 from ..errors import DeformationError, InputError
 from ..numeric.polylines import resample_polyline
-from .base import SampledField
+from .base import NODES_MAX, SampledField
 from .checks import set_fields
+from .deformation import Displacement, displace, measure_displacement, name_place, trace
 
 if TYPE_CHECKING:
     from ..anatomy.tract import SurfaceTract
     from .kernels.nearest import Tree
 
 Floats = NDArray[np.float64]
-
-Displacement = Callable[[Floats], ArrayLike]
-"""How far tissue at points (n, 3) of the tract at rest is displaced, (n, 3), world frame [mm]."""
 
 REACH_MM, REACH_CELLS = 3.0, 1.5
 """Nodes within so much of the path, and so many cells more, are known; others count as wall [mm].
@@ -66,15 +63,6 @@ EXCESS_MM = 1e-6
 
 EXCESS = 1e-6
 """So much may a gradient be above its bound, by rounding."""
-
-TRACE_MM = 1e-7
-"""Tissue is traced back until it is within so much of its place [mm]."""
-
-TRACE_STEPS, NEWTON_STEPS, HALVINGS = 30, 30, 12
-"""Steps of that at most: ``x = y - u(x)`` first, then Newton's, which are halved until they help."""
-
-NEWTON_MM = 0.01
-"""For Newton's steps gradients are differences over so much to both sides [mm]."""
 
 SHARES = 16
 """Into how many shares the nodes to be measured are divided for the processors."""
@@ -200,13 +188,19 @@ class MovingField:
         """
         from .kernels.moving import CAP, measure_nodes
 
-        way = check_points("path", path)
+        way, field = check_points("path", path), self.field
         if way.ndim != 2 or len(way) < 2:
             raise InputError(f"path has shape {way.shape}: it must be (n, 3) with at least 2 rows")
+        span = np.ptp(field.to_grid(way), axis=0) + 2.0 * REACH_MM
+        if np.prod(span / field.spacing + 2.0 * REACH_CELLS) > NODES_MAX:
+            raise InputError(
+                f"path spans {span.max():.3g} mm: the band would have more than {NODES_MAX:.0e} "
+                f"nodes of {field.spacing.max():g} mm"
+            )
         radius = check_number("radius", radius, low=0.0, high=1e3, unit="mm")
         gradient = self._check(displacement, vertices, gradient_bound, second_bound)
         bend = check_number("second bound", second_bound or 0.0, low=0.0, high=1e3, unit="1/mm")
-        wall, field = self._wall, self.field
+        wall = self._wall
         if wall is not None:
             wall.move(displacement, vertices, gradient)
         band = _Band(field, way, bend)
@@ -297,9 +291,9 @@ class MovingField:
         from .kernels.moving import describe_middles
 
         field, turn = self.field, self.field.rotation
-        rest, _ = _trace(field.to_world(targets), displacement, within=TRACED_MM)
+        rest, _ = trace(field.to_world(targets), displacement, within=TRACED_MM)
         probes = np.concatenate([np.zeros((1, 3)), PROBE_MM * turn.T, -PROBE_MM * turn.T])
-        moves = _measure(displacement, (rest[None] + probes[:, None]).reshape(-1, 3))
+        moves = measure_displacement(displacement, (rest[None] + probes[:, None]).reshape(-1, 3))
         moves = (moves @ turn).reshape(7, len(rest), 3)
         middles = np.empty((len(rest), 19))
         found = describe_middles(field.to_grid(rest), moves, PROBE_MM, gradient, bend, middles)
@@ -313,8 +307,8 @@ class MovingField:
         ):
             if value > limit + EXCESS:
                 raise DeformationError(
-                    f"the displacement's {what} is {value:.4g}{unit} near {_place(rest[which])} "
-                    f"mm: its stated bound is {limit:.4g}{unit}"
+                    f"the displacement's {what} is {value:.4g}{unit} near "
+                    f"{name_place(rest[which])} mm: its stated bound is {limit:.4g}{unit}"
                 )
         return middles
 
@@ -330,8 +324,8 @@ class MovingField:
         along = moves[1:4] - 2.0 * moves[0] + moves[4:]
         some = np.argsort(np.linalg.norm(along, axis=2).max(axis=0))[-LOOKED_PLACES:]
         probes = PROBE_MM * np.stack([turn.T[i] + turn.T[j] for i, j in pairs])
-        mixed = _measure(displacement, (rest[some] + probes[:, None]).reshape(-1, 3)) @ turn
-        mixed = mixed.reshape(3, len(some), 3)
+        probes = (rest[some] + probes[:, None]).reshape(-1, 3)
+        mixed = (measure_displacement(displacement, probes) @ turn).reshape(3, len(some), 3)
         second = np.empty((len(some), 3, 3, 3))
         for k in range(3):
             second[:, :, k, k] = along[k, some]
@@ -367,7 +361,8 @@ class MovingField:
         turn = self.field.rotation
         step = PROBE_MM * way @ turn.T
         ends = np.stack([places + step, places - step]).reshape(-1, 3)
-        return np.asarray((_measure(displacement, ends) @ turn).reshape(2, len(places), 3))
+        moves = measure_displacement(displacement, ends) @ turn
+        return np.asarray(moves.reshape(2, len(places), 3))
 
 
 class _Band:
@@ -422,8 +417,9 @@ class _MovingWall:
         if off.max() > field.error + EXCESS_MM:
             worst = surface.vertices[int(np.argmax(off))]
             raise InputError(
-                f"field and surface do not belong together: at the vertex {_place(worst)} mm the "
-                f"field has {off.max():.3g} mm to the wall, it must be within {field.error:.3g} mm"
+                "field and surface do not belong together: at the vertex "
+                f"{name_place(worst)} mm the field has {off.max():.3g} mm to the wall, it must be "
+                f"within {field.error:.3g} mm"
             )
 
     def move(
@@ -433,7 +429,7 @@ class _MovingWall:
         from .kernels.moving import move_parts, refit_boxes
 
         rest = self.surface.vertices
-        moved = rest if displacement is None else _displace(rest, displacement)
+        moved = rest if displacement is None else displace(rest, displacement)
         if vertices is not None:
             given = check_points("vertices", vertices)
             if given.shape != rest.shape:
@@ -462,103 +458,7 @@ class _MovingWall:
             lengths = np.maximum(np.linalg.norm(before, axis=1), 1e-12)
             change = np.linalg.norm(after - before, axis=1) / lengths
             raise DeformationError(
-                f"a side of the wall near {_place(rest[self.corners[worst, 0]])} mm changes by "
+                f"a side of the wall near {name_place(rest[self.corners[worst, 0]])} mm changes by "
                 f"{change.max():.4g} of its length: the stated gradient bound is {gradient:.4g}"
             )
         refit_boxes(self.tree)
-
-
-def carry_tissue(points: ArrayLike, last: Displacement, *, now: Displacement) -> Floats:
-    """Return where the tissue at points (n, 3) in one frame is in another, world frame [mm].
-
-    Parameters
-    ----------
-    last, now : callable
-        Displacement in the frame of the points, and in the other one, as for `MovingField.update`.
-
-    Raises
-    ------
-    DeformationError
-        As `trace_back`.
-    """
-    return _displace(trace_back(points, last), now)
-
-
-def trace_back(points: ArrayLike, displacement: Displacement) -> Floats:
-    """Return where the tissue that is at points (n, 3) now is at rest, world frame [mm].
-
-    Raises
-    ------
-    DeformationError
-        If that is not found: the displacement's gradient must be below 1.
-    """
-    now = check_points("points", points)
-    rest, miss = _trace(now, displacement, within=TRACE_MM)
-    if len(miss) and miss.max() > TRACE_MM:
-        worst = int(np.argmax(miss))
-        steep = np.linalg.norm(_find_gradients(rest[[worst]], displacement)[0], 2)
-        why = f"{miss[worst]:.2g} mm are left after {TRACE_STEPS + NEWTON_STEPS} steps"
-        if steep >= 1.0:
-            why = f"the displacement's gradient is {steep:.3g}, it must be below 1"
-        raise DeformationError(
-            f"the tissue now at {_place(now[worst])} mm could not be traced back: {why}"
-        )
-    return rest
-
-
-def _trace(now: Floats, displacement: Displacement, *, within: float) -> tuple[Floats, Floats]:
-    """Return places at rest whose tissue is at points now, and how far from it [mm].
-
-    Where the gradient turns out to be 1 or more, infinitely far.
-    """
-    rest = now.copy()
-    for _ in range(TRACE_STEPS):
-        off = now - _displace(rest, displacement)
-        rest += off
-        if np.abs(off).max(initial=0.0) <= within:
-            return rest, np.zeros(len(rest))
-    miss = np.linalg.norm(now - _displace(rest, displacement), axis=1)
-    for _ in range(NEWTON_STEPS):
-        some = np.flatnonzero((miss > within) & np.isfinite(miss))
-        if len(some) == 0:
-            break
-        gradient = _find_gradients(rest[some], displacement)
-        folded = np.linalg.norm(gradient, 2, axis=(1, 2)) >= 1.0
-        miss[some[folded]] = np.inf
-        some, gradient = some[~folded], gradient[~folded]
-        off = now[some] - _displace(rest[some], displacement)
-        step = np.linalg.solve(np.eye(3) + gradient, off[:, :, None])[:, :, 0]
-        for _ in range(HALVINGS):
-            tried = rest[some] + step
-            left = np.linalg.norm(now[some] - _displace(tried, displacement), axis=1)
-            better = left < miss[some]
-            rest[some[better]], miss[some[better]] = tried[better], left[better]
-            some, step = some[~better], 0.5 * step[~better]
-            if len(some) == 0:
-                break
-    return rest, miss
-
-
-def _find_gradients(places: Floats, displacement: Displacement) -> Floats:
-    """Return a displacement's gradient (n, 3, 3) at places, from differences."""
-    probes = NEWTON_MM * np.concatenate([np.eye(3), -np.eye(3)])[:, None]
-    moves = _measure(displacement, (places + probes).reshape(-1, 3)).reshape(6, -1, 3)
-    return np.asarray(np.moveaxis(moves[:3] - moves[3:], 0, -1) / (2.0 * NEWTON_MM))
-
-
-def _displace(points: Floats, displacement: Displacement) -> Floats:
-    return points + _measure(displacement, points)
-
-
-def _measure(displacement: Displacement, points: Floats) -> Floats:
-    """Return a displacement at points, or raise where it is none."""
-    moves = check_points("what displacement returns", displacement(points))
-    if moves.shape != points.shape:
-        raise InputError(
-            f"displacement returns {moves.shape} for points {points.shape}: they must agree"
-        )
-    return moves
-
-
-def _place(point: Floats) -> str:
-    return "(" + ", ".join(f"{value:.1f}" for value in point) + ")"

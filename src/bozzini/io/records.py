@@ -16,6 +16,7 @@ import dataclasses
 import difflib
 import functools
 import json
+import math
 import operator
 import os
 import sys
@@ -89,20 +90,41 @@ def read_record(data: object, record: type[_Record], *, name: str = "") -> _Reco
         raise kind(words) from None
 
 
-def write_record(record: Any) -> Json:
+def write_record(record: Any, *, with_units: bool = False) -> Json:
     """Return a record as plain data that `read_record` reads.
 
-    Quantities that are legal are always there, other fields where they differ from their default.
-    Numbers that are not finite are None.
+    Quantities that are legal are always there, other fields where they differ from their default,
+    and those that are unset never. Numbers that are not finite are None.
+
+    Parameters
+    ----------
+    record : dataclass
+    with_units : bool
+        Whether quantities become text with their unit, angles in degrees where that is exact.
     """
     known = list_quantities(record.__class__)
+    unset = getattr(record, "unset", ())
     written: Json = {}
     for field in dataclasses.fields(record):
+        if field.name in unset:
+            continue
         value = getattr(record, field.name)
-        plain = _write_value(value)
-        if value != field.default or _is_legal(known.get(field.name), plain, record):
+        plain = _write_value(value, with_units=with_units)
+        item = known.get(field.name)
+        if value != field.default or _is_legal(item, plain, record):
+            if with_units and item is not None and isinstance(plain, (int, float)):
+                plain = _add_unit(plain, item)
             written[field.name] = plain
     return written
+
+
+def _add_unit(value: float, known: Quantity) -> object:
+    """Return a quantity as text with its unit, which reads as the same number."""
+    if known.kind == "angle":
+        degrees = f"{math.degrees(value):.15g} deg"
+        if parse_quantity(degrees, "angle") == value:
+            return degrees
+    return f"{value!r} {known.unit}" if known.unit else value
 
 
 def _is_legal(known: Quantity | None, plain: object, record: object) -> bool:
@@ -116,11 +138,11 @@ def _is_legal(known: Quantity | None, plain: object, record: object) -> bool:
     return True
 
 
-def _write_value(value: object) -> object:
+def _write_value(value: object, *, with_units: bool = False) -> object:
     if isinstance(value, (list, tuple)):
-        return [_write_value(item) for item in value]
+        return [_write_value(item, with_units=with_units) for item in value]
     if dataclasses.is_dataclass(value):
-        return write_record(value)
+        return write_record(value, with_units=with_units)
     return to_plain(value)
 
 
@@ -141,7 +163,13 @@ def load_record(path: str | os.PathLike[str], record: type[_Record], *, name: st
         raise FileFormatError(f"{source}: {error}") from None
 
 
-def save_record(record: object, path: str | os.PathLike[str], *, note: str = "") -> Path:
+def save_record(
+    record: object,
+    path: str | os.PathLike[str],
+    *,
+    note: str = "",
+    with_units: bool = False,
+) -> Path:
     """Write a record to a file: JSON if it ends in ``.json``, YAML otherwise.
 
     Parameters
@@ -150,6 +178,8 @@ def save_record(record: object, path: str | os.PathLike[str], *, note: str = "")
     path : path-like
     note : str
         A comment on the first line of a YAML file.
+    with_units : bool
+        As in `write_record`.
 
     Raises
     ------
@@ -157,7 +187,7 @@ def save_record(record: object, path: str | os.PathLike[str], *, note: str = "")
         If the file cannot be written; then there is none.
     """
     target = check_path("path", path)
-    data = write_record(record)
+    data = write_record(record, with_units=with_units)
     if target.suffix.lower() == ".json":
         return write_text(target, json.dumps(data, indent=2) + "\n")
     return write_text(target, (f"# {note}\n" if note else "") + format_yaml(data))

@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from ..anatomy.tissue import TissueFrame, TissueMotion
 from ..checks import check_fields, quantity
 from ..duct.base import SampledField
-from ..duct.moving import Displacement, MovedField, MovingField, carry_tissue
+from ..duct.deformation import Displacement, carry_tissue
+from ..duct.moving import MovedField, MovingField
 from ..errors import DeformationError, InputError
 from ..results import Json, Result, take_axes
 from .certify import certify_motion
@@ -128,7 +129,7 @@ class LiveFrame:
         At which step of it the body stands, the first but where the frame was refused, and to which
         the head moves on until the next frame.
     field : SampledField or None
-        The lumen it is certified in; None where the frame was refused.
+        The lumen it is certified in; None where the frame was refused, and in a `LiveRun`.
     """
 
     number: int
@@ -206,8 +207,9 @@ class LiveRun(Result):
 
     @classmethod
     def collect(cls, frames: Iterable[LiveFrame], *, rate: float, motion: TissueMotion) -> LiveRun:
-        """Run a loop to its end, and keep its frames."""
-        return cls(frames=tuple(frames), rate=rate, speed=motion.speed)
+        """Run a loop to its end, and keep its frames without their fields, which are large."""
+        kept = tuple(replace(frame, field=None) for frame in frames)
+        return cls(frames=kept, rate=rate, speed=motion.speed)
 
     def count(self, status: FrameStatus) -> int:
         """Return how many frames have a status."""
@@ -334,11 +336,13 @@ def follow_tissue(
     Raises
     ------
     InputError
-        If the plan is not of the tract at rest, does not reach its goal, or is the thesis's.
+        If the plan is not of the tract at rest, does not reach its goal, or is the thesis's, or
+        leads where the motion is not known.
     """
     options = options or LiveOptions()
     if plan.status != "complete":
         raise InputError(f"the plan stopped ({plan.reason_code}): it must reach its goal")
+    motion.check_reach(plan.path)
     loop = _Loop(plan, MovingField(field, surface), motion, options)
     duration = motion.period if options.duration is None else options.duration
     for number in range(max(1, round(duration * options.rate))):
@@ -461,7 +465,9 @@ class _Loop:
         )
 
     def _plan_rest(self, plan: Plan, tissue: TissueFrame, left: float) -> float | None:
-        """Certify the whole way to the goal, if there is time for it."""
+        """Certify the whole way to the goal, if it is not yet and there is time for it."""
+        if plan.status == "complete":
+            return plan.proved
         if plan.reason_code != "HORIZON" or left < self.rest_time:
             return None
         begin = time.perf_counter()

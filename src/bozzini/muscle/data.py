@@ -54,7 +54,7 @@ class Measurements:
     Parameters
     ----------
     pressure : array_like, shape (n,)
-        Gauge pressure, 0 to 100 [MPa].
+        Gauge pressure, 0 to 20 [MPa].
     contraction : array_like, shape (n,)
         Free length less length [mm].
     load : array_like, shape (n,), optional
@@ -321,7 +321,7 @@ class Measurements:
         return dataclasses.replace(self, **sort_columns(columns), numbers=self.numbers[index])
 
     def check_lengths(self, muscle: Muscle, *, braid_angle: float | None = None) -> None:
-        """Check that every measured length lies between 0 and the length of the strand.
+        """Check that every measured length lies between 0 and the length of the strand, if known.
 
         Parameters
         ----------
@@ -338,9 +338,10 @@ class Measurements:
             muscle = muscle.replace(braid_angle=braid_angle)
         for specimen in self.list_specimens():
             own = self.muscle_of(specimen, muscle)
+            strand = own.braid.strand_length if "braid_angle" in own.given else math.inf
             for index in np.flatnonzero(self.specimen == specimen).tolist():
                 length = own.length - float(self.contraction[index])
-                check_length(f"{self.name_row(index)}: ", length, own.braid.strand_length)
+                check_length(f"{self.name_row(index)}: ", length, strand)
 
     def mean_of_directions(self) -> Measurements:
         """Return the mean of inflation and deflation, per specimen and load.

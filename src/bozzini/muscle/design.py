@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,9 @@ from ..checks import (
 )
 from ..errors import InputError
 
+if TYPE_CHECKING:
+    from .model import MuscleModel
+
 LOCKING_ANGLE = math.atan(math.sqrt(2.0))
 """The angle at which a braid of given strands holds the largest volume [rad]: 54.7356 degrees."""
 
@@ -35,8 +38,8 @@ BRAID_ANGLES = (math.radians(5.0), math.radians(54.0))
 EXTENSILE_ANGLE = math.radians(85.0)
 """Largest legal angle of a braid at rest [rad]: above locking it gets longer under pressure."""
 
-PRESSURE_LIMIT = 100.0
-"""Largest legal pressure [MPa]; one above it is taken for a wrong unit."""
+PRESSURE_LIMIT = 20.0
+"""Largest legal pressure [MPa], above that of hydraulic muscles: more is likely one in kPa."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +123,7 @@ class Braid:
         Parameters
         ----------
         pressure : array_like
-            Pressure, in [0, 100] MPa.
+            Pressure, in [0, 20] MPa.
         length : array_like
             Length of the braid [mm]; broadcast with `pressure`.
 
@@ -309,37 +312,74 @@ def _take_stress(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return stresses
 
 
-@dataclass(frozen=True, kw_only=True)
-class Muscle:
-    """A miniature pneumatic muscle at rest (thesis 3.2), in mm, MPa and rad.
+class _Given:
+    """A field that is unset until it is given: to read it before is an `InputError`.
 
-    The defaults are those of the captions of the thesis's Figs 3.11-3.16.
+    It is the default of the dataclass's field, which makes it a descriptor of the class.
+    """
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, muscle: Muscle | None, owner: type) -> Any:
+        if muscle is None:
+            return self
+        value = vars(muscle)[self.name]
+        if value is None:
+            raise InputError(f"the muscle has no {self.name.replace('_', ' ')}: give it")
+        return value
+
+    def __set__(self, muscle: Muscle, value: object) -> None:
+        vars(muscle)[self.name] = None if value is self else value
+
+
+def _limit_by_bore(muscle: Muscle) -> float:
+    """Return half the inner radius, or of the outer one while that is unset [mm]."""
+    return 0.5 * float(muscle.given.get("inner_radius", muscle.outer_radius))
+
+
+def _limit_strand(muscle: Muscle) -> float:
+    """Return the radius at which the strands lie side by side [mm].
+
+    Those of one family are ``4 pi r cos(angle) / strands`` apart.
+    """
+    given = muscle.given
+    cosine = math.cos(given.get("braid_angle", 0.0))
+    return 2.0 * math.pi * muscle.braid_radius * cosine / given.get("strands", 2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Muscle:
+    """A pneumatic muscle at rest (thesis 3.2), in mm, MPa and rad.
+
+    Length and outer radius are always there. What else is not known may be left unset: to read it
+    is an error then, and a model that needs it refuses the muscle. Gap, ends, friction and the
+    Mooney ratio have neutral defaults instead, and Poisson's ratio that of rubber.
 
     Parameters
     ----------
     length : float
         Free length between the fittings, in [0.001, 10000] mm.
     outer_radius, inner_radius : float
-        Radii of the tube [mm]; the inner one is 0.05 to 0.99 of the outer one.
-    braid_angle : float
+        Radii of the tube [mm]; the inner one is 0.05 to 0.99 of the outer one, and may be unset.
+    braid_angle : float, optional
         Angle between strands and axis at rest [rad], 5 to 85 degrees. Above the locking angle of
         54.7 degrees the muscle gets longer under pressure, and pushes: few models hold there.
     gap : float
         Gap between tube and braid [mm], at most half the inner radius.
-    strands : int
+    strands : int, optional
         Strands of the braid, both ways together.
-    strand_radius : float
-        Radius of a strand [mm], so that all strands fit round the braid; the captions have 0.04,
-        the thesis's section 3.2 about 0.05.
+    strand_radius : float, optional
+        Radius of a strand [mm], so that all strands fit round the braid.
     end_length : float
         Length of each conical end, ``phi`` [mm]; used by `ThesisMuscle` only.
     dead_length : float
-        Length that does not contract, both ends together [mm]; used by `EnergyMuscle` only.
-    modulus : float
+        Length that does not contract, both ends together [mm]; not used by `ThesisMuscle`.
+    modulus : float, optional
         Young's modulus of the tube, in [1e-9, 1000] MPa.
     poisson_ratio : float
         Poisson's ratio of the tube; `EnergyMuscle` takes the wall as incompressible instead.
-    strand_modulus : float
+    strand_modulus : float, optional
         Young's modulus of a strand [MPa].
     mooney_ratio : float
         ``C01 / (C10 + C01)`` of the wall's strain energy, in [0, 0.5]; 0 is neo-Hookean.
@@ -350,7 +390,7 @@ class Muscle:
     Raises
     ------
     InputError
-        If a value is outside its `legal_range`.
+        If a value is outside its `legal_range`; where a field is read that is unset.
     """
 
     length: float = quantity("length", "Free length between the fittings.", low=1e-3, high=1e4)
@@ -358,14 +398,14 @@ class Muscle:
     inner_radius: float = quantity(
         "length",
         "Inner radius of the tube.",
-        default=0.25,
+        default=_Given(),
         low=lambda muscle: 0.05 * muscle.outer_radius,
         high=lambda muscle: 0.99 * muscle.outer_radius,
     )
     braid_angle: float = quantity(
         "angle",
         "Angle between strands and axis at rest.",
-        default=math.radians(36.0),
+        default=_Given(),
         scale=0.03,
         low=BRAID_ANGLES[0],
         high=EXTENSILE_ANGLE,
@@ -374,26 +414,21 @@ class Muscle:
     gap: float = quantity(
         "length",
         "Gap between tube and braid.",
-        default=0.04,
+        default=0.0,
         scale=0.02,
         low=0.0,
-        high=lambda muscle: 0.5 * muscle.inner_radius,
+        high=_limit_by_bore,
     )
-    strands: int = quantity(help="Number of strands.", default=30, low=2, high=10_000, whole=True)
-    # Strands of one family lie 4 pi r cos(angle) / strands apart.
+    strands: int = quantity(
+        help="Number of strands.", default=_Given(), low=2, high=10_000, whole=True
+    )
     strand_radius: float = quantity(
-        "length",
-        "Radius of a strand.",
-        default=0.04,
-        low=1e-6,
-        high=lambda muscle: (
-            2.0 * math.pi * muscle.braid_radius * math.cos(muscle.braid_angle) / muscle.strands
-        ),
+        "length", "Radius of a strand.", default=_Given(), low=1e-6, high=_limit_strand
     )
     end_length: float = quantity(
         "length",
         "Length of each conical end (thesis).",
-        default=5.0,
+        default=0.0,
         low=0.0,
         high=lambda muscle: 0.499 * muscle.length,
     )
@@ -406,7 +441,12 @@ class Muscle:
         high=lambda muscle: 0.99 * muscle.length,
     )
     modulus: float = quantity(
-        "pressure", "Young's modulus of the tube.", default=0.35, scale=0.1, low=1e-9, high=1e3
+        "pressure",
+        "Young's modulus of the tube.",
+        default=_Given(),
+        scale=0.1,
+        low=1e-9,
+        high=1e3,
     )
     poisson_ratio: float = quantity(
         help="Poisson's ratio of the tube (thesis).",
@@ -416,7 +456,7 @@ class Muscle:
         high=0.499999,
     )
     strand_modulus: float = quantity(
-        "pressure", "Young's modulus of a strand (thesis).", default=3000.0, low=1e-9, high=1e6
+        "pressure", "Young's modulus of a strand (thesis).", default=_Given(), low=1e-9, high=1e6
     )
     # Above 0.5 an inflated free tube gets shorter.
     mooney_ratio: float = quantity(
@@ -429,11 +469,32 @@ class Muscle:
         default=0.0,
         scale=0.02,
         low=0.0,
-        high=lambda muscle: min(0.25 * muscle.braid_radius, 0.5 * muscle.inner_radius),
+        high=lambda muscle: min(0.25 * muscle.braid_radius, _limit_by_bore(muscle)),
     )
 
     def __post_init__(self) -> None:
-        check_fields(self, "muscle ")
+        check_fields(self, "muscle ", skip=self.unset)
+
+    def __eq__(self, other: object) -> bool:
+        return self.given == other.given if isinstance(other, Muscle) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.given.items()))
+
+    def __repr__(self) -> str:
+        return f"Muscle({', '.join(f'{name}={value!r}' for name, value in self.given.items())})"
+
+    @property
+    def given(self) -> dict[str, float]:
+        """The fields that are set, by name."""
+        known, unset = vars(self), self.unset
+        return {name: known[name] for name in list_quantities(Muscle) if name not in unset}
+
+    @property
+    def unset(self) -> tuple[str, ...]:
+        """The names of the fields that are not set."""
+        known = vars(self)
+        return tuple(name for name in _STARTS if known[name] is None)
 
     def legal_range(self, name: str) -> tuple[float, float]:
         """Return the smallest and largest legal value of a field, the others being as they are.
@@ -484,38 +545,106 @@ class Muscle:
         for name in changes:
             if name not in names:
                 raise InputError(f"a muscle has no field '{name}': its fields are {names}")
-        return dataclasses.replace(self, **changes)
+        return Muscle(**{**self.given, **changes})
+
+    def fill(self, names: Iterable[str] | None = None) -> Muscle:
+        """Return this muscle with typical values in fields that are unset: where a fit may start.
+
+        They are of McKibben muscles of 10 to 40 mm: a wall of a fifth of the radius, strands at 25
+        degrees that cover half the braid, rubber of 1 MPa, polyamide of 3 GPa.
+
+        Parameters
+        ----------
+        names : iterable of str, optional
+            Fields to set where they are unset; by default all of them.
+        """
+        wanted = self.unset if names is None else tuple(names)
+        muscle = self
+        for name in self.unset:  # in the order of the fields, each legal beside those before it
+            if name in wanted:
+                muscle = muscle.replace(**{name: _STARTS[name](muscle)})
+        return muscle
 
 
-PRESETS: dict[str, Muscle] = {
-    "thesis-40": Muscle(length=40.0, outer_radius=0.55),
-    "thesis-45": Muscle(length=45.0, outer_radius=0.55),
-    "thesis-60": Muscle(length=60.0, outer_radius=0.55),
-    "effector-45": Muscle(length=45.0, outer_radius=0.75),
-    "fitted-45": Muscle(length=45.0, outer_radius=0.75, modulus=0.56, dead_length=11.7),
+_STARTS: Mapping[str, Callable[[Muscle], float]] = {
+    "inner_radius": lambda muscle: 0.8 * muscle.outer_radius,
+    "braid_angle": lambda muscle: math.radians(25.0),
+    "strands": lambda muscle: 100,
+    "strand_radius": lambda muscle: 0.5 * _limit_strand(muscle),
+    "modulus": lambda muscle: 1.0,
+    "strand_modulus": lambda muscle: 3000.0,
 }
-"""Muscles by name.
-
-- ``thesis-40``, ``thesis-45``, ``thesis-60``: the captions of the thesis's Figs 3.11, 3.16 and
-  3.12, a tube of 1.1 mm outer diameter.
-- ``effector-45``: the muscle of the thesis's chapter 4. Chapter 4 does not give its tube; one of
-  1.5 mm outer diameter is what reproduces its contractions (see `ThesisMuscle`).
-- ``fitted-45``: the same, with the modulus and dead length for which `EnergyMuscle` meets the
-  three contractions without load of chapter 4. Two parameters fitted to three numbers.
-"""
 
 
-def check_muscle(muscle: object, *, extensile: bool = True) -> None:
-    """Raise `InputError` if a model cannot be made of this, which may hold for extensile ones."""
+@dataclass(frozen=True)
+class Preset:
+    """A muscle by name, and where its numbers come from. What no source gives is unset."""
+
+    muscle: Muscle
+    source: str
+
+
+_MINIATURE = Muscle(
+    length=45.0,
+    outer_radius=0.55,
+    inner_radius=0.25,
+    braid_angle=math.radians(36.0),
+    gap=0.04,
+    strands=30,
+    strand_radius=0.04,
+    end_length=5.0,
+    modulus=0.35,
+    strand_modulus=3000.0,
+)
+_CAPTION = "the thesis, caption of Fig. {}; its section 3.2 has strands of about 0.05 mm radius"
+_CHAPTER_4 = (
+    "the thesis, chapter 4, which does not give the tube: with 1.5 mm outer diameter ThesisMuscle "
+    "reproduces its contractions; the rest as in the captions of chapter 3"
+)
+_FESTO = (
+    "Festo, data sheet of the Fluidic Muscle DMSP/MAS: nominal diameter {} mm, sold in lengths of "
+    "40 to 9000 mm: give yours. The nominal diameter is that of the bore and stands here for the "
+    "tube; braid angle, wall and material are not published: fit or measure them"
+)
+PRESETS: dict[str, Preset] = {
+    "thesis-40": Preset(_MINIATURE.replace(length=40.0), _CAPTION.format("3.11")),
+    "thesis-45": Preset(_MINIATURE, _CAPTION.format("3.16")),
+    "thesis-60": Preset(_MINIATURE.replace(length=60.0), _CAPTION.format("3.12")),
+    "effector-45": Preset(_MINIATURE.replace(outer_radius=0.75), _CHAPTER_4),
+    "fitted-45": Preset(
+        _MINIATURE.replace(outer_radius=0.75, modulus=0.56, dead_length=11.7),
+        "as effector-45; modulus and dead length fitted, so that EnergyMuscle meets the three "
+        "contractions without load of chapter 4",
+    ),
+    **{
+        f"festo-{bore}": Preset(Muscle(length=250.0, outer_radius=0.5 * bore), _FESTO.format(bore))
+        for bore in (10, 20, 40)
+    },
+}
+"""Muscles by name, each with its source; `preset` returns one of them."""
+
+
+def check_muscle(muscle: object, model: MuscleModel | None = None) -> None:
+    """Raise `InputError` if a model cannot be made of this, lacks a field, or does not contract."""
     if not isinstance(muscle, Muscle):
         hint = f", such as preset({muscle!r})" if isinstance(muscle, str) else ""
         raise InputError(f"muscle is {show_value(muscle)}: it must be a Muscle{hint}")
-    if not extensile and muscle.braid_angle > BRAID_ANGLES[1]:
-        angle, *ends = (math.degrees(value) for value in (muscle.braid_angle, *BRAID_ANGLES))
+    if model is None:
+        return
+    missing = [name.replace("_", "-") for name in muscle.unset if name not in model.unused]
+    if missing:
         raise InputError(
-            f"muscle braid angle is {angle:g} deg: it must lie in [{ends[0]:g}, {ends[1]:g}] deg "
-            "for this model, which does not hold for a muscle that gets longer"
+            f"the model {model.name} needs the muscle's {', '.join(missing)}: give "
+            f"{' '.join(f'--{name}' for name in missing)}, write it into the muscle's file, or "
+            f"free it in a fit, --free {','.join(missing)}"
         )
+    if "braid_angle" in model.unused or model.extensile or muscle.braid_angle <= BRAID_ANGLES[1]:
+        return
+    angle, *ends = (math.degrees(value) for value in (muscle.braid_angle, *BRAID_ANGLES))
+    raise InputError(
+        f"muscle braid angle is {angle:g} deg: it must lie in [{ends[0]:g}, {ends[1]:g}] deg for "
+        f"the model {model.name}, which does not hold for a muscle that gets longer"
+    )
 
 
 def preset(name: str, **overrides: object) -> Muscle:
@@ -526,4 +655,4 @@ def preset(name: str, **overrides: object) -> Muscle:
     InputError
         If there is no such preset, or a field or its value is not legal.
     """
-    return choose("muscle preset", name, PRESETS).replace(**overrides)
+    return choose("muscle preset", name, PRESETS).muscle.replace(**overrides)

@@ -641,6 +641,7 @@ def calibrate(
     data = take_measurements(data, muscle=muscle)
     own = list_own(model_class)
     build, names, held = choose_free(free, model_class, muscle, data, own)
+    muscle = muscle.fill(names)
     never, _ = judge_parameters(names, data)
     if never and not options.force:
         raise InputError("; ".join(never))

@@ -111,7 +111,7 @@ def choose_bounds(
         "friction_length": (0.0, 0.25 * radius),
         "mooney_ratio": (0.0, 1.0),
         "inner_radius": (0.05 * radius, 0.95 * radius),
-        "outer_radius": (1.05 * muscle.inner_radius, 3.0 * radius),
+        "outer_radius": (1.05 * muscle.given.get("inner_radius", 0.0), 3.0 * radius),
         "end_length": (0.0, 0.4 * muscle.length),
         "poisson_ratio": (0.3, 0.4999),
     }
@@ -429,6 +429,7 @@ def choose_unknowns(
     wanted = tuple(name for name in wanted if name not in {*known, *given})
     if kind is None and not any(item.source == "fitted" for item in known.values()):
         return Unknowns(fields=wanted, start={}, held={}, build=model_class)
+    muscle = muscle.fill(wanted)
     begin = guess_constants(model_class, muscle)
     guess = {**begin, **given}
     held = {} if kind is None else _find_unsupported(kind, given)

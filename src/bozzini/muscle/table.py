@@ -77,19 +77,75 @@ def read_measurements(
         If a Parquet file is given and ``pyarrow`` is not installed.
     """
     path = check_path("path", path)
-    suffix = path.suffix.lower()
-    if suffix in _PARQUET_SUFFIXES:
-        sheet = _read_parquet(path)
-    elif suffix in _TEXT_SUFFIXES:
-        sheet = _read_text(path)
-    else:
-        known = ", ".join(_TEXT_SUFFIXES + _PARQUET_SUFFIXES)
-        raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
+    sheet = _read_sheet(path)
     try:
         data = _take_sheet(sheet, muscle, units or {})
     except InputError as error:
         raise type(error)(f"{path.name}: {error}") from None
     return dataclasses.replace(data, source=path.name)
+
+
+def read_columns(
+    path: str | os.PathLike[str],
+    names: Sequence[str],
+    *,
+    units: Mapping[str, str] | None = None,
+) -> tuple[dict[str, NDArray[np.float64]], tuple[str, ...]]:
+    """Return some columns of a table by name, in Bozzini's units, and notes on what was read.
+
+    Parameters
+    ----------
+    path : path-like
+        As in `read_measurements`, from which the columns have their names and units.
+    names : sequence of str
+        Those that are taken, of ``time``, ``pressure``, ``contraction``, ``length`` and ``load``;
+        a column that is not there is not in the answer.
+    units : mapping, optional
+        As in `read_measurements`.
+
+    Raises
+    ------
+    FileFormatError, UnitError, InputError, MissingExtraError
+        As `read_measurements` does.
+    """
+    path = check_path("path", path)
+    sheet = _read_sheet(path)
+    given = {_find_name(word): unit for word, unit in (units or {}).items()}
+    columns: dict[str, _Column] = {}
+    notes: list[str] = []
+    try:
+        for name in given:
+            if name not in names:
+                raise UnitError(f"unit given for '{name}': a unit has one of {', '.join(names)}")
+        for place, title in enumerate(sheet.titles):
+            word, unit = _split_title(title)
+            name, shown = _find_name(word), title.strip()
+            if name in columns:
+                both = f"'{columns[name].title}' and '{shown}'"
+                raise FileFormatError(f"columns {both} are both {name}")
+            if name not in names:
+                notes += [] if name in (*KINDS, *WORDS) else _refuse_slip(shown, word, unit)
+                continue
+            column = _take_column(place, shown, word, unit, given.get(name, ""))
+            if column.is_ratio:
+                raise UnitError(f"column '{shown}' is a ratio: write 'contraction [mm]'")
+            columns[name] = column
+            notes += _describe_reading(column, word, unit or given.get(name, ""))
+        values, _, commas = _take_cells(sheet, columns)
+    except InputError as error:
+        raise type(error)(f"{path.name}: {error}") from None
+    notes += ["numbers have a decimal comma"] if commas else []
+    return values, tuple(notes)
+
+
+def _read_sheet(path: Path) -> _Sheet:
+    suffix = path.suffix.lower()
+    if suffix in _PARQUET_SUFFIXES:
+        return _read_parquet(path)
+    if suffix in _TEXT_SUFFIXES:
+        return _read_text(path)
+    known = ", ".join(_TEXT_SUFFIXES + _PARQUET_SUFFIXES)
+    raise FileFormatError(f"{path.name} ends in '{suffix}': a table ends in one of {known}")
 
 
 def take_measurements(
@@ -143,6 +199,7 @@ KINDS = {
     **{describe_field(name): known.kind for name, known in GEOMETRY.items()},
 }
 """The columns that hold quantities, and the kind of each."""
+_KINDS = {**KINDS, "time": "time"}
 WORDS = ("direction", "specimen")
 """The columns that hold text."""
 SYNONYMS = {
@@ -168,7 +225,7 @@ BRANCHES = {
     "": "",
 }
 LIMITS = {"pressure": (PRESSURE_LIMIT, "MPa"), "load": (LOAD_LIMIT, "N")}
-EXAMPLES = {"pressure": "kPa", "length": "mm", "force": "N", "angle": "deg"}
+EXAMPLES = {"pressure": "kPa", "length": "mm", "force": "N", "angle": "deg", "time": "s"}
 
 # A name, and perhaps a unit in brackets.
 _HEADER = re.compile(r"\s*(.+?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
@@ -292,6 +349,29 @@ def _read_parquet(path: Path) -> _Sheet:
 
 def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) -> Measurements:
     columns, ignored, notes = _find_columns(sheet.titles, units)
+    values, words, commas = _take_cells(sheet, columns)
+    _find_contractions(values, columns, muscle)
+    notes += ["numbers have a decimal comma"] if commas else []
+    notes += _mend_pressures(values, columns["pressure"].title, sheet.numbers)
+    notes += _judge_loads(values.get("load", np.zeros(1)), columns)
+    for name in GEOMETRY:
+        if (title := describe_field(name)) in values:
+            values[name] = values.pop(title)
+    data = Measurements(
+        **sort_columns({**values, **words}),
+        ignored=ignored,
+        numbers=np.array(sheet.numbers, dtype=np.int64),
+        notes=tuple(notes),
+    )
+    if muscle is not None:
+        data.check_lengths(muscle)
+    return data
+
+
+def _take_cells(
+    sheet: _Sheet, columns: Mapping[str, _Column]
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.str_]], bool]:
+    """Return the numbers and the words of columns, and whether they have a decimal comma."""
     if not sheet.rows:
         raise FileFormatError("the table has a header and no rows")
     commas = sheet.may_have_commas and any(
@@ -315,22 +395,7 @@ def _take_sheet(sheet: _Sheet, muscle: Muscle | None, units: Mapping[str, str]) 
             else:
                 numbers[name].append(_take_quantity(where, name, column, cell, commas=commas))
     values = {name: np.array(column) for name, column in numbers.items()}
-    _find_contractions(values, columns, muscle)
-    notes += ["numbers have a decimal comma"] if commas else []
-    notes += _mend_pressures(values, columns["pressure"].title, sheet.numbers)
-    notes += _judge_loads(values.get("load", np.zeros(1)), columns)
-    for name in GEOMETRY:
-        if (title := describe_field(name)) in values:
-            values[name] = values.pop(title)
-    data = Measurements(
-        **sort_columns({**values, **{name: np.array(column) for name, column in words.items()}}),
-        ignored=ignored,
-        numbers=np.array(sheet.numbers, dtype=np.int64),
-        notes=tuple(notes),
-    )
-    if muscle is not None:
-        data.check_lengths(muscle)
-    return data
+    return values, {name: np.array(column) for name, column in words.items()}, commas
 
 
 def _find_contractions(
@@ -490,7 +555,7 @@ def _describe_reading(column: _Column, word: str, unit: str) -> list[str]:
 def _take_column(place: int, title: str, word: str, unit: str, given: str) -> _Column:
     """Return a column of numbers, with the factor of its unit."""
     name = _find_name(word)
-    kind = KINDS[name]
+    kind = _KINDS[name]
     is_load = name in ("load", "load error")
     if unit and given:
         one, two = (_find_factor(title, kind, text, is_load=is_load) for text in (unit, given))

@@ -8,9 +8,10 @@ from ..muscle.models import MODELS, Card, count_statuses
 
 _HEAD = """# Catalogue of muscle models
 
-The static models of pneumatic artificial muscles that the thesis surveys in its chapter 2, each as
-an explicit law of the pull at a pressure and a length. This page is made from the models' own
-cards, and so is what `bozzini muscle models` lists; `bozzini muscle models NAME` shows one.
+The static models of pneumatic artificial muscles that the thesis surveys in its chapter 2, and
+`ogden`, which it does not have, each as an explicit law of the pull at a pressure and a length.
+This page is made from the models' own cards, and so is what `bozzini muscle models` lists;
+`bozzini muscle models NAME` shows one.
 
     bozzini muscle models
     bozzini muscle solve --model kothera-balance --pressure 0.5MPa --load 0.2N
@@ -75,7 +76,7 @@ def format_catalogue(cards: Sequence[Card] | None = None) -> str:
 
 
 def _format_section(card: Card) -> list[str]:
-    lines = [f"## {card.name}", "", f"{card.title}. Thesis {card.equation}, {card.status}.", ""]
+    lines = [f"## {card.name}", "", f"{card.title}. {_capitalise(card.place)}, {card.status}.", ""]
     lines += [f"{card.reference}.".replace("..", "."), "", *_format_latex(card.latex)]
     if card.latex_printed is not None:
         lines += ["", "As printed:", "", *_format_latex(card.latex_printed)]
@@ -110,6 +111,10 @@ def _format_section(card: Card) -> list[str]:
     if card.missing:
         lines.append(f"- Missing: {card.missing}")
     return lines
+
+
+def _capitalise(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _format_latex(text: str) -> list[str]:

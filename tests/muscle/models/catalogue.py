@@ -8,15 +8,15 @@ import numpy as np
 from hypothesis import strategies as st
 
 from bozzini.errors import InputError
-from bozzini.muscle import Muscle
+from bozzini.muscle import Muscle, preset
 from bozzini.muscle.models import MODELS, CatalogueModel
 
 SURVEY = {name: MODELS[name] for name in MODELS.cards}
-"""The models of the survey by name."""
+"""The models of the literature by name."""
 OWN = ("energy", "thesis")
 """The models that are of no paper."""
 
-MUSCLE = Muscle(length=45.0, outer_radius=0.75, inner_radius=0.4, gap=0.05, dead_length=3.0)
+MUSCLE = preset("effector-45", inner_radius=0.4, gap=0.05, dead_length=3.0)
 
 
 def differentiate(function: Any, at: Any, *, step: float = 1e-3) -> Any:

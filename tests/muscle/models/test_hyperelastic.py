@@ -1,4 +1,4 @@
-"""Pulls that are slopes of a Mooney-Rivlin energy."""
+"""Pulls that are slopes of a Mooney-Rivlin energy, or of Ogden's."""
 
 from __future__ import annotations
 
@@ -258,3 +258,83 @@ def test_a_guess_has_the_modulus_of_the_tube():
 @given(data=st.data(), muscle=muscles())
 def test_any_question_is_answered_or_refused(name, data, muscle):
     ask_anything(data, name, muscle)
+
+
+# Ogden ------------------------------------------------------------------------------------------
+
+
+def ogden(exponent, at, muscle=MUSCLE):
+    return MODELS["ogden"](muscle, exponent=exponent, stretches=at)
+
+
+@pytest.mark.parametrize("exponent", [-3.0, 0.0, 1.5])
+def test_ogden_is_a_model(exponent):
+    for at in ("middle", "outer"):
+        check_model(ogden(exponent, at), [0.0, 0.1, 0.5], [0.0, 0.05])
+    kind = MODELS["ogden"]
+    assert find_unused(lambda muscle: kind(muscle, exponent=exponent)) == set(kind.unused)
+
+
+@pytest.mark.parametrize("at", ["middle", "outer"])
+def test_ogden_has_mooney_rivlins_terms_as_limits(at):
+    for exponent, constants in ((2.0, ("c10", "c01")), (-2.0, ("c01", "c10"))):
+        given = dict(zip(constants, (MUSCLE.modulus / 6.0, 0.0), strict=True))
+        mooney, model = MODELS["delson"](MUSCLE, **given, stretches=at), ogden(exponent, at)
+        expected = pull(mooney, 0.4, LENGTHS)
+        slack = 1e-12 * np.abs(expected).max()
+        assert pull(model, 0.4, LENGTHS) == pytest.approx(expected, rel=1e-11, abs=slack)
+        contacts = [each.solve(0.4, [0.0, 0.3]).contact_pressure for each in (mooney, model)]
+        assert contacts[0] == pytest.approx(contacts[1], rel=1e-9)
+
+
+def test_neo_hookean_ogden_is_trivedi_by_energy():
+    trivedi = MODELS["trivedi"](MUSCLE, force="energy", volume="outer")
+    expected = pull(trivedi, 0.4, LENGTHS)
+    slack = 1e-12 * np.abs(expected).max()
+    assert pull(ogden(2.0, "outer"), 0.4, LENGTHS) == pytest.approx(expected, rel=1e-11, abs=slack)
+
+
+@pytest.mark.parametrize("at", ["middle", "outer"])
+@pytest.mark.parametrize("exponent", [-4.0, -0.5, 0.0, 1e-7, 1.0, 6.0])
+def test_the_pull_of_ogden_is_the_slope_of_its_energy(exponent, at):
+    model = ogden(exponent, at)
+    braid, wall = model.braid, model.wall
+
+    def potential(length):
+        radius = find_radius(braid, length)
+        axial, hoop = length / braid.length, radius / braid.radius
+        if at == "middle":
+            thickness = wall.thickness_at(length)
+            hoop = (2.0 * radius - thickness) / (2.0 * braid.radius - wall.thickness)
+        logs = np.log([axial, hoop, 1.0 / (axial * hoop)])
+        # sum of (lambda**a - 1) / a**2 is that of log**2 / 2 at a = 0: the logarithms' sum is zero
+        small = abs(exponent) < 1e-3
+        terms = logs**2 / 2.0 if small else np.expm1(exponent * logs) / exponent**2
+        energy = 2.0 / 3.0 * MUSCLE.modulus * terms.sum(axis=0)
+        return wall.volume * energy - 0.3 * math.pi * radius**2 * length
+
+    lengths = find_lengths(model, edge=0.05)
+    force = pull(model, 0.3, lengths)
+    assert force == pytest.approx(
+        differentiate(potential, lengths), rel=1e-6, abs=1e-6 * np.abs(force).max()
+    )
+
+
+def test_the_exponent_makes_no_difference_to_a_small_strain():
+    forces = [ogden(a, "middle").force(0.0, [0.0, 1e-5]) for a in (-5.0, 0.0, 2.0, 7.0)]
+    for rest, near in forces:
+        assert rest == 0.0 and near < 0.0
+        assert near == pytest.approx(forces[0][1], rel=1e-3)
+
+
+def test_a_larger_exponent_stiffens_the_wall_that_widens():
+    """Round the muscle; along it a wall that shortens is the softer, the larger the exponent."""
+    held = [0.1, 0.5, 1.0]
+    bears = [0.4 - ogden(a, "outer").solve(0.4, held).contact_pressure for a in (0.0, 2.0, 4.0)]
+    assert np.all(np.diff(bears, axis=0) > 0.0)
+
+
+@settings(max_examples=40)
+@given(data=st.data(), muscle=muscles())
+def test_any_question_to_ogden_is_answered_or_refused(data, muscle):
+    ask_anything(data, "ogden", muscle)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from bozzini.errors import InputError, MissingLawError
-from bozzini.muscle import EnergyMuscle, Muscle
+from bozzini.muscle import EnergyMuscle, preset
 from bozzini.muscle.design import PRESSURE_LIMIT
 from bozzini.muscle.models import MODELS
 from bozzini.muscle.models.ideal import Wall, find_radius, pull_ideal
@@ -77,7 +77,7 @@ def test_the_zero_load_pressure_is_the_print_but_for_the_sign():
 
 def test_two_numbers_of_the_zero_load_pressure():
     """Worked by hand: theta0 = 36 deg, stretch 0.9, E = 0.35 MPa, radii 0.25 and 0.55 mm."""
-    muscle = Muscle(length=40.0, outer_radius=0.55, inner_radius=0.25, gap=0.0)
+    muscle = preset("thesis-40", inner_radius=0.25, gap=0.0)
     bore, outer = (
         MODELS["trivedi"](muscle, volume=word).find_free_pressure(4.0) for word in ("bore", "outer")
     )

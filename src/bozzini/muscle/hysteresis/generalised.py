@@ -171,7 +171,7 @@ class GeneralisedPrandtlIshlinskii(Operator):
         *,
         thresholds: Sequence[float] | None = None,
         count: int = 10,
-        pieces: int = 6,
+        pieces: int = 10,
         options: LoopOptions | None = None,
     ) -> HysteresisFit[GeneralisedPrandtlIshlinskii]:
         """Fit the plays and the output curve to measured loops; the input curve is the identity.
@@ -278,7 +278,7 @@ class _Search:
         begin[:last] = np.maximum(begin[:last], low[:last] + 1e-9)
         best = least_squares(
             miss, begin, derive, bounds=(low, np.inf), x_scale="jac", max_nfev=EVALUATIONS,
-            xtol=1e-8, ftol=1e-9, gtol=1e-12,
+            xtol=1e-8, ftol=1e-7, gtol=1e-12,
         )  # fmt: skip
         stopped = "" if best.status > 0 else f"the search ran out of its {EVALUATIONS} evaluations"
         weights = np.where(best.x[:count] > 1e-9, best.x[:count], 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,11 @@ from ...checks import (
 )
 from ...errors import InputError
 from ...results import Result
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
+
+Fitted = TypeVar("Fitted", covariant=True)
 
 
 @runtime_checkable
@@ -117,10 +122,10 @@ class Operator(ABC):
     others changes nothing at those. All act along the last axis, over any leading ones.
 
     ``identify(history, response, *, options=None)`` of a subclass fits it to measured loops.
-    `history` has the inputs in the order of time, (..., n), each history from rest, and `response` the
-    outputs measured, of the same shape; the options are a `LoopOptions`. It raises `InputError` if
-    these are not finite arrays of one shape, the history is constant, or an option is out of its
-    range.
+    `history` has the inputs in the order of time, (..., n), each history from rest, and `response`
+    the outputs measured, of the same shape; the options are a `LoopOptions`. It raises
+    `InputError` if these are not finite arrays of one shape, the history is constant, or an option
+    is out of its range.
     """
 
     def __post_init__(self) -> None:
@@ -140,6 +145,13 @@ class Operator(ABC):
     def rest_memory(self) -> float:
         """Value of all inner variables there."""
         return 0.0
+
+    @classmethod
+    @abstractmethod
+    def identify(
+        cls, history: ArrayLike, response: ArrayLike, *, options: LoopOptions | None = None
+    ) -> HysteresisFit[Operator]:
+        """Fit the operator to measured loops; see the class."""
 
     def rest(self, shape: tuple[int, ...] = ()) -> HysteresisState:
         """Return the state of an operator that has seen nothing, for histories ``(*shape, n)``."""
@@ -284,7 +296,8 @@ def take_same_count(
         raise InputError(f"{second} has {len(two)} number(s): it must have {len(one)}, as {first}")
 
 
-Fitted = TypeVar("Fitted")
+Limits = tuple[float | Floats, float | Floats]
+
 
 _SIGNIFICANT = 1e-7  # singular values below this share of the largest determine nothing
 _SHARE = 1e-4  # of a parameter in what nothing determines, for it to be named
@@ -368,7 +381,7 @@ def fit_linear(
     target: Floats,
     *,
     names: Sequence[str],
-    limits: tuple[float | Floats, float | Floats] = (0.0, np.inf),
+    limits: Limits = (0.0, np.inf),
     free: Floats | None = None,
     judge: bool = True,
 ) -> LinearFit:
@@ -397,7 +410,7 @@ def fit_linear(
         rest = rest - sides @ (sides.T @ rest)
         size = float(np.abs(rest).max()) or 1.0
         both = np.column_stack([level[:, varying] / scales[varying], rest / size])
-        small = np.linalg.qr(both, mode="r")
+        small: Floats = np.asarray(np.linalg.qr(both, mode="r"))
         matrix = small[:, :-1]
         solution = lsq_linear(
             matrix,
@@ -435,6 +448,7 @@ FittedOperator = TypeVar("FittedOperator", bound=Operator)
 
 EVALUATIONS = 100
 """Largest number of evaluations of one search."""
+_TRIAL = 12  # evaluations of each of its starts, of which the best goes on
 
 _FLAT = 1e-8  # what plays add at most, in spans of the response, below which it is of rounding
 
@@ -503,11 +517,19 @@ class Loops:
         kinds += [np.ones((*self.inputs.shape, 1))] if offset and not self.carried else []
         return self.pick(np.concatenate(kinds, axis=-1))
 
-    def fit(self, columns: Floats, *, offset: bool = True, **options: Any) -> LinearFit:
+    def fit(
+        self,
+        columns: Floats,
+        *,
+        names: Sequence[str],
+        limits: Limits = (0.0, np.inf),
+        offset: bool = True,
+        judge: bool = True,
+    ) -> LinearFit:
         """Fit columns (m, n, k), an offset and the terms: see `fit_linear`."""
-        return fit_linear(
-            self.pick(columns), self.target, free=self.pick_free(offset=offset), **options
-        )
+        free = self.pick_free(offset=offset)
+        picked = self.pick(columns)
+        return fit_linear(picked, self.target, names=names, limits=limits, free=free, judge=judge)
 
     def find_offset(self, found: LinearFit) -> float:
         """Return the offset of a fit that has one; 0 where it is known to be."""
@@ -524,7 +546,7 @@ class Loops:
         """Return the fit, with the residual that the operator itself leaves."""
         factors = found.free[: self.terms.shape[-1]]
         residual = self.response - operator.apply(self.history) - self.terms @ np.array(factors)
-        fitted = (self.weights * residual)[..., self.skip :]
+        fitted: Floats = (self.weights * residual)[..., self.skip :]
         size = np.square(self.weights[..., self.skip :]).sum()
         return HysteresisFit(
             operator=operator,
@@ -542,7 +564,9 @@ class Loops:
         columns_at: Callable[[Floats], Floats],
         starts: list[list[float]],
         bounds: tuple[ArrayLike, ArrayLike],
-        **options: Any,
+        *,
+        names: Sequence[str],
+        limits: Limits = (0.0, np.inf),
     ) -> tuple[Floats, LinearFit]:
         """Return the best parameters on which columns (m, n, k) depend, from several starts.
 
@@ -553,23 +577,25 @@ class Loops:
         target, free = self.target, self.pick_free()
         scale = float(np.abs(target - target.mean()).max()) or 1.0
 
-        def solve(point: Floats, **judge: bool) -> LinearFit:
-            return fit_linear(self.pick(columns_at(point)), target, free=free, **options, **judge)
+        def solve(point: Floats, *, judge: bool = True) -> LinearFit:
+            columns = self.pick(columns_at(point))
+            return fit_linear(columns, target, names=names, limits=limits, free=free, judge=judge)
 
         def miss(point: Floats) -> Floats:
             return solve(point, judge=False).residual / scale
 
         low, high = (np.asarray(side, dtype=np.float64) for side in bounds)
-        tries = []
-        for start in starts:
+
+        def go_on(start: ArrayLike, most: int) -> OptimizeResult:
             begin = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
-            tries.append(
-                least_squares(
-                    miss, begin, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-14,
-                    x_scale="jac", max_nfev=EVALUATIONS,
-                )
+            return least_squares(
+                miss, begin, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-14,
+                x_scale="jac", max_nfev=most,
             )  # fmt: skip
+
+        tries = [go_on(start, _TRIAL) for start in starts]
         best = min(tries, key=lambda found: found.cost)
+        tries.append(best := go_on(best.x, EVALUATIONS))
         inner = solve(best.x)
         stopped = "" if best.status > 0 else f"the search ran out of its {EVALUATIONS} evaluations"
         return np.asarray(best.x), replace(

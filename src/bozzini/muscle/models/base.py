@@ -475,7 +475,7 @@ class CatalogueModel(ExplicitModel):
         hysteresis: Hysteresis | None = None,
         **given: object,
     ) -> None:
-        check_muscle(muscle, extensile=self.extensile)
+        check_muscle(muscle, self)
         check_hysteresis(hysteresis)
         if as_printed and self.card.unprintable:
             raise InputError(
@@ -515,10 +515,11 @@ class CatalogueModel(ExplicitModel):
             value = item.default if item.default is not None else item.neutral
             if value is not None or not item.only_with:
                 guess[item.name] = sum(item.bounds) / 2.0 if value is None else value
+        typical = muscle.fill()
         for item in cls.card.parameters:
             own = cls.guesses.get(item.name)
             if own is not None:
-                guess[item.name] = float(own(muscle) if callable(own) else own)
+                guess[item.name] = float(own(typical) if callable(own) else own)
         return guess
 
     @property

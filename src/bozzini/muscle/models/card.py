@@ -1,4 +1,4 @@
-"""What is known of a model of the survey: source, equation, constants, errata."""
+"""What is known of a model of the catalogue: source, equation, constants, errata."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ class Card:
     reference : str
         The paper the model comes from.
     equation : str
-        Number in the thesis, ``"(2.16)"`` for example.
+        Number in the thesis, ``"(2.16)"`` for example, or ``"not in the thesis"``.
     status : str
         One of `STATUSES`.
     parameters : tuple of Parameter
@@ -278,6 +278,11 @@ class Card:
         )
 
     @property
+    def place(self) -> str:
+        """Where the equation is: the number with the thesis named, or that it is not there."""
+        return self.equation if "thesis" in self.equation else f"thesis {self.equation}"
+
+    @property
     def fitted(self) -> tuple[Parameter, ...]:
         """The parameters that a fit is for."""
         return tuple(item for item in self.parameters if item.source == "fitted")
@@ -338,7 +343,7 @@ def describe_card(card: Card) -> str:
     """Return source, equation, constants, laws and errata of a model as lines of text."""
     lines = [
         f"{card.name}: {card.title}",
-        f"  {card.authors}; thesis {card.equation}; {card.status}",
+        f"  {card.authors}; {card.place}; {card.status}",
         f"  {card.reference}",
         f"  {card.latex}",
     ]

@@ -227,6 +227,21 @@ class Stretches:
         across = 2.0 * (self.hoop**2 - radial) * (c10 + c01 * self.axial**2)
         return np.asanyarray(along), np.asanyarray(across)
 
+    def find_ogden_slopes(self, modulus: float, exponent: float) -> tuple[Floats, Floats]:
+        """Return the same of Ogden's energy with one term, by small-strain modulus [MPa]."""
+        logs = np.log(self.axial), np.log(self.hoop)
+        radial = -(logs[0] + logs[1])
+
+        def spread(log: Floats) -> Floats:
+            if exponent == 0.0:
+                return np.asanyarray(log - radial)
+            return np.asanyarray(
+                (np.expm1(exponent * log) - np.expm1(exponent * radial)) / exponent
+            )
+
+        factor = 2.0 / 3.0 * modulus
+        return factor * spread(logs[0]), factor * spread(logs[1])
+
 
 def find_stretches(wall: Wall, length: Floats, *, at: str) -> Stretches:
     """Return the stretches of a wall at lengths [mm].
@@ -259,16 +274,16 @@ def find_stretches(wall: Wall, length: Floats, *, at: str) -> Stretches:
 
 
 class HyperelasticModel(WalledModel):
-    """A bladder with a Mooney-Rivlin energy, which keeps its volume ``V_b`` and fills the braid.
+    """A bladder with an energy ``W``, which keeps its volume ``V_b`` and fills the braid.
 
     Pull ``F = -P dV/dl + V_b dW/dl`` and contact pressure ``P_o = P - V_b (dW/dr) / (2 pi r l)``
     are slopes of one energy, ``V_b W - P (V - V_b)`` with ``V = pi r**2 l``. A subclass brings
-    `_find_constants` and may bring `_hoop_at`.
+    `_find_slopes` and may bring `_hoop_at`.
     """
 
     @abstractmethod
-    def _find_constants(self) -> tuple[float, float]:
-        """``C10`` and ``C01`` [MPa]."""
+    def _find_slopes(self, stretches: Stretches) -> tuple[Floats, Floats]:
+        """Slopes of the energy density in the logarithms of axial and hoop stretch [MPa]."""
 
     def _hoop_at(self) -> str:
         """Where the hoop stretch is taken, as in `find_stretches`."""
@@ -278,7 +293,7 @@ class HyperelasticModel(WalledModel):
         """Slope of the energy of the wall, ``V_b dW/dl`` [N]."""
         wall = self.wall
         stretches = find_stretches(wall, length, at=self._hoop_at())
-        along, across = stretches.find_slopes(*self._find_constants())
+        along, across = self._find_slopes(stretches)
         slope = along * stretches.axial_rate + across * stretches.hoop_rate
         return np.asanyarray(wall.volume * slope)
 
@@ -286,7 +301,7 @@ class HyperelasticModel(WalledModel):
         """Pressure that the wall bears [MPa]."""
         wall = self.wall
         stretches = find_stretches(wall, length, at=self._hoop_at())
-        _, across = stretches.find_slopes(*self._find_constants())
+        _, across = self._find_slopes(stretches)
         lateral = 2.0 * math.pi * find_radius(self.braid, length) * length
         return np.asanyarray(wall.volume * across * stretches.hoop_growth / lateral)
 
@@ -302,9 +317,9 @@ class MooneyRivlin(HyperelasticModel):
         "c01": lambda muscle: muscle.mooney_ratio * muscle.modulus / 6.0,
     }
 
-    def _find_constants(self) -> tuple[float, float]:
+    def _find_slopes(self, stretches: Stretches) -> tuple[Floats, Floats]:
         given = self.parameters
-        return given["c10"], given["c01"]
+        return stretches.find_slopes(given["c10"], given["c01"])
 
 
 class Delson(MooneyRivlin):
@@ -404,6 +419,50 @@ class KotheraEnergy(MooneyRivlin):
         )
 
 
+class Ogden(HyperelasticModel):
+    """Gaylord's pull and the slope of Ogden's energy with one term, uniform over the wall.
+
+    The survey has no such model. Ogden's sum, cut to one term and written with the modulus of small
+    strains, ``E = 3 mu alpha / 2``, is ``W = 2 E / (3 alpha**2) (sum of lambda**alpha - 3)``. With
+    the exponent 2 it is neo-Hookean, ``C10 = E / 6``: then the pull is that of `Delson` and, with
+    the stretch ``"outer"``, of `Trivedi` by energy. With -2 it is the second term of Mooney-Rivlin
+    alone, with 1 Varga's energy, with 0 Hencky's, quadratic in the logarithms of the stretches. A
+    small exponent has a wall that resists less and less as it widens, a large one a wall that
+    stiffens.
+    """
+
+    card = Card(
+        name="ogden",
+        title="Ogden energy of one term",
+        authors="Ogden",
+        reference="R. W. Ogden, Large deformation isotropic elasticity: on the correlation of "
+        "theory and experiment for incompressible rubberlike solids, Proceedings of the Royal "
+        "Society A 326, 1972",
+        equation="not in the thesis",
+        status="self-contained",
+        parameters=(
+            Parameter(
+                "exponent",
+                "exponent of the stretches; 2 is neo-Hookean",
+                (-10.0, 10.0),
+                default=2.0,
+                neutral=2.0,
+            ),
+        ),
+        choices=(_STRETCHES,),
+        uses=(*WALL_FIELDS, "modulus"),
+        latex=r"F = -P \frac{dV}{dl} + V_b \frac{dW}{dl}, \quad W = \frac{2 E}{3 \alpha^2} "
+        r"\left(\lambda_1^\alpha + \lambda_2^\alpha + \lambda_3^\alpha - 3\right), \quad "
+        r"\lambda_3 = \frac{1}{\lambda_1 \lambda_2}",
+    )
+
+    def _find_slopes(self, stretches: Stretches) -> tuple[Floats, Floats]:
+        return stretches.find_ogden_slopes(self.muscle.modulus, self.parameters["exponent"])
+
+    def _pull(self, pressure: Floats, length: Floats) -> Floats:
+        return np.asanyarray(pull_ideal(self.braid, pressure, length) + self._pull_wall(length))
+
+
 _NEAR_LOCKING = 1.0 - 1e-9
 _TUBE_STATE = ("axial stretch", "pressure [MPa]")
 _WANG = "Wang, Wereley and Pillsbury (2015)"
@@ -487,8 +546,8 @@ class Trivedi(HyperelasticModel):
         per_pressure = self._gas_share() * pull_ideal(self.braid, np.ones(length.shape), length)
         return np.asanyarray(-self._pull_wall(length) / per_pressure)
 
-    def _find_constants(self) -> tuple[float, float]:
-        return self.muscle.modulus / 6.0, 0.0
+    def _find_slopes(self, stretches: Stretches) -> tuple[Floats, Floats]:
+        return stretches.find_slopes(self.muscle.modulus / 6.0, 0.0)
 
     def _hoop_at(self) -> str:
         return "outer"

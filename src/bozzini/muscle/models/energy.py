@@ -86,7 +86,7 @@ class EnergyMuscle(MuscleModel):
     contract (`Muscle.dead_length`) and a stiffer wall, see ``fitted-45``. It knows nothing of
     strands that stretch, bend or have a thickness, and nothing of buckling.
 
-    Legal are pressures in [0, 100] MPa, contractions from where the braid has squeezed 98 % of
+    Legal are pressures in [0, 20] MPa, contractions from where the braid has squeezed 98 % of
     the bore's area out of the tube to where it locks, and loads of 0 or more up to those that
     squeeze the bore so: a muscle cannot push, and beyond its free contraction `force` is negative.
     With friction the contraction may go past locking, where the deflating branch can end, to a
@@ -128,7 +128,7 @@ class EnergyMuscle(MuscleModel):
     )
 
     def __post_init__(self) -> None:
-        check_muscle(self.muscle, extensile=self.extensile)
+        check_muscle(self.muscle, self)
         check_hysteresis(self.hysteresis)
         check_word("ends", self.ends, ENDS)
         if self._tapered and self.muscle.active_length < 6.0 * self.taper_length:

@@ -158,7 +158,7 @@ class ThesisMuscle(MuscleModel):
     unused: ClassVar[tuple[str, ...]] = ("dead_length", "mooney_ratio", "friction_length")
 
     def __post_init__(self) -> None:
-        check_muscle(self.muscle, extensile=self.extensile)
+        check_muscle(self.muscle, self)
         check_hysteresis(self.hysteresis)
         check_word("load path", self.load_path, LOAD_PATHS)
         if self.load_path == "bulk" and self.muscle.poisson_ratio < 0.01:
