@@ -23,7 +23,7 @@ from bozzini.effector import (
     tip_force,
     workspace,
 )
-from bozzini.muscle import ThesisMuscle
+from bozzini.muscle import MuscleFile, ThesisMuscle, write_muscle
 from bozzini.muscle import preset as muscle_preset
 
 EFFECTOR = Effector(effector_preset("prototype"))
@@ -618,3 +618,14 @@ def test_the_conflicts_of_a_design_are_one_note(ask, run):
     (note,) = told.splitlines()
     assert note.startswith(f"note: {conflicts[0]}; muscles R, G, B touch the 4 mm coil")
     assert all(line.partition(" touches ")[2] in note for line in conflicts)
+
+
+def test_the_muscles_may_come_from_a_file(run, tmp_path):
+    fitted = muscle_preset("fitted-45")
+    write_muscle(tmp_path / "m.yaml", MuscleFile(muscle=fitted, model="chou"))
+    command = ("pose", "--pressure", "R=400kPa", "--json", "--muscle-preset")
+    code, out, err = run(*command, "m.yaml")
+    assert code == 0 and "note: m.yaml: the model" in err
+    assert json.loads(out) == json.loads(run(*command, "fitted-45")[1])
+    code, _, err = run(*command, "nowhere.yaml")
+    assert code == 2

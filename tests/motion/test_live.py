@@ -95,6 +95,10 @@ def test_certificates_are_below_the_exact_clearance(rest, name):
         least, count = measure_exactly(frame, surface, motion, 1000, random)
         assert count > 300
         assert frame.clearance <= least
+        # The rest of the way has no more; where the horizon is beyond the goal it is the same.
+        if frame.rest is not None:
+            assert frame.rest <= frame.clearance + 0.1
+        assert frame.plan.status != "complete" or frame.rest == frame.clearance
         # A certificate is made of the plan alone: who asks again gets it again.
         assert certify_plan(frame.plan, frame.field).clearance == pytest.approx(frame.clearance)
     assert max(frame.tissue_move for frame in frames) > 0.1
@@ -145,7 +149,7 @@ def measure_between(before, frame, surface, motion, shares, count=400):
 
 
 class Refused(TissueMotion):
-    """A motion that states too little at some times."""
+    """A motion that states too little at some times, and is not known at others."""
 
     def __init__(self, motion, *times):
         self.motion, self.times = motion, times
@@ -153,8 +157,10 @@ class Refused(TissueMotion):
 
     def at(self, time):
         frame = self.motion.at(time)
-        if any(abs(time - each) < 1e-9 for each in self.times):
+        if any(abs(time - each) < 1e-9 for each in self.times[::2]):
             return replace(frame, gradient_bound=0.3 * frame.gradient_bound)
+        if any(abs(time - each) < 1e-9 for each in self.times[1::2]):
+            return replace(frame, move=lambda points: np.full(points.shape, np.nan))
         return frame
 
 
@@ -162,7 +168,7 @@ class Refused(TissueMotion):
     ("name", "advance"),
     [
         ("breathing", 40.0),
-        ("recorded", 0.0),
+        pytest.param("recorded", 0.0, marks=pytest.mark.slow),
         pytest.param("breathing", 0.0, marks=pytest.mark.slow),
         pytest.param("recorded", 40.0, marks=pytest.mark.slow),
         pytest.param("peristalsis", 0.0, marks=pytest.mark.slow),
@@ -173,13 +179,14 @@ def test_between_frames_nothing_comes_nearer_than_certified(rest, name, advance)
     surface, _, plan = rest
     motion = make_motions(plan.path)[name]
     begin = 0.4 * motion.period
-    loop = Refused(Later(motion, begin), 0.3, 0.4)
+    stated = Later(motion, begin)
+    loop = Refused(stated, 0.3, 0.4)
     frames = run(rest, loop, duration=0.8, advance=advance, inserted=0.35)
     assert [frame.number for frame in frames if frame.status == "refused"] == [3, 4]
     known = [frame for frame in frames if frame.status != "refused"]
     for before, frame in itertools.pairwise(known):
-        shares = np.linspace(0.02, 0.98, 9)
-        assert measure_between(before, frame, surface, loop, shares) >= frame.carried
+        shares = (0.1, 0.45, 0.6, 0.9)
+        assert measure_between(before, frame, surface, stated, shares) >= frame.carried
     assert (max(frame.next_step for frame in frames) > 2) == (advance > 0.0)
 
 
@@ -231,14 +238,14 @@ def test_a_head_that_was_held_up_does_not_make_up_for_it(rest):
 
             return TissueFrame(move=move, gradient_bound=depth, second_bound=1.3803 * depth / 8.0)
 
-    frames = run(rest, Pinch(amplitude=0.1), inserted=0.4, horizon=40.0, duration=1.6)
+    frames = run(rest, Pinch(amplitude=0.1), inserted=0.4, horizon=40.0, duration=1.4)
     held_up = [frame.ahead == 0.0 for frame in frames]
-    assert held_up == [True] * 10 + [False] * 6
+    assert held_up == [True] * 10 + [False] * 4
     gone = np.diff([frame.head for frame in frames])
     assert np.abs(gone[:9]).max() < 0.1
     # 10 mm/s at 10 Hz, in steps of 1 mm.
     assert gone[10:].max() < 2.1
-    assert gone[10:].sum() > 3.0
+    assert gone[10:].sum() > 1.5
 
 
 def test_the_margin_is_the_walls_speed_over_the_rate(rest):

@@ -56,11 +56,20 @@ def test_the_nearest_comes_first_whatever_the_order():
 
 
 def test_a_model_without_an_answer_says_why():
-    data = Measurements(pressure=[0.5, 0.6], contraction=[5.0, 6.0], load=[0.0, 1.0])
+    data = Measurements(pressure=[0.5, 0.6], contraction=[5.0, 6.0], load=[1.0, 1.0])
     comparison = compare_models({"thesis": THESIS, "energy": ENERGY}, data)
     assert [score.name for score in comparison.scores] == ["energy"]
-    assert comparison.refusals["thesis"].startswith("row 2: load is 1 N")
+    assert comparison.refusals["thesis"].startswith("row 1: load is 1 N")
     assert "thesis: no answer" in comparison.format_table()
+
+
+def test_a_model_with_a_gap_is_judged_and_does_not_win_by_it():
+    data = Measurements(pressure=[0.5, 0.6], contraction=[5.0, 6.0], load=[0.0, 1.0])
+    comparison = compare_models({"thesis": THESIS, "energy": ENERGY}, data)
+    assert [score.name for score in comparison.scores] == ["energy", "thesis"]
+    assert comparison.scores[1].answered.tolist() == [True, False]
+    assert comparison.scores[1].largest == 6.0  # a gap is as wrong as the largest response
+    assert "1 of 2 rows" in comparison.format_table()
 
 
 def test_a_model_that_gave_up_before_is_told_as_well():

@@ -71,7 +71,8 @@ def fit(free: Any = None, **options: Any) -> object:
 
 
 def order(models: Any = MODELS.own, **options: Any) -> object:
-    return rank(DATA, MUSCLE, models=models, options=RankOptions(**options))
+    fit = FitOptions(seed=options.pop("seed", 0))
+    return rank(DATA, MUSCLE, models=models, options=RankOptions(**options, fit=fit))
 
 
 def table(**columns: Any) -> object:

@@ -21,7 +21,7 @@ MUSCLE = Muscle(
     braid_angle=0.45,
     modulus=3.0,
 )
-NEO_HOOKEAN = partial(MODELS["ogden"], exponent=2.0)
+NEO_HOOKEAN = partial(MODELS["ogden"], exponent=2.0, stretches="outer")
 SCIPY_AGREES = 0.02
 """Largest difference of an error from that of SciPy's own fit, as a share."""
 
@@ -35,7 +35,8 @@ def table(festo10_dir):
 def test_laws_written_anew_are_those_of_the_catalogue(name):
     law, start = LAWS[name]
     kind, angle = MODELS[name], 0.45
-    names = [item.name for item in kind.card.parameters if item.default is None]
+    given = [item for item in kind.card.parameters if item.default is None and not item.only_with]
+    names = [item.name for item in given]
     names += ["exponent"] if name == "ogden" else []
     uses_angle = law.__code__.co_argcount > 2
     constants = list(start[1:] if uses_angle else start)

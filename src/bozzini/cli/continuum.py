@@ -138,11 +138,13 @@ def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
     return robot
 
 
-def read_displacements(robot: ContinuumRobot, text: str) -> Floats:
+def read_displacements(
+    robot: ContinuumRobot, text: str, *, spelled: str = "--displacement"
+) -> Floats:
     """Return ``NAME=LENGTH,...`` as displacements of all tendons [mm], shape (t,)."""
     names, owner = robot.tendon_names, f"the tendons of robot '{robot.name}'"
     example = "T1=2mm,T2=-1mm"
-    found = parse_pairs("--displacement", text, "length", example=example, names=names, owner=owner)
+    found = parse_pairs(spelled, text, "length", example=example, names=names, owner=owner)
     return robot.order_displacements(found)
 
 
@@ -250,11 +252,14 @@ def format_shape(robot: ContinuumRobot, shape: Mapping[str, Any]) -> str:
     head = ["tendon", "displacement [mm]", "length [mm]"]
     if pulled or any(row["slack"] for row in tendons.values()):
         head.append("tension [N]" if pulled else "")
+    rubs = any("end_tension_N" in row for row in tendons.values())
+    head += ["at its end [N]"] if rubs else []
     rows = []
     for name, row in tendons.items():
         force = row["tension_N"]
         last = "slack" if row["slack"] else "" if force is None else f"{force:z.4f}"
         cells = [name, f"{row['displacement_mm']:z.4f}", f"{row['length_mm']:.3f}", last]
+        cells += [f"{row['end_tension_N']:z.4f}"] if rubs else []
         rows.append(cells[: len(head)])
     return "\n".join([*lines, format_rows(head, rows)])
 
@@ -279,7 +284,13 @@ def models_command(answer: Answer) -> None:
     "--model",
     "model_name",
     type=ModelType(lambda: CONTINUUM_MODELS, show=True),
-    help="By default arc for parallel tendons, energy for others, rod under loads.",
+    help="By default arc for parallel tendons, energy for others, rod under loads or friction.",
+)
+@option(
+    "--history NAME=LENGTH,...",
+    "Displacements that come before, from rest, for tendons with friction; can be repeated, in "
+    "the order of time.",
+    multiple=True,
 )
 @model_options
 @option(
@@ -293,6 +304,7 @@ def models_command(answer: Answer) -> None:
 def pose_command(
     robot_file: Path,
     displacement: str,
+    history: tuple[str, ...],
     model_name: str | None,
     given: Mapping[str, Any],
     settings: tuple[str, ...],
@@ -311,7 +323,16 @@ def pose_command(
     )
     name = model_name or robot.choose_model(given)
     model = make_model(name, robot, {**given, **parse_settings(name, settings)})
-    shape = model.find_shape(displacements)
+    shape = _find_pose(
+        model,
+        displacements,
+        [
+            make_consistent(
+                robot, read_displacements(robot, text, spelled="--history"), given["tolerance"]
+            )[0]
+            for text in history
+        ],
+    )
     notes += model.notes
     result = {"model": model.name, "robot": describe_robot(robot), "file": None, "notes": notes}
     result |= shape.to_dict()
@@ -321,6 +342,26 @@ def pose_command(
     answer.write(shape.list_columns(), lambda: draw_shape(shape))
     lines = [f"{model.name}: {format_shape(robot, result)}", *(f"note: {line}" for line in notes)]
     answer.give(result | {"file": answer.out}, "\n".join(lines))
+
+
+def _find_pose(model: ContinuumModel, displacements: Floats, before: list[Floats]) -> Shape:
+    """Return the shape under displacements, after those before it if there are any."""
+    import numpy as np
+
+    from ..continuum import RodModel
+
+    if not before:
+        return model.find_shape(displacements)
+    if not isinstance(model, RodModel) or not model.robot.tendon_friction.any():
+        raise InputError(
+            f"--history has no effect on the {model.name} model of robot '{model.robot.name}': it "
+            "is for the rod model and tendons with friction"
+        )
+    way = model.trace_displacements(before)
+    last = way.pick(-1 if way.converged else int(np.argmin(way.shapes.converged)))
+    if not way.converged:
+        return dataclasses.replace(last, reason=np.asarray(f"of --history {way.reason}"))
+    return model.shape(displacements, initial=last)
 
 
 @command.command("reach")
@@ -464,6 +505,8 @@ def compare_command(
     _add_differences(rows, shapes)
     if any(given.get(name) is not None for name in LOADS):
         notes.append("only the rod bears the load: the others are without")
+    if robot.tendon_friction.any():
+        notes.append("only the rod has the friction of the tendons: the others are without")
     if given["tendon_stiffness"] is not None:
         notes.append("tendons stretch in the energy and the rod model only")
     reference = REFERENCE_MODEL if REFERENCE_MODEL in shapes else None

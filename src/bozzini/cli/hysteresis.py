@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..muscle.loops.record import Response
     from ..muscle.model import MuscleModel
 
-_OPERATORS = (
+OPERATORS = (
     *("generalised", "prandtl-ishlinskii", "asymmetric", "unparallel", "bouc-wen", "preisach"),
     "friction-band",
 )
@@ -136,7 +136,7 @@ def command() -> None:
 
 @command.command("fit")
 @loop_options
-@option("--operator", "The operator.", _OPERATORS, default="generalised")
+@option("--operator", "The operator.", OPERATORS, default="generalised")
 @static_options
 @option("--plot FILE", "A picture of the loop with the fit.", click.Path(path_type=Path))
 @answer_options(*_RECORDS, help="The operator (.yaml, .json), for trace and invert.", quiet=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     from ..anatomy import TissueMotion
     from ..duct import Centreline
-    from ..motion import LiveRun
+    from ..motion import LiveFrame, LiveRun
+    from ..progress import Progress
 
 __all__ = ["command"]
 
@@ -141,12 +142,19 @@ def command(
             motion=motion,
         )
         frames = follow_tissue(study.plan, study.field, options=loop, **follow)  # type: ignore[arg-type]
-        run = LiveRun.collect(frames, rate=loop.rate, motion=motion)
+        duration = motion.period if loop.duration is None else loop.duration
+        run = LiveRun.collect(_watch(frames, duration, progress), rate=loop.rate, motion=motion)
     answer.write(run.list_columns(), lambda: _draw(run))
     summary = {"input": source.name, "motion": tissue.motion, **run.to_dict(), "file": answer.out}
     answer.give(summary, _describe(run))
     if not run.converged:
         run_exit(EXIT_NEGATIVE)
+
+
+def _watch(frames: Iterator[LiveFrame], duration: float, progress: Progress) -> Iterator[LiveFrame]:
+    for frame in frames:
+        progress("live", min(frame.time / duration, 1.0))
+        yield frame
 
 
 def _draw(run: LiveRun) -> Figure:
@@ -168,7 +176,7 @@ def _describe(run: LiveRun) -> str:
         f"{found['frames_refused']} were refused.",
         f"Certified clearance in a frame: {_limit(found['clearance_min_mm'], 'none')}; from one to "
         f"the next: {_limit(found['carried_min_mm'], 'contact is not excluded')}. The wall moves "
-        f"by up to {found['margin_mm']:.2f} mm between frames ({run.speed:.1f} mm/s at "
+        f"by up to {found['margin_mm']:.3g} mm between frames ({run.speed:.1f} mm/s at "
         f"{run.rate:g} Hz).",
         f"Latency {1e3 * found['latency_median_s']:.0f} ms in the median, "
         f"{1e3 * found['latency_p95_s']:.0f} ms at 95 %, "

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..checks import check_integer, check_number, describe_fields
+from ..checks import check_integer, check_number, describe_fields, list_quantities
 from ..errors import BozziniError, InputError
 from ..results import Json
 from ..units import INTERNAL_UNITS
@@ -27,6 +29,7 @@ from .common import (
     option,
     progress_bar,
     run_exit,
+    split_setting,
 )
 from .hysteresis import command as hysteresis_command
 from .muscle_options import (
@@ -52,9 +55,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from ..muscle.fit import Calibration, FitOptions
     from ..muscle.model import MuscleModel
     from ..muscle.models import Card, Parameter
-    from ..muscle.ranking import Criterion, RankOptions
+    from ..muscle.problem import Response
+    from ..muscle.ranking import Criterion, LeaveOut, RankOptions
 
 VERDICT = ("converged", "reason", "residual")
 """Keys that results have and an answer with models in it has not."""
@@ -373,13 +378,81 @@ def export_command(
     answer.give(result, f"{out}: the model {asked.model_name}")
 
 
+@dataclass(frozen=True)
+class SetupRequest:
+    """What is fitted to what, beside the parameters, as the options ask for it."""
+
+    response: Response | None
+    each: str | None
+    offset: float | None
+    compliance: float | None
+    slack_force: float | None
+    anchored: bool
+
+    @property
+    def each_names(self) -> tuple[str, ...]:
+        """The parameters that every specimen has its own value of."""
+        return () if self.each is None else _name_fields(self.each)
+
+    def make(self, asked: Request, **more: Any) -> FitOptions:
+        """Return the options of a fit; end effects begin as in the muscle file, if there is one."""
+        from ..muscle import EndEffects, FitOptions
+
+        if self.anchored and self.offset is not None:
+            raise InputError("--offset has no effect with --offset-from-length: give one of them")
+        given = {name: getattr(self, name) for name in ("offset", "compliance", "slack_force")}
+        is_own = asked.file is not None and asked.file.model in ("", asked.model_name)
+        ends = (asked.file.ends if asked.file and is_own else None) or EndEffects()
+        ends = ends.replace(**{name: value for name, value in given.items() if value is not None})
+        return FitOptions(
+            response=self.response, ends=ends, anchored=self.anchored, each=self.each_names, **more
+        )
+
+    def join(self, free: str | None) -> tuple[str, ...] | None:
+        """Return all that is free: what is shared, and what each specimen has of its own."""
+        if free is None:
+            if self.each is not None:
+                raise InputError("--each needs --shared: name what all specimens share as well")
+            return None
+        return (*_name_fields(free), *self.each_names)
+
+    def describe(self) -> Json:
+        """Return what was asked for, as plain values."""
+        return {"each": self.each_names, "offset_from_length": self.anchored}
+
+
+setup_options = gather(
+    "setup",
+    SetupRequest,
+    option(
+        "--response",
+        "What the model is compared in: the force at pressure and length, the contraction at "
+        "pressure and load, or the pressure at force and length (default: that of the data).",
+        ("force", "contraction", "pressure"),
+    ),
+    option("--each", "Free parameters that every specimen has its own value of, by commas."),
+    option("--offset", "Measured contraction less the muscle's own at zero force.", "length"),
+    option("--compliance", "By how much fittings and rig give, e.g. 0.01mm/N.", "compliance"),
+    option("--slack-force", "Force that a slack muscle reads, the least one.", "force"),
+    option(
+        "--offset-from-length anchored",
+        "Take each specimen's offset from its column of lengths without load, such as "
+        "'length at 620 kPa [mm]'.",
+        is_flag=True,
+    ),
+)
+
+
 @command.command("fit")
 @data_options
-@option(
+@click.option(
     "--free",
-    "Fields of the muscle and constants of the model to fit, separated by commas; the options "
-    "below are where fields start (default: modulus,dead-length in energy, modulus,end-length in "
-    "thesis, in others what is unknown of them).",
+    "--shared",
+    "free",
+    help="Fields of the muscle, constants of the model and end effects (offset, compliance, "
+    "slack-force) to fit, by commas, shared by all specimens; the options below are where "
+    "they start (default: modulus,dead-length in energy, modulus,end-length in thesis, in others "
+    "what is unknown of them).",
 )
 @option(
     "--bound bound_texts FIELD=LOW:HIGH",
@@ -387,42 +460,52 @@ def export_command(
     multiple=True,
 )
 @option("--anyway", "Fit also what the data cannot distinguish.", is_flag=True)
+@option(
+    "--resamples",
+    "Fits to rows drawn anew, for the errors of the parameters; 0 for linearised ones.",
+    int,
+    default=0,
+)
+@setup_options
 @one_model_options
-@answer_options(*PICTURES, quiet=False)
+@answer_options(
+    ".yaml", *PICTURES, quiet=False, help="The fit as a file for 'predict' (.yaml), or a picture."
+)
 def fit_command(
     table: DataRequest,
     free: str | None,
     bound_texts: tuple[str, ...],
     anyway: bool,
+    resamples: int,
+    setup: SetupRequest,
     asked: Request,
     answer: Answer,
 ) -> None:
-    """Fit fields of a muscle, and constants of a model, to measurements.
+    """Fit fields of a muscle, constants of a model and end effects to measurements.
 
-    DATA is a .csv or .parquet file, see 'bozzini muscle compare --help'.
+    DATA is a .csv or .parquet file, see 'bozzini muscle compare --help'. Its columns may give
+    geometry and errors of the specimens.
 
-    Exit code 0: fitted; 1: fitted, but with warnings,
+    Exit code 0: fitted; 1: fitted, but with warnings, a poor fit among them,
     or no minimum was found; 2: bad input.
     """
-    from ..muscle import FitOptions, calibrate, compare_models
+    from ..muscle import calibrate
 
     make, name = asked.make(), asked.model_name
     own = {item.name: item for item in list_kinds()[name].list_parameters()}
     bounds = _parse_bounds(bound_texts, own)
+    names = setup.join(free)
+    options = setup.make(asked, bounds=bounds, force=anyway, resamples=resamples)
     data = table.read(asked)
-    names = None if free is None else tuple(_name_field(part) for part in free.split(","))
     check_friction(asked.fields, data, free=names or ())
-    options = FitOptions(bounds=bounds, force=anyway)
     found = calibrate(make, asked.muscle, data=data, free=names, options=options)
+    if answer.out is not None and answer.out.suffix.lower() == ".yaml":
+        from ..muscle import write_muscle
 
-    def draw() -> Figure:
-        from ..plot.muscle import draw_models
-
-        models = {name: found.fitted}
-        return draw_models(compare_models(models, data, fitted={name: len(found.free)}), models)
-
-    answer.write({}, draw)
-    choices = describe_model(found.fitted)
+        write_muscle(answer.out, found.to_file())
+    else:
+        answer.draw(lambda: _draw_fit(found))
+    choices = describe_model(getattr(found.fitted, "model", found.fitted))
     result = {
         "model": name,
         "preset": asked.preset,
@@ -432,6 +515,7 @@ def fit_command(
         "mean": table.take_mean,
         "anyway": anyway,
         "bounds": bounds,
+        **setup.describe(),
         "rows": len(data),
         "ignored_columns": data.ignored,
         "notes": data.notes,
@@ -443,20 +527,38 @@ def fit_command(
         run_exit(EXIT_NEGATIVE)
 
 
+def _draw_fit(found: Calibration) -> Figure | Axes:
+    """Draw a fit: curves of contraction, or what was fitted over what was measured."""
+    if found.response != "contraction" or len(found.models) > 1:
+        return found.plot()
+    from ..muscle import compare_models
+    from ..plot.muscle import draw_models
+
+    models, count = {found.model: found.fitted}, {found.model: len(found.free)}
+    data = found.task.data
+    return draw_models(compare_models(models, data, fitted=count, response="contraction"), models)
+
+
 def _name_field(text: str) -> str:
     return text.strip().replace("-", "_")
+
+
+def _name_fields(texts: str) -> tuple[str, ...]:
+    return tuple(_name_field(part) for part in texts.split(","))
 
 
 def _parse_bounds(
     texts: tuple[str, ...], own: Mapping[str, Parameter]
 ) -> dict[str, tuple[float, float]]:
+    from ..muscle import EndEffects
     from ..units import parse_quantity
 
+    kinds = {**FIELDS, **list_quantities(EndEffects)}
     bounds: dict[str, tuple[float, float]] = {}
     for text in texts:
         name, _, pair = text.partition("=")
         field, ends = _name_field(name), pair.split(":")
-        if (field not in FIELDS and field not in own) or len(ends) != 2:
+        if (field not in kinds and field not in own) or len(ends) != 2:
             raise InputError(
                 f"--bound is '{text}': it must be FIELD=LOW:HIGH, such as modulus=0.1MPa:2MPa"
             )
@@ -465,11 +567,99 @@ def _parse_bounds(
         low, high = (
             parse_constant(own[field], end)
             if field in own
-            else parse_quantity(end, FIELDS[field].kind)
+            else parse_quantity(end, kinds[field].kind)
             for end in ends
         )
         bounds[field] = low, high
     return bounds
+
+
+@command.command("predict")
+@click.argument("file", metavar="FIT.yaml", type=click.Path(path_type=Path))
+@click.argument("source", metavar="[TABLE]", type=click.Path(path_type=Path), required=False)
+@option("--pressure", "Gauge pressure, without a table.", "pressure")
+@option("--contraction", "Contraction, without a table.", "length")
+@option("--load", "Tension held, without a table.", "force")
+@option("--rest-length", "Rest length of the muscle (default: the file's).", "length")
+@option(
+    "--free-length free_text PRESSURE=LENGTH",
+    "Length of this muscle without load at a pressure, for the zero offset, e.g. 620kPa=101mm.",
+)
+@option("--level", "Probability of the bands.", float, default=0.95)
+@answer_options(".csv", *PICTURES, help="A table (.csv) or a picture.", quiet=False)
+def predict_command(
+    file: Path,
+    source: Path | None,
+    pressure: float | None,
+    contraction: float | None,
+    load: float | None,
+    rest_length: float | None,
+    free_text: str | None,
+    level: float,
+    answer: Answer,
+) -> None:
+    """Predict the response of a fitted muscle, also of one that was not measured.
+
+    FIT.yaml is written by 'bozzini muscle fit --out'. The states are those of a TABLE, as 'bozzini
+    muscle compare' takes them, or one that the options give. 'confidence' is half the width of the
+    band of the mean, 'prediction' that of a single reading. Of a table that was measured, the error
+    of the prediction is given as well.
+
+    Exit code 0: predicted; 1: the model has no answer for some rows; 2: bad input.
+    """
+    from ..muscle import Measurements, predict, read_measurements, read_muscle
+
+    fitted = read_muscle(file)
+    muscle = fitted.muscle if rest_length is None else fitted.muscle.replace(length=rest_length)
+    states = {"--pressure": pressure, "--contraction": contraction, "--load": load}
+    given = [name for name, value in states.items() if value is not None]
+    response = "" if fitted.fit is None else fitted.fit.response
+    if source is not None:
+        if given:
+            raise InputError(f"{given[0]} has no effect with a table: leave it out")
+        data = read_measurements(source, muscle=muscle)
+    else:
+        own = {"force": "--load", "contraction": "--contraction", "pressure": "--pressure"}
+        if own.get(response) in given:
+            raise InputError(f"{own[response]} is what is predicted: leave it out")
+        for name in states:
+            if name not in given and name != own.get(response) and name != "--load":
+                raise InputError(f"{name} is missing: give it, or a table of states")
+        data = Measurements(
+            pressure=[pressure or 0.0], contraction=[contraction or 0.0], load=[load or 0.0]
+        )
+    found = predict(
+        fitted, data, length=rest_length, free_length=_parse_free_length(free_text), level=level
+    )
+    answer.write(found.list_columns(), found.plot)
+    result = {
+        "file": file,
+        "model": fitted.model,
+        "rest_length_mm": muscle.length,
+        "rows": len(data),
+        **found.to_dict(),
+    }
+    unit = found.task.unit
+    lines = [] if answer.out else [format_csv(found.list_columns()).rstrip("\n")]
+    if source is not None:
+        result[f"rms_{unit}"], result["covered"] = found.residual, found.covered
+        lines.append(
+            f"rms {found.residual:.3g} {unit} against the table; {100.0 * found.covered:.0f} % of "
+            f"its rows lie in the band of {100.0 * level:g} %"
+        )
+    lines += [found.reason] if found.reason else []
+    answer.give({**result, "out": answer.out}, "\n".join(lines))
+    if not found.converged:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _parse_free_length(text: str | None) -> tuple[float, float] | None:
+    from ..units import parse_quantity
+
+    if text is None:
+        return None
+    name, value = split_setting("--free-length", text, "PRESSURE=LENGTH, such as 620kPa=101mm")
+    return parse_quantity(name, "pressure"), parse_quantity(value, "length")
 
 
 @dataclass(frozen=True)
@@ -477,23 +667,50 @@ class RankRequest:
     """Whether models are fitted and ranked, and how, as the options ask for it."""
 
     fit: bool
+    free: str | None
     criterion: Criterion | None
+    leave_out: LeaveOut | None
     folds: int | None
     seed: int | None
+    jobs: int | None
+    budget: float | None
 
-    def choose(self, *, fit: bool) -> RankOptions | None:
+    def choose(
+        self, setup: SetupRequest, asked: Request, *, fit: bool, models: int
+    ) -> RankOptions | None:
         """Return the options of a ranking; None without a fit, where none may be given."""
         from ..muscle import RankOptions
 
         if fit:
+            jobs = (os.cpu_count() or 1) if self.jobs is None and models > _FEW_MODELS else 1
+            names = setup.join(self.free)
             return RankOptions(
-                criterion=self.criterion or "aicc", folds=self.folds, seed=self.seed or 0
+                fields=names,
+                criterion=self.criterion or "aicc",
+                leave_out=self.leave_out or "rows",
+                folds=self.folds,
+                jobs=min(self.jobs or jobs, 64),
+                fit=setup.make(
+                    asked, seed=self.seed or 0, budget=60.0 if self.budget is None else self.budget
+                ),
             )
-        given = (("--by", self.criterion), ("--folds", self.folds), ("--seed", self.seed))
+        given = (
+            ("--free", self.free),
+            ("--by", self.criterion),
+            ("--leave-out", self.leave_out),
+            ("--folds", self.folds),
+            ("--seed", self.seed),
+            ("--jobs", self.jobs),
+            ("--budget", self.budget),
+            ("--each", setup.each),
+        )
         for flag, value in given:
             if value is not None:
                 raise InputError(f"{flag} has no effect without --fit: leave it out")
         return None
+
+
+_FEW_MODELS = 4  # so many are fitted in this process: another takes a second to start
 
 
 rank_options = gather(
@@ -505,13 +722,33 @@ rank_options = gather(
         "end length (thesis); constants and modulus of the others.",
         is_flag=True,
     ),
+    click.option(
+        "--free",
+        "--shared",
+        "free",
+        help="Of a fit, fields of the muscle to fit in each model that uses them, and end effects "
+        "to fit in all (offset, compliance, slack-force), by commas; beside each model's own "
+        "constants.",
+    ),
     option(
         "--by criterion",
         "Of a fit, rank by an information criterion or by the rows left out (default: aicc).",
         ("aicc", "bic", "cv"),
     ),
+    option(
+        "--leave-out",
+        "Of a fit, what is left out of it at a time, for validation: rows dealt at random, a "
+        "specimen, or a level of pressure (default: rows).",
+        ("rows", "specimen", "pressure"),
+    ),
     option("--folds", "Of a fit, parts for cross-validation; 0 for none (default: 5).", int),
     option("--seed", "Of a fit, for folds and starts (default: 0).", int),
+    option("--jobs", "Of a fit, models fitted at the same time (default: one per core).", int),
+    option(
+        "--budget",
+        "Of a fit, processor time of a model, after which it is stopped (default: 60s).",
+        "time",
+    ),
 )
 
 
@@ -524,32 +761,36 @@ rank_options = gather(
     multiple=True,
 )
 @rank_options
+@setup_options
 @request_options
 @answer_options(*PICTURES, quiet=False)
 def compare_command(
     table: DataRequest,
     model_names: tuple[str, ...],
     ranked: RankRequest,
+    setup: SetupRequest,
     asked: Request,
     answer: Answer,
 ) -> None:
     """Compare models with measurements; without --model, fit and rank all that can be fitted.
 
     DATA is a .csv or .parquet file with the columns pressure, contraction or length and, if there,
-    load, direction and specimen; their units stand in the header, as in 'pressure [kPa]'. The
-    standard error is also given as a percentage of the largest contraction.
+    load, direction and specimen; their units stand in the header, as in 'pressure [kPa]'. More
+    columns give geometry and errors. The standard error is also given as a percentage of the
+    largest measured response. A row that a model has no answer for counts as the largest response.
 
     Models that are fitted are ranked: by AICc, which charges a model for its constants, unless --by
     asks otherwise. 'left out' is the error at rows left out of the fit.
 
-    Exit code 0: compared; 1: no model has an answer; 2: bad input. A picture is written only if a
+    Exit code 0: compared; 1: no model has an answer, or the best one is poor: off by more than 5 %
+    of the span of the measured response after the fit; 2: bad input. A picture is written only if a
     model has an answer.
     """
     from ..muscle import compare_models, rank
 
-    options = ranked.choose(fit=ranked.fit or not model_names)
     broken = {} if model_names else list_kinds().broken
     names = list(dict.fromkeys(model_names or (n for n in list_kinds() if n not in broken)))
+    options = ranked.choose(setup, asked, fit=ranked.fit or not model_names, models=len(names))
     choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
     refuse_unused_fields(names, asked.fields)
     constants = parse_settings(names, asked.settings)
@@ -567,14 +808,15 @@ def compare_command(
         "largest_contraction_mm": data.largest_contraction,
     }
     if options is None:
-        models, refusals = {}, broken
+        models, refusals, ends = {}, broken, setup.make(asked).ends
         for name, make in makes.items():
             try:
                 own = asked.list_file_constants(name)
-                models[name] = make(asked.muscle, **{**own, **constants[name]})
+                model = make(asked.muscle, **{**own, **constants[name]})
+                models[name] = asked.mount(model, ends)
             except BozziniError as error:
                 refusals[name] = str(error)
-        found = compare_models(models, data, refusals=refusals)
+        found = compare_models(models, data, refusals=refusals, response=setup.response)
 
         def draw() -> Figure:
             from ..plot.muscle import draw_models
@@ -582,7 +824,8 @@ def compare_command(
             return draw_models(found, models)
 
         answered, lines = found.converged, [found.format_table()]
-        result |= drop(found.to_dict(), *VERDICT)
+        poor = False
+        result |= {"response": found.response} | drop(found.to_dict(), *VERDICT)
     else:
         with progress_bar() as progress:
             ranking = rank(
@@ -601,6 +844,7 @@ def compare_command(
 
         result |= drop(ranking.to_dict(), *VERDICT)
         answered, lines = ranking.converged, [ranking.format_table()]
+        poor = ranking.is_poor
         for entry in ranking.models[:_WARNED]:
             fit = entry.calibration
             if fit is not None:
@@ -611,5 +855,5 @@ def compare_command(
         answer.write({}, draw)
     result |= {"file": answer.out if answered else None, "muscle": describe_fields(asked.muscle)}
     answer.give(result, note_data(data) + "\n".join(lines))
-    if not answered:
+    if poor or not answered:
         run_exit(EXIT_NEGATIVE)

@@ -25,6 +25,7 @@ from .common import (
 
 if TYPE_CHECKING:
     from ..muscle.data import Measurements
+    from ..muscle.ends import EndEffects
     from ..muscle.files import MuscleFile
     from ..muscle.model import MuscleModel
     from ..muscle.models import ModelRegistry, Parameter
@@ -71,6 +72,12 @@ def model_options(function: _Function) -> _Function:
 
 model_option = option(
     "--model model_name",
+    "The model: energy, thesis, or one that 'bozzini muscle models' lists.",
+    ModelType(lambda: list_kinds()),
+    default="energy",
+)
+own_model_option = option(
+    "--model model_name",
     "The model: energy, thesis, or one that 'bozzini muscle models' lists (default: that of the "
     "muscle file, else energy).",
     ModelType(lambda: list_kinds()),
@@ -80,6 +87,20 @@ direction_option = option(
     "Whether the pressure rises or falls, for friction (default: neither).",
     ("inflating", "deflating"),
 )
+
+
+def take_muscle(text: str) -> Muscle:
+    """Return a muscle by the name of a preset, or that of a muscle file alone."""
+    from ..muscle.design import preset
+    from ..muscle.files import read_muscle
+
+    if Path(text).suffix.lower() not in (".yaml", ".yml", ".json"):
+        return preset(text)
+    file = read_muscle(text)
+    if file.model or file.ends:
+        words = "the model, its constants and the ends of the file are left out: give --model"
+        click.echo(f"note: {text}: {words}", err=True)
+    return file.muscle
 
 
 def list_kinds() -> ModelRegistry:
@@ -243,12 +264,23 @@ class Request:
             constants={**known, **self.constants},
         )
 
+    def mount(self, model: MuscleModel, ends: EndEffects) -> MuscleModel:
+        """Return a model with effects of the ends; without any, with those that its file has."""
+        from ..muscle.ends import EndEffects
+
+        is_own = self.file is not None and self.file.model in ("", model.name)
+        if self.file is not None and is_own and self.file.ends and ends == EndEffects():
+            ends = self.file.ends
+        return ends.mount(model)
+
     def build(self, *, pressure: float) -> MuscleModel:
         """Return the one model of the muscle, for the direction asked for.
 
         It is mounted if the muscle file has effects of the ends. What the file has and the model
         does not use is named on stderr.
         """
+        from ..muscle.ends import EndEffects
+
         muscle = self.muscle
         model = self.make(with_file=True)(muscle)
         check_direction(model, self.direction, self.fields, pressure=pressure)
@@ -263,7 +295,7 @@ class Request:
         if spare:
             words = ", ".join(spare)
             click.echo(f"note: the model {model.name} does not use: {words}", err=True)
-        return model if self.file.ends is None else self.file.ends.mount(model)
+        return self.mount(model, EndEffects())
 
 
 def _describe_unused(option: str, names: Sequence[str]) -> str:
@@ -422,12 +454,12 @@ data_options = gather(
 )
 request_options = gather("asked", Request.take, set_option, design_options, model_options)
 one_model_options = gather(
-    "asked", Request.take, model_option, set_option, design_options, model_options
+    "asked", Request.take, own_model_option, set_option, design_options, model_options
 )
 directed_options = gather(
     "asked",
     Request.take,
-    model_option,
+    own_model_option,
     direction_option,
     set_option,
     design_options,

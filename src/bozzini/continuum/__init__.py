@@ -5,6 +5,8 @@ from __future__ import annotations
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .energy import EnergyModel
+from .friction import FrictionState
+from .history import TendonHistory
 from .inverse import (
     ContinuumInverse,
     InverseOptions,
@@ -47,6 +49,7 @@ __all__ = [
     "Dexterity",
     "DexterityMap",
     "EnergyModel",
+    "FrictionState",
     "Helix",
     "InverseOptions",
     "LinkageModel",
@@ -57,6 +60,7 @@ __all__ = [
     "Section",
     "SectionResult",
     "Shape",
+    "TendonHistory",
     "Tendon",
     "TendonTravel",
     "WorkspaceSample",

@@ -119,7 +119,8 @@ def find_crooked(robot: RobotDesign) -> str:
     for row, tendon in enumerate(robot.tendons):
         end = float(robot.section_ends[int(robot.tendon_sections[row])])
         if not tendon.is_parallel:
-            return f"tendon '{tendon.name}' changes its offset or angle on its way"
+            what = "offset or angle" if tendon.path is None else "place in the cross-section"
+            return f"tendon '{tendon.name}' changes its {what} on its way"
         if robot.tendon_ends[row] < end - ROUND_OFF_MM:
             where = f"{robot.tendon_ends[row]:g} mm, before its section does at {end:g} mm"
             return f"tendon '{tendon.name}' ends at {where}"
@@ -293,7 +294,7 @@ class ParallelModel(ContinuumModel):
     @property
     def notes(self) -> tuple[str, ...]:
         """Bends that no tendon controls, a sentence each; least elastic energy decides them."""
-        return self.coupling.open_directions()
+        return (*super().notes, *self.coupling.open_directions())
 
     def solve(self, displacements: ArrayLike) -> BendSolution:
         """Return the bends of the sections under `displacements`, shape (..., t) [mm].

@@ -63,8 +63,8 @@ class ContinuumRobot(RobotDesign):
             shape, 0 for those left out. The columns of a table and the labels of a series are
             names.
         model : str, optional
-            Name in `CONTINUUM_MODELS`; arc for parallel tendons, energy for others and rod under
-            loads unless given.
+            Name in `CONTINUUM_MODELS`; arc for parallel tendons, energy for others, and rod under
+            loads or with friction of tendons unless given.
         **options
             Options of the model, such as ``tip_force`` of the rod.
 
@@ -150,7 +150,7 @@ class ContinuumRobot(RobotDesign):
         return kind(self, **options)
 
     def choose_model(self, options: Mapping[str, object]) -> str:
-        """Return the model that suits this robot: by loads among the options, and by routing."""
-        if any(options.get(load) is not None for load in LOADS):
+        """Return the model that suits this robot: by loads, friction of tendons, and routing."""
+        if any(options.get(load) is not None for load in LOADS) or self.tendon_friction.any():
             return "rod"
         return "energy" if find_crooked(self) else "arc"

@@ -66,6 +66,8 @@ class ContinuumModel(ABC):
 
     name: ClassVar[str]
     """The model's name in `CONTINUUM_MODELS`."""
+    takes_friction: ClassVar[bool] = False
+    """Whether it heeds the friction of tendons."""
     checked_by_class: ClassVar[tuple[str, ...]] = ()
     """Options that are no single numbers, which the class checks itself."""
 
@@ -76,7 +78,9 @@ class ContinuumModel(ABC):
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of the model with this robot, a sentence each."""
-        return ()
+        if self.takes_friction or not self.robot.tendon_friction.any():
+            return ()
+        return (f"the {self.name} model leaves out the friction of tendons: the rod model has it",)
 
     @abstractmethod
     def shape(self, displacements: ArrayLike) -> Shape:
@@ -182,6 +186,7 @@ class ContinuumModel(ABC):
                 arc_length=arc_length,
                 displacements=displacements.copy(),
                 disc_arc_length=self.robot.disc_arc_length if discs is None else discs,
+                friction=None,
                 **shaped,
             )
         except InputError as error:

@@ -105,6 +105,11 @@ class RobotDesign:
         return np.asarray([tendon.pushes for tendon in self.tendons], dtype=np.bool_)
 
     @cached_property
+    def tendon_friction(self) -> Floats:
+        """Coefficient of friction of each tendon in its channel, shape (t,)."""
+        return np.asarray([tendon.friction for tendon in self.tendons], dtype=np.float64)
+
+    @cached_property
     def is_parallel(self) -> bool:
         """Whether the offset and the angle of every tendon are the same all along."""
         return all(tendon.is_parallel for tendon in self.tendons)
@@ -219,7 +224,9 @@ class RobotDesign:
         for section in data["sections"]:
             if "disc_positions" in section:
                 del section["discs"]
-            section.setdefault("tendons", [])
+            for tendon in section.setdefault("tendons", []):
+                if not tendon["friction"]:
+                    del tendon["friction"]
         return {"name": self.name} | data
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The reference: a Kirchhoff rod with frictionless tendons, a boundary-value problem."""
+"""The reference: a Kirchhoff rod with tendons, a boundary-value problem."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from ..numeric.kernels.rotations import find_turn, turn_quaternion
 from .checks import Floats
 from .coupling import check_displacements
 from .energy import place_stations
+from .friction import Bending, Channels, Drive, FrictionState, Sliding
+from .history import TendonHistory
 from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
 from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
 from .robot import RobotDesign
@@ -126,6 +128,8 @@ class Rod:
         Moment that bends the robot by about 1 rad [N mm], and the loads against it.
     unit_tension, strongest : float
         Tension that bends it by about 1 rad, and the one at which a command is impossible [N].
+    changes : (n, 3, t) or (0, 3, 0) ndarray
+        By how much friction makes tensions differ from those at the base [N].
     """
 
     grid: tuple[Floats, Floats, Floats, NDArray[np.bool_]]
@@ -137,6 +141,11 @@ class Rod:
     load: float
     unit_tension: float
     strongest: float
+    changes: Floats = field(default_factory=lambda: np.zeros((0, 3, 0)))
+
+    def load_with(self, share: float) -> tuple[Floats, Floats, Floats]:
+        """Return a share of the loads and changes of tensions, as the kernels take them."""
+        return share * self.tip_force, share * self.line_force, share * self.changes
 
     @property
     def cuts(self) -> NDArray[np.int64]:
@@ -185,7 +194,7 @@ class Rod:
                 last,
                 self.grid,
                 shot.tensions,
-                (shot.share * self.tip_force, shot.share * self.line_force),
+                self.load_with(shot.share),
                 states,
                 bends,
             )
@@ -273,6 +282,7 @@ class Shot:
     """A state of the rod: tensions, and quaternion and moment at the start of every piece.
 
     `share` is the part of command and loads that it holds for; `reason` states why it is not all.
+    `state` is that of tendons with friction, `inverse` that of derivatives of the jumps nearby.
     """
 
     tensions: Floats
@@ -281,12 +291,20 @@ class Shot:
     share: float = 1.0
     iterations: int = 0
     reason: str = ""
+    state: FrictionState | None = None
+    inverse: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 # Multiple shooting: moments, turns and tensions for which a rod and its tendons are as asked.
 
 MOST_STEPS = 25
 """Newton steps for one part of a command."""
+
+SMALL_JUMP, ROUGH_JUMP = 1e-10, 1e-5
+"""Jumps between pieces that are none, in the end and on the way there [rad], or of moments."""
+
+MOST_CORRECTIONS = 20
+"""Steps with derivatives from nearby."""
 
 TURN_LIMIT = 0.5
 """Largest turn between two pieces in one step [rad]."""
@@ -305,7 +323,8 @@ DIFFERENCE = 1e-4
 class Shooting:
     """Newton's method for one share of command and loads.
 
-    ``loose`` is by how much cables may be longer than asked [mm].
+    ``loose`` is by how much cables may be longer than asked [mm]; `give` is how lengths give way to
+    tension where it was last.
     """
 
     rod: Rod
@@ -314,11 +333,30 @@ class Shooting:
     loose: float
     give: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
+    def correct(self, start: Shot, tolerance: float) -> tuple[Shot, Floats] | None:
+        """Return the state under given tensions by derivatives from nearby; None if they fail.
+
+        Beside it are the states at all places. `tolerance` is against the moments.
+        """
+        turns, moments, before = start.turns.copy(), start.moments.copy(), math.inf
+        for _ in range(MOST_CORRECTIONS):
+            shot = dataclasses.replace(start, turns=turns, moments=moments)
+            states, jumps, good = self.rod.trace_jumps(shot)
+            off = np.concatenate([jumps[:-1].ravel(), jumps[-1, 3:]])
+            size = float(np.abs(off).max()) / (self.rod.moment_scale + float(np.abs(moments).max()))
+            if not good or size > 0.9 * before:
+                return None
+            if size <= tolerance:
+                return shot, states
+            before = size
+            self._move(turns, moments, -start.inverse @ off)
+        return None
+
     def improve(self, start: Shot) -> Shot:
         """Return the state from `start` on, or where it stopped and why."""
         rod, target = self.rod, self.target
         tensions, turns, moments = start.tensions.copy(), start.turns.copy(), start.moments.copy()
-        solves = target.command is not None
+        solves, known = target.command is not None, start.inverse
         if target.tensions is not None:
             tensions = self.share * target.tensions
 
@@ -330,6 +368,7 @@ class Shooting:
                 share=self.share,
                 iterations=count,
                 reason=reason,
+                inverse=known,
             )
 
         gaps = np.zeros(0)
@@ -341,7 +380,7 @@ class Shooting:
             gaps = target.gaps(lengths, tensions, self.share, self.loose)
             scale = rod.moment_scale + float(np.abs(moments).max())
             size = float(np.abs(off).max()) / scale
-            if size <= 1e-10 and np.abs(gaps).max(initial=0.0) <= self.loose:
+            if size <= SMALL_JUMP and np.abs(gaps).max(initial=0.0) <= self.loose:
                 if solves and len(tensions):
                     tensions = self._share_tensions(tensions, turns, moments, scale)
                 return stop(count, "")
@@ -350,6 +389,7 @@ class Shooting:
             inverse = self._invert(matrix, scale)
             if inverse is None:
                 return stop(count, "the rod is about to buckle beyond it")
+            known = inverse
             wanted = tensions
             if solves and len(tensions):
                 wanted, why = self._pull(
@@ -407,7 +447,7 @@ class Shooting:
                 cuts[index + 1],
                 rod.grid,
                 tensions,
-                (self.share * rod.tip_force, self.share * rod.line_force),
+                rod.load_with(self.share),
                 states,
                 bends,
                 turns[index] if final else turns[index + 1],
@@ -680,6 +720,81 @@ def find_play(rod: Rod, target: Target, loose: float, found: Shot) -> str:
     return f"{what} the tip is {play:.2g} mm elsewhere; give a tendon_stiffness"
 
 
+# The rod whose tendons have friction: from the state before to the next one.
+
+
+def follow_sliding(
+    rod: Rod, target: Target, channels: Channels, before: FrictionState, start: Shot | None
+) -> Shot:
+    """Find the rod's state after another one; `start` is a rod near to it."""
+    found = rod.rest(len(target.names)) if start is None else start
+
+    def bend(profile: Floats, rough: bool) -> Bending:
+        nonlocal found, start
+        if rod.load == 0.0:
+            return Bending(moments=np.zeros((*profile.shape[:2], 3)))
+        first = profile[0, 0].copy()
+        pulled = dataclasses.replace(rod, changes=profile - first)
+        given = dataclasses.replace(target, command=None, tensions=first)
+        shooting = Shooting(pulled, given, 1.0, 0.0)
+        if start is not None and start.inverse.size:
+            moved = dataclasses.replace(start, tensions=first)
+            near = shooting.correct(moved, ROUGH_JUMP if rough else SMALL_JUMP)
+            if near is not None:
+                found, states = near
+                start = found
+                return Bending(moments=_list_moments(states), lengths=states[-1, 10:])
+        trial = None if start is None else shooting.improve(start)
+        if trial is None or trial.reason:
+            trial = follow(pulled, given, convex=True)
+        if trial.reason:
+            return Bending(reason=trial.reason)
+        found = start = trial
+        states, _, good = pulled.trace(found)
+        if not good:
+            return Bending(reason="no curvature was found")
+        return Bending(moments=_list_moments(states), lengths=states[-1, 10:])
+
+    high = np.full(len(target.names), rod.strongest)
+    drive = Drive(
+        tensions=target.tensions,
+        limits=target.limit(1.0, 0.0),
+        low=np.where(target.pushes, -high, 0.0),
+        high=high,
+        tolerance=0.1 * target.tolerance,
+    )
+    sliding = Sliding(channels=channels, before=before, bend=bend)
+    state, reason = sliding.follow(drive)
+    held = np.flatnonzero(np.abs(sliding.pulled) >= rod.strongest)
+    if reason and held.size and target.command is not None:
+        reason = f"the command can be followed in part only: {target.explain_held(held)}"
+    return dataclasses.replace(
+        found,
+        tensions=state.tensions[0, 0],
+        share=1.0,
+        iterations=sliding.iterations,
+        reason=reason,
+        state=state,
+    )
+
+
+def _list_moments(states: Floats) -> Floats:
+    """Moments over the cross-sections at start, middle and end of steps, in their frames."""
+    from scipy.spatial.transform import Rotation
+
+    turns, moments = states[:, 3:7], states[:, 7:10]
+    near = np.sign(np.sum(turns[1:] * turns[:-1], axis=1))[:, None]
+    frames = [turns[:-1], turns[:-1] + near * turns[1:], turns[1:]]
+    over = [moments[:-1], 0.5 * (moments[:-1] + moments[1:]), moments[1:]]
+    return np.stack(
+        [
+            Rotation.from_quat(np.roll(turn, -1, axis=1)).apply(moment, inverse=True)
+            for turn, moment in zip(frames, over, strict=True)
+        ],
+        axis=1,
+    )
+
+
 Vector = tuple[float, float, float]
 
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -699,7 +814,7 @@ ROUND_OFF = 1e-6
 
 @dataclass(frozen=True)
 class RodModel(ContinuumModel):
-    """Kirchhoff rod with frictionless tendons in smooth channels, under loads.
+    """Kirchhoff rod with tendons in smooth channels, with friction or without, under loads.
 
     After Rucker and Webster (2011), for a rod that neither shears nor stretches and is straight at
     rest. It is there to check the energy model, and for loads: cables hold tension or are slack.
@@ -715,6 +830,12 @@ class RodModel(ContinuumModel):
     from the straight rod as loads and displacements are raised together, and does not check whether
     it is stable. Loads keep their direction as the robot bends. A moment of fixed direction has no
     potential.
+
+    Where tendons have a coefficient of friction, tensions fall along them by the capstan law in the
+    direction in which they slide, and a shape depends on those before it: `initial` is where they
+    come from, the straight robot without tensions unless given. `bozzini.continuum.friction` has
+    the equations. Displacements that leave tensions open, as those of more tendons than the robot
+    has freedoms do, take the least tensions at the base.
 
     A shape beyond a tendon's travel or a section's `max_bend`, or so curved that discs meet, has
     not converged. A section's bend is here the integral of its curvature. Stiffnesses of the
@@ -788,6 +909,7 @@ class RodModel(ContinuumModel):
     )
 
     name = "rod"
+    takes_friction = True
     checked_by_class = ("tip_force", "tip_moment", "distributed_force")
 
     def __post_init__(self) -> None:
@@ -808,19 +930,35 @@ class RodModel(ContinuumModel):
         """Length of each tendon in the straight robot [mm], shape (t,)."""
         return self._grid.natural_lengths
 
-    def shape(self, displacements: ArrayLike) -> Shape:
-        """Return the shapes under displacements and the loads; see `ContinuumModel.shape`."""
+    def shape(self, displacements: ArrayLike, *, initial: Shape | None = None) -> Shape:
+        """Return the shapes under displacements and the loads; see `ContinuumModel.shape`.
+
+        Parameters
+        ----------
+        displacements : array_like, shape (..., t)
+            How far each tendon is pulled [mm].
+        initial : Shape, optional
+            Where tendons with friction come from: one shape of this model, or one for each command;
+            the straight robot without tensions unless given.
+        """
         commands = check_displacements(self.robot, displacements)
-        shots = [self._shoot(command=command) for command in _rows(commands)]
+        states = self._take_states(initial, commands.shape[:-1])
+        shots = [
+            self._shoot(state, command=command)
+            for state, command in zip(states, _rows(commands), strict=True)
+        ]
         return self._answer(commands, shots)
 
-    def shape_under_tensions(self, tensions: ArrayLike) -> Shape:
-        """Return the shapes under tensions of the tendons and the loads.
+    def shape_under_tensions(self, tensions: ArrayLike, *, initial: Shape | None = None) -> Shape:
+        """Return the shapes under tensions of the tendons at the base, and the loads.
 
         Parameters
         ----------
         tensions : array_like, shape (..., t)
             Tension of each tendon [N]; 0 or more unless it is a rod that pushes.
+        initial : Shape, optional
+            Where tendons with friction come from: one shape of this model, or one for each command;
+            the straight robot without tensions unless given.
 
         Returns
         -------
@@ -832,6 +970,42 @@ class RodModel(ContinuumModel):
         InputError
             If the tensions are not finite numbers of that shape, or a cable's is negative.
         """
+        pulls = self._check_tensions(tensions)
+        states = self._take_states(initial, pulls.shape[:-1])
+        shots = [
+            self._shoot(state, tensions=row)
+            for state, row in zip(states, _rows(pulls), strict=True)
+        ]
+        return self._answer(pulls, shots, given=True)
+
+    def trace_tensions(self, history: ArrayLike, *, initial: Shape | None = None) -> TendonHistory:
+        """Return the shapes on the way through tensions of the tendons, each from the one before.
+
+        Parameters
+        ----------
+        history : array_like, shape (n, t)
+            Tensions at the base [N], in the order of time. Their rate does not matter.
+        initial : Shape, optional
+            Where the first one comes from; the straight robot without tensions unless given.
+
+        Raises
+        ------
+        InputError
+            As `shape_under_tensions`, or if the history has another shape.
+        """
+        pulls = _check_history(self._check_tensions(history))
+        shots = self._trace(initial, [{"tensions": row} for row in pulls])
+        return TendonHistory(shapes=self._answer(pulls, shots, given=True), given="tensions")
+
+    def trace_displacements(
+        self, history: ArrayLike, *, initial: Shape | None = None
+    ) -> TendonHistory:
+        """Return the shapes on the way through displacements [mm]; see `trace_tensions`."""
+        commands = _check_history(check_displacements(self.robot, history))
+        shots = self._trace(initial, [{"command": row} for row in commands])
+        return TendonHistory(shapes=self._answer(commands, shots), given="displacements")
+
+    def _check_tensions(self, tensions: ArrayLike) -> Floats:
         count = len(self.robot.tendons)
         pulls = check_points("tensions", tensions, dim=count)
         low = np.where(self.robot.pushes, -math.inf, 0.0)
@@ -841,8 +1015,7 @@ class RodModel(ContinuumModel):
                 f"tension of tendon '{self.robot.tendon_names[place[-1]]}' is "
                 f"{pulls[tuple(place)]:g} N: it must lie in [0, inf) N, for a cable does not push"
             )
-        shots = [self._shoot(tensions=row) for row in _rows(pulls)]
-        return self._answer(pulls, shots, given=True)
+        return pulls
 
     @cached_property
     def _grid(self) -> RodGrid:
@@ -880,7 +1053,63 @@ class RodModel(ContinuumModel):
             strongest=STRONGEST * unit,
         )
 
-    def _shoot(self, *, command: Floats | None = None, tensions: Floats | None = None) -> Shot:
+    @cached_property
+    def _channels(self) -> Channels | None:
+        """What holds the tendons in their channels; None without friction."""
+        friction = self.robot.tendon_friction
+        if not friction.any():
+            return None
+        return Channels(
+            grid=self._grid.packed, friction=friction, flexibility=1.0 / self.tendon_stiffness
+        )
+
+    def _take_states(
+        self, initial: Shape | None, batch: tuple[int, ...]
+    ) -> list[FrictionState | None]:
+        """Return the state before each command of a batch; None without friction."""
+        count = math.prod(batch)
+        if initial is not None and not isinstance(initial, Shape):
+            raise InputError(
+                f"initial is of type {type(initial).__name__}: it must be a Shape of this model"
+            )
+        if self._channels is None:
+            return [None] * count
+        if initial is None:
+            return [self._channels.rest()] * count
+        state = initial.friction
+        if state is None or state.tensions.shape[-3:] != self._channels.rest_rates.shape:
+            raise InputError(
+                f"initial is a shape of the {initial.model} model without tensions in the channels "
+                "of this robot: it must be one of the same rod model, steps included"
+            )
+        initial.require()
+        own = initial.displacements.shape[:-1]
+        if own not in ((), batch):
+            raise InputError(
+                f"initial has shapes for {own}: it must be one shape, or one for each of {batch}"
+            )
+        return [state.pick(index if own else ()) for index in np.ndindex(batch)]
+
+    def _trace(self, initial: Shape | None, commands: list[dict[str, Floats]]) -> list[Shot]:
+        """Shoot one command after the other, each from the one before."""
+        (state,) = self._take_states(initial, ())
+        shots: list[Shot] = []
+        start: Shot | None = None
+        for command in commands:
+            shot = self._shoot(state, start=start, **command)
+            shots.append(shot)
+            if not shot.reason and shot.state is not None:
+                start, state = shot, shot.state
+        return shots
+
+    def _shoot(
+        self,
+        state: FrictionState | None,
+        *,
+        command: Floats | None = None,
+        tensions: Floats | None = None,
+        start: Shot | None = None,
+    ) -> Shot:
         target = Target(
             names=self.robot.tendon_names,
             pushes=self.robot.pushes,
@@ -891,6 +1120,8 @@ class RodModel(ContinuumModel):
             command=command,
             tensions=tensions,
         )
+        if self._channels is not None and state is not None:
+            return follow_sliding(self._rod, target, self._channels, state, start)
         convex = not self.robot.pushes.any() or self.robot.is_parallel
         return follow(self._rod, target, convex=convex)
 
@@ -904,11 +1135,19 @@ class RodModel(ContinuumModel):
         frames = np.zeros((len(shots), len(index), 4, 4))
         frames[..., 3, 3] = 1.0
         lengths = np.zeros((len(shots), tendons))
+        stretched = np.zeros((len(shots), tendons))
         sums = np.zeros((len(shots), len(ends), 2))
         bends, curvatures = np.zeros((2, len(shots), len(ends)))
         edges = np.searchsorted(places, np.concatenate([[0.0], ends]) - EDGE)
         for row, shot in enumerate(shots):
-            states, turned, good = self._rod.trace(shot)
+            rod = self._rod
+            if shot.state is not None and self._channels is not None:
+                along = shot.state.tensions
+                rod = dataclasses.replace(rod, changes=along - along[0, 0])
+                stretched[row] = self._channels.stretch(along)
+            else:
+                stretched[row] = self._compliances * shot.tensions
+            states, turned, good = rod.trace(shot)
             if not good:
                 shots[row] = shot = self._rod.rest(tendons, "no curvature was found")
                 states, turned, _ = self._rod.trace(shot)
@@ -932,7 +1171,7 @@ class RodModel(ContinuumModel):
             shares = np.asarray([s.share for s in shots]).reshape(-1, 1)
             followed = self.natural_lengths - shares * displacements
             slack = ~self.robot.pushes & (lengths < followed - self.tolerance)
-            asked = self.natural_lengths - displacements + self._compliances * tensions
+            asked = self.natural_lengths - displacements + stretched
         residual = np.abs(np.where(slack, 0.0, lengths - asked)).max(axis=1, initial=0.0)
         words = [f"{s.reason}{explain_contrast(self.robot)}" if s.reason else "" for s in shots]
         verdict = (
@@ -941,7 +1180,7 @@ class RodModel(ContinuumModel):
         )
         verdict = check_numbers(self, frames, residual, verdict)
         measure = BendMeasure(bends=bends, curvatures=curvatures, round_off=ROUND_OFF)
-        return self.make_shape(
+        made = self.make_shape(
             displacements.reshape(commands.shape),
             arc_length=self.arc_length,
             frames=frames,
@@ -953,11 +1192,23 @@ class RodModel(ContinuumModel):
             iterations=np.asarray([s.iterations for s in shots], dtype=np.int64),
             verdict=check_limits(self.robot, displacements, measure, verdict),
         )
+        known = [shot.state for shot in shots if shot.state is not None]
+        if not known:
+            return made
+        return dataclasses.replace(made, friction=FrictionState.join(known, commands.shape[:-1]))
 
     @cached_property
     def _bends_evenly(self) -> bool:
         loads = np.concatenate([self.tip_force, self.tip_moment, self.distributed_force])
-        return self.robot.is_parallel and not loads.any()
+        return self.robot.is_parallel and self._channels is None and not loads.any()
+
+
+def _check_history(history: Floats) -> Floats:
+    if history.ndim != 2 or not len(history):
+        raise InputError(
+            f"history has shape {history.shape}: it must be (n, {history.shape[-1]}), n at least 1"
+        )
+    return history
 
 
 def _rows(array: Floats) -> Floats:

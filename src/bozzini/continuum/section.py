@@ -190,6 +190,8 @@ class Tendon:
     path : sequence of (arc length, x, y)
         Knots of the place in the cross-section [mm], in place of `offset` and `angle`. It may
         cross the backbone, which a distance and an angle do not describe smoothly.
+    friction : float
+        Coefficient of friction in its channel, in [0, 10]; see `RodModel`.
 
     Raises
     ------
@@ -215,6 +217,9 @@ class Tendon:
     path: PathKnots | Sequence[Sequence[float]] | None = quantity(
         "length", "Knots of arc length, x and y in the cross-section.", default=None
     )
+    friction: float = quantity(
+        "dimensionless", "Coefficient of friction in the channel.", low=0.0, high=10.0, default=0.0
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
@@ -223,8 +228,10 @@ class Tendon:
         if not isinstance(self.pushes, bool):
             raise InputError(f"{label} pushes is {self.pushes!r}: it must be true or false")
         object.__setattr__(self, "travel", check_travel(label, self.travel))
-        if self.end is not None:
-            object.__setattr__(self, "end", known["end"].check(f"{label} end", self.end))
+        for name in ("end", "friction"):
+            given = getattr(self, name)
+            if given is not None:
+                object.__setattr__(self, name, known[name].check(f"{label} {name}", given))
         if self.path is not None:
             if self.offset is not None or self.angle is not None:
                 raise InputError(f"{label} has a path: it takes no offset and no angle beside it")

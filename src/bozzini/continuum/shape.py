@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..errors import GeometryError, InputError
 from ..results import Json, Result, check_drawn, take_axes, to_plain
 from .checks import Floats
+from .friction import FrictionState
 from .robot import RobotDesign
 
 if TYPE_CHECKING:
@@ -60,6 +61,8 @@ class Shape(Result):
         Why not; empty where converged.
     disc_arc_length : (d,) ndarray, optional
         Arc length of the discs [mm], those of the robot unless given; each is a station.
+    friction : FrictionState, optional
+        What tendons with friction remember; None of a model or robot without friction.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class Shape(Result):
     converged: NDArray[np.bool_]
     reason: NDArray[np.str_]
     disc_arc_length: Floats = field(default_factory=lambda: np.empty(0))
+    friction: FrictionState | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not self.disc_arc_length.size:
@@ -146,6 +150,28 @@ class Shape(Result):
             lines.append(frames[..., 3] + across[..., 0])
         return tuple(lines)
 
+    @property
+    def tendon_tensions(self) -> Floats:
+        """Tensions along the tendons [N], shape (..., t, k); 0 beyond a tendon's end.
+
+        `tensions` are those at the base. Where the model knows no forces, t is 0.
+        """
+        if self.friction is None:
+            along = np.repeat(self.tensions[..., None], len(self.arc_length), axis=-1)
+        else:
+            along = self.friction.tensions_at(self.arc_length)
+        if not along.shape[-2]:
+            return along
+        runs = self.arc_length <= self.robot.tendon_ends[:, None] + STATION_TOLERANCE_MM
+        return np.where(runs, along, 0.0)
+
+    @property
+    def end_tensions(self) -> Floats:
+        """Tension of each tendon where it ends [N], shape (..., t)."""
+        index = np.searchsorted(self.arc_length, self.robot.tendon_ends - STATION_TOLERANCE_MM)
+        last = np.minimum(index, len(self.arc_length) - 1)
+        return self.tendon_tensions[..., np.arange(len(last)), last]
+
     def require(self) -> Shape:
         """Return this shape if every set of displacements has one.
 
@@ -172,6 +198,8 @@ class Shape(Result):
                     "slack": self.slack[..., k],
                     "tension_N": self.tensions[..., k] if self.tensions.size else None,
                 }
+                if self.friction is not None:
+                    tendons[name]["end_tension_N"] = self.end_tensions[..., k]
         places = {
             "tip_mm": self.tip,
             "tip_direction": self.tip_frame[..., :3, 2],

@@ -12,13 +12,16 @@ if TYPE_CHECKING:
     from .compose import AntagonisticJoint, Bundle
     from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
+    from .ends import EndEffects, MountedMuscle, find_offset
     from .export import export_muscle
+    from .files import FitSummary, MuscleFile, read_muscle, write_muscle
     from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
     from .model import CompiledMuscle, ConvergenceError, MuscleModel, MuscleState
     from .models import MODELS, CatalogueModel
     from .models.energy import EnergyMuscle
     from .models.thesis import ThesisMuscle
+    from .prediction import Prediction, predict
     from .ranking import (
         Comparison,
         ModelScore,
@@ -44,15 +47,20 @@ __all__ = [
     "CompiledMuscle",
     "ConvergenceError",
     "Creep",
+    "EndEffects",
     "EnergyMuscle",
     "FitOptions",
+    "FitSummary",
     "Hysteresis",
     "Measurements",
     "ModelScore",
+    "MountedMuscle",
     "Muscle",
+    "MuscleFile",
     "MuscleModel",
     "MuscleState",
     "RankedModel",
+    "Prediction",
     "RankOptions",
     "Ranking",
     "RepeatStatistics",
@@ -66,11 +74,15 @@ __all__ = [
     "export_muscle",
     "fit_creep",
     "fit_thermal",
+    "find_offset",
+    "predict",
     "preset",
     "rank",
     "read_measurements",
+    "read_muscle",
     "take_measurements",
     "write_measurements",
+    "write_muscle",
 ]
 
 _MODULES = {
@@ -78,12 +90,16 @@ _MODULES = {
     ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
     ".export": ("export_muscle",),
+    ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
+    ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
+    ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),
     ".models": ("MODELS", "CatalogueModel"),
     ".models.energy": ("EnergyMuscle",),
     ".models.thesis": ("ThesisMuscle",),
+    ".prediction": ("Prediction", "predict"),
     ".ranking": ("Comparison", "ModelScore", "RankOptions", "RankedModel", "Ranking",
                  "compare_models", "rank"),
     ".terms": ("Creep", "ScaledMuscle", "TermFit", "Thermal", "fit_creep", "fit_thermal"),

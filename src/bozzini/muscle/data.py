@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, check_word, list_quantities
 from ..errors import InputError
 from ..results import Json, take_axes
+from ..units import parse_quantity
 from .design import PRESSURE_LIMIT, Muscle
 
 if TYPE_CHECKING:
@@ -71,6 +73,10 @@ class Measurements:
     errors : mapping of str to array_like, shape (n,), optional
         Standard error of each row's pressure [MPa], contraction [mm] or load [N], above 0. One
         number counts for all rows.
+    free_lengths : mapping of float to array_like, shape (n,), optional
+        Length [mm] of each row's specimen without load at a pressure [MPa], by the pressure: from
+        it follows the zero of the specimen's contractions, see `bozzini.muscle.ends`. Constant
+        within a specimen.
     ignored : tuple of str
         Columns of the file that were not used.
     numbers : array_like of int, shape (n,), optional
@@ -94,6 +100,7 @@ class Measurements:
     specimen: NDArray[np.str_] = field(default_factory=lambda: np.array(""))
     geometry: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     errors: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    free_lengths: Mapping[float, NDArray[np.float64]] = field(default_factory=dict)
     ignored: tuple[str, ...] = ()
     numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     source: str = ""
@@ -134,6 +141,7 @@ class Measurements:
                     "control characters"
                 )
         self._keep_errors()
+        self._keep_free_lengths()
         self._keep_geometry()
 
     def _keep_errors(self) -> None:
@@ -145,6 +153,25 @@ class Measurements:
                 unit = _RANGES[name][2]
                 check_number(words, float(values[index]), low=0.0, low_open=True, unit=unit)
         object.__setattr__(self, "errors", kept)
+
+    def _keep_free_lengths(self) -> None:
+        """Keep the lengths without load, which must be legal and constant within a specimen."""
+        _, first, group = np.unique(self.specimen, return_index=True, return_inverse=True)
+        kept = {}
+        for pressure, given in self.free_lengths.items():
+            at = check_number(
+                "pressure of free lengths", pressure, low=0.0, high=PRESSURE_LIMIT, unit="MPa"
+            )
+            name = name_free_length(at)
+            values = self._spread(name, np.array(check_array(name, given)))
+            wrong = (values <= 0.0) | (values != values[first][group])
+            for index in np.flatnonzero(wrong)[:1].tolist():
+                raise InputError(
+                    f"{self.name_row(index)}: {name} is {values[index]:g} mm: it must be above 0, "
+                    "and one value for each specimen"
+                )
+            kept[at] = values
+        object.__setattr__(self, "free_lengths", kept)
 
     def _keep_geometry(self) -> None:
         """Keep the geometry, which must be constant within a specimen."""
@@ -273,6 +300,7 @@ class Measurements:
         units = {name: unit for name, (_, _, unit) in _RANGES.items()}
         units |= {f"{name} error": unit for name, unit in units.items()}
         units |= {name: known.unit for name, known in GEOMETRY.items()}
+        units |= {name_free_length(at): "mm" for at in self.free_lengths}
         return pandas.DataFrame(
             {
                 f"{describe_field(name)} [{unit}]"
@@ -283,9 +311,10 @@ class Measurements:
         )
 
     def _list_columns(self) -> dict[str, NDArray[np.generic]]:
-        """Return all columns by name: those of `COLUMNS`, the geometry, and the errors."""
-        errors = {f"{name} error": values for name, values in self.errors.items()}
-        return {**{name: getattr(self, name) for name in COLUMNS}, **self.geometry, **errors}
+        """Return all columns by name: those of `COLUMNS`, geometry, errors, free lengths."""
+        more = {f"{name} error": values for name, values in self.errors.items()}
+        more |= {name_free_length(at): values for at, values in self.free_lengths.items()}
+        return {**{name: getattr(self, name) for name in COLUMNS}, **self.geometry, **more}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw contraction over pressure, by direction, and return the axes."""
@@ -490,6 +519,20 @@ def describe_field(name: str) -> str:
     return "rest length" if name == "length" else name.replace("_", " ")
 
 
+_FREE_LENGTH = re.compile(r"\s*(?:free )?length at ([^\[(]+?)\s*(?:[\[(].*)?", re.IGNORECASE)
+
+
+def name_free_length(pressure: float) -> str:
+    """Return the name of a column of lengths without load at a pressure [MPa]."""
+    return f"length at {1e3 * pressure:.10g} kPa"
+
+
+def parse_free_length(title: str) -> float | None:
+    """Return the pressure [MPa] of a column such as ``length at 620 kPa [mm]``, None of others."""
+    match = _FREE_LENGTH.fullmatch(title)
+    return parse_quantity(match[1], "pressure") if match else None
+
+
 def sort_columns(columns: Mapping[str, NDArray[np.generic]]) -> Json:
     """Return the arguments of `Measurements` from columns by name, errors as ``load error``."""
     errors = {name: f"{name} error" for name in MEASURED if f"{name} error" in columns}
@@ -497,4 +540,7 @@ def sort_columns(columns: Mapping[str, NDArray[np.generic]]) -> Json:
         **{name: columns[name] for name in COLUMNS if name in columns},
         "errors": {name: columns[title] for name, title in errors.items()},
         "geometry": {name: columns[name] for name in GEOMETRY if name in columns},
+        "free_lengths": {
+            at: x for name, x in columns.items() if (at := parse_free_length(name)) is not None
+        },
     }

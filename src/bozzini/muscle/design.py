@@ -321,7 +321,7 @@ class _Given:
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    def __get__(self, muscle: Muscle | None, owner: type) -> Any:
+    def __get__(self, muscle: Muscle | None, owner: type) -> object:
         if muscle is None:
             return self
         value = vars(muscle)[self.name]
@@ -633,10 +633,11 @@ def check_muscle(muscle: object, model: MuscleModel | None = None) -> None:
         return
     missing = [name.replace("_", "-") for name in muscle.unset if name not in model.unused]
     if missing:
+        fitted = ",".join(name for name in missing if name != "strands")
         raise InputError(
             f"the model {model.name} needs the muscle's {', '.join(missing)}: give "
-            f"{' '.join(f'--{name}' for name in missing)}, write it into the muscle's file, or "
-            f"free it in a fit, --free {','.join(missing)}"
+            f"{' '.join(f'--{name}' for name in missing)}, or write it into the muscle's file"
+            + (f", or fit it with --free {fitted}" if fitted else "")
         )
     if "braid_angle" in model.unused or model.extensile or muscle.braid_angle <= BRAID_ANGLES[1]:
         return

@@ -16,16 +16,27 @@ from ..errors import BozziniError, InputError
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import check_muscle
+from .ends import EndEffects, MountedMuscle
+from .files import FitSummary, MuscleFile
+from .prediction import Prediction, predict
 from .problem import (
-    PARAMETER_UNITS,
+    ALL_UNITS,
+    Clock,
+    OutOfTimeError,
     Problem,
+    Response,
+    Task,
+    assemble,
     choose_bounds,
     choose_unknowns,
     draw_point,
+    explain_gap,
+    find_states,
     guess_constants,
+    label_unknown,
+    list_constants,
     list_own,
     list_parameters,
-    predict_contraction,
 )
 from .table import take_measurements
 
@@ -102,28 +113,32 @@ def judge_fit(
     return warnings
 
 
-def judge_repeats(
-    data: Measurements, residuals: NDArray[np.float64], *, parameters: int
-) -> list[str]:
+def measure_repeats(task: Task) -> tuple[float, int]:
+    """Return the sum of squares about the means of rows that repeat a state, and the states."""
+    states, of_row = find_states(task)
+    mean = np.bincount(of_row, task.measured) / np.bincount(of_row)
+    return float(np.sum((task.measured - mean[of_row]) ** 2)), states
+
+
+def judge_repeats(task: Task, residuals: NDArray[np.float64], *, parameters: int) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
     The F-test of lack of fit at 0.1 %: it needs rows that repeat a state.
     """
     from scipy.stats import f as fisher
 
-    repeats = data.repeat_statistics()
-    states, freedom = len(repeats.count), repeats.degrees_of_freedom
-    pure = freedom * repeats.pooled_deviation**2
+    pure, states = measure_repeats(task)
+    freedom = len(residuals) - states
     lack = float(residuals @ residuals) - pure
     if freedom < 1 or states <= parameters or lack <= 0.0:
         return []
     limit = float(fisher.ppf(0.999, states - parameters, freedom))
     if lack / (states - parameters) <= limit * pure / freedom:
         return []
-    rest = float(np.sqrt(residuals @ residuals / (len(data) - parameters)))
+    rest = float(np.sqrt(residuals @ residuals / (len(residuals) - parameters)))
     return [
-        f"the model does not fit: it is off by {rest:.3g} mm, repeats by "
-        f"{repeats.pooled_deviation:.3g} mm; the intervals are too sure"
+        f"the model does not fit: it is off by {rest:.3g} {task.unit}, repeats by "
+        f"{np.sqrt(pure / freedom):.3g} {task.unit}; the intervals are too sure"
     ]
 
 
@@ -144,6 +159,7 @@ EVALUATIONS = 200
 _FIRST = 15  # evaluations from each start for constants
 _KEPT = 2  # how many of those searches, the best, go on
 _SECOND = 65  # evaluations that each of these has then; the best of them has the rest
+_EXACT = 1e-11  # of the span: with a root mean square below no other start is tried
 _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 
 
@@ -153,13 +169,13 @@ def find_minimum(
     """Return SciPy's result of the best search; `nfev` counts all of them."""
     best = _search(problem, start, limit)
     evaluations = best.nfev
-    if "gap" in problem.free:
-        levels = np.unique(np.append(problem.data.pressure, 0.0))
+    if "gap" in problem.free and len(problem.task.parts) == 1:
+        levels = np.unique(np.append(problem.task.data.pressure, 0.0))
         tried = {_place(problem, best.x, levels)}
         while True:
             here = _place(problem, best.x, levels)
             fresh = [i for i in (here - 1, here + 1) if 1 <= i < len(levels) and i not in tried]
-            if not fresh:
+            if not fresh or problem.clock.is_over:
                 break
             for place in fresh:
                 tried.add(place)
@@ -175,14 +191,17 @@ def find_minimum(
 def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
     """Return the best of searches from several starts, and the problem it began with.
 
-    A search that ends with an answer at all rows is better than any that does not.
+    A row without an answer counts as `Task.worst`.
     """
-    tries = [(find_minimum(one, one.choose_start(), limit=_FIRST), one) for one in starts]
+    tries: list[tuple[OptimizeResult, Problem]] = []
+    for one in starts:
+        tries.append((find_minimum(one, one.choose_start(), limit=_FIRST), one))
+        if _judge(tries[-1]) <= len(one.task.data) * (_EXACT * one.task.span) ** 2:
+            break
     tries.sort(key=_judge)
     ends = [_go_on(*search, limit=_SECOND) for search in tries[:_KEPT]]
     found, begun = _go_on(*min(ends, key=_judge), limit=EVALUATIONS - _FIRST - _SECOND)
     found.nfev += sum(search.nfev for search, one in (*ends, *tries[_KEPT:]) if one is not begun)
-    _demand_answers(begun, found.x)
     return found, begun
 
 
@@ -197,42 +216,49 @@ def _go_on(
     return more, problem
 
 
-def _judge(search: tuple[OptimizeResult, Problem]) -> tuple[bool, float]:
+def _judge(search: tuple[OptimizeResult, Problem]) -> float:
     """Return the key to sort searches by."""
     found, problem = search
-    return not problem.evaluate(found.x)[1].all(), float(found.cost)
+    return problem.measure_cost(found.x)
 
 
-def _demand_answers(problem: Problem, point: NDArray[np.float64]) -> None:
-    """Raise `InputError` if the model has no answer at a row with the best constants found."""
-    _, held = problem.evaluate(point)
-    if held.all():
-        return
-    data, row = problem.data, int(np.argmin(held))
-    values = problem.name_values(point)
-    words = ", ".join(f"{name} = {value:.4g}" for name, value in values.items())
-    raise InputError(
-        f"no constants were found with which the model has an answer at all rows: with {words} it "
-        f"has none at {len(data) - held.sum()} of {len(data)}, the first is {data.name_row(row)} "
-        f"({data.pressure[row]:g} MPa, {data.load[row]:g} N)"
-    )
+OUT_OF_TIME = -3
+"""Status of a search that used up its time."""
 
 
 def _search(problem: Problem, start: NDArray[np.float64], limit: int) -> OptimizeResult:
-    from scipy.optimize import least_squares
+    from scipy.optimize import OptimizeResult, least_squares
 
-    low, high = problem.limits.T / problem.scales
-    found = least_squares(
-        problem.miss,
-        start,
-        jac=problem.slope,
-        bounds=(low, high),
-        xtol=1e-10,
-        ftol=1e-12,
-        gtol=1e-12,
-        x_scale="jac" if problem.constants else 1.0,
-        max_nfev=limit,
-    )
+    low, high = problem.bounds.T / problem.scales
+    best: list[tuple[float, NDArray[np.float64]]] = []
+
+    def miss(point: NDArray[np.float64]) -> NDArray[np.float64]:
+        if best and problem.clock.is_over:
+            raise OutOfTimeError("the time of the fit is used up")
+        values = problem.miss(point)
+        cost = float(values @ values)
+        if not best or cost < best[0][0]:
+            best[:] = [(cost, np.array(point))]
+        return values
+
+    try:
+        found = least_squares(
+            miss,
+            start,
+            jac=problem.slope,
+            bounds=(low, high),
+            xtol=1e-10,
+            ftol=1e-12,
+            gtol=1e-12,
+            x_scale="jac" if problem.constants else 1.0,
+            max_nfev=limit,
+        )
+    except OutOfTimeError:
+        cost, point = best[0]
+        found = OptimizeResult(
+            x=point, cost=0.5 * cost, fun=problem.miss(point), jac=problem.slope(point),
+            active_mask=np.zeros(len(point), dtype=np.int64), status=OUT_OF_TIME, nfev=limit,
+        )  # fmt: skip
     found.x = np.choose(found.active_mask + 1, (low, found.x, high))
     return found
 
@@ -274,8 +300,9 @@ def _move_contact(
 
 # Where the search for a model's constants starts: many trials of a cheap measure of the misfit.
 #
-# The measure is one step of Newton's method from each measured state, ``(F - load) / stiffness``,
-# to first order how much farther the model contracts there: no equilibrium is solved. A few trials
+# For the contraction the measure is one step of Newton's method from each measured state,
+# ``(F - load) / stiffness``, to first order how much farther the model contracts there: no
+# equilibrium is solved. For the force it is the misfit itself, which is as cheap. A few trials
 # start about the guess, the first at it. From each, the constants that the force is linear in are
 # found by bounded linear least squares as well.
 
@@ -299,32 +326,27 @@ def find_starts(
     points += [draw_point(problem, random) for _ in range(_TRIALS - 1)]
     begins = []
     for point in points:
-        better = _solve_linear(problem, point, linear)
+        better = None if problem.clock.is_over else _solve_linear(problem, point, linear)
         begins.append(point if better is None else better)
-    begins.sort(key=lambda point: float(np.sum(problem.steps(point) ** 2)))
-    trials: list[tuple[float, Floats]] = []
-    for start in begins[:_SEARCHES]:
-        found, cost = _descend(problem, start)
-        if all(abs(cost - other) > _SAME_MISFIT * (cost + other) for other, _ in trials):
-            trials.append((cost, found))
-    points = [point for _, point in sorted(trials, key=lambda trial: trial[0])]
-    points.sort(key=lambda point: float(np.sum(problem.miss(point) ** 2)))
-    return [_move(problem, point) for point in points[:count]]
-
-
-def _move(problem: Problem, point: Floats) -> Problem:
-    """Return the problem with another start, and the scales that go with it."""
-    values = problem.name_values(point)
-    own = {name: values[name] for name in problem.constants}
-    fields = {name: value for name, value in values.items() if name not in own}
-    return dataclasses.replace(problem, muscle=problem.muscle.replace(**fields), constants=own)
+    begins.sort(key=lambda point: float(np.sum(problem.measure(point) ** 2)))
+    if problem.task.response == "contraction":
+        trials: list[tuple[float, Floats]] = []
+        for start in begins[:_SEARCHES]:
+            if trials and problem.clock.is_over:
+                break
+            found, cost = _descend(problem, start)
+            if all(abs(cost - other) > _SAME_MISFIT * (cost + other) for other, _ in trials):
+                trials.append((cost, found))
+        begins = [point for _, point in sorted(trials, key=lambda trial: trial[0])]
+        begins.sort(key=lambda point: float(np.sum(problem.miss(point) ** 2)))
+    return [problem.move(problem.name_values(point)) for point in begins[:count]]
 
 
 def _descend(problem: Problem, start: Floats) -> tuple[Floats, float]:
     """Return the nearest minimum of the measure, and the measure there."""
     from scipy.optimize import least_squares
 
-    low, high = problem.limits.T / problem.scales
+    low, high = problem.bounds.T / problem.scales
     margin = 1e-9 * (high - low)
     found = least_squares(
         problem.steps,
@@ -339,42 +361,37 @@ def _descend(problem: Problem, start: Floats) -> tuple[Floats, float]:
 def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> Floats | None:
     """Return the point with the best of the linear unknowns, or None if that is no better.
 
-    The force is affine in them, so that steps of one after the other give all of it. The stiffness,
-    which the rows are weighted by, is that of the round before.
+    The force is affine in them, so that steps of one after the other give all of it. In a response
+    of contraction the rows are weighted by the stiffness of the round before.
     """
     from scipy.optimize import lsq_linear
 
-    columns = [problem.free.index(name) for name in linear if name in problem.free]
-    if not columns:
+    columns = [index for index, name in enumerate(problem.names) if name in linear]
+    if not columns or problem.task.response == "pressure":
         return None
-    limits = problem.limits[columns] / problem.scales[columns, None]
-    before = float(np.sum(problem.steps(point) ** 2))
-    best, least = None, before
-    now = np.array(point)
-    data = problem.data
+    limits = problem.bounds[columns] / problem.scales[columns, None]
+    best, least = None, float(np.sum(problem.measure(point) ** 2))
+    now, load = np.array(point), problem.task.data.load
+    errors = problem.task.response_errors
     try:
-        for _ in range(_ROUNDS):
-            model = problem.build(problem.name_values(now))
-            force = model.force(data.pressure, data.contraction, direction=data.branch)
-            stiffness = np.abs(
-                model.stiffness(data.pressure, data.contraction, direction=data.branch)
-            )
-            weights = 1.0 / (stiffness + _LEAST_STIFFNESS_N_PER_MM)
+        for _ in range(_ROUNDS if problem.task.response == "contraction" else 1):
+            force, weights = problem.find_forces(now)
+            if errors is not None:
+                weights = weights / errors
             table = []
             for column, (low, high) in zip(columns, limits, strict=True):
                 there = now.copy()
                 there[column] += 1.0 if now[column] + 1.0 <= high else -1.0
                 there[column] = max(there[column], low)
-                other = problem.build(problem.name_values(there))
-                change = other.force(data.pressure, data.contraction, direction=data.branch) - force
+                change = problem.find_forces(there)[0] - force
                 table.append(change / (there[column] - now[column]))
             slope = np.stack(table, axis=1)
-            target = data.load - force + slope @ now[columns]
+            target = load - force + slope @ now[columns]
             found = lsq_linear(
                 slope * weights[:, None], target * weights, bounds=(limits[:, 0], limits[:, 1])
             )
             now[columns] = found.x
-            cost = float(np.sum(problem.steps(now) ** 2))
+            cost = float(np.sum(problem.measure(now) ** 2))
             if cost < least:
                 best, least = now.copy(), cost
     except (BozziniError, ValueError, np.linalg.LinAlgError):  # not affine there, or no answer
@@ -385,28 +402,36 @@ def _solve_linear(problem: Problem, point: Floats, linear: tuple[str, ...]) -> F
 def choose_free(
     free: Sequence[str] | None,
     model_class: Callable[..., MuscleModel],
-    muscle: Muscle,
-    data: Measurements,
+    task: Task,
     own: Mapping[str, Parameter],
 ) -> tuple[Callable[..., MuscleModel], tuple[str, ...], dict[str, str]]:
     """Return what makes the model, what is free, and what is held and why."""
     build, held = model_class, {}
     known = {item.name for item in list_parameters(model_class)} - set(own)
     if free is None:
-        unknowns = choose_unknowns(model_class, muscle, data)
+        unknowns = choose_unknowns(model_class, task)
         build, free, held = unknowns.build, unknowns.free, unknowns.held
     names = tuple(dict.fromkeys(free))
     if not names:
         raise InputError("no parameter is free: name one or more")
     for name in names:
-        if name not in PARAMETER_UNITS and name not in own:
+        if name not in ALL_UNITS and name not in own:
             why = "given, so it cannot be free" if name in known else "not known"
-            legal = ", ".join((*PARAMETER_UNITS, *own))
+            legal = ", ".join((*ALL_UNITS, *own))
             raise InputError(f"parameter '{name}' is {why}: use {legal}")
-    if len(data) <= len(names):
+    for name in task.each:
+        if name not in names:
+            raise InputError(
+                f"{name} is to be fitted for each specimen, but it is not free: the free ones are "
+                f"{', '.join(names)}"
+            )
+    if task.anchored and "offset" in names:
+        raise InputError("offset follows from the free lengths, so it cannot be free")
+    count = sum(len(task.parts) if name in task.each else 1 for name in names)
+    if len(task.data) <= count:
         raise InputError(
-            f"{len(data)} row(s) are too few for {len(names)} parameter(s): "
-            f"there must be {len(names) + 1} or more"
+            f"{len(task.data)} row(s) are too few for {count} parameter(s): "
+            f"there must be {count + 1} or more"
         )
     return build, names, held
 
@@ -436,10 +461,22 @@ def choose_constants(
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
-    """Bounds and starts of a fit.
+    """What is fitted, from where and for how long.
 
     Parameters
     ----------
+    response : str, optional
+        What the model is compared in: ``"force"`` at pressure and length, ``"contraction"`` at
+        pressure and load, or ``"pressure"`` at force and length. By default that of the data, see
+        `Measurements.response`.
+    ends : EndEffects
+        End effects of the rig: where free ones start, and the others.
+    anchored : bool
+        Whether the offset of each specimen is taken from its free length at a pressure, see
+        `Measurements.free_lengths`.
+    each : tuple of str
+        Free parameters that each specimen has its own value of; the others are shared. For a
+        specimen that was not in the fit the mean of the values is taken.
     bounds : mapping
         ``(low, high)`` of a free parameter; there are wide ones by default.
     start : mapping
@@ -447,17 +484,46 @@ class FitOptions:
     force : bool
         Fit also what the data do not determine; the warnings then name it.
     seed : int
-        Of the starts.
+        Of the starts, and of the resamples.
+    budget : float, optional
+        Processor time after which the search is stopped [s]; none by default.
+    resamples : int
+        How many times the fit is repeated with rows drawn anew, for the covariance; with 0, the
+        default, it is the linearised one.
     """
 
+    response: Response | None = None
+    ends: EndEffects = field(default_factory=EndEffects)
+    anchored: bool = False
+    each: tuple[str, ...] = ()
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     start: Mapping[str, float] = field(default_factory=dict)
     force: bool = False
     seed: int = 0
+    budget: float | None = None
+    resamples: int = 0
+
+    def make_task(self, muscle: Muscle, data: Measurements) -> Task:
+        """Return what is fitted to what, checked."""
+        task = Task(
+            muscle=muscle,
+            data=data,
+            response=data.response if self.response is None else self.response,
+            ends=self.ends,
+            anchored=self.anchored,
+            each=tuple(self.each),
+        )
+        task.check()
+        return task
 
 
 DEFAULT_OPTIONS = FitOptions()
 """A fit with wide bounds."""
+
+POOR_SHARE = 0.05
+"""A fit is poor if it misses by more than this share of the span of the measured response."""
+POOR_FACTOR = 2.0
+"""It is not as long as it misses by less than so many standard deviations of repeated rows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -468,28 +534,42 @@ class Calibration(Result):
     ----------
     model : str
         Name of the model.
+    task : Task
+        What was fitted to what: response, data, end effects, what is each specimen's own.
     free : tuple of str
-        The parameters that were fitted, the order of `correlations`.
+        The parameters that were fitted, the order of `correlations`; those of each specimen as
+        ``name[specimen]``.
     units : dict
         Their units: mm, MPa, rad, or those on the model's card.
     estimates : dict
         Their values.
     standard_errors : dict
-        Standard deviations of the estimates, linearised.
+        Standard deviations of the estimates, linearised or of the resamples.
     intervals : dict
-        95 % confidence intervals, linearised, with Student's t. They hold if the model is right
-        and the errors of the rows are alike and independent. They are not cut at bounds.
-    correlations : ndarray, shape (k, k)
+        95 % confidence intervals, with Student's t. They hold if the model is right and the errors
+        of the rows are alike, or as stated, and independent. They are not cut at bounds.
+    correlations, covariance : ndarray, shape (k, k)
     condition : float
         Condition number of the Jacobian with columns of length 1.
     sigma : float
-        Standard deviation of a row about the fit, ``sqrt(sum(r^2) / (n - k))`` [mm].
+        Standard deviation of a row about the fit, ``sqrt(sum(r^2) / (n - k))`` [unit of the
+        response].
     residuals : ndarray, shape (n,)
-        Measured less fitted contraction [mm].
+        Measured less fitted response [its unit]; `Task.worst` where the model has no answer.
+    answered : ndarray of bool, shape (n,)
+        Which rows the model has an answer for.
+    squares : float
+        The sum of squares that was made small; in it residuals are over their standard errors, if
+        these are known.
+    scatter : float
+        Mean logarithm of the variances of the rows, 0 if no errors are known.
     muscle : Muscle
         The muscle with the estimates in it.
     fitted : MuscleModel
-        The model of that muscle, with the estimates of its own constants.
+        The model of that muscle, with the estimates of its own constants and end effects. What
+        each specimen has its own value of is the mean of them.
+    models : dict
+        The model of each specimen; one model, of no name, if nothing tells specimens apart.
     held : dict
         Unknown constants that were not fitted, and why.
     warnings : tuple of str
@@ -503,17 +583,23 @@ class Calibration(Result):
     """
 
     model: str
+    task: Task
     free: tuple[str, ...]
     units: dict[str, str]
     estimates: dict[str, float]
     standard_errors: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     correlations: NDArray[np.float64]
+    covariance: NDArray[np.float64]
     condition: float
     sigma: float
     residuals: NDArray[np.float64]
+    answered: NDArray[np.bool_]
+    squares: float
+    scatter: float
     muscle: Muscle
     fitted: MuscleModel
+    models: dict[str, MuscleModel]
     held: dict[str, str]
     warnings: tuple[str, ...]
     converged: bool
@@ -526,9 +612,72 @@ class Calibration(Result):
         return self.converged and not self.warnings
 
     @property
+    def response(self) -> Response:
+        """What was fitted."""
+        return self.task.response
+
+    @property
+    def unit(self) -> str:
+        """The unit of the response."""
+        return self.task.unit
+
+    @property
     def residual(self) -> float:
-        """Standard deviation of a row about the fit [mm], `sigma`."""
+        """Standard deviation of a row about the fit [unit of the response], `sigma`."""
         return self.sigma
+
+    def to_file(self) -> MuscleFile:
+        """Return what a muscle file holds of the fit: what predicts a specimen that is not in it.
+
+        What each specimen has its own value of is the mean of them, its variance that of one more
+        specimen: of the mean, and among the specimens.
+        """
+        model, ends = self.fitted, None
+        if isinstance(model, MountedMuscle):
+            model, ends = model.model, model.ends
+        names = tuple(dict.fromkeys(label.partition("[")[0] for label in self.free))
+        share = np.zeros((len(names), len(self.free)))
+        for column, label in enumerate(self.free):
+            share[names.index(label.partition("[")[0]), column] = 1.0
+        share /= share.sum(axis=1, keepdims=True)
+        covariance = share @ self.covariance @ share.T
+        specimens: dict[str, dict[str, float]] = {}
+        for name in self.task.data.list_specimens() if len(self.models) > 1 else ():
+            row = int(np.argmax(self.task.data.specimen == name))
+            specimens[name] = {
+                key: float(values[row]) for key, values in self.task.data.geometry.items()
+            }
+        for index, name in enumerate(names):
+            own = [x for key, x in self.estimates.items() if key.startswith(f"{name}[")]
+            if len(own) > 1:
+                covariance[index, index] += float(np.var(own, ddof=1)) * (1.0 + 1.0 / len(own))
+            for specimen, known in specimens.items():
+                label = label_unknown(name, specimen)
+                if label in self.estimates:
+                    known[name] = self.estimates[label]
+        each = tuple(name for name in names if name in self.task.each)
+        return MuscleFile(
+            muscle=model.muscle,
+            model=model.name,
+            constants=list_constants(model),
+            ends=ends,
+            fit=FitSummary(
+                response=self.response,
+                names=names,
+                covariance=tuple(map(tuple, np.clip(covariance, -1e15, 1e15).tolist())),
+                shared=tuple(name for name in names if name not in each),
+                each=each,
+                specimens=specimens,
+                source=self.task.data.source,
+                rms=self.sigma,
+                rows=len(self.residuals),
+                anchored=self.task.anchored,
+            ),
+        )
+
+    def predict(self, data: Measurements | pandas.DataFrame, *, level: float = 0.95) -> Prediction:
+        """Return the response at states, with bands, see `bozzini.muscle.predict`."""
+        return predict(self.to_file(), data, level=level)
 
     def to_dict(self) -> Json:
         """Return the fit as plain values, with units in the names or beside the values."""
@@ -542,17 +691,21 @@ class Calibration(Result):
             for name in self.free
         }
         values: Json = {
+            "response": self.response,
             "estimates": estimates,
             "held": self.held,
             "correlations": self.correlations,
             "condition": self.condition,
-            "sigma_mm": self.sigma,
+            f"sigma_{self.unit}": self.sigma,
+            "rows_answered": int(self.answered.sum()),
             "warnings": self.warnings,
             "converged": self.converged,
             "reason": self.reason,
             "residual": self.residual,
             "muscle": describe_fields(self.muscle),
         }
+        if isinstance(self.fitted, MountedMuscle):
+            values["end_effects"] = describe_fields(self.fitted.ends)
         return {name: to_plain(value) for name, value in values.items()}
 
     def list_columns(self) -> dict[str, list[object]]:
@@ -575,17 +728,27 @@ class Calibration(Result):
             for name in self.free
         ]
         lines.append(
-            f"residuals {self.sigma:.3g} mm, condition {self.condition:.1f}; "
+            f"residuals {self.sigma:.3g} {self.unit}, condition {self.condition:.1f}; "
             f"{'converged' if self.converged else 'not converged'}: {self.reason}"
         )
         lines += [f"{name}: {reason}" for name, reason in self.held.items()]
         return "\n".join([*lines, *(f"warning: {text}" for text in self.warnings)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the residuals in the order of the rows, and return the axes."""
-        axes = take_axes(ax, x="row", y="measured less fitted contraction [mm]")
-        axes.plot(self.residuals, "o")
-        axes.axhline(0.0, linewidth=0.8)
+        """Draw the fitted response over the measured one, by specimen, and return the axes."""
+        task = self.task
+        axes = take_axes(
+            ax,
+            x=f"measured {task.response} [{task.unit}]",
+            y=f"fitted {task.response} [{task.unit}]",
+        )
+        fitted = task.measured - self.residuals
+        for name in task.data.list_specimens():
+            rows = (task.data.specimen == name) & self.answered
+            axes.plot(task.measured[rows], fitted[rows], ".", label=name or "rows")
+        ends = [task.measured.min(), task.measured.max()]
+        axes.plot(ends, ends, "k-", linewidth=0.8)
+        axes.legend()
         return axes
 
 
@@ -597,7 +760,13 @@ def calibrate(
     free: Sequence[str] | None = None,
     options: FitOptions = DEFAULT_OPTIONS,
 ) -> Calibration:
-    """Fit parameters of a muscle so that the model's contraction meets the measured one.
+    """Fit parameters of a muscle so that the model's response meets the measured one.
+
+    The response is the force, the contraction or the pressure, see `FitOptions.response`. The
+    model is judged at every row. A row that it has no answer for counts with the span of the
+    measured response, or the largest if that is more, so that no model gains by it; it is reported.
+    Where the data have errors of their rows, residuals are weighted by them; with errors in several
+    columns by the effective variance, see `bozzini.muscle.problem`.
 
     The default pair of `EnergyMuscle`, modulus and dead length, is well determined by one curve of
     contraction over pressure. Free the gap only with rows at low pressure, the braid angle only
@@ -607,8 +776,8 @@ def calibrate(
     fitted or that it must be given and has not got, as far as the data determine them, and the
     modulus if the model has one. The search for them starts from a few points: the model's own
     guess, and others drawn about it. Those that the force is linear in come from linear least
-    squares. The best two go on to a minimum, constants with an answer at all rows before all
-    others. It can be one of several minima: another `FitOptions.seed` draws other points.
+    squares. The best two go on to a minimum. It can be one of several minima: another
+    `FitOptions.seed` draws other points.
 
     Parameters
     ----------
@@ -617,12 +786,14 @@ def calibrate(
         ``functools.partial(EnergyMuscle, ends="trellis")``, ``functools.partial(TonduLopez,
         kappa2=1.0)``.
     muscle : Muscle
-        Where the fit starts, and the values of all that is not free.
+        Where the fit starts, and the values of all that is neither free nor measured of the
+        specimens.
     data : Measurements or DataFrame
     free : sequence of str, optional
-        Fields of `Muscle`, and constants of the model, to fit.
+        Fields of `Muscle`, constants of the model, and end effects (``offset``, ``compliance``,
+        ``slack_force``) to fit.
     options : FitOptions
-        Bounds and starts.
+        Response, specimens, end effects, bounds and starts.
 
     Returns
     -------
@@ -632,105 +803,141 @@ def calibrate(
     ------
     InputError
         If a parameter is unknown or has no effect, if there are too few rows, if the data cannot
-        distinguish the parameters (unless `force`), or if the model has no answer for a row: at
-        the start, or, with constants of its own, with any that were found.
+        distinguish the parameters (unless `force`), or if the model has no answer for any row.
     MissingLawError
         If the model needs a law that is not given.
     """
     check_muscle(muscle)
-    data = take_measurements(data, muscle=muscle)
+    task = options.make_task(muscle, take_measurements(data, muscle=muscle))
+    return fit_task(model_class, task, free=free, options=options)
+
+
+def fit_task(
+    model_class: Callable[..., MuscleModel],
+    task: Task,
+    *,
+    free: Sequence[str] | None,
+    options: FitOptions,
+    clock: Clock | None = None,
+) -> Calibration:
+    """Return the fit of a task, as `calibrate` does."""
     own = list_own(model_class)
-    build, names, held = choose_free(free, model_class, muscle, data, own)
-    muscle = muscle.fill(names)
-    never, _ = judge_parameters(names, data)
+    clock = Clock(options.budget) if clock is None else clock
+    build, names, held = choose_free(free, model_class, task, own)
+    task = dataclasses.replace(task, muscle=task.muscle.fill(names))
+    never, _ = judge_parameters(names, task.data)
     if never and not options.force:
         raise InputError("; ".join(never))
-    limits = choose_bounds(names, muscle, options.bounds, own)
-    widest = limits[names.index("braid_angle"), 1] if "braid_angle" in names else None
-    data.check_lengths(muscle, braid_angle=widest)
+    limits = choose_bounds(names, task, options.bounds, own)
+    if task.response == "contraction":
+        widest = limits[names.index("braid_angle"), 1] if "braid_angle" in names else None
+        if not task.data.geometry:
+            task.data.check_lengths(task.muscle, braid_angle=widest)
     problem = Problem(
         model_class=build,
-        muscle=muscle,
+        task=task,
         free=names,
-        data=data,
         limits=limits,
-        constants=choose_constants(model_class, muscle, names, limits, own, options.start),
+        constants=choose_constants(model_class, task.muscle, names, limits, own, options.start),
+        clock=clock,
     )
     found, problem = _find_best(problem, own, options)
-    values = problem.name_values(found.x)
-    constants = {name: values[name] for name in problem.constants}
-    model = build(
-        muscle.replace(**{name: values[name] for name in names if name not in constants}),
-        **constants,
-    )
-    contact = float(model.dead_band()) if "gap" in names else 0.0
-    never, doubts = judge_parameters(names, data, contact_pressure=contact)
-    at_bound = [
-        f"{name} is at its bound, where its interval does not hold"
-        for name, active in zip(names, found.active_mask, strict=True)
-        if active
-    ]
-    answered = bool(problem.evaluate(found.x)[1].all())
-    return _conclude(
-        problem,
-        found,
-        warnings=[*never, *doubts, *at_bound],
-        answered=answered,
-        fitted=model,
-        held=held,
-    )
+    return conclude(problem, found, held=held, options=options)
 
 
 def _find_best(
     problem: Problem, own: Mapping[str, Parameter], options: FitOptions
 ) -> tuple[OptimizeResult, Problem]:
     """Return the best of the searches from a few starts, and the problem as it was begun."""
+    begin = problem.choose_start()
     if not problem.constants:
-        model = problem.build(problem.start)
-        predict_contraction(model, problem.data)  # one clear line, if it cannot hold a row
-        begin = problem.choose_start()
-        _check_effect(problem.free, problem.slope(begin))
-        return find_minimum(problem, begin), problem
+        if problem.task.response == "contraction" or len(problem.unknowns) == 1:
+            _demand_answer(problem, begin)
+            _check_effect(problem.unknowns, problem.slope(begin))
+            return find_minimum(problem, begin), problem
+        starts = find_starts(problem, linear=(), seed=options.seed, count=2)
+        return find_constants([problem, *starts])
     if not set(problem.constants) - set(options.start):
         return find_constants([problem])
     linear = tuple(name for name in problem.constants if own[name].linear)
     return find_constants([*find_starts(problem, linear=linear, seed=options.seed), problem])
 
 
-def _check_effect(free: Sequence[str], jacobian: NDArray[np.float64]) -> None:
-    for name, column in zip(free, np.asarray(jacobian).T, strict=True):
+def _demand_answer(problem: Problem, point: NDArray[np.float64]) -> None:
+    """Raise `InputError` if the model has no answer at any row."""
+    if problem.evaluate(point)[1].any():
+        return
+    task = problem.task
+    model = problem.build(problem.name_values(point))
+    reason = explain_gap(model, task.data.select(task.parts[0].rows), task.response)
+    raise InputError(reason or "the model has no answer for any row")
+
+
+def _check_effect(names: Sequence[str], jacobian: NDArray[np.float64]) -> None:
+    for name, column in zip(names, np.asarray(jacobian).T, strict=True):
         if not np.abs(column).max() > 1e-9:
-            raise InputError(
-                f"{name} has no effect on the contraction at these rows: it cannot be fitted"
-            )
+            raise InputError(f"{name} has no effect at these rows: it cannot be fitted")
 
 
-def _explain_end(status: int, *, answered: bool) -> str:
-    if not answered:
-        return "the model has no answer for some rows"
+def _explain_end(status: int) -> str:
+    if status == OUT_OF_TIME:
+        return "stopped: the time of the fit is used up"
     if status <= 0:
         return f"no minimum within {EVALUATIONS} evaluations"
     reasons = {1: "the gradient vanished", 2: "the sum of squares settled"}
     return reasons.get(status, "the parameters settled")
 
 
-def _conclude(
-    problem: Problem,
-    found: OptimizeResult,
-    *,
-    warnings: list[str],
-    answered: bool,
-    fitted: MuscleModel,
-    held: dict[str, str],
+def find_poor(task: Task) -> float:
+    """Return the root mean square above which a fit is poor [unit of the response].
+
+    It is 5 % of the span of the measured response, or twice the standard deviation of rows that
+    repeat a state if there are any and that is more.
+    """
+    pure, states = measure_repeats(task)
+    freedom = len(task.data) - states
+    noise = float(np.sqrt(pure / freedom)) if freedom else 0.0
+    return max(POOR_SHARE * task.span, POOR_FACTOR * noise)
+
+
+def judge_size(task: Task, residuals: NDArray[np.float64]) -> list[str]:
+    """Return a warning if a fit is poor in absolute terms, see `find_poor`."""
+    rms, most = float(np.sqrt(np.mean(residuals**2))), find_poor(task)
+    if rms <= most:
+        return []
+    return [
+        f"the fit is poor: it is off by {rms:.3g} {task.unit}, {100.0 * rms / task.span:.0f} % of "
+        f"the span of the measured {task.response}, {task.span:.3g} {task.unit}; above "
+        f"{most:.3g} {task.unit} it is poor"
+    ]
+
+
+def conclude(
+    problem: Problem, found: OptimizeResult, *, held: dict[str, str], options: FitOptions
 ) -> Calibration:
     """Put the statistics together from the residuals and the Jacobian at the minimum."""
     from scipy.stats import t as student
 
-    free, residuals = problem.free, -np.asarray(found.fun)
-    units = PARAMETER_UNITS | {item.name: item.unit for item in fitted.list_parameters()}
-    freedom = len(residuals) - len(free)
+    task, unknowns = problem.task, problem.unknowns
+    values = problem.name_values(found.x)
+    miss, answered, errors = problem.compare(values)
+    if not answered.any():
+        _demand_answer(problem, found.x)
+    models = {part.specimen: problem.build(values, i) for i, part in enumerate(task.parts)}
+    shared = {
+        name: float(np.mean([values[pairs[name]] for pairs in map(dict, problem.of_part)]))
+        for name in problem.free
+    }
+    fitted = next(iter(models.values()))
+    if len(models) > 1 or problem.task.each:
+        fitted = _build_mean(problem, shared, models)
+    count, rows = len(unknowns), len(task.data)
+    residuals = np.where(answered, -miss, task.worst)
+    weighted = residuals if errors is None else residuals / errors
+    squares = float(weighted @ weighted)
+    freedom = rows - count
     sigma = float(np.sqrt(residuals @ residuals / freedom))
-    jacobian = np.asarray(found.jac) / problem.scales
+    jacobian = np.where(answered[:, None], np.asarray(found.jac), 0.0) / problem.scales
     # Huge, not infinite, where all is lost.
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
     _, singular, basis = np.linalg.svd(jacobian / length, full_matrices=False)
@@ -738,33 +945,95 @@ def _conclude(
     inverse = (basis.T / singular**2) @ basis
     spread = np.sqrt(np.diag(inverse))
     correlations = np.clip(inverse / np.outer(spread, spread), -1.0, 1.0)
-    errors = dict(zip(free, (sigma * spread / length).tolist(), strict=True))
-    factor = float(student.ppf(0.975, freedom))
-    estimates = problem.name_values(found.x)
+    covariance = squares / freedom * inverse / np.outer(length, length)
     condition = float(singular[0] / singular[-1])
+    if options.resamples:
+        covariance = _resample(problem, found.x, options)
+        deviations = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        correlations = np.clip(covariance / np.outer(deviations, deviations), -1.0, 1.0)
+    spreads = dict(zip(unknowns, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    factor = float(student.ppf(0.975, freedom))
+    known = ALL_UNITS | {item.name: item.unit for item in list_parameters(problem.model_class)}
+    contact = float(fitted.dead_band()) if "gap" in problem.free else 0.0
+    never, doubts = judge_parameters(problem.free, task.data, contact_pressure=contact)
+    at_bound = [
+        f"{name} is at its bound, where its interval does not hold"
+        for name, active in zip(unknowns, found.active_mask, strict=True)
+        if active
+    ]
+    lost = [
+        f"{name} has no effect at these rows: its value means nothing"
+        for name, column in zip(unknowns, np.asarray(found.jac).T, strict=True)
+        if not np.abs(column).max() > 1e-9
+    ]
+    gaps = []
+    if not answered.all():
+        row = int(np.argmin(answered))
+        part = next(part for part in task.parts if row in part.rows)
+        why = explain_gap(models[part.specimen], task.data.select([row]), task.response)
+        gaps = [f"the model has an answer at {int(answered.sum())} of {rows} rows; {why}"]
     return Calibration(
         model=fitted.name,
-        free=free,
-        units={name: units[name] for name in free},
-        estimates=estimates,
-        standard_errors=errors,
+        task=task,
+        free=unknowns,
+        units={label: known[name] for label, name in zip(unknowns, problem.names, strict=True)},
+        estimates=values,
+        standard_errors=spreads,
         intervals={
-            name: (value - factor * errors[name], value + factor * errors[name])
-            for name, value in estimates.items()
+            name: (value - factor * spreads[name], value + factor * spreads[name])
+            for name, value in values.items()
         },
         correlations=correlations,
+        covariance=covariance,
         condition=condition,
         sigma=sigma,
         residuals=residuals,
+        answered=answered,
+        squares=squares,
+        scatter=0.0 if errors is None else float(np.mean(2.0 * np.log(errors))),
         muscle=fitted.muscle,
         fitted=fitted,
+        models=models,
         held=held,
         warnings=(
-            *warnings,
-            *judge_fit(free, correlations, condition),
-            *judge_repeats(problem.data, residuals, parameters=len(free)),
+            *never,
+            *doubts,
+            *at_bound,
+            *lost,
+            *gaps,
+            *judge_fit(unknowns, correlations, condition),
+            *judge_repeats(task, residuals, parameters=count),
+            *judge_size(task, residuals),
         ),
-        converged=bool(found.status > 0 and answered),
-        reason=_explain_end(found.status, answered=answered),
+        converged=bool(found.status > 0),
+        reason=_explain_end(found.status),
         evaluations=int(found.nfev),
     )
+
+
+def _build_mean(
+    problem: Problem, shared: Mapping[str, float], models: Mapping[str, MuscleModel]
+) -> MuscleModel:
+    """Return the model of the task's muscle, with the mean of what specimens have of their own."""
+    offsets = [model.ends.offset for model in models.values() if isinstance(model, MountedMuscle)]
+    task = problem.task
+    if task.anchored and offsets:
+        task = dataclasses.replace(task, ends=task.ends.replace(offset=float(np.mean(offsets))))
+    try:
+        return assemble(problem.model_class, task.muscle, shared, task=task, anchor=None)
+    except BozziniError:  # the values are those of other geometries
+        return next(iter(models.values()))
+
+
+def _resample(problem: Problem, point: NDArray[np.float64], options: FitOptions) -> Floats:
+    """Return the covariance of fits to rows drawn with replacement, within each specimen."""
+    random = np.random.default_rng(options.seed)
+    task, found = problem.task, []
+    for _ in range(options.resamples):
+        rows = np.concatenate([random.choice(p.rows, size=len(p.rows)) for p in task.parts])
+        again = dataclasses.replace(problem, task=dataclasses.replace(
+            task, data=task.data.select(np.sort(rows))))  # fmt: skip
+        start = again.move(problem.name_values(point))
+        end = find_minimum(start, start.choose_start(), limit=_SECOND)
+        found.append(list(start.name_values(end.x).values()))
+    return np.atleast_2d(np.cov(np.array(found), rowvar=False))

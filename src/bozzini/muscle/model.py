@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_number, check_range, name_at, show_value
 from ..errors import BozziniError, InputError, PluginError
+from ..numeric import roots
 from ..results import Result, measured, take_axes
-from .design import Muscle
+from .design import PRESSURE_LIMIT, Muscle
 from .hysteresis import Hysteresis
 
 if TYPE_CHECKING:
@@ -36,6 +37,12 @@ NUMBERS_LIMIT = 32
 
 CURVE_POINTS = 201
 """Points of a curve that is drawn."""
+
+_FIRST_PRESSURE = 0.02
+"""First step from the lowest pressure when one is looked for that gives a force [MPa]."""
+
+_FORCE_LEFT = 1e-6
+"""Share of the forces at a bracket's ends: more is left over only where a force jumps."""
 
 LOAD_LIMIT = 1e15
 """Largest legal load [N]: a limit of the arithmetic, above what any legal muscle pulls."""
@@ -151,7 +158,7 @@ def _check_answers(function: Callable[..., ArrayLike], other: str) -> Callable[.
 
 
 class MuscleModel(ABC):
-    """A model of a muscle: force from contraction, and contraction from load.
+    """A model of a muscle: force from contraction, contraction from load, pressure from both.
 
     A subclass has `muscle` and `name`, and brings `force` and `contraction`. Everything else has a
     default that follows from these, and may be replaced by what the model knows better. All methods
@@ -242,6 +249,139 @@ class MuscleModel(ABC):
         ConvergenceError
             If the solver stops short of its tolerance; `solve` reports where.
         """
+
+    def pressure(
+        self, force: ArrayLike, length: ArrayLike, *, direction: ArrayLike | None = None
+    ) -> Floats:
+        """Return the pressure [MPa] at which the muscle pulls so at a length: the lowest.
+
+        Parameters
+        ----------
+        force : array_like
+            Pull of the muscle [N].
+        length : array_like
+            Length of the muscle [mm], `Muscle.length` less the contraction.
+        direction : str or array of str, optional
+            As in `force`.
+
+        Raises
+        ------
+        InputError
+            If no legal pressure gives that force at that length.
+        """
+        pressures, held = self.try_pressure(force, length, direction=direction)
+        if not held.all():
+            index = int(np.argmin(held))
+            forces, lengths = np.broadcast_arrays(
+                np.asarray(force, dtype=np.float64), np.asarray(length, dtype=np.float64)
+            )
+            low, high = self.pressure_limits
+            raise InputError(
+                f"{name_at('force', np.broadcast_to(forces, held.shape), index)} is "
+                f"{np.broadcast_to(forces, held.shape).flat[index]:g} N: at a length of "
+                f"{np.broadcast_to(lengths, held.shape).flat[index]:g} mm no pressure in "
+                f"[{low:g}, {high:g}] MPa gives it"
+            )
+        return pressures
+
+    @property
+    def pressure_limits(self) -> tuple[float, float]:
+        """Legal pressures [MPa]."""
+        return 0.0, PRESSURE_LIMIT
+
+    def try_force(
+        self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the pull [N] and where there is one, instead of an error; 0 where there is none.
+
+        Raises
+        ------
+        InputError
+            If the shapes do not go together or a direction is unknown.
+        """
+        one, other, signs = broadcast(
+            ("pressure", check_array("pressure", pressure)),
+            ("contraction", check_array("contraction", contraction)),
+            ("direction", parse_direction(direction)),
+        )
+        low, high = getattr(self, "contraction_limits", (-math.inf, math.inf))
+        least, most = self.pressure_limits
+        legal = (one >= least) & (one <= most) & (other >= low) & (other <= high)
+        values, held = np.zeros(one.shape), np.zeros(one.shape, dtype=np.bool_)
+        words = None if direction is None else _name_directions(signs)[legal]
+        values[legal], held[legal] = try_rows(
+            self.force, ("pressure", one[legal]), ("contraction", other[legal]), words
+        )
+        return values, held
+
+    def try_contraction(
+        self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the contraction [mm] and where there is one, instead of an error.
+
+        Raises
+        ------
+        InputError
+            If the shapes do not go together or a direction is unknown.
+        """
+        return try_rows(self.contraction, ("pressure", pressure), ("load", load), direction)
+
+    def try_pressure(
+        self, force: ArrayLike, length: ArrayLike, *, direction: ArrayLike | None = None
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the pressure [MPa] of a force [N] at a length [mm], and where there is one.
+
+        Pressures are tried from the lowest, in steps that double; the first step in which the
+        force passes the one asked for is refined to the last digits.
+
+        Raises
+        ------
+        InputError
+            If the shapes do not go together or a direction is unknown.
+        """
+        forces, lengths, signs = broadcast(
+            ("force", check_array("force", force)),
+            ("length", check_array("length", length)),
+            ("direction", parse_direction(direction)),
+        )
+        shape, wanted = forces.shape, forces.ravel()
+        contraction = self.muscle.length - lengths.ravel()
+        words = _name_directions(signs).ravel()
+
+        def excess(index: NDArray[np.intp], pressures: Floats) -> Floats:
+            pull, held = self.try_force(pressures, contraction[index], direction=words[index])
+            return np.where(held, pull - wanted[index], np.nan)
+
+        every = np.arange(wanted.size)
+        low, high = self.pressure_limits
+        near = np.full(wanted.shape, low)
+        near_excess = excess(every, near)
+        far, far_excess = near.copy(), near_excess.copy()
+        found = near_excess == 0.0
+        rest, step = every[~found], _FIRST_PRESSURE
+        while rest.size:
+            at = np.full(rest.shape, min(low + step, high))
+            value = excess(rest, at)
+            crossed = near_excess[rest] * value <= 0.0
+            found[rest[crossed]] = True
+            far[rest], far_excess[rest] = at, value
+            left = rest[~crossed]
+            near[left], near_excess[left] = at[~crossed], value[~crossed]
+            rest = left if at[0] < high else left[:0]
+            step *= 2.0
+        inside = every[found & (near_excess != 0.0)]
+        answer = near
+        if inside.size:
+            answer[inside], residual, taken = roots.polish(
+                excess,
+                inside,
+                (near[inside], near_excess[inside]),
+                (far[inside], far_excess[inside]),
+            )
+            ends = np.maximum(np.abs(near_excess), np.abs(far_excess))[inside]
+            settled = (np.abs(residual) <= _FORCE_LEFT * ends) & (taken < roots.MAX_ITERATIONS)
+            found[inside] = settled
+        return np.where(found, answer, 0.0).reshape(shape), found.reshape(shape)
 
     @classmethod
     def list_parameters(cls) -> tuple[Parameter, ...]:
@@ -452,6 +592,41 @@ def take_arguments(
     return first, second, third
 
 
+def _name_directions(signs: Floats) -> NDArray[np.str_]:
+    """Return the directions that have some signs."""
+    return np.array(["", "deflating", "inflating"])[signs.astype(np.int64)]
+
+
+def try_rows(
+    function: Callable[..., Floats],
+    first: tuple[str, ArrayLike],
+    second: tuple[str, ArrayLike],
+    direction: ArrayLike | None,
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the answers of a function, and where it has one: refused batches are halved."""
+    one, other, signs = broadcast(
+        (first[0], check_array(*first)),
+        (second[0], check_array(*second)),
+        ("direction", parse_direction(direction)),
+    )
+    flat, rest = one.ravel(), other.ravel()
+    branch = None if direction is None else _name_directions(signs).ravel()
+    values, held = np.zeros(flat.size), np.zeros(flat.size, dtype=np.bool_)
+    parts = [np.arange(flat.size)] if flat.size else []
+    while parts:
+        rows = parts.pop()
+        way = None if branch is None else branch[rows]
+        try:
+            values[rows] = function(flat[rows], rest[rows], direction=way)
+            held[rows] = True
+        except PluginError:
+            raise
+        except BozziniError:
+            if rows.size > 1:
+                parts += [rows[: rows.size // 2], rows[rows.size // 2 :]]
+    return values.reshape(one.shape), held.reshape(one.shape)
+
+
 def is_as_defined(model: MuscleModel, kind: type[MuscleModel]) -> bool:
     """Whether a model answers as its class does: a subclass may have other equations."""
     names = ("force", "contraction", "stiffness", "free_contraction", "solve")
@@ -491,6 +666,10 @@ def parse_direction(direction: ArrayLike | None) -> Floats:
         return np.asarray(DIRECTIONS[direction])
     try:
         words = np.asarray(direction)
+        if words.dtype.kind == "U":
+            up, down = words == "inflating", words == "deflating"
+            if (up | down | (words == "")).all():
+                return np.asarray(down.astype(np.float64) - up)
         signs = [DIRECTIONS["" if word is None else str(word)] for word in words.ravel().tolist()]
     except (KeyError, ValueError) as error:  # no such word, or no array
         shown = f"'{error.args[0]}'" if isinstance(error, KeyError) else show_value(direction)

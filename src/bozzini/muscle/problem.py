@@ -1,79 +1,125 @@
-"""A fit as a least-squares problem: predictions of a model, unknowns, derivatives."""
+"""A fit as a least-squares problem: predictions of a model, unknowns, derivatives.
+
+Errors in several columns. A row ``i`` has a measured response ``y`` and measured states ``u``, the
+true ones off by independent normal errors. To first order in these the response of a model ``f``
+misses the measured one with the variance ::
+
+    s_i**2 = s_y**2 + sum over u of (df/du)**2 s_u**2
+
+(Orear, American Journal of Physics 50, 1982, 912-916), and ``sum (f - y)**2 / s_i**2`` is, to that
+order, the sum of squares of the orthogonal distance: what is left if the true states are fitted as
+well. It is that sum which is made small, with the derivatives taken at the parameters of each
+trial. To hold the weights of the trial before and iterate is not the same: for a straight line with
+errors that are alike the weights are alike then, and its slope is that of ordinary least squares,
+too small by ``1 / (1 + s_u**2 / var(u))``.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number, list_quantities
-from ..errors import BozziniError, InputError, PluginError
+from ..checks import check_number, check_word, list_quantities
+from ..errors import BozziniError, InputError
 from .data import Measurements
 from .design import BRAID_ANGLES, Muscle
-from .model import MuscleModel
-from .models.base import CatalogueModel, ExplicitModel
+from .ends import EndEffects, MountedMuscle, find_offset
+from .model import MuscleModel, try_rows
+from .models.base import CatalogueModel
 
 if TYPE_CHECKING:
     from .models.card import Parameter
 
+Floats = NDArray[np.float64]
+Answers = tuple[Floats, NDArray[np.bool_]]
 
-def answer_rows(
-    answer: Callable[[Measurements], NDArray[np.float64]], data: Measurements
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return what a model answers at the rows, and which rows it has an answer for.
+Response = Literal["force", "contraction", "pressure"]
+RESPONSES: tuple[Response, ...] = get_args(Response)
+"""What a model answers with, the two other columns being given."""
 
-    Where it refuses a batch, the halves are asked, down to single rows.
-    """
+RESPONSE_UNITS: dict[Response, str] = {"force": "N", "contraction": "mm", "pressure": "MPa"}
+"""The unit of each response."""
+
+RESPONSE_COLUMNS: dict[Response, str] = {
+    "force": "load",
+    "contraction": "contraction",
+    "pressure": "pressure",
+}
+"""The column of `Measurements` that a response is compared with."""
+
+END_FIELDS = list_quantities(EndEffects)
+"""The end effects that may be fitted of every model."""
+
+
+class States(NamedTuple):
+    """Columns of measured states, arrays of shape (n,); `branch` is None without directions."""
+
+    pressure: Floats
+    contraction: Floats
+    load: Floats
+    branch: NDArray[np.str_] | None
+
+    @classmethod
+    def of(cls, data: Measurements) -> States:
+        """Return the states of measurements."""
+        return cls(data.pressure, data.contraction, data.load, data.branch)
+
+    def select(self, rows: NDArray[np.generic]) -> States:
+        """Return the rows of a mask or of indices."""
+        branch = None if self.branch is None else self.branch[rows]
+        return States(self.pressure[rows], self.contraction[rows], self.load[rows], branch)
+
+
+class _Columns(Protocol):
+    @property
+    def pressure(self) -> Floats: ...
+    @property
+    def contraction(self) -> Floats: ...
+    @property
+    def load(self) -> Floats: ...
+    @property
+    def branch(self) -> NDArray[np.str_] | None: ...
+
+
+def try_response(model: MuscleModel, rows: _Columns, response: Response) -> Answers:
+    """Return what a model answers at each row, and which rows it has an answer for."""
+    if response == "force":
+        return model.try_force(rows.pressure, rows.contraction, direction=rows.branch)
+    if response == "contraction":
+        return model.try_contraction(rows.pressure, rows.load, direction=rows.branch)
+    length = model.muscle.length - rows.contraction
+    return model.try_pressure(rows.load, length, direction=rows.branch)
+
+
+def explain_gap(model: MuscleModel, data: Measurements, response: Response) -> str:
+    """Return why a model has no answer at the first row where it has none; empty if it has all."""
+    _, held = try_response(model, data, response)
+    if held.all():
+        return ""
+    row = int(np.argmin(held))
+    one = States.of(data).select(np.array([row]))
     try:
-        values = answer(data)
-        return values, np.ones(len(data), dtype=np.bool_)
-    except PluginError:
-        raise
-    except BozziniError:
-        if len(data) == 1:
-            return np.zeros((1, 1)), np.zeros(1, dtype=np.bool_)
-    half = len(data) // 2
-    rows = np.arange(len(data))
-    parts = [answer_rows(answer, data.select(part)) for part in (rows[:half], rows[half:])]
-    width = max(values.shape[1] for values, _ in parts)
-    table = [np.broadcast_to(values, (len(values), width)) for values, _ in parts]
-    return np.concatenate(table), np.concatenate([held for _, held in parts])
-
-
-def predict_contraction(model: MuscleModel, data: Measurements) -> NDArray[np.float64]:
-    """Return the model's contraction at each row [mm]; an error names the row."""
-    try:
-        return model.contraction(data.pressure, data.load, direction=data.branch)
+        if response == "force":
+            model.force(one.pressure, one.contraction, direction=one.branch)
+        elif response == "contraction":
+            model.contraction(one.pressure, one.load, direction=one.branch)
+        else:
+            length = model.muscle.length - one.contraction
+            model.pressure(one.load, length, direction=one.branch)
     except BozziniError as error:
-        for row in range(len(data)):
-            word = str(data.direction[row]) or None
-            try:
-                model.contraction(float(data.pressure[row]), float(data.load[row]), direction=word)
-            except BozziniError as at_row:
-                raise type(at_row)(f"{data.name_row(row)}: {at_row}") from None
-        raise error
-
-
-def try_contraction(
-    model: MuscleModel, data: Measurements
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the contraction at each row [mm], and which rows the model has one for."""
-    if isinstance(model, ExplicitModel):
-        with contextlib.suppress(BozziniError):
-            return model.try_contraction(data.pressure, data.load, direction=data.branch)
-
-    def answer(rows: Measurements) -> NDArray[np.float64]:
-        return model.contraction(rows.pressure, rows.load, direction=rows.branch)[:, None]
-
-    predicted, held = answer_rows(answer, data)
-    return predicted[:, 0], held
+        text = str(error)
+        for name in ("pressure", "load", "force", "contraction", "length"):
+            text = text.replace(f"{name}[0]", name)
+        return f"{data.name_row(row)}: {text}"
+    return f"{data.name_row(row)}: no answer was found"
 
 
 PARAMETER_UNITS = {
@@ -87,22 +133,166 @@ The free length is not one of them: a table of lengths becomes contractions by i
 measured.
 """
 
+ALL_UNITS = PARAMETER_UNITS | {name: known.unit for name, known in END_FIELDS.items()}
+"""The same, with the end effects."""
+
+
+class OutOfTimeError(BozziniError):
+    """A fit used up the time that it was given."""
+
+
+class Clock:
+    """Seconds of this process's own work that a fit may take; none are counted without a limit."""
+
+    def __init__(self, limit: float | None = None) -> None:
+        self.limit = math.inf if limit is None else limit
+        self._begin = time.process_time()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time is used up."""
+        return time.process_time() - self._begin > self.limit
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The rows of one specimen, its muscle, and its free length at a pressure if that is used."""
+
+    specimen: str
+    rows: NDArray[np.intp]
+    muscle: Muscle
+    anchor: tuple[float, float] | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task:
+    """What is fitted to what, whatever the model.
+
+    Parameters
+    ----------
+    muscle : Muscle
+        What is not measured of a specimen.
+    data : Measurements
+    response : str
+        One of `RESPONSES`.
+    ends : EndEffects
+        Where free end effects start, and the others.
+    anchored : bool
+        Whether the offset of each specimen is such that the model without load is as long as the
+        specimen was at a pressure, `Measurements.free_lengths`.
+    each : tuple of str
+        Parameters that every specimen has its own value of.
+    """
+
+    muscle: Muscle
+    data: Measurements
+    response: Response = "contraction"
+    ends: EndEffects = field(default_factory=EndEffects)
+    anchored: bool = False
+    each: tuple[str, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """The unit of the response."""
+        return RESPONSE_UNITS[self.response]
+
+    @cached_property
+    def measured(self) -> Floats:
+        """The measured response, shape (n,)."""
+        column: Floats = getattr(self.data, RESPONSE_COLUMNS[self.response])
+        return column
+
+    @cached_property
+    def span(self) -> float:
+        """Largest less smallest measured response, or the largest if all are one; above 0."""
+        return float(np.ptp(self.measured)) or float(np.abs(self.measured).max()) or 1.0
+
+    @cached_property
+    def worst(self) -> float:
+        """What a row without an answer counts with: the span, or the largest if that is more."""
+        return max(self.span, float(np.abs(self.measured).max()))
+
+    @cached_property
+    def states(self) -> States:
+        """The measured states."""
+        return States.of(self.data)
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        """The specimens, each with its rows; all rows together where nothing tells them apart."""
+        data = self.data
+        if not (data.geometry or self.each or self.anchored):
+            return (Part("", np.arange(len(data)), self.muscle, None),)
+        parts = []
+        for name in data.list_specimens():
+            rows = np.flatnonzero(data.specimen == name)
+            anchor = self._find_anchor(name, rows) if self.anchored else None
+            parts.append(Part(name, rows, data.muscle_of(name, self.muscle), anchor))
+        return tuple(parts)
+
+    def _find_anchor(self, name: str, rows: NDArray[np.intp]) -> tuple[float, float]:
+        """Return the pressure [MPa] and the length [mm] of a specimen without load."""
+        for pressure, lengths in self.data.free_lengths.items():
+            if np.isfinite(lengths[rows[0]]):
+                return pressure, float(lengths[rows[0]])
+        raise InputError(
+            f"specimen {name!r} has no length at a pressure: give a column such as "
+            "'length at 620 kPa [mm]', or an offset"
+        )
+
+    @cached_property
+    def input_errors(self) -> dict[str, Floats]:
+        """Standard errors of the columns that the response follows from; empty for none."""
+        own = RESPONSE_COLUMNS[self.response]
+        inputs = {"pressure", "contraction", "load"} - {own}
+        return {name: self.data.errors[name] for name in sorted(inputs) if name in self.data.errors}
+
+    @cached_property
+    def response_errors(self) -> Floats | None:
+        """Standard errors of the response; None if they are not known."""
+        return self.data.errors.get(RESPONSE_COLUMNS[self.response])
+
+    def check(self) -> None:
+        """Raise `InputError` if the task cannot be fitted."""
+        check_word("response", self.response, RESPONSES)
+        if self.input_errors and self.response_errors is None:
+            own = RESPONSE_COLUMNS[self.response]
+            raise InputError(
+                f"there are errors of {' and '.join(self.input_errors)} and none of {own}, which "
+                f"is fitted: give a column '{own} error', or fit another response"
+            )
+        for part in self.parts:
+            lengths = part.muscle.length - self.data.contraction[part.rows]
+            short = ~(lengths > 0.0)
+            if short.any():
+                row = int(part.rows[np.argmax(short)])
+                raise InputError(
+                    f"{self.data.name_row(row)}: length is {lengths[np.argmax(short)]:g} mm: it "
+                    "must be above 0"
+                )
+
+    def select(self, rows: NDArray[np.bool_]) -> Task:
+        """Return the task with some rows."""
+        return replace(self, data=self.data.select(rows))
+
 
 def choose_scale(name: str, start: float, *, own: bool) -> float:
     """Return how much of an unknown matters."""
     scale = 0.1 * abs(start) or 0.1
-    known = None if own else list_quantities(Muscle)[name].scale
+    known = None if own or name in END_FIELDS else list_quantities(Muscle)[name].scale
     return scale if known is None else known
 
 
 def choose_bounds(
     free: Sequence[str],
-    muscle: Muscle,
+    task: Task,
     bounds: Mapping[str, tuple[float, float]],
     own: Mapping[str, Parameter] | None = None,
 ) -> NDArray[np.float64]:
     """Return the bounds of the free parameters, shape (k, 2): those given, or wide ones."""
+    muscle = min((part.muscle for part in task.parts), key=lambda muscle: muscle.length)
     radius = muscle.outer_radius
+    most = max(float(np.abs(task.data.load).max()), 1e-3)
     wide = {
         "modulus": (0.01, 20.0),
         "dead_length": (0.0, 0.8 * muscle.length),
@@ -114,6 +304,9 @@ def choose_bounds(
         "outer_radius": (1.05 * muscle.given.get("inner_radius", 0.0), 3.0 * radius),
         "end_length": (0.0, 0.4 * muscle.length),
         "poisson_ratio": (0.3, 0.4999),
+        "offset": (-0.2 * muscle.length, 0.2 * muscle.length),
+        "compliance": (0.0, 0.2 * muscle.length / most),
+        "slack_force": (-most, most),
     }
     if not isinstance(bounds, Mapping):
         raise InputError(
@@ -125,17 +318,23 @@ def choose_bounds(
     table = []
     for name in free:
         constant = (own or {}).get(name)
-        least, most = muscle.legal_range(name) if constant is None else constant.bounds
-        unit = PARAMETER_UNITS[name] if constant is None else constant.unit
+        if constant is not None:
+            least, largest, unit = *constant.bounds, constant.unit
+        elif name in END_FIELDS:
+            known = END_FIELDS[name]
+            least, largest, unit = float(known.low), float(known.high), known.unit  # type: ignore[arg-type]
+        else:
+            least, largest = muscle.legal_range(name)
+            unit = PARAMETER_UNITS[name]
         if name in bounds:
-            low, high = _take_pair(name, bounds[name], least, most, unit)
-        elif constant is not None:
-            low, high = constant.bounds
+            low, high = _take_pair(name, bounds[name], least, largest, unit)
+        elif constant is not None or name in END_FIELDS:
+            low, high = wide.get(name, (least, largest)) if constant is None else constant.bounds
         else:
             value = float(getattr(muscle, name))
             # Inside the legal range, with a margin for the steps of numeric differences.
             low, high = wide.get(name, (0.2 * value, 5.0 * value))
-            low, high = max(low, least), min(high, most - 1e-4 * (most - least))
+            low, high = max(low, least), min(high, largest - 1e-4 * (largest - least))
         table.append((low, high))
     return np.array(table, dtype=np.float64)
 
@@ -152,107 +351,275 @@ def _take_pair(
     return low, high
 
 
-_NO_ANSWER_MM = 1e5  # what the search sees at a row that a trial has no answer for [mm]
-_STEEPEST = 1e9  # of a derivative, so that its square is finite [mm]
+_STEEPEST = 1e9  # of a derivative, so that its square is finite
 _LEAST_STIFFNESS_N_PER_MM = 1e-12  # keeps a quotient finite where a model has no stiffness [N/mm]
 _STEP = 1e-4  # of a difference, in scales: small against curvature, large against round-off
+_INPUT_STEP = 1e-5  # of a difference by a measured column, of its largest value
+
+
+_TOLERANCE = {"pressure": 1e-6, "contraction": 1e-9, "load": 1e-9}
+"""Differences of states that count as none [MPa, mm, N]."""
+
+
+def find_states(task: Task) -> tuple[int, NDArray[np.int64]]:
+    """Return how many different states the rows have, and which one each row has, shape (n,).
+
+    A state is a specimen's, where these are told apart, and has what the response follows from: of
+    a contraction the pressure, the load and the direction.
+    """
+    inputs = [name for name in _TOLERANCE if name != RESPONSE_COLUMNS[task.response]]
+    columns: list[list[object]] = [
+        np.round(getattr(task.data, name) / _TOLERANCE[name]).tolist() for name in inputs
+    ]
+    columns.append(task.data.direction.tolist())
+    if len(task.parts) > 1:
+        columns.append(task.data.specimen.tolist())
+    keys = list(zip(*columns, strict=True))
+    states = {key: index for index, key in enumerate(dict.fromkeys(keys))}
+    return len(states), np.array([states[key] for key in keys])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """A least-squares problem whose unknowns are those of a muscle and a model, each in its scale.
+    """A least-squares problem whose unknowns are those of muscle, model and ends, in their scales.
 
-    Free are fields of the muscle and constants of the model; these are where they start. Limits
-    are (k, 2), and `model_class` makes the model from a muscle and constants by their names.
+    Free are fields of the muscle, constants of the model and end effects. Limits are (k, 2), one
+    for each free name, and `model_class` makes the model from a muscle and constants by their
+    names. What each specimen has its own value of is one unknown for each of them; `starts` are
+    where unknowns start that do not start at the task's or at `constants`.
     """
 
     model_class: Callable[..., MuscleModel]
-    muscle: Muscle
+    task: Task
     free: tuple[str, ...]
-    data: Measurements
     limits: NDArray[np.float64]
     constants: Mapping[str, float] = field(default_factory=dict)
+    starts: Mapping[str, float] = field(default_factory=dict)
+    clock: Clock = field(default_factory=Clock)
+
+    @cached_property
+    def _labels(self) -> tuple[tuple[str, int], ...]:
+        """Each unknown, with the index of its name in `free`."""
+        found: list[tuple[str, int]] = []
+        for index, name in enumerate(self.free):
+            if name in self.task.each:
+                found += [(label_unknown(name, p.specimen), index) for p in self.task.parts]
+            else:
+                found.append((name, index))
+        return tuple(found)
+
+    @cached_property
+    def unknowns(self) -> tuple[str, ...]:
+        """The unknowns by name, those of each specimen as ``name[specimen]``."""
+        return tuple(label for label, _ in self._labels)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The free name of each unknown."""
+        return tuple(self.free[index] for _, index in self._labels)
+
+    @cached_property
+    def bounds(self) -> NDArray[np.float64]:
+        """The bounds of each unknown, shape (K, 2)."""
+        return self.limits[[index for _, index in self._labels]]
+
+    @cached_property
+    def of_part(self) -> tuple[tuple[tuple[str, str], ...], ...]:
+        """For each part, the free names and the unknowns that are their values."""
+        each = self.task.each
+        return tuple(
+            tuple((n, label_unknown(n, p.specimen) if n in each else n) for n in self.free)
+            for p in self.task.parts
+        )
 
     @cached_property
     def start(self) -> dict[str, float]:
-        """Where the free parameters start."""
-        known = {**vars(self.muscle), **self.constants}
-        return {name: float(known[name]) for name in self.free}
+        """Where the unknowns start."""
+        begin: dict[str, float] = {}
+        lowest = float(self.task.data.load.min())
+        for part, pairs in zip(self.task.parts, self.of_part, strict=True):
+            known = {**vars(self.task.ends), **vars(part.muscle), **self.constants}
+            if known["slack_force"] is None:
+                known["slack_force"] = lowest
+            for name, label in pairs:
+                begin.setdefault(label, float(self.starts.get(label, known[name])))
+        return {label: begin[label] for label in self.unknowns}
 
     @cached_property
     def scales(self) -> NDArray[np.float64]:
-        """How much of each parameter matters, shape (k,)."""
+        """How much of each unknown matters, shape (K,)."""
+        most = float(np.abs(self.task.data.load).max()) or 1.0
+        length = min(part.muscle.length for part in self.task.parts)
+        ends = {
+            "offset": 0.01 * length,
+            "compliance": 0.02 * length / most,
+            "slack_force": 0.02 * most,
+        }
         return np.array(
             [
-                choose_scale(name, value, own=name in self.constants)
-                for name, value in self.start.items()
+                ends[name]
+                if name in ends and name not in self.constants
+                else choose_scale(name, value, own=name in self.constants)
+                for name, value in zip(self.names, self.start.values(), strict=True)
             ]
         )
 
     def choose_start(self) -> NDArray[np.float64]:
         """Return where to start, off the bounds: a search hardly leaves one."""
         start = np.array(list(self.start.values()))
-        low, high = self.limits.T
+        low, high = self.bounds.T
         margin = np.minimum(0.5 * self.scales, 0.25 * (high - low))
         inside: NDArray[np.float64] = np.clip(start, low + margin, high - margin)
         return inside / self.scales
 
     def name_values(self, point: NDArray[np.float64]) -> dict[str, float]:
-        """Return the parameters at a point of the search."""
-        values = np.clip(point * self.scales, self.limits[:, 0], self.limits[:, 1])
-        return dict(zip(self.free, values.tolist(), strict=True))
+        """Return the unknowns at a point of the search."""
+        values = np.clip(point * self.scales, self.bounds[:, 0], self.bounds[:, 1])
+        return dict(zip(self.unknowns, values.tolist(), strict=True))
 
-    def build(self, values: Mapping[str, float]) -> MuscleModel:
-        """Return the model with some parameters."""
-        own = {name: value for name, value in values.items() if name in self.constants}
-        fields = {name: value for name, value in values.items() if name not in own}
-        return self.model_class(self.muscle.replace(**fields), **own)
+    def move(self, values: Mapping[str, float]) -> Problem:
+        """Return the problem with another start, and the scales that go with it."""
+        return replace(self, starts=dict(values))
+
+    def build(self, values: Mapping[str, float], index: int = 0) -> MuscleModel:
+        """Return the model of a part, with some values of the unknowns."""
+        own = {name: values[label] for name, label in self.of_part[index] if label in values}
+        part = self.task.parts[index]
+        return assemble(self.model_class, part.muscle, own, task=self.task, anchor=part.anchor)
 
     def evaluate(self, point: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return model less measurement [mm], and which rows the trial has an answer for."""
-        try:
-            model = self.build(self.name_values(point))
-        except BozziniError:  # each value is legal, but not all together
-            return np.zeros(len(self.data)), np.zeros(len(self.data), dtype=np.bool_)
-        predicted, held = try_contraction(model, self.data)
-        return np.where(held, predicted - self.data.contraction, 0.0), held
+        """Return model less measurement, and which rows the trial has an answer for."""
+        return self.compare(self.name_values(point))[:2]
+
+    def compare(
+        self, values: Mapping[str, float]
+    ) -> tuple[Floats, NDArray[np.bool_], Floats | None]:
+        """Return model less measurement, which rows have an answer, and their effective errors.
+
+        The errors are None where none are known.
+        """
+        task = self.task
+        miss, held = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
+        errors = task.response_errors
+        errors = None if errors is None else np.array(errors)
+        for index, part in enumerate(task.parts):
+            try:
+                model = self.build(values, index)
+            except BozziniError:  # each value is legal, but not all together
+                continue
+            rows = task.states.select(part.rows)
+            predicted, good = try_response(model, rows, task.response)
+            miss[part.rows] = np.where(good, predicted - task.measured[part.rows], 0.0)
+            held[part.rows] = good
+            if task.input_errors and errors is not None:
+                errors[part.rows] = np.sqrt(
+                    errors[part.rows] ** 2 + self._propagate(model, rows, part, predicted, good)
+                )
+        return miss, held, errors
+
+    def _propagate(
+        self,
+        model: MuscleModel,
+        rows: States,
+        part: Part,
+        predicted: Floats,
+        good: NDArray[np.bool_],
+    ) -> Floats:
+        """Return the variance of the response that the errors of the other columns make."""
+        total = np.zeros(len(part.rows))
+        for name, errors in self.task.input_errors.items():
+            column: Floats = getattr(rows, name)
+            step = _INPUT_STEP * float(np.abs(getattr(self.task.data, name)).max() or 1.0)
+            slopes = []
+            for away in (step, -step):
+                there, held = try_response(
+                    model, rows._replace(**{name: column + away}), self.task.response
+                )
+                slopes.append(np.where(held & good, (there - predicted) / away, np.nan))
+            with np.errstate(all="ignore"):
+                both = np.where(np.isfinite(slopes[0]), slopes[0], slopes[1])
+                slope = np.where(np.isfinite(slopes).all(axis=0), 0.5 * sum(slopes), both)
+            total += np.nan_to_num(slope * errors[part.rows]) ** 2
+        return total
 
     def miss(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the search makes small: `evaluate`, huge in rows without an answer.
+        """Return what the search makes small: `evaluate`, in errors of a row if these are known.
 
-        With constants of the model, which may start far off, it is `steps` there, moved away from
-        0, so that the search finds back.
+        A row without an answer counts as `Task.worst`. In a response of
+        contraction, with constants of the model, which may start far off, it is `steps` there,
+        moved away from 0, so that the search finds back.
         """
-        miss, held = self.evaluate(point)
-        if held.all() or not self.constants:
-            return np.where(held, miss, _NO_ANSWER_MM)
-        steps = self.steps(point)
-        return np.where(held, miss, steps + np.copysign(self.muscle.length, steps))
+        miss, held, errors = self.compare(self.name_values(point))
+        if not held.all():
+            gap = np.full(miss.shape, self.task.worst)
+            if self.constants and self.task.response == "contraction":
+                steps = self.steps(point)
+                gap = steps + np.copysign(self.task.muscle.length, steps)
+            miss = np.where(held, miss, gap)
+        return miss if errors is None else miss / errors
+
+    def measure_cost(self, point: NDArray[np.float64]) -> float:
+        """Return the sum of squares in which a row without an answer is `Task.worst`."""
+        miss, held, errors = self.compare(self.name_values(point))
+        full = np.where(held, miss, self.task.worst)
+        full = full if errors is None else full / errors
+        return float(full @ full)
 
     def slope(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the derivatives of `miss`, shape (n, k).
+        """Return the derivatives of `miss`, shape (n, K).
 
-        In rows without an answer 0, or with constants of the model those of `steps`.
+        In rows without an answer 0, or those of `steps` where `miss` is that.
         """
-        residuals, held = self.evaluate(point)
-        table = np.zeros((len(self.data), len(self.free)))
-        if held.any():
-            rows = self.data.select(held)
-            table[held] = self.scales * differentiate(
-                self.build,
-                self.name_values(point),
-                bounds=self.limits,
-                scales=self.scales,
-                data=rows,
-                predicted=residuals[held] + rows.contraction,
+        task, values = self.task, self.name_values(point)
+        if task.input_errors:
+            return self._slope_directly(point)
+        residuals, held, errors = self.compare(values)
+        table = np.zeros((len(task.data), len(self.unknowns)))
+        place = {label: column for column, label in enumerate(self.unknowns)}
+        for index, (part, pairs) in enumerate(zip(task.parts, self.of_part, strict=True)):
+            good = part.rows[held[part.rows]]
+            columns = [place[label] for _, label in pairs]
+            if not good.size:
+                continue
+            table[np.ix_(good, columns)] = self.scales[columns] * differentiate(
+                functools.partial(self.build, index=index),
+                {label: values[label] for _, label in pairs},
+                bounds=self.bounds[columns],
+                scales=self.scales[columns],
+                data=task.states.select(good),
+                predicted=residuals[good] + task.measured[good],
+                response=task.response,
             )
-        if self.constants and not held.all():
+        if errors is not None:
+            table /= errors[:, None]
+        if self.constants and task.response == "contraction" and not held.all():
+            weights = 1.0 if errors is None else errors[~held]
             here = self.steps(point)
             for column, step in enumerate(self._choose_steps(point)):
                 there = point.copy()
                 there[column] += step
-                table[~held, column] = ((self.steps(there) - here) / step)[~held]
+                table[~held, column] = ((self.steps(there) - here) / step)[~held] / weights
         return np.clip(np.nan_to_num(table), -_STEEPEST, _STEEPEST)
+
+    def _slope_directly(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return central differences of `miss`, in which the weights change as well."""
+        columns = []
+        low, high = self.bounds.T / self.scales
+        for column in range(len(point)):
+            ends = []
+            for away in (-_STEP, _STEP):
+                there = point.copy()
+                there[column] = min(max(there[column] + away, low[column]), high[column])
+                ends.append((there[column], self.miss(there)))
+            (a, one), (b, other) = ends
+            columns.append((other - one) / (b - a))
+        table = np.nan_to_num(np.stack(columns, axis=-1))
+        held = self.evaluate(point)[1]
+        return np.clip(np.where(held[:, None], table, 0.0), -_STEEPEST, _STEEPEST)
+
+    def measure(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a cheap measure of the misfit, shape (n,): `steps` for the contraction."""
+        return self.steps(point) if self.task.response == "contraction" else self.miss(point)
 
     def steps(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a step of Newton's method from each measured state, shape (n,) [mm].
@@ -261,28 +628,122 @@ class Problem:
         measured one, bent to stay below half the muscle's length; that length in rows without an
         answer.
         """
-        most = 0.5 * self.muscle.length
-        try:
-            model = self.build(self.name_values(point))
-        except BozziniError:
-            return np.full(len(self.data), most)
+        task, values = self.task, self.name_values(point)
+        most = 0.5 * task.muscle.length
+        found = np.full(len(task.data), most)
+        for index, part in enumerate(task.parts):
+            try:
+                model = self.build(values, index)
+            except BozziniError:
+                continue
+            rows = task.states.select(part.rows)
+            force, held = model.try_force(rows.pressure, rows.contraction, direction=rows.branch)
+            way = None if rows.branch is None else rows.branch[held]
+            stiffness, known = try_rows(
+                model.stiffness,
+                ("pressure", rows.pressure[held]),
+                ("contraction", rows.contraction[held]),
+                way,
+            )
+            with np.errstate(all="ignore"):
+                steps = (force - rows.load)[held] / (np.abs(stiffness) + _LEAST_STIFFNESS_N_PER_MM)
+                bent = steps / np.hypot(1.0, steps / most)
+            found[part.rows[held]] = np.where(known & np.isfinite(bent), bent, most)
+        return found
 
-        def answer(rows: Measurements) -> NDArray[np.float64]:
-            force = model.force(rows.pressure, rows.contraction, direction=rows.branch)
-            stiffness = model.stiffness(rows.pressure, rows.contraction, direction=rows.branch)
-            return np.stack([force - rows.load, stiffness], axis=1)
+    def find_forces(self, point: NDArray[np.float64]) -> tuple[Floats, Floats]:
+        """Return the forces at the measured states [N], and the weights of the rows, (n,).
 
-        table, held = answer_rows(answer, self.data)
-        with np.errstate(all="ignore"):
-            steps = table[:, 0] / (np.abs(table[:, -1]) + _LEAST_STIFFNESS_N_PER_MM)
-            bent = steps / np.hypot(1.0, steps / most)
-        return np.where(held & np.isfinite(bent), bent, most)
+        A weight is 0 in a row without an answer, else 1, or for the contraction 1 over the
+        stiffness [mm/N].
+        """
+        task, values = self.task, self.name_values(point)
+        forces, weights = np.zeros(len(task.data)), np.zeros(len(task.data))
+        for index, part in enumerate(task.parts):
+            model, rows = self.build(values, index), task.states.select(part.rows)
+            force, held = model.try_force(rows.pressure, rows.contraction, direction=rows.branch)
+            forces[part.rows], weights[part.rows] = force, held
+            if task.response == "contraction":
+                stiffness = model.stiffness(rows.pressure, rows.contraction, direction=rows.branch)
+                weights[part.rows] /= np.abs(stiffness) + _LEAST_STIFFNESS_N_PER_MM
+        return forces, weights
 
     def _choose_steps(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return small steps that stay inside the bounds, in scales."""
-        return np.where(point + _STEP * 10.0 <= self.limits[:, 1] / self.scales, 1.0, -1.0) * (
+        return np.where(point + _STEP * 10.0 <= self.bounds[:, 1] / self.scales, 1.0, -1.0) * (
             _STEP * 10.0
         )
+
+
+def label_unknown(name: str, specimen: str) -> str:
+    """Return the name of an unknown that each specimen has its own value of."""
+    return f"{name}[{specimen}]"
+
+
+def assemble(
+    model_class: Callable[..., MuscleModel],
+    muscle: Muscle,
+    values: Mapping[str, float],
+    *,
+    task: Task,
+    anchor: tuple[float, float] | None,
+) -> MuscleModel:
+    """Return a model of a muscle with values of its fields, constants and end effects."""
+    ends = {name: value for name, value in values.items() if name in END_FIELDS}
+    fields = {name: value for name, value in values.items() if name in PARAMETER_UNITS}
+    own = {name: value for name, value in values.items() if name not in {*ends, *fields}}
+    model = model_class(muscle.replace(**fields) if fields else muscle, **own)
+    if anchor is not None:
+        ends["offset"] = find_offset(model, pressure=anchor[0], length=anchor[1])
+    return (task.ends.replace(**ends) if ends else task.ends).mount(model)
+
+
+def predict_parts(task: Task, build: Callable[[Part], MuscleModel]) -> Answers:
+    """Return the response at each row of a task, and which rows have one."""
+    predicted, held = np.zeros(len(task.data)), np.zeros(len(task.data), dtype=np.bool_)
+    for part in task.parts:
+        rows = task.states.select(part.rows)
+        predicted[part.rows], held[part.rows] = try_response(build(part), rows, task.response)
+    return predicted, held
+
+
+def move_model(model: MuscleModel, muscle: Muscle) -> MuscleModel:
+    """Return a model of another muscle, with the same constants and end effects."""
+    if model.muscle == muscle:
+        return model
+    if isinstance(model, MountedMuscle):
+        return model.ends.mount(move_model(model.model, muscle))
+    if isinstance(model, CatalogueModel):
+        return model.replace(muscle)
+    return replace(model, muscle=muscle)  # type: ignore[type-var]
+
+
+def list_constants(model: MuscleModel) -> dict[str, float | str]:
+    """Return the constants and choices of a model, as its class takes them; laws are left out."""
+    if isinstance(model, CatalogueModel):
+        return {name: x for name, x in model.keywords.items() if isinstance(x, (int, float, str))}
+    names = [*(item.name for item in model.list_parameters()), *model.choices]
+    return {name: getattr(model, name) for name in names if name not in list_quantities(Muscle)}
+
+
+def change_model(
+    model: MuscleModel, values: Mapping[str, float], *, anchor: tuple[float, float] | None = None
+) -> MuscleModel:
+    """Return a model with other values of muscle, constants and ends; an anchor sets the offset."""
+    ends = EndEffects()
+    if isinstance(model, MountedMuscle):
+        model, ends = model.model, model.ends
+    of_ends = {name: value for name, value in values.items() if name in END_FIELDS}
+    fields = {name: value for name, value in values.items() if name in PARAMETER_UNITS}
+    own = {name: x for name, x in values.items() if name not in {*of_ends, *fields}}
+    muscle = model.muscle.replace(**fields)
+    if isinstance(model, CatalogueModel):
+        model = model.replace(muscle, **own)
+    else:
+        model = replace(model, muscle=muscle, **own)  # type: ignore[type-var]
+    if anchor is not None:
+        of_ends["offset"] = find_offset(model, pressure=anchor[0], length=anchor[1])
+    return ends.replace(**of_ends).mount(model)
 
 
 def differentiate(
@@ -291,30 +752,34 @@ def differentiate(
     *,
     bounds: NDArray[np.float64],
     scales: NDArray[np.float64],
-    data: Measurements,
+    data: _Columns,
     predicted: NDArray[np.float64],
+    response: Response = "contraction",
 ) -> NDArray[np.float64]:
-    """Return the derivatives of contraction by the parameters, shape (n, k).
+    """Return the derivatives of a response by the parameters, shape (n, k).
 
-    By the theorem of implicit functions, dx/dp = (dF/dp) / stiffness: the one is a difference of
-    the force, which has a closed form in `EnergyMuscle`, the other the model's own. For a model
-    without force, or where a difference leaves its domain, they are differences of the contraction.
+    Of the contraction by the theorem of implicit functions, dx/dp = (dF/dp) / stiffness: the one is
+    a difference of the force, which has a closed form in `EnergyMuscle`, the other the model's own.
+    Of other responses, for a model without force, or where a difference leaves its domain, they are
+    differences of the response.
     """
     pairs = []
     for (name, value), (low, high), scale in zip(values.items(), bounds, scales, strict=True):
         step = _STEP * max(scale, abs(value))  # the start may have been next to 0
         pairs.append((name, max(low, value - step), min(high, value + step)))
-    try:
-        return _differentiate_implicitly(build, values, pairs, data, predicted)
-    except (BozziniError, ZeroDivisionError, FloatingPointError):
-        return _differentiate_directly(build, values, pairs, data)
+    if response == "contraction":
+        try:
+            return _differentiate_implicitly(build, values, pairs, data, predicted)
+        except (BozziniError, ZeroDivisionError, FloatingPointError):
+            pass
+    return _differentiate_directly(build, values, pairs, data, predicted, response)
 
 
 def _differentiate_implicitly(
     build: Callable[[Mapping[str, float]], MuscleModel],
     values: Mapping[str, float],
     pairs: Sequence[tuple[str, float, float]],
-    data: Measurements,
+    data: _Columns,
     predicted: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     at, branch = (data.pressure, predicted), data.branch
@@ -332,21 +797,29 @@ def _differentiate_directly(
     build: Callable[[Mapping[str, float]], MuscleModel],
     values: Mapping[str, float],
     pairs: Sequence[tuple[str, float, float]],
-    data: Measurements,
+    data: _Columns,
+    predicted: NDArray[np.float64],
+    response: Response,
 ) -> NDArray[np.float64]:
-    at, branch = (data.pressure, data.load), data.branch
+    """Return central differences, to one side where the other has no answer, 0 without any."""
     columns = []
     for name, low, high in pairs:
-        less, more = (
-            build({**values, name: x}).contraction(*at, direction=branch) for x in (low, high)
-        )
-        columns.append((more - less) / (high - low))
+        ends = []
+        for x in (low, high):
+            try:
+                found, held = try_response(build({**values, name: x}), data, response)
+            except BozziniError:  # such a value is not legal
+                found, held = predicted, np.zeros(len(predicted), dtype=np.bool_)
+            ends.append((np.where(held, found, predicted), np.where(held, x, values[name])))
+        (one, a), (other, b) = ends
+        with np.errstate(all="ignore"):
+            columns.append(np.where(b > a, (other - one) / (b - a), 0.0))
     return np.stack(columns, axis=-1)
 
 
 _TRIALS = 16  # points at which the data are examined
 _UNTOLD = 1e-5  # of a column of the Jacobian: what is left once those before it are taken off
-_NO_EFFECT = 1e-9  # largest change of contraction by a step of an unknown that counts as none [mm]
+_NO_EFFECT = 1e-9  # largest change by a step of an unknown that counts as none, of the span or [mm]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -411,11 +884,7 @@ def name_default_fields(model_class: Callable[..., MuscleModel]) -> tuple[str, .
 
 
 def choose_unknowns(
-    model_class: Callable[..., MuscleModel],
-    muscle: Muscle,
-    data: Measurements,
-    *,
-    fields: tuple[str, ...] | None = None,
+    model_class: Callable[..., MuscleModel], task: Task, *, fields: tuple[str, ...] | None = None
 ) -> Unknowns:
     """Return what can be fitted of a model to such data.
 
@@ -424,12 +893,14 @@ def choose_unknowns(
     where the fit would start.
     """
     wanted = name_default_fields(model_class) if fields is None else fields
+    muscle = task.muscle
     kind, given = split_model(model_class)
     known = list_own(model_class)
     wanted = tuple(name for name in wanted if name not in {*known, *given})
     if kind is None and not any(item.source == "fitted" for item in known.values()):
         return Unknowns(fields=wanted, start={}, held={}, build=model_class)
     muscle = muscle.fill(wanted)
+    task = replace(task, muscle=muscle)
     begin = guess_constants(model_class, muscle)
     guess = {**begin, **given}
     held = {} if kind is None else _find_unsupported(kind, given)
@@ -446,10 +917,9 @@ def choose_unknowns(
         return Unknowns(fields=(), start={}, held=held, build=build)
     problem = Problem(
         model_class=build,
-        muscle=muscle,
+        task=replace(task, each=()),
         free=names,
-        data=data,
-        limits=choose_bounds(names, muscle, {}, own),
+        limits=choose_bounds(names, task, {}, own),
         constants=start,
     )
     undetermined = _find_undetermined(problem)
@@ -487,7 +957,8 @@ def draw_point(problem: Problem, random: np.random.Generator) -> NDArray[np.floa
     1/100 and 3, of either sign if that is legal.
     """
     values = []
-    for (name, value), (low, _) in zip(problem.start.items(), problem.limits, strict=True):
+    starts = zip(problem.names, problem.start.values(), problem.bounds, strict=True)
+    for name, value, (low, _) in starts:
         factor = 4.0 ** random.uniform(-1.0, 1.0)
         if name not in problem.constants:
             factor = 1.25 ** random.uniform(-1.0, 1.0)
@@ -495,7 +966,7 @@ def draw_point(problem: Problem, random: np.random.Generator) -> NDArray[np.floa
             value = 1.0 if low >= 0.0 else float(random.choice([-1.0, 1.0]))
             factor = 10.0 ** random.uniform(-2.0, 0.5)
         values.append(value * factor)
-    return np.asarray(np.clip(np.array(values), *problem.limits.T) / problem.scales)
+    return np.asarray(np.clip(np.array(values), *problem.bounds.T) / problem.scales)
 
 
 def _hold(

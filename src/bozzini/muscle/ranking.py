@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
+import pickle
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -18,17 +21,29 @@ from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import Muscle, check_muscle, preset
-from .fit import Calibration, FitOptions, calibrate, find_minimum
+from .fit import Calibration, FitOptions, conclude, find_minimum, find_poor, fit_task
 from .model import MuscleModel
 from .models import MODELS
 from .problem import (
+    END_FIELDS,
+    Answers,
+    Clock,
+    OutOfTimeError,
+    Part,
     Problem,
+    Response,
+    Task,
     Unknowns,
+    assemble,
     choose_bounds,
     choose_unknowns,
+    explain_gap,
+    find_states,
+    label_unknown,
     list_own,
     list_unused,
-    predict_contraction,
+    move_model,
+    predict_parts,
 )
 from .table import take_measurements
 
@@ -37,6 +52,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LEAST_CONTRACTION_MM = 1e-3  # largest contraction that errors can be a percentage of [mm]
+_LEAST_SPAN = 1e-9  # the same of other responses [N], [MPa]
 
 
 Criterion = Literal["aicc", "bic", "cv"]
@@ -48,50 +64,67 @@ CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 class ModelScore:
     """How near one model comes to the measurements.
 
+    All in the unit of the response. A row that the model has no answer for counts with the span of
+    the measured response, or the largest if that is more.
+
     Parameters
     ----------
     name : str
+    unit : str
+        The unit of the response: mm, N or MPa.
     standard_error : float
-        ``sqrt(sum(r^2) / (n - k))`` with k parameters fitted to these very data [mm].
+        ``sqrt(sum(r^2) / (n - k))`` with k parameters fitted to these very data.
     standard_error_percent : float
-        The same as a percentage of the largest measured contraction: the thesis's measure
-        (section 3.3.4), which does not define its standard error further.
+        The same as a percentage of the largest measured response: of contractions the thesis's
+        measure (section 3.3.4), which does not define its standard error further.
     rmse : float
-        ``sqrt(mean(r^2))`` [mm].
+        ``sqrt(mean(r^2))``.
     bias : float
-        Mean of model less measurement [mm].
+        Mean of model less measurement, at the rows that have an answer.
     largest : float
-        Largest difference, without sign [mm].
+        Largest difference, without sign.
     predicted : ndarray, shape (n,)
-        Contraction of the model at each row [mm].
+        Response of the model at each row; the measured one where it has none.
+    answered : ndarray of bool, shape (n,)
+        Which rows the model has an answer for.
     """
 
     name: str
+    unit: str
     standard_error: float
     standard_error_percent: float
     rmse: float
     bias: float
     largest: float
     predicted: NDArray[np.float64]
+    answered: NDArray[np.bool_]
 
     def to_dict(self) -> Json:
         """Return the score as plain values, with units in the names."""
         return {
             "model": self.name,
-            "standard_error_mm": self.standard_error,
+            f"standard_error_{self.unit}": self.standard_error,
             "standard_error_percent": self.standard_error_percent,
-            "rmse_mm": self.rmse,
-            "bias_mm": self.bias,
-            "largest_error_mm": self.largest,
+            f"rmse_{self.unit}": self.rmse,
+            f"bias_{self.unit}": self.bias,
+            f"largest_error_{self.unit}": self.largest,
+            "rows_answered": int(self.answered.sum()),
         }
 
     def format_row(self, wide: int) -> str:
         """Return the score as a row of a table whose first column is so wide."""
+        unit = f"{self.unit:<2}"
         return (
-            f"{self.name:<{wide}}  {self.standard_error:6.3f} mm"
-            f"{self.standard_error_percent:5.1f} %{self.rmse:7.3f} mm"
-            f"{self.bias:+7.3f} mm{self.largest:7.3f} mm"
+            f"{self.name:<{wide}}  {self.standard_error:6.3f} {unit}"
+            f"{self.standard_error_percent:5.1f} %{self.rmse:7.3f} {unit}"
+            f"{self.bias:+7.3f} {unit}{self.largest:7.3f} {unit}"
         )
+
+    @property
+    def gaps(self) -> str:
+        """At how many rows there is an answer, in words; empty if at all."""
+        count, rows = int(self.answered.sum()), len(self.answered)
+        return "" if count == rows else f"{count:,} of {rows:,} rows"
 
 
 def list_columns(rows: Sequence[dict[str, object]]) -> dict[str, list[object]]:
@@ -131,12 +164,14 @@ class ScoredModels(Result):
 
     @property
     def residual(self) -> float:
-        """Smallest root mean square of all models [mm]; infinite without any."""
+        """Smallest root mean square of all models [unit of the response]; infinite without any."""
         return min((score.rmse for score in self._list_scores()), default=math.inf)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the models' root mean squares as bars, the best first, and return the axes."""
-        axes, scores = take_axes(ax, x="root mean square error [mm]", y=""), self._list_scores()
+        scores = self._list_scores()
+        unit = scores[0].unit if scores else "mm"
+        axes = take_axes(ax, x=f"root mean square error [{unit}]", y="")
         axes.barh([score.name for score in scores], [score.rmse for score in scores])
         axes.invert_yaxis()
         return axes
@@ -151,18 +186,21 @@ class Comparison(ScoredModels):
     data : Measurements
     scores : tuple of ModelScore
     refusals : dict
-        Models that have no answer for some row, and why.
+        Models that have no answer for any row, and why.
+    response : str
+        What was compared.
     """
 
     data: Measurements
     scores: tuple[ModelScore, ...]
     refusals: dict[str, str]
+    response: Response = "contraction"
 
     def format_table(self) -> str:
         """Return the scores as a table of text."""
         wide = max([5, *(len(score.name) for score in self.scores)])
         lines = [f"{'model':<{wide}}  standard error      RMSE      bias   largest"]
-        lines += [score.format_row(wide) for score in self.scores]
+        lines += [f"{score.format_row(wide)}  {score.gaps}".rstrip() for score in self.scores]
         lines += [f"{name}: no answer: {reason}" for name, reason in self.refusals.items()]
         return "\n".join(lines)
 
@@ -180,18 +218,23 @@ def compare_models(
     *,
     fitted: Mapping[str, int] | None = None,
     refusals: Mapping[str, str] | None = None,
+    response: Response | None = None,
 ) -> Comparison:
-    """Compare the contractions of models with the measured ones.
+    """Compare the answers of models with the measured ones.
 
     Parameters
     ----------
     models : mapping of str to MuscleModel
-        The models by the name to show.
+        The models by the name to show. Of a specimen whose geometry is measured, the model is that
+        of a muscle with this geometry.
     data : Measurements
     fitted : mapping of str to int, optional
         How many parameters of a model were fitted to these data; 0 by default.
     refusals : mapping of str to str, optional
         Models without an answer already before, in their calibration for example, and why.
+    response : str, optional
+        What is compared: ``"force"``, ``"contraction"`` or ``"pressure"``; that of the data by
+        default.
 
     Raises
     ------
@@ -208,46 +251,59 @@ def compare_models(
     refused = dict(refusals or {})
     if not models and not refused:
         raise InputError("there are 0 models to compare: give 1 or more")
-    check_largest(data)
+    chosen: Response = data.response if response is None else response
     scores = []
     for name, model in models.items():
         count = check_integer(
             f"number of parameters fitted in {name}", counts.get(name, 0), low=0, high=len(data) - 1
         )
+        task = Task(muscle=model.muscle, data=data, response=chosen)
+        task.check()
+        check_largest(task)
         try:
-            predicted = predict_contraction(model, data)
+            predicted, held = predict_parts(
+                task,
+                lambda part, model=model: move_model(model, part.muscle),  # type: ignore[misc]
+            )
         except BozziniError as error:
             refused[name] = str(error)
             continue
-        scores.append(score_model(name, predicted, data, fitted=count))
+        if not held.any():
+            refused[name] = explain_gap(model, data, chosen)
+            continue
+        scores.append(score_model(name, (predicted, held), task, fitted=count))
     scores.sort(key=lambda score: score.standard_error)
-    return Comparison(data=data, scores=tuple(scores), refusals=refused)
+    return Comparison(data=data, scores=tuple(scores), refusals=refused, response=chosen)
 
 
-def check_largest(data: Measurements) -> None:
-    """Raise `InputError` if the largest contraction is below a micrometre."""
-    if not data.largest_contraction >= _LEAST_CONTRACTION_MM:
+def check_largest(task: Task) -> None:
+    """Raise `InputError` if there is no response that errors could be a percentage of."""
+    largest = float(task.measured.max())
+    least = _LEAST_CONTRACTION_MM if task.response == "contraction" else _LEAST_SPAN
+    if not largest >= least:
         raise InputError(
-            f"the largest contraction is {data.largest_contraction:g} mm: it must be "
-            f"{_LEAST_CONTRACTION_MM:g} mm or more, since errors are percentages of it"
+            f"the largest {task.response} is {largest:g} {task.unit}: it must be "
+            f"{least:g} {task.unit} or more, since errors are percentages of it"
         )
 
 
-def score_model(
-    name: str, predicted: NDArray[np.float64], data: Measurements, *, fitted: int
-) -> ModelScore:
-    """Return how near predicted contractions [mm] of shape (n,) come to the measured ones."""
-    error = predicted - data.contraction
-    squares = float(error @ error)
-    standard = float(np.sqrt(squares / (len(data) - fitted)))
+def score_model(name: str, answers: Answers, task: Task, *, fitted: int) -> ModelScore:
+    """Return how near predicted responses come to the measured ones."""
+    predicted, held = answers
+    difference = np.where(held, predicted - task.measured, 0.0)
+    error = np.where(held, difference, task.worst)
+    squares, rows = float(error @ error), len(error)
+    standard = float(np.sqrt(squares / (rows - fitted)))
     return ModelScore(
         name=name,
+        unit=task.unit,
         standard_error=standard,
-        standard_error_percent=100.0 * standard / data.largest_contraction,
-        rmse=float(np.sqrt(squares / len(data))),
-        bias=float(error.mean()),
+        standard_error_percent=100.0 * standard / float(task.measured.max()),
+        rmse=float(np.sqrt(squares / rows)),
+        bias=float(difference[held].mean()) if held.any() else 0.0,
         largest=float(np.abs(error).max()),
-        predicted=predicted,
+        predicted=np.where(held, predicted, task.measured),
+        answered=held,
     )
 
 
@@ -293,7 +349,13 @@ def _weigh_misfit(squares: float, rows: int) -> float:
     return rows * math.log(number / rows)
 
 
-_TOLERANCE = 1e-6  # difference of pressures that counts as none [MPa]
+LeaveOut = Literal["rows", "specimen", "pressure"]
+LEAVE_OUTS: tuple[LeaveOut, ...] = get_args(LeaveOut)
+"""What is left out of a fit at a time: rows dealt at random, a specimen, a level of pressure."""
+
+_LEVEL_SHARE = 0.02  # of the largest pressure: neighbours that are farther apart are two levels
+_MOST_LEVELS = 20  # if there are more or fewer than 2, the pressures are cut into bands
+_BANDS = 10  # of equal width
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -303,9 +365,14 @@ class CrossValidation:
     Parameters
     ----------
     error : float
-        Root mean square over all rows, each left out once [mm]; infinite if there is a `reason`.
+        Root mean square over all rows, each left out once [unit of the response]; infinite if there
+        is a `reason`. A row without an answer counts with `Task.worst`.
     errors : ndarray, shape (f,)
         The same of each fold; infinite in the folds that failed.
+    names : tuple of str
+        What was left out in each.
+    gaps : int
+        How many rows had no answer.
     reason : str
         Why a fold has no error, the first one that has none; empty if all have.
     unsettled : int
@@ -314,62 +381,88 @@ class CrossValidation:
 
     error: float
     errors: NDArray[np.float64]
+    names: tuple[str, ...] = ()
+    gaps: int = 0
     reason: str = ""
     unsettled: int = 0
 
 
-def split_rows(data: Measurements, *, folds: int, seed: int = 0) -> tuple[NDArray[np.bool_], ...]:
+Folds = Mapping[str, NDArray[np.bool_]]
+"""The rows left out in each turn, by what they are."""
+
+
+def split_rows(task: Task, *, folds: int, seed: int = 0) -> dict[str, NDArray[np.bool_]]:
     """Deal the rows into folds at random; rows that repeat a state stay in one."""
-    states, of_row = _find_states(data)
+    states, of_row = find_states(task)
     if folds > states:
         raise InputError(f"folds is {folds}: there are {states} different state(s) to deal")
     order = np.random.default_rng(seed).permutation(states)
     fold_of = np.empty(states, dtype=np.int64)
     fold_of[order] = np.arange(states) % folds
-    return tuple(fold_of[of_row] == fold for fold in range(folds))
+    return {f"fold {fold + 1}": fold_of[of_row] == fold for fold in range(folds)}
 
 
-def count_states(data: Measurements) -> int:
-    """Return how many different states the rows have: pressure, load and direction."""
-    return _find_states(data)[0]
-
-
-def _find_states(data: Measurements) -> tuple[int, NDArray[np.int64]]:
-    """Return how many states there are, and which one each row has, shape (n,)."""
-    keys = list(
-        zip(
-            np.round(data.pressure / _TOLERANCE).tolist(),
-            data.load.tolist(),
-            data.direction.tolist(),
-            strict=True,
+def split_specimens(task: Task) -> dict[str, NDArray[np.bool_]]:
+    """Return the rows of each specimen."""
+    data = task.data
+    found = {name: data.specimen == name for name in data.list_specimens()}
+    if len(found) < 2:
+        raise InputError(
+            f"there is {len(found)} specimen: to leave one out there must be 2 or more"
         )
-    )
-    states = {key: index for index, key in enumerate(dict.fromkeys(keys))}
-    return len(states), np.array([states[key] for key in keys])
+    return found
+
+
+def split_pressures(task: Task) -> dict[str, NDArray[np.bool_]]:
+    """Return the rows of each level of pressure.
+
+    Pressures are one level if none of their neighbours, in order, is farther than 2 % of the
+    largest; with fewer than 2 or more than 20 levels they are ten bands of equal width instead.
+    """
+    pressure = task.data.pressure
+    order = np.argsort(pressure, kind="stable")
+    far = np.diff(pressure[order]) > _LEVEL_SHARE * pressure.max()
+    level = np.empty(len(pressure), dtype=np.int64)
+    level[order] = np.concatenate([[0], np.cumsum(far)])
+    if not 2 <= level.max() + 1 <= _MOST_LEVELS:
+        width = float(np.ptp(pressure)) / _BANDS or 1.0
+        level = np.minimum((pressure - pressure.min()) // width, _BANDS - 1).astype(np.int64)
+    found = {}
+    for each in np.unique(level).tolist():
+        rows = level == each
+        low, high = 1e3 * pressure[rows].min(), 1e3 * pressure[rows].max()
+        found[f"{low:.0f} to {high:.0f} kPa"] = rows
+    if len(found) < 2:
+        raise InputError(
+            "the rows are of 1 level of pressure: to leave one out there must be 2 or more"
+        )
+    return found
 
 
 def cross_validate(
-    fit: Callable[[Measurements], tuple[MuscleModel, bool]],
-    data: Measurements,
-    parts: tuple[NDArray[np.bool_], ...],
+    fit: Callable[[Task], tuple[Callable[[Part], MuscleModel], bool]], task: Task, folds: Folds
 ) -> CrossValidation:
-    """Return the error at rows left out, each part in turn."""
-    squares, reason, unsettled = [], "", 0
-    for part in parts:
-        rows = data.select(part)
+    """Return the error at rows left out, each fold in turn."""
+    squares, reason, unsettled, gaps = [], "", 0, 0
+    for part in folds.values():
+        rows = task.select(part)
         try:
-            model, settled = fit(data.select(~part))
+            build, settled = fit(task.select(~part))
             unsettled += not settled
-            miss = predict_contraction(model, rows) - rows.contraction
+            predicted, held = predict_parts(rows, build)
+            miss = np.where(held, predicted - rows.measured, task.worst)
+            gaps += int((~held).sum())
             squares.append(float(miss @ miss))
         except BozziniError as error:
             squares.append(math.inf)
             reason = reason or str(error)
-    counts = np.array([part.sum() for part in parts])
+    counts = np.array([part.sum() for part in folds.values()])
     total = np.array(squares)
     return CrossValidation(
         error=float(np.sqrt(total.sum() / counts.sum())),
         errors=np.sqrt(total / counts),
+        names=tuple(folds),
+        gaps=gaps,
         reason=reason,
         unsettled=unsettled,
     )
@@ -422,7 +515,7 @@ class RankedModel:
 
     @property
     def validation_error(self) -> float:
-        """Root mean square of the rows left out [mm]; infinite where it could not be had."""
+        """Root mean square of the rows left out; infinite where it could not be had."""
         found = self.validation
         return math.inf if found is None or found.reason else found.error
 
@@ -443,9 +536,12 @@ class RankedModel:
             "bic": self.bic,
             "weight": self.weight,
             "parameters": self.parameters,
-            "left_out_mm": self.validation_error,
+            f"left_out_{self.score.unit}": self.validation_error,
             "left_out_reason": "" if left_out is None else left_out.reason,
             "left_out_not_converged": 0 if left_out is None else left_out.unsettled,
+            "left_out_each": {}
+            if left_out is None
+            else dict(zip(left_out.names, left_out.errors.tolist(), strict=True)),
             "same_as": self.same_as,
             "held": self.held,
             **fit,
@@ -453,10 +549,11 @@ class RankedModel:
 
     @property
     def doubt(self) -> str:
-        """Which fits did not converge, in words; empty if all did."""
-        words = []
+        """Which fits did not converge or have gaps, in words; empty if none."""
+        words = [self.score.gaps] if self.score.gaps else []
         if self.calibration is not None and not self.calibration.converged:
-            words.append("not converged")
+            stopped = self.calibration.reason.startswith("stopped")
+            words.append("stopped" if stopped else "not converged")
         folds = 0 if self.validation is None else self.validation.unsettled
         if folds:
             words.append(f"{folds} of the folds not converged")
@@ -479,6 +576,10 @@ class Ranking(ScoredModels):
         Of the cross-validation; 0 for none.
     seed : int
         Of folds and starts.
+    task : Task
+        What the models were fitted to, and in which response.
+    leave_out : str
+        One of `LEAVE_OUTS`.
     """
 
     data: Measurements
@@ -487,6 +588,16 @@ class Ranking(ScoredModels):
     criterion: Criterion
     folds: int
     seed: int
+    task: Task
+    leave_out: LeaveOut = "rows"
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether the model that comes nearest is poor in absolute terms, see `find_poor`."""
+        if not self.models:
+            return True
+        best = min(self.models, key=lambda entry: entry.score.rmse)
+        return best.score.rmse > find_poor(self.task)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -507,6 +618,14 @@ class Ranking(ScoredModels):
             if entry.validation is not None and entry.validation.reason:
                 reason = entry.validation.reason
                 lines.append(f"{entry.name}: no error of the rows left out{last}: {reason}")
+        if self.models and self.is_poor:
+            best = min(entry.score.rmse for entry in self.models)
+            lines.append(
+                f"no model fits: the nearest is off by {best:.3g} {self.task.unit}, "
+                f"{100.0 * best / self.task.span:.0f} % of the span of the measured "
+                f"{self.task.response}; above {find_poor(self.task):.3g} {self.task.unit} a fit is "
+                "poor"
+            )
         return tuple(lines)
 
     def format_table(self) -> str:
@@ -524,7 +643,11 @@ class Ranking(ScoredModels):
             line = entry.score.format_row(wide)
             if self.folds:
                 error = entry.validation_error
-                line += f"{error:7.3f} mm" if math.isfinite(error) else f"{'none':>10}"
+                line += (
+                    f"{error:7.3f} {entry.score.unit:<2}"
+                    if math.isfinite(error)
+                    else f"{'none':>10}"
+                )
             above = f"{entry.aicc - best['aicc']:7.1f}" if math.isfinite(entry.aicc) else "   none"
             counted = counts.get(entry.same_as) != entry.parameters
             weight = f"{entry.weight:.3f}" if counted else f"({entry.weight:.3f})"
@@ -541,6 +664,9 @@ class Ranking(ScoredModels):
             "ranked_by": self.criterion,
             "folds": self.folds,
             "seed": self.seed,
+            "response": self.task.response,
+            "left_out": self.leave_out,
+            "poor": self.is_poor,
             "notes": self.notes,
         }
         return super().to_dict() | {name: to_plain(value) for name, value in values.items()}
@@ -563,10 +689,10 @@ class Ranking(ScoredModels):
 
 
 _FOLDS = 5
-_FLOOR = 1e-9  # of the largest contraction: residuals below may be those of the solver
+_FLOOR = 1e-9  # of the largest response: residuals below may be those of the solver
 _EVALUATIONS = 50  # of the fit to a fold, which starts at that to all rows
 _BETTER = 1e-3  # relative decrease of the sum of squares for which a fit begins anew
-_SAME_CURVE = 1e-7  # of the largest contraction: curves that differ by less are the same
+_SAME_CURVE = 1e-7  # of the largest response: curves that differ by less are the same
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -576,21 +702,33 @@ class RankOptions:
     Parameters
     ----------
     fields : tuple of str, optional
-        Fields of the muscle to fit in each model that uses them. By default modulus and dead
-        length in `EnergyMuscle`, modulus and end length in `ThesisMuscle`, the modulus in others.
+        Fields of the muscle to fit in each model that uses them, and end effects to fit in all. By
+        default modulus and dead length in `EnergyMuscle`, modulus and end length in `ThesisMuscle`,
+        the modulus in others.
     criterion : str
         What to rank by: ``"aicc"``, ``"bic"``, or ``"cv"`` for the rows left out.
+    leave_out : str
+        What is left out of the fit at a time, for validation: ``"rows"``, dealt into folds at
+        random; ``"specimen"``; or ``"pressure"``, a level of it. Nothing is fitted to what is left
+        out: what each specimen has its own value of is, for one left out, as measured of it if
+        that is in the table, else the mean of the others.
     folds : int, optional
-        Parts that the rows are dealt into for cross-validation, at least 2; 0 for none. Rows that
-        repeat a state stay together. 5 by default, or as many as there are states if fewer.
-    seed : int
-        Of the folds, and of the starts of the fits.
+        Of rows left out, parts that they are dealt into, at least 2; 0 for none. Rows that repeat a
+        state stay together. 5 by default, or as many as there are states if fewer.
+    jobs : int
+        Models fitted at the same time, each by a process of its own.
+    fit : FitOptions
+        Response, end effects, what each specimen has its own value of, seed of the folds and
+        starts, and the processor time that a model may take, 60 s by default; validation
+        included. Its bounds and starts are not used.
     """
 
     fields: tuple[str, ...] | None = None
     criterion: Criterion = "aicc"
+    leave_out: LeaveOut = "rows"
     folds: int | None = None
-    seed: int = 0
+    jobs: int = 1
+    fit: FitOptions = field(default_factory=lambda: FitOptions(budget=60.0))
 
 
 DEFAULT_OPTIONS = RankOptions()
@@ -610,7 +748,9 @@ def rank(
 
     Every model is fitted with what is unknown of it, see `calibrate`; a model without unknowns is
     taken as it is. So that models with many constants do not win by them alone, they are ranked by
-    an information criterion or by the rows left out of the fit.
+    an information criterion or by the rows left out of the fit. A row that a model has no answer
+    for counts with the span of the measured response, or the largest if that is more, so that no
+    model wins by its gaps.
 
     Parameters
     ----------
@@ -633,7 +773,7 @@ def rank(
     -------
     Ranking
         Models that cannot be fitted are in `Ranking.refusals`: a law is missing, the model has no
-        answer for a row, or it is another package's that is broken.
+        answer for any row, or it is another package's that is broken.
 
     Raises
     ------
@@ -642,42 +782,94 @@ def rank(
         contraction is below 0.001 mm, there are fewer states than folds, or none is left out and
         the criterion is ``"cv"``.
     """
-    criterion, folds, seed = options.criterion, options.folds, options.seed
+    criterion, seed = options.criterion, options.fit.seed
     muscle = preset("effector-45") if muscle is None else muscle
     check_muscle(muscle)
-    data = take_measurements(data, muscle=muscle)
     names, kinds = _take_models(models)
     refused = dict(refusals or {})
     if not names and not refused:
         raise InputError("there are 0 models to rank: give 1 or more")
     check_word("criterion", criterion, CRITERIA)
-    seed = check_integer("seed", seed, low=0)
-    check_largest(data)
-    parts = _choose_parts(data, folds, seed)
-    if criterion == "cv" and not parts:
-        if folds is None:
+    check_word("leave_out", options.leave_out, LEAVE_OUTS)
+    check_integer("seed", seed, low=0)
+    check_integer("jobs", options.jobs, low=1, high=64)
+    task = options.fit.make_task(muscle, take_measurements(data, muscle=muscle))
+    check_largest(task)
+    folds = _choose_folds(task, options)
+    if criterion == "cv" and not folds:
+        if options.folds is None:
             raise InputError(
                 "the rows are of 1 state: to rank by the rows left out there must be 2 or more "
                 "different ones"
             )
-        raise InputError(f"folds is {folds}: to rank by the rows left out it must be 2 or more")
+        raise InputError(
+            f"folds is {options.folds}: to rank by the rows left out it must be 2 or more"
+        )
     entries = []
-    for index, name in enumerate(names):
-        progress(f"fitting {name}", index / len(names))
-        try:
-            entries.append(_fit_model(name, kinds[name], muscle, data, options, parts))
-        except BozziniError as error:
-            refused[name] = str(error)
+    for name, found in _fit_all(names, kinds, task, options, folds, progress):
+        if isinstance(found, RankedModel):
+            entries.append(found)
+        else:
+            refused[name] = found
     progress("fitted", 1.0)
     entries.sort(key=lambda entry: _order(entry, criterion))
     return Ranking(
-        data=data,
-        models=_finish(entries, data),
-        refusals=refused,
+        data=task.data,
+        models=_finish(entries, task),
+        refusals={name: refused[name] for name in (*(refusals or {}), *names) if name in refused},
         criterion=criterion,
-        folds=len(parts),
+        folds=len(folds),
         seed=seed,
+        task=task,
+        leave_out=options.leave_out,
     )
+
+
+def _fit_all(
+    names: list[str],
+    kinds: Mapping[str, Callable[..., MuscleModel]],
+    task: Task,
+    options: RankOptions,
+    folds: Folds,
+    progress: Progress,
+) -> Iterator[tuple[str, RankedModel | str]]:
+    """Yield each model as fitted, or why it is not; in processes if there are to be several."""
+    alone = list(names)
+    if options.jobs > 1:
+        alone = [name for name in names if not _is_portable(kinds[name])]
+        apart = [name for name in names if name not in alone]
+        # A forked process would inherit the locks of the threads of compiled loops.
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
+            todo = {
+                pool.submit(_try_model, name, kinds[name], task, options, folds): name
+                for name in apart
+            }
+            for count, future in enumerate(as_completed(todo)):
+                progress(f"fitted {todo[future]}", count / len(names))
+                yield todo[future], future.result()
+    for index, name in enumerate(alone, start=len(names) - len(alone)):
+        progress(f"fitting {name}", index / len(names))
+        yield name, _try_model(name, kinds[name], task, options, folds)
+
+
+def _is_portable(kind: Callable[..., MuscleModel]) -> bool:
+    """Whether another process can be given what makes a model."""
+    try:
+        pickle.dumps(kind)
+    except Exception:  # pickle raises many kinds
+        return False
+    return True
+
+
+def _try_model(
+    name: str, kind: Callable[..., MuscleModel], task: Task, options: RankOptions, folds: Folds
+) -> RankedModel | str:
+    """Return a model as fitted, or why it is not."""
+    try:
+        return _fit_model(name, kind, task, options, folds)
+    except BozziniError as error:
+        return str(error)
 
 
 def _take_models(
@@ -709,124 +901,171 @@ def _take_models(
     return [*dict.fromkeys(models)], MODELS
 
 
-def _choose_parts(
-    data: Measurements, folds: int | None, seed: int
-) -> tuple[NDArray[np.bool_], ...]:
+def _choose_folds(task: Task, options: RankOptions) -> Folds:
     """Return the rows left out in each turn; none without cross-validation."""
+    folds = options.folds
+    if folds is not None:
+        check_integer("folds", folds, low=0)
+        if folds == 1:
+            raise InputError("folds is 1: it must be 2 or more, or 0 for no cross-validation")
+    if options.leave_out != "rows":
+        if folds is not None:
+            raise InputError(
+                f"folds is {folds}: it has no effect where a {options.leave_out} is left out"
+            )
+        split = split_specimens if options.leave_out == "specimen" else split_pressures
+        return split(task)
     if folds is None:
-        states = count_states(data)
+        states = find_states(task)[0]
         folds = 0 if states < 2 else min(_FOLDS, states)
-    check_integer("folds", folds, low=0)
-    if folds == 1:
-        raise InputError("folds is 1: it must be 2 or more, or 0 for no cross-validation")
-    return split_rows(data, folds=folds, seed=seed) if folds else ()
+    return split_rows(task, folds=folds, seed=options.fit.seed) if folds else {}
 
 
 def _fit_model(
-    name: str,
-    kind: Callable[..., MuscleModel],
-    muscle: Muscle,
-    data: Measurements,
-    options: RankOptions,
-    parts: tuple[NDArray[np.bool_], ...],
+    name: str, kind: Callable[..., MuscleModel], task: Task, options: RankOptions, folds: Folds
 ) -> RankedModel:
     wanted = options.fields
     if wanted is not None:
-        wanted = tuple(field for field in wanted if field not in list_unused(kind))
-    unknowns = choose_unknowns(kind, muscle, data, fields=wanted)
-    count = len(unknowns.free)
+        unused = list_unused(kind)
+        wanted = tuple(field for field in wanted if field in END_FIELDS or field not in unused)
+    clock = Clock(options.fit.budget)
+    unknowns = choose_unknowns(kind, task, fields=wanted)
+    task = replace(
+        task,
+        muscle=task.muscle.fill(unknowns.free),
+        each=tuple(each for each in task.each if each in unknowns.free),
+    )
     found: Calibration | None = None
-    if count:
-        found = calibrate(
-            unknowns.build,
-            muscle,
-            data=data,
-            free=unknowns.free,
-            options=FitOptions(force=True, seed=options.seed),
-        )
-    validation, better = _validate(unknowns, found, muscle, data, parts)
+    if unknowns.free:
+        how = replace(options.fit, bounds={}, start={}, force=True, each=task.each)
+        found = fit_task(unknowns.build, task, free=unknowns.free, options=how, clock=clock)
+    validation, better = _validate(unknowns, found, task, folds, clock)
     if found is not None and better is not None:  # the fit to all rows was caught on its way
-        again = _refit(unknowns, better, muscle, data)
-        if again.sigma < found.sigma:
+        again = _refit(unknowns, better, task, clock)
+        if again.squares < found.squares:
             found = again
-            validation, _ = _validate(unknowns, found, muscle, data, parts)
-    model = unknowns.build(muscle) if found is None else found.fitted
-    score = score_model(name, predict_contraction(model, data), data, fitted=count)
-    least = _FLOOR * data.largest_contraction
-    squares = len(data) * max(score.rmse, least) ** 2
+            validation, _ = _validate(unknowns, found, task, folds, clock)
+    if found is None:
+        model = task.ends.mount(unknowns.build(task.muscle))
+        answers = predict_parts(task, lambda part: _build_known(unknowns, task, part))
+        if not answers[1].any():
+            raise InputError(explain_gap(model, task.data, task.response))
+    else:
+        model = found.fitted
+        answers = task.measured - found.residuals, found.answered
+    count = 0 if found is None else len(found.free)
+    score = score_model(name, answers, task, fitted=count)
+    least, scatter = _FLOOR * float(task.measured.max()), 0.0 if found is None else found.scatter
+    squares = len(task.data) * max(score.rmse, least) ** 2
+    if found is not None and task.response_errors is not None:
+        squares = max(found.squares, squares * 1e-300)
+    more, rows = len(task.data) * scatter, len(task.data)
     return RankedModel(
         score=score,
         model=model,
         calibration=found,
         held=unknowns.held,
         parameters=count,
-        aicc=compute_aicc(squares, len(data), count) if len(data) >= count + 3 else math.inf,
-        bic=compute_bic(squares, len(data), count),
+        aicc=compute_aicc(squares, rows, count) + more if rows >= count + 3 else math.inf,
+        bic=compute_bic(squares, rows, count) + more,
         weight=0.0,
         validation=validation,
     )
 
 
-def _refit(
-    unknowns: Unknowns, start: Mapping[str, float], muscle: Muscle, data: Measurements
-) -> Calibration:
-    """Return the fit to all rows from a start alone."""
-    limits = choose_bounds(unknowns.free, muscle, {}, list_own(unknowns.build))
-    return calibrate(
-        unknowns.build,
-        muscle.replace(**{name: start[name] for name in unknowns.fields}),
-        data=data,
+def _build_known(unknowns: Unknowns, task: Task, part: Part) -> MuscleModel:
+    """Return the model of a part where nothing is fitted."""
+    return assemble(unknowns.build, part.muscle, {}, task=task, anchor=part.anchor)
+
+
+def _make_problem(
+    unknowns: Unknowns, task: Task, start: Mapping[str, float], clock: Clock
+) -> Problem:
+    """Return a fit that starts from values of the unknowns, or their means over specimens."""
+    constants = {
+        name: float(np.mean([x for label, x in start.items() if _is_of(label, name)]))
+        for name in unknowns.start
+    }
+    return Problem(
+        model_class=unknowns.build,
+        task=task,
         free=unknowns.free,
-        options=FitOptions(
-            bounds={
-                name: (low, high) for name, (low, high) in zip(unknowns.free, limits, strict=True)
-            },
-            start={name: start[name] for name in unknowns.start},
-            force=True,
-        ),
+        limits=choose_bounds(unknowns.free, task, {}, list_own(unknowns.build)),
+        constants=constants,
+        starts=start,
+        clock=clock,
     )
 
 
+def _is_of(label: str, name: str) -> bool:
+    """Whether an unknown is a parameter, or a specimen's value of it."""
+    return label == name or label.startswith(f"{name}[")
+
+
+def _refit(unknowns: Unknowns, start: Mapping[str, float], task: Task, clock: Clock) -> Calibration:
+    """Return the fit to all rows from a start alone."""
+    problem = _make_problem(unknowns, task, start, clock)
+    found = find_minimum(problem, problem.choose_start())
+    return conclude(problem, found, held={}, options=FitOptions())
+
+
 def _validate(
-    unknowns: Unknowns,
-    found: Calibration | None,
-    muscle: Muscle,
-    data: Measurements,
-    parts: tuple[NDArray[np.bool_], ...],
+    unknowns: Unknowns, found: Calibration | None, task: Task, folds: Folds, clock: Clock
 ) -> tuple[CrossValidation | None, dict[str, float] | None]:
     """Return the error of the rows left out, and a better start for the fit to all rows if any.
 
     The fit to each part starts from that to all rows. If it ends nearer to all rows than that,
     which is a minimum at best, there is a better one.
     """
-    if not parts:
+    if not folds:
         return None, None
     if found is None:
-        model = unknowns.build(muscle)
-        return cross_validate(lambda rows: (model, True), data, parts), None
-    limits = choose_bounds(found.free, muscle, {}, list_own(unknowns.build))
-    constants = {name: found.estimates[name] for name in unknowns.start}
-    least = (1.0 - _BETTER) * float(found.residuals @ found.residuals)
+        return (
+            cross_validate(
+                lambda _: (lambda p: _build_known(unknowns, task, p), True), task, folds
+            ),
+            None,
+        )
+    estimates, whole = found.estimates, _make_problem(unknowns, task, found.estimates, clock)
+    least = (1.0 - _BETTER) * found.squares
     better: list[tuple[float, dict[str, float]]] = []
 
-    def fit(rows: Measurements) -> tuple[MuscleModel, bool]:
-        problem = Problem(
-            model_class=unknowns.build,
-            muscle=found.muscle,
-            free=found.free,
-            data=rows,
-            limits=limits,
-            constants=constants,
-        )
+    def fit(rows: Task) -> tuple[Callable[[Part], MuscleModel], bool]:
+        if clock.is_over:
+            raise OutOfTimeError(f"stopped: the time of {clock.limit:g} s is used up")
+        problem = _make_problem(unknowns, rows, estimates, clock)
         again = find_minimum(problem, problem.choose_start(), limit=_EVALUATIONS)
-        miss, held = replace(problem, data=data).evaluate(again.x)
         values = problem.name_values(again.x)
-        if held.all() and miss @ miss < least:
-            better.append((float(miss @ miss), values))
-        return problem.build(values), again.status > 0
+        if problem.unknowns == whole.unknowns:
+            cost = whole.measure_cost(np.array(list(values.values())) / whole.scales)
+            if cost < least:
+                better.append((cost, values))
 
-    validation = cross_validate(fit, data, parts)
+        def build(part: Part) -> MuscleModel:
+            own = _choose_values(problem, values, part)
+            return assemble(unknowns.build, part.muscle, own, task=rows, anchor=part.anchor)
+
+        return build, again.status > 0
+
+    validation = cross_validate(fit, task, folds)
     return validation, min(better, key=lambda each: each[0])[1] if better else None
+
+
+def _choose_values(problem: Problem, values: Mapping[str, float], part: Part) -> dict[str, float]:
+    """Return the parameters of a specimen, also of one that was not in the fit.
+
+    What each specimen has its own value of is then as measured of it, else the mean of the others.
+    """
+    own = {}
+    for name in problem.free:
+        label = label_unknown(name, part.specimen)
+        if name in values:
+            own[name] = values[name]
+        elif label in values:
+            own[name] = values[label]
+        elif name not in problem.task.data.geometry:
+            own[name] = float(np.mean([x for key, x in values.items() if _is_of(key, name)]))
+    return own
 
 
 def _order(entry: RankedModel, criterion: Criterion) -> tuple[float, float, int, float]:
@@ -845,15 +1084,16 @@ def _order(entry: RankedModel, criterion: Criterion) -> tuple[float, float, int,
     )
 
 
-def _finish(entries: list[RankedModel], data: Measurements) -> tuple[RankedModel, ...]:
+def _finish(entries: list[RankedModel], task: Task) -> tuple[RankedModel, ...]:
     """Put in which models have the same curve, and the weights."""
-    least = _SAME_CURVE * data.largest_contraction
+    least = _SAME_CURVE * float(task.measured.max())
     done: list[RankedModel] = []
     for entry in entries:
         same = ""
         for other in done:
             apart = np.abs(other.score.predicted - entry.score.predicted).max()
-            if not other.same_as and apart <= least:
+            alike = np.array_equal(other.score.answered, entry.score.answered)
+            if not other.same_as and alike and apart <= least:
                 same = other.name
                 break
         done.append(replace(entry, same_as=same))

@@ -22,7 +22,16 @@ from ..checks import check_path
 from ..errors import FileFormatError, InputError, MissingExtraError, UnitError
 from ..io.files import write_text
 from ..units import parse_quantity
-from .data import GEOMETRY, LOAD_LIMIT, MEASURED, Measurements, describe_field, sort_columns
+from .data import (
+    GEOMETRY,
+    LOAD_LIMIT,
+    MEASURED,
+    Measurements,
+    describe_field,
+    name_free_length,
+    parse_free_length,
+    sort_columns,
+)
 from .design import PRESSURE_LIMIT, Muscle
 
 if TYPE_CHECKING:
@@ -44,7 +53,8 @@ def read_measurements(
     `direction` and `specimen`. A length, and a contraction in % of the rest length or as a ratio
     (`strain`), need the rest length: that of the muscle, or a column ``rest length [mm]``. Further
     columns give the geometry of each specimen, by the names of the fields of `Muscle` or as
-    diameters, and the standard errors of the measured ones, such as ``load error [N]``. The unit
+    diameters, the standard errors of the measured ones, such as ``load error [N]``, and the length
+    of each specimen without load at a pressure, such as ``length at 620 kPa [mm]``. The unit
     of a column stands in its name, as in ``pressure [kPa]``, ``length (mm)`` or ``load_N``, or in
     `units`. A load in kg is a weight.
 
@@ -470,6 +480,11 @@ def _find_columns(
     for place, title in enumerate(titles):
         word, unit = _split_title(title)
         name, shown = _find_name(word), title.strip()
+        at = parse_free_length(title)
+        if at is not None:
+            factor = _find_factor(shown, "length", unit or "mm", is_load=False)
+            columns[name_free_length(at)] = _Column(place, shown, factor)
+            continue
         if name not in KINDS and name not in WORDS:
             notes += _refuse_slip(shown, word, unit)
             ignored.append(shown)
@@ -507,8 +522,8 @@ def _split_title(title: str) -> tuple[str, str]:
     text, unit = match[1], match[2] or ""
     first, mark, last = text.rpartition("_")
     whole, short = (" ".join(re.split(r"[\s_-]+", part)).lower() for part in (text, first))
-    is_known = _find_name(whole) in KINDS or _find_name(whole) in WORDS
-    if not unit and mark and not is_known and _find_name(short) in (*KINDS, *WORDS):
+    is_known = _find_name(whole) in _KINDS or _find_name(whole) in WORDS
+    if not unit and mark and not is_known and _find_name(short) in (*_KINDS, *WORDS):
         return short, last
     return whole, unit
 

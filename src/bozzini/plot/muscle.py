@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_integer, check_number
 from ..errors import BozziniError, InputError
 from ..muscle.design import LOCKING_ANGLE
+from ..muscle.problem import Task
 from ..numeric.roots import bisect
 from .style import (
     AMBER,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from ..muscle.data import Measurements
     from ..muscle.hysteresis import Hysteresis, HysteresisFit
     from ..muscle.model import MuscleModel
-    from ..muscle.ranking import Comparison, Ranking
+    from ..muscle.ranking import Comparison, ModelScore, Ranking
 
 # Drawn without pyplot; `bozzini.plot.write_figure` writes the figures. Pressures are in kPa.
 
@@ -252,8 +253,10 @@ def draw_braid_angle(
 def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Figure:
     """Return a figure of measurements and models, as Figs 3.11 to 3.16 of the thesis.
 
-    Left the measured rows and a line for each model, load and direction; the legend gives the
-    standard error as a percentage of the largest contraction. Right model less measurement.
+    Of a response of force or pressure it is that of the models over the measured one. Of the
+    contraction, left the measured rows and a line for each model, load and direction; the legend
+    gives the standard error as a percentage of the largest contraction. Right model less
+    measurement.
 
     Parameters
     ----------
@@ -268,6 +271,13 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
     """
     data = comparison.data
     figure, (left, right) = make_panels(1, 2, width_ratios=(1.5, 1.0))
+    if comparison.response != "contraction":
+        task = Task(muscle=next(iter(models.values())).muscle, data=data,
+                    response=comparison.response)  # fmt: skip
+        for style, score in zip(_list_styles(comparison.scores), comparison.scores, strict=True):
+            label = f"{score.name}: {score.standard_error_percent:.1f} %"
+            _draw_agreement(left, right, task, score, {**style, "label": label})
+        return figure
     _draw_rows(left, data)
     names = [score.name for score in comparison.scores]
     for style, score in zip(_list_styles(names), comparison.scores, strict=True):
@@ -283,6 +293,21 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
     right.set(xlabel=_PRESSURE, ylabel="model less measurement [mm]")
     left.legend(frameon=False, fontsize=9)
     return figure
+
+
+def _draw_agreement(left: Axes, right: Axes, task: Task, score: ModelScore, style: Look) -> None:
+    """Draw the response of a model over the measured one, and what it misses by."""
+    rows, color = score.answered, style["color"]
+    measured, found = task.measured[rows], score.predicted[rows]
+    left.plot(measured, found, "o", markersize=2.5, color=color, label=style["label"])
+    right.plot(measured, found - measured, "o", markersize=2.5, color=color)
+    ends = [float(task.measured.min()), float(task.measured.max())]
+    left.plot(ends, ends, color=INK, linewidth=0.8)
+    right.axhline(0.0, color=INK, linewidth=0.8)
+    name = f"measured {task.response} [{task.unit}]"
+    left.set(xlabel=name, ylabel=f"{task.response} of the model [{task.unit}]")
+    right.set(xlabel=name, ylabel=f"model less measurement [{task.unit}]")
+    left.legend(frameon=False, fontsize=9)
 
 
 def _draw_rows(axes: Axes, data: Measurements) -> None:
@@ -344,10 +369,11 @@ _LEAST = 1e-3  # a percentage below is drawn there
 def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     """Return a figure of a ranking, the best model on top.
 
-    Left, as percentages of the largest contraction, the error of each model at the rows that it was
-    fitted to (dots; crosses if the fit did not converge) and at rows left out of the fit (rings; a
+    Left, as percentages of the largest measured response, the error of each model at the rows that
+    it was fitted to (dots; crosses if the fit did not converge) and at rows left out of the fit (rings; a
     triangle at the edge if one of those fits has no answer there), and the difference of AICc to
-    the smallest. Right the measurements and the best models that differ.
+    the smallest. Right the measurements and the best models that differ, or of a
+    response other than the contraction what these miss by.
 
     Parameters
     ----------
@@ -368,6 +394,18 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     shown = [entry for entry in ranking.models if not entry.same_as][:curves]
     styles = dict(zip((entry.name for entry in shown), _list_styles(shown), strict=True))
     _draw_errors(left, ranking, {name: style["color"] for name, style in styles.items()})
+    if ranking.task.response != "contraction":
+        unit = ranking.task.unit
+        for entry in shown:
+            rows, color = entry.score.answered, styles[entry.name]["color"]
+            measured = ranking.task.measured[rows]
+            right.plot(measured, entry.score.predicted[rows] - measured, "o", markersize=2.5,
+                       color=color, label=entry.name)  # fmt: skip
+        right.axhline(0.0, color=INK, linewidth=0.8)
+        right.set(xlabel=f"measured {ranking.task.response} [{unit}]",
+                  ylabel=f"model less measurement [{unit}]")  # fmt: skip
+        right.legend(frameon=False, fontsize=8)
+        return figure
     _draw_rows(right, ranking.data)
     for entry in shown:
         style = {**styles[entry.name], "label": entry.name}
@@ -377,7 +415,7 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
 
 
 def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
-    scale = 100.0 / ranking.data.largest_contraction
+    scale = 100.0 / float(ranking.task.measured.max())
     least = min(entry.aicc for entry in ranking.models)
     named: set[str] = set()
 
@@ -412,7 +450,7 @@ def _draw_errors(axes: Axes, ranking: Ranking, colors: dict[str, str]) -> None:
     axes.set_ylim(len(ranking.models) - 0.4, -1.6)
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter("{x:g}")
-    axes.set_xlabel("root mean square [% of the largest contraction]")
+    axes.set_xlabel(f"root mean square [% of the largest {ranking.task.response}]")
     words = {"aicc": "AICc", "bic": "BIC", "cv": "the rows left out"}[ranking.criterion]
     axes.set_title(f"ranked by {words}; number of constants fitted", fontsize=10, loc="left")
     axes.legend(frameon=False, fontsize=8, loc="lower left")

@@ -11,7 +11,9 @@ from bozzini.muscle.hysteresis import (
     AsymmetricPrandtlIshlinskii,
     BoucWen,
     FrictionBand,
+    GeneralisedPrandtlIshlinskii,
     MaxwellSlip,
+    MonotoneCurve,
     PrandtlIshlinskii,
     Preisach,
     UnparallelPrandtlIshlinskii,
@@ -22,6 +24,11 @@ WEIGHTS = tuple(np.random.default_rng(5).uniform(0.1, 1.0, 36).tolist())
 
 OPERATORS = {
     "plays": PrandtlIshlinskii((0.0, 0.1, 0.25), (0.6, 0.3, 0.2), origin=0.05, offset=0.1),
+    "generalised": GeneralisedPrandtlIshlinskii(
+        PrandtlIshlinskii((0.0, 0.1, 0.25), (0.6, 0.3, 0.2)),
+        output=MonotoneCurve((0.0, 0.3, 0.8), (0.0, 0.2, 0.9)),
+        input=MonotoneCurve((0.0, 0.5, 1.0), (0.0, 0.6, 1.0)),
+    ),
     "asymmetric": AsymmetricPrandtlIshlinskii(
         1.0, (0.05, 0.2), (0.1, 0.2), (0.25, 0.1), (0.02, 0.7, 0.4), offset=0.2
     ),
@@ -77,6 +84,23 @@ def run_plays(operator, history):
         pairs = zip(operator.weights, places, strict=True)
         output.append(operator.offset + sum(w * h for w, h in pairs))
     return np.array(output)
+
+
+@plain("generalised")
+def run_generalised(operator, history):
+    """The first and the last piece of a curve go on."""
+
+    def bend(curve, values):
+        output = []
+        for value in values:
+            piece = sum(value >= corner for corner in curve.inputs[1:-1])
+            low, high = curve.inputs[piece], curve.inputs[piece + 1]
+            share = (value - low) / (high - low)
+            output.append((1.0 - share) * curve.outputs[piece] + share * curve.outputs[piece + 1])
+        return np.array(output)
+
+    inner = run_plays(operator.plays, bend(operator.input, history))
+    return bend(operator.output, inner)
 
 
 @plain("asymmetric")

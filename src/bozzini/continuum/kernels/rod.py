@@ -239,13 +239,15 @@ def integrate_rod(first, last, grid, tensions, loads, states, bends):
 
     ``grid`` is the steps' ends (n + 1,), the stiffness (n, 3) of every step, places and slopes of
     the tendons at its start, middle and end (n, 3, k, 4), and whether they run there (n, k);
-    ``loads`` are the force on the tip and that per length. Goes on from ``states[first]`` and
-    ``bends[first]``: fills ``states`` (n + 1, 10 + k), and ``bends`` (n + 1, 3) with the integral
-    of ``u``. False where it breaks down.
+    ``loads`` are the force on the tip, that per length, and by how much tensions differ from
+    ``tensions`` at start, middle and end of steps, (n, 3, k) or empty. Goes on from
+    ``states[first]`` and ``bends[first]``: fills ``states`` (n + 1, 10 + k), and ``bends``
+    (n + 1, 3) with the integral of ``u``. False where it breaks down.
     """
     places, stiffness, guides, present = grid
-    tip_force, line_force = loads
+    tip_force, line_force, changes = loads
     count = states.shape[1]
+    pulls = tensions.copy()
     u, work = np.zeros(3), np.empty((11, 3))
     rates, trial, force = np.empty((4, count)), np.empty(count), np.empty(3)
     length = places[-1]
@@ -263,12 +265,15 @@ def integrate_rod(first, last, grid, tensions, loads, states, bends):
             for i in range(3):
                 force[i] = tip_force[i] + line_force[i] * (length - places[n] - part * h)
             row = (0, 1, 1, 2)[stage]
+            if changes.size > 0:
+                for k in range(tensions.size):
+                    pulls[k] = tensions[k] + changes[n, row, k]
             if not fill_rates(
                 trial,
                 stiffness[n],
                 guides[n, row],
                 present[n],
-                tensions,
+                pulls,
                 force,
                 u,
                 rates[stage],

@@ -129,6 +129,10 @@ class BoucWen(Operator):
 
         widths = (-2.0, -1.0, -3.5)
         starts = [[np.log(span) + width, 0.6] + [1.5] * (not known) for width in widths]
+        if options is not None and isinstance(options.start, BoucWen):
+            start = options.start
+            reach, share = start.bound / start.alpha, start.beta / (start.beta + start.gamma)
+            starts = [[np.log(reach), share] + [start.exponent] * (not known)]
         low, high = [np.log(span) - 7.0, 0.0], [np.log(span) + 3.0, 5.0]
         point, found = loops.search(
             trace,

@@ -25,7 +25,7 @@ from .operator import (
     take_numbers,
     take_same_count,
 )
-from .prandtl_ishlinskii import PrandtlIshlinskii, choose_thresholds
+from .prandtl_ishlinskii import BEYOND, PrandtlIshlinskii, choose_thresholds
 
 Floats = NDArray[np.float64]
 
@@ -272,6 +272,8 @@ class FrictionBand(Operator):
         loops = Loops.take(history, response, options)
         inputs = loops.inputs
         low, high = float(inputs.min()), float(inputs.max())
+        if loops.carried:  # it is legal from rest to beyond what was seen
+            low, high = min(low, 0.0), BEYOND * high
         share = (inputs - low) / (high - low)
         ways = _hold_last(np.sign(np.diff(inputs, axis=-1, prepend=0.0)))
         loss = -ways * inputs

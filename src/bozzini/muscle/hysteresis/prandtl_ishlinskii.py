@@ -18,10 +18,10 @@ from .operator import (
     LIMIT,
     HysteresisFit,
     HysteresisState,
+    InvertibleOperator,
     LinearFit,
     LoopOptions,
     Loops,
-    Operator,
     list_rows,
     number,
     numbers,
@@ -47,7 +47,7 @@ class Plays(NamedTuple):
     offset: float
 
 
-class PlaySum(Operator):
+class PlaySum(InvertibleOperator):
     """An operator that is a weighted sum of plays."""
 
     @abstractmethod
@@ -79,29 +79,7 @@ class PlaySum(Operator):
         initial: HysteresisState | None = None,
         clip: bool = False,
     ) -> Floats:
-        """Return the inputs that give these outputs, sample by sample.
-
-        The operator is continuous and increases with the input as long as the input goes one way,
-        so each output has one input, which bisection finds to the last bits.
-
-        Parameters
-        ----------
-        response : array_like, shape (..., n)
-            Outputs in the order of time.
-        between : tuple of float
-            Smallest and largest input to look at.
-        initial : HysteresisState, optional
-            As in `run`.
-        clip : bool
-            Whether an output that is out of reach gets the nearest end of `between`; it is an
-            error without.
-
-        Raises
-        ------
-        InputError
-            If the operator need not increase with its input, is not defined all over `between`, or
-            gives none of the outputs there and `clip` is not set.
-        """
+        """Return the inputs that give these outputs, found by bisection to the last bits."""
         outputs = take_history("response", response)
         low = check_number("between[0]", between[0], low=-LIMIT, high=LIMIT)
         high = check_number("between[1]", between[1], low=low, high=LIMIT, low_open=True)
@@ -530,7 +508,8 @@ def _enveloped_edges(
 
 
 _STEEPEST = 20.0  # ratio of slopes that a fit tries
-_BEYOND = 1.5  # times the inputs of a fit: there it is defined as well
+BEYOND = 1.5
+"""What is fitted for a muscle to carry is defined up to so many times the inputs of the fit."""
 
 
 @dataclass(frozen=True)
@@ -622,7 +601,7 @@ class UnparallelPrandtlIshlinskii(PlaySum):
             return trace_plays(inputs, *_sloped_edges(thresholds, up, down))
 
         # It is defined beyond what was seen, too: a muscle that carries it may go there.
-        low, high = _legal_ratios(first, *(_BEYOND * end for end in (inputs.min(), inputs.max())))
+        low, high = _legal_ratios(first, *(BEYOND * end for end in (inputs.min(), inputs.max())))
         if high - low < 1e-6:
             ratio, found = 1.0, loops.fit(trace(1.0), names=names)
         else:

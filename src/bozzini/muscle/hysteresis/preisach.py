@@ -163,7 +163,9 @@ class Preisach(Operator):
             names=[f"weights[{i}]" for i in range(memory.shape[1])],
             limits=(-LIMIT if signed else 0.0, np.inf),
         )
-        middle = sum(found.values) if loops.carried else loops.find_offset(found)
+        # A little more than their sum, or rounding could make the output at rest negative.
+        total = (1.0 + 1e-12) * sum(found.values)
+        middle = total if loops.carried else loops.find_offset(found)
         return loops.report(cls(levels, found.values, offset=middle), found)
 
     def _advance(self, inputs: Floats, last: Floats, memory: Floats) -> Floats:

@@ -80,8 +80,10 @@ def invert_plays(response, lower, upper, weights, slope, offset, memory, least, 
             bottom = add_plays(low, lower, upper, weights, slope, offset, memory[row])
             top = add_plays(high, lower, upper, weights, slope, offset, memory[row])
             slack = 1e-12 * (abs(bottom) + abs(top))
-            if clip:
-                target = min(max(target, bottom), top)
+            if clip and target >= top:
+                low = high
+            elif clip and target <= bottom:
+                high = low
             elif not bottom - slack <= target <= top + slack:
                 return output, row, i, bottom, top
             for _ in range(200):

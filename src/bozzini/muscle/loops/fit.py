@@ -298,7 +298,11 @@ def _fit(
         slopes = np.maximum(curve.find_slopes(acting), least)
         left = samples.response - terms @ factors - curve.apply(acting)
         options = LoopOptions(
-            skip=skip, carried=True, weights=slopes, terms=terms / slopes[:, None]
+            skip=skip,
+            carried=True,
+            weights=slopes,
+            terms=terms / slopes[:, None],
+            start=None if best[1] is None else best[1].operator,
         )
         found = kind.identify(samples.pressure, acting + left / slopes, options=options)
         factors = factors + found.terms

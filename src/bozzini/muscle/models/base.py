@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...checks import broadcast, check_array, check_range, name_at, refuse_first
-from ...errors import BozziniError, InputError
+from ...errors import BozziniError, InputError, PluginError
 from ...numeric import roots as numeric_roots
 from ...results import Json
 from ..design import LOCKING_ANGLE, PRESSURE_LIMIT, Braid, Muscle, check_muscle
@@ -212,6 +212,33 @@ class ExplicitModel(MuscleModel):
         pressures, lengths, signs, _, _ = self._take_lengths(pressure, contraction, direction)
         return self._total(pressures, lengths, signs)
 
+    def try_force(
+        self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the pull [N], and where there is one: a state out of range is no error.
+
+        Where there is none, the pull is that of the nearest legal state, 0 if that is not finite.
+        """
+        pressures, contractions, signs = broadcast(
+            ("pressure", check_array("pressure", pressure)),
+            ("contraction", check_array("contraction", contraction)),
+            ("direction", parse_direction(direction)),
+        )
+        lengths, rest = self.braid.length - contractions, self.braid.length
+        at = np.clip(pressures, *self.pressure_limits)
+        slack = 1e-9 * rest
+        try:
+            low, high = self._limit(at)
+            with np.errstate(all="ignore"):
+                pull = self._find_total(at, np.clip(lengths, low, high), signs)
+        except PluginError:
+            raise
+        except BozziniError:  # a law that has no answer somewhere
+            return super().try_force(pressure, contraction, direction=direction)
+        held = (at == pressures) & (lengths >= low - slack) & (lengths <= high + slack)
+        finite = np.isfinite(pull)
+        return np.where(finite, pull, 0.0), np.asarray(held & finite)
+
     def stiffness(
         self, pressure: ArrayLike, contraction: ArrayLike, *, direction: ArrayLike | None = None
     ) -> Floats:
@@ -265,17 +292,24 @@ class ExplicitModel(MuscleModel):
     def try_contraction(
         self, pressure: ArrayLike, load: ArrayLike = 0.0, *, direction: ArrayLike | None = None
     ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return the contraction [mm], and where there is one: loads too large are no error.
+        """Return the contraction [mm], and where there is one: a load too large is no error.
 
         Where there is none, the contraction is that of the last length tried.
-
-        Raises
-        ------
-        InputError
-            If an argument is outside its legal range.
         """
-        _, _, _, roots = self._find_roots(pressure, load, direction)
-        good = np.asarray(roots.found & ~roots.jumps & ~roots.stopped)
+        pressures, loads, signs = broadcast(
+            ("pressure", check_array("pressure", pressure)),
+            ("load", check_array("load", load)),
+            ("direction", parse_direction(direction)),
+        )
+        at, held = np.clip(pressures, *self.pressure_limits), np.clip(loads, 0.0, LOAD_LIMIT)
+        legal = (at == pressures) & (held == loads)
+        try:
+            roots = self._search_roots(at, held, signs)
+        except PluginError:
+            raise
+        except BozziniError:  # no answer on the way of one of them
+            return super().try_contraction(pressure, load, direction=direction)
+        good = np.asarray(legal & roots.found & ~roots.jumps & ~roots.stopped)
         return np.asarray(self.braid.length - roots.lengths), good
 
     def _find_roots(
@@ -288,6 +322,10 @@ class ExplicitModel(MuscleModel):
         pressures, loads, signs = broadcast(
             ("pressure", pressures), ("load", loads), ("direction", parse_direction(direction))
         )
+        return pressures, loads, signs, self._search_roots(pressures, loads, signs)
+
+    def _search_roots(self, pressures: Floats, loads: Floats, signs: Floats) -> Roots:
+        """Return the lengths at which the pull meets loads, all of one shape and legal."""
         low, high = self._limit(pressures)
         flat = [x.ravel() for x in (pressures, loads, signs, low, high)]
 
@@ -295,8 +333,7 @@ class ExplicitModel(MuscleModel):
             return self._total(flat[0][index], lengths, flat[2][index]) - flat[1][index]
 
         start = np.clip(np.full(flat[0].shape, self.braid.length), flat[3], flat[4])
-        roots = find_roots(excess, start, flat[3], flat[4]).reshape(pressures.shape)
-        return pressures, loads, signs, roots
+        return find_roots(excess, start, flat[3], flat[4]).reshape(pressures.shape)
 
     def dead_band(self) -> float:
         """Return the pressure below which the muscle does not contract [MPa]; 0 if it has none."""
@@ -334,12 +371,15 @@ class ExplicitModel(MuscleModel):
     def _total(self, pressure: Floats, length: Floats, sign: Floats) -> Floats:
         """Pull along a branch of friction, finite [N]."""
         with np.errstate(all="ignore"):
-            pull = np.asarray(self._pull(pressure, length), dtype=np.float64)
-            sign = self._sign_friction(sign)
-            if sign.any():
-                pull = pull + sign * self._friction(pressure, length)
+            pull = self._find_total(pressure, length, sign)
         self._demand_finite(pull, pressure, length)
         return pull
+
+    def _find_total(self, pressure: Floats, length: Floats, sign: Floats) -> Floats:
+        """Pull along a branch of friction, finite or not [N]."""
+        pull = np.asarray(self._pull(pressure, length), dtype=np.float64)
+        sign = self._sign_friction(sign)
+        return pull + sign * self._friction(pressure, length) if sign.any() else pull
 
     def _limit(self, pressures: Floats) -> tuple[Floats, Floats]:
         """Smallest and largest legal length, of the pressures' shape."""

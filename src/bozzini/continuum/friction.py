@@ -1,0 +1,328 @@
+"""Friction of tendons in their channels: tensions along them, which depend on the history.
+
+Where a tendon slides in its channel, normal force and friction of a piece of it balance its
+tension, the capstan law along any curve (Euler 1769)::
+
+    d ln T / ds = - mu |dt/ds| sigma
+
+with the tendon's unit tangent ``t`` in space, ``mu`` its coefficient, and ``sigma = 1`` where it
+slides towards the base, ``-1`` where it slides towards the tip, in between where it sticks. At the
+tip the tendon is fixed: a point slides by what the channel beyond it gets shorter::
+
+    slip(s) = ell_before(s) - ell(s) ,   ell(s) = integral from s to the end of (|dx/ds| - T/EA)
+
+Cut off what lies beyond a cross-section, tendons and all: their friction in the channels is inside
+of it. So the rod's law stays ``K u + sum T_k r_k x t_k(u) = R^T M``, with the tensions that are
+there; the force of a tendon on the rod per length is ``d(T t)/ds``, along the rod too.
+
+Sticking is regularised as the bristles of a Dahl model without rate are: ``sigma = clip(memory +
+slip / delta)`` with a slip ``delta`` of a millionth of the robot's length. So the answer depends on
+the order of commands, never on their rate. The memory is ``sigma`` at the command before.
+
+Each step of Newton's method linearises slip and tensions and eliminates them from the tip on; the
+angles ``|dt/ds| ds`` are those of the iterate before. Angles and slips are of second order in the
+steps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..numeric.kernels.linear_algebra import solve_bounded
+from .checks import Floats
+from .kernels.friction import measure_tendons, move_tensions, reduce_slip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrictionState:
+    """What tendons with friction remember, for ``initial=`` of the next command.
+
+    ``...`` is the batch, ``n`` counts the rod's steps, of each of which there are start, middle and
+    end, ``t`` tendons.
+
+    Parameters
+    ----------
+    places : (n + 1,) ndarray
+        Ends of the steps [mm].
+    tensions : (..., n, 3, t) ndarray
+        Tensions [N].
+    shares : (..., n, 3, t) ndarray
+        Share of the largest friction that acts before each point: 1 where the tendon slides
+        towards the base, -1 towards the tip, between them where it sticks.
+    lengths : (..., n, 3, t) ndarray
+        Length of the tendon, without tension, from each point to its end [mm].
+    """
+
+    places: Floats
+    tensions: Floats
+    shares: Floats
+    lengths: Floats
+
+    def pick(self, index: tuple[int, ...]) -> FrictionState:
+        """Return that of one place of the batch."""
+        parts = {name: getattr(self, name)[index] for name in ("tensions", "shares", "lengths")}
+        return dataclasses.replace(self, **parts)
+
+    @classmethod
+    def join(cls, states: Sequence[FrictionState], batch: tuple[int, ...]) -> FrictionState:
+        """Return states, at least one, as a batch."""
+        one = states[0]
+        parts = {
+            name: np.stack([getattr(state, name) for state in states]).reshape(
+                *batch, *one.tensions.shape
+            )
+            for name in ("tensions", "shares", "lengths")
+        }
+        return dataclasses.replace(one, **parts)
+
+    def tensions_at(self, arc_length: Floats) -> Floats:
+        """Return the tensions at arc lengths that are ends of steps [N], shape (..., t, k)."""
+        ends = np.concatenate([self.tensions[..., :1, 0, :], self.tensions[..., 2, :]], axis=-2)
+        index = np.abs(self.places[:, None] - arc_length).argmin(axis=0)
+        return np.swapaxes(ends[..., index, :], -1, -2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Channels:
+    """Channels of a robot in steps, and what holds the tendons in them.
+
+    Parameters
+    ----------
+    grid : tuple of ndarray
+        Steps' ends, stiffness, places of tendons, and where they run, see `integrate_rod`.
+    friction : (t,) ndarray
+        Coefficients of friction.
+    flexibility : float
+        1/EA of the tendons [1/N].
+    """
+
+    grid: tuple[Floats, Floats, Floats, NDArray[np.bool_]]
+    friction: Floats
+    flexibility: float
+
+    @cached_property
+    def spans(self) -> Floats:
+        """Lengths of the steps [mm], shape (n,)."""
+        return np.diff(self.grid[0])
+
+    @cached_property
+    def rest_rates(self) -> Floats:
+        """Length of tendons per length of the straight robot, shape (n, 3, t)."""
+        _, _, guides, present = self.grid
+        rates = np.sqrt(1.0 + np.sum(guides[..., 2:] ** 2, axis=-1))
+        return np.asarray(rates * present[:, None])
+
+    @cached_property
+    def presliding(self) -> float:
+        """Slip at which friction acts in full [mm]."""
+        return PRESLIDING * float(self.grid[0][-1])
+
+    def rest(self) -> FrictionState:
+        """Return the state of the straight robot without tensions."""
+        none = np.zeros(self.rest_rates.shape)
+        lengths = self.measure_lengths(self.rest_rates, none)
+        return FrictionState(places=self.grid[0], tensions=none, shares=none, lengths=lengths)
+
+    def measure_lengths(self, rates: Floats, tensions: Floats) -> Floats:
+        """Return lengths without tension from every point to the end [mm], shape (n, 3, t)."""
+        free = rates - self.flexibility * tensions * self.rest_rates
+        thirds = self.spans[:, None] / 24.0
+        first = thirds * (5.0 * free[:, 0] + 8.0 * free[:, 1] - free[:, 2])
+        second = thirds * (-free[:, 0] + 8.0 * free[:, 1] + 5.0 * free[:, 2])
+        whole = np.cumsum((first + second)[::-1], axis=0)[::-1]
+        return np.stack([whole, whole - first, whole - first - second], axis=1)
+
+    def stretch(self, tensions: Floats) -> Floats:
+        """Return by how much tendons stretch [mm], shape (t,)."""
+        return np.asarray(self.measure_lengths(np.zeros(tensions.shape), -tensions)[0, 0])
+
+
+PRESLIDING = 1e-6
+"""Slip at which friction acts in full, as a share of the robot's length."""
+
+LEVELS = 10.0 ** np.arange(4, -1, -1)
+"""Slips at which it does on the way to the solution, against the last one."""
+
+STEPS_PER_LEVEL = 3
+"""Newton steps at each of them but the last."""
+
+MOST_STEPS = 60
+"""Newton steps at the last one."""
+
+DAMPED_STEPS = 10
+"""Newton steps in full, then as many cut to half, and so on, against cycles."""
+
+HALVINGS = 4
+"""How many times a command is halved where it does not settle at once."""
+
+STUCK = 1.0 - 1e-9
+"""Share of the friction that acts, and that a tendon may still be taken to stick at first."""
+
+TOLERANCE = 1e-12
+"""Change of tensions in a step at which they are found, as a share of the largest."""
+
+ROUGH = 1e-9
+"""The same where steps do not get smaller any more."""
+
+RIDGE = 1e-9
+"""Added to the tendons' own flexibility, so that redundant tendons have one answer."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bending:
+    """A rod under tensions: moments over the cross-sections (n, 3, 3), or why there are none.
+
+    `lengths` (t,) are those of the tendons [mm], where they are known better than by `Channels`.
+    """
+
+    moments: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    lengths: Floats | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """What is asked of the tendons at the base.
+
+    Parameters
+    ----------
+    tensions : (t,) ndarray or None
+        Tensions at the base [N], or
+    limits : (t,) ndarray
+        lengths of tendons without tension [mm].
+    low, high : (t,) ndarray
+        Bounds of tensions that follow from lengths [N].
+    tolerance : float
+        Error of a length [mm].
+    """
+
+    tensions: Floats | None
+    limits: Floats
+    low: Floats
+    high: Floats
+    tolerance: float
+
+    def gaps(self, lengths: Floats, tensions: Floats) -> Floats:
+        """Return how far lengths are from what is asked [mm]; 0 for slack cables."""
+        if self.tensions is not None:
+            return np.zeros(len(tensions))
+        gaps = lengths - self.limits
+        return np.where((self.low == 0.0) & (tensions == 0.0), np.maximum(gaps, 0.0), gaps)
+
+    def go_half(self, state: FrictionState) -> Drive:
+        """Return what is half-way from a state to what is asked."""
+        first = state.tensions[0, 0]
+        tensions = None if self.tensions is None else 0.5 * (first + self.tensions)
+        limits = 0.5 * (state.lengths[0, 0] + self.limits)
+        return dataclasses.replace(self, tensions=tensions, limits=limits)
+
+    def pull(self, lengths: Floats, tensions: Floats, slope: Floats, offset: Floats) -> Floats:
+        """Return tensions at the base, given how slip there follows from them."""
+        if self.tensions is not None:
+            return self.tensions
+        ridge = RIDGE * float(np.abs(np.diag(slope)).max(initial=0.0))
+        vector = self.limits - lengths + offset - slope @ tensions
+        even = 0.5 * (slope + slope.T) + ridge * np.eye(len(tensions))
+        wanted, right = tensions.copy(), vector
+        for _ in range(2):
+            # The second pass takes out what the ridge did to the first.
+            solve_bounded(even, right, self.low, self.high, wanted)
+            right = vector - ridge * wanted
+        free = (wanted > self.low) & (wanted < self.high)
+        # With friction a tendon does not do to another what that does to it.
+        block = slope[np.ix_(free, free)] + ridge * np.eye(int(free.sum()))
+        right = ridge * wanted[free] - vector[free] - slope[np.ix_(free, ~free)] @ wanted[~free]
+        trial = np.linalg.solve(block, right)
+        if np.all((trial > self.low[free]) & (trial < self.high[free])):
+            wanted[free] = trial
+        return wanted
+
+
+@dataclass(kw_only=True, eq=False)
+class Sliding:
+    """Newton's method for the tensions along tendons, from one state to the next.
+
+    ``bend`` is the rod under tensions (n, 3, t), roughly if so asked. `curvatures` and `pulled`, the tensions at the
+    base, are those where it was last.
+    """
+
+    channels: Channels
+    before: FrictionState
+    bend: Callable[[Floats, bool], Bending]
+    iterations: int = 0
+    curvatures: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    pulled: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def follow(self, drive: Drive, halvings: int = HALVINGS) -> tuple[FrictionState, str]:
+        """Return the state under a command, in parts if need be, and why there is none, if so."""
+        found, reason = self.settle(drive)
+        if not reason or not halvings:
+            return found, reason
+        _, reason = self.follow(drive.go_half(self.before), halvings - 1)
+        return (self.before, reason) if reason else self.follow(drive, halvings - 1)
+
+    def settle(self, drive: Drive) -> tuple[FrictionState, str]:
+        """Return the state under a command at once, and why there is none; else nothing.
+
+        `before` is that state then.
+        """
+        channels, old = self.channels, self.before
+        shape = old.tensions.shape
+        count, tendons = shape[0], shape[2]
+        self.curvatures = np.zeros((count, 3, 3))
+        rates, wraps = np.empty(shape), np.empty(shape)
+        give = np.empty((count, 3, tendons, tendons))
+        factors, slopes = np.empty(give.shape), np.empty(give.shape)
+        shifts, offsets = np.empty(shape), np.empty(shape)
+        flexible = np.einsum("nst,tu->nstu", channels.rest_rates, np.eye(tendons))
+        profile, shares = old.tensions.copy(), STUCK * old.shares
+        lengths, reason = old.lengths, ""
+        for level in LEVELS:
+            presliding = level * channels.presliding
+            size, most = np.inf, MOST_STEPS if level == 1.0 else STEPS_PER_LEVEL
+            for count in range(most):
+                self.iterations += 1
+                bent = self.bend(profile, level > 1.0)
+                if bent.reason:
+                    return old, bent.reason
+                if not measure_tendons(
+                    channels.grid, profile, bent.moments, self.curvatures, rates, give, wraps
+                ):
+                    return old, "no curvature was found"
+                lengths = channels.measure_lengths(rates, profile)
+                whole = lengths[0, 0]
+                if bent.lengths is not None:
+                    whole = bent.lengths - channels.stretch(profile)
+                slips = old.lengths - lengths
+                state = profile, slips, old.shares, shares
+                parts = factors, shifts, slopes, offsets
+                give += channels.flexibility * flexible
+                reduce_slip(
+                    channels.spans, channels.friction, state, (wraps, give), presliding, *parts
+                )
+                start, kept = profile[0, 0].copy(), profile.copy()
+                wanted = self.pulled = drive.pull(whole, start, slopes[0, 0], offsets[0, 0])
+                part = 1.0 if count // DAMPED_STEPS % 2 == 0 else 0.5
+                move_tensions(channels.friction, state, wraps, (presliding, part), parts, wanted)
+                scale = float(np.abs(profile).max(initial=0.0))
+                before, size = size, float(np.abs(profile - kept).max(initial=0.0))
+                gap = float(np.abs(drive.gaps(whole, start)).max(initial=0.0))
+                done = size <= TOLERANCE * scale or (size <= ROUGH * scale and size > 0.5 * before)
+                if done and gap <= drive.tolerance:
+                    break
+            else:
+                if level == 1.0:
+                    reason = (
+                        f"tensions along tendons did not settle: they change by {size:.2g} N, and "
+                        f"a tendon misses its length by {gap:.2g} mm"
+                    )
+        if reason:
+            return old, reason
+        self.before = dataclasses.replace(old, tensions=profile, shares=shares, lengths=lengths)
+        return self.before, ""
