@@ -13,7 +13,15 @@ import pytest
 
 from bozzini.cli.main import main
 from bozzini.errors import BozziniError, InputError
-from bozzini.muscle import MODELS, Bundle, EnergyMuscle, ScaledMuscle, export_muscle, preset
+from bozzini.muscle import (
+    MODELS,
+    Bundle,
+    EndEffects,
+    EnergyMuscle,
+    ScaledMuscle,
+    export_muscle,
+    preset,
+)
 
 MUSCLE = preset("effector-45", dead_length=3.0)
 PRESSURES = np.array([0.1, 0.3, 0.8])
@@ -70,7 +78,9 @@ def check(functions, model, **ways):
     length = MUSCLE.length - CONTRACTIONS
     found = inflate(pulls, length)
     good = np.isfinite(pulls) & np.isfinite(found)
-    assert good.sum() >= np.isfinite(pulls).sum() // 2
+    asked = ask(lambda f, at: model.pressure(f, at, **ways), pulls, length)
+    assert found == pytest.approx(asked, rel=1e-9, abs=1e-9, nan_ok=True)
+    assert good.any()
     assert np.all(found[good] <= np.broadcast_to(pressure, pulls.shape)[good] * (1.0 + 1e-9))
     again = force(found, MUSCLE.length - length)
     assert again[good] == pytest.approx(pulls[good], rel=1e-9, abs=1e-10)
@@ -105,6 +115,23 @@ def test_code_of_every_model_is_the_model_or_refused(load, name, tmp_path):
     if name == "linear-strain":  # its force does not depend on the pressure
         return
     check(load(export_muscle(model, path)), model)
+
+
+@pytest.mark.parametrize("slack_force", [None, 0.2])
+@pytest.mark.parametrize("load", [load_c, load_python], ids=["c", "python"])
+def test_code_of_a_mounted_muscle(load, slack_force, tmp_path):
+    ends = EndEffects(offset=0.4, compliance=0.05, slack_force=slack_force)
+    mounted = ends.mount(build("kothera-balance"))
+    path = export_muscle(mounted, tmp_path / ("m.c" if load is load_c else "m.py"))
+    force, contract, inflate = load(path)
+    held = ask(mounted.contraction, 0.4, LOADS)
+    assert contract(0.4, LOADS) == pytest.approx(held, rel=1e-12, nan_ok=True)
+    over = np.linspace(-2.0, 11.0, 8)
+    pulls = ask(mounted.force, 0.4, over)
+    assert force(0.4, over) == pytest.approx(pulls, rel=1e-10, abs=1e-10, nan_ok=True)
+    assert np.nanmin(pulls) == 0.2 if slack_force else np.nanmin(pulls) < 0.0
+    taut = pulls > 0.2
+    assert inflate(pulls[taut], MUSCLE.length - over[taut]) == pytest.approx(0.4, rel=1e-9)
 
 
 def test_code_of_compositions_and_of_friction(tmp_path):

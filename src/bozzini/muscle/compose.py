@@ -80,6 +80,12 @@ class Bundle(MuscleModel):
         object.__setattr__(self, "muscle", models[0].muscle)
 
     @property
+    def pressure_limits(self) -> tuple[float, float]:
+        """Pressures that are legal for all muscles [MPa]."""
+        lows, highs = zip(*(model.pressure_limits for model in self.models), strict=True)
+        return max(lows), min(highs)
+
+    @property
     def contraction_limits(self) -> tuple[float, float]:
         """Contractions that are legal for all muscles [mm]."""
         lows, highs = zip(*map(find_limits, self.models), strict=True)

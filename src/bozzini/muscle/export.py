@@ -23,6 +23,7 @@ from ..checks import check_integer, check_kind, check_number
 from ..errors import BozziniError, InputError
 from ..io.files import write_parquet, write_text
 from .compose import Bundle, find_limits
+from .ends import EndEffects, MountedMuscle
 from .model import DIRECTIONS, MuscleModel, parse_direction
 from .models.base import STEPS, ExplicitModel
 from .terms import ScaledMuscle
@@ -167,21 +168,20 @@ class _Law:
     tape: _Tape
     pull: str
     limits: tuple[str, str]
-    pressures: tuple[float, float]
     model: MuscleModel
 
     @property
     def constants(self) -> dict[str, float]:
         """Constants of the printed code, by name."""
-        ends = getattr(self.model, "ends", None)
-        slack = getattr(ends, "slack_force", None)
+        ends = self.model.ends if isinstance(self.model, MountedMuscle) else EndEffects()
+        low, high = self.model.pressure_limits
         return {
             "LENGTH": self.model.muscle.length,
-            "LEAST_PRESSURE": self.pressures[0],
-            "MOST_PRESSURE": self.pressures[1],
-            "OFFSET": getattr(ends, "offset", 0.0),
-            "COMPLIANCE": getattr(ends, "compliance", 0.0),
-            "SLACK_FORCE": -math.inf if slack is None else slack,
+            "LEAST_PRESSURE": float(low),
+            "MOST_PRESSURE": float(high),
+            "OFFSET": ends.offset,
+            "COMPLIANCE": ends.compliance,
+            "SLACK_FORCE": -math.inf if ends.slack_force is None else ends.slack_force,
         }
 
 
@@ -257,7 +257,7 @@ def tabulate_force(
         If an argument is outside its legal range, or the model has no force at all.
     """
     points = check_integer("points", points, low=2, high=1000)
-    lowest = float(getattr(model, "pressure_limits", (0.0, 0.0))[0])
+    lowest = float(model.pressure_limits[0])
     most = check_number("pressure", pressure, low=lowest, low_open=True, unit="MPa")
     model.force(most, 0.0, direction=direction)  # the model's own reason, if it has no force
     ends = [0.0, float(model.contraction(most, 0.0, direction=direction))]
@@ -386,7 +386,7 @@ def _find_needed(
 def _trace(model: MuscleModel, direction: str | None) -> _Law:
     """Return the law of a model, or raise the `InputError` that names what is in the way."""
     tape = _Tape()
-    inner: MuscleModel = getattr(model, "model", model) if hasattr(model, "ends") else model
+    inner = model.model if isinstance(model, MountedMuscle) else model
     pressure, contraction = tape.name("pressure"), tape.name("contraction")
     try:
         with np.errstate(all="ignore"):
@@ -397,18 +397,7 @@ def _trace(model: MuscleModel, direction: str | None) -> _Law:
             f"the model {model.name} cannot be written as code, {stop}: write a table, .csv or "
             ".parquet"
         ) from None
-    return _Law(tape, pull, (limits[0], limits[1]), _find_pressures(inner), model)
-
-
-def _find_pressures(model: MuscleModel) -> tuple[float, float]:
-    """Return the legal pressures of a model [MPa]."""
-    if isinstance(model, Bundle):
-        lows, highs = zip(*map(_find_pressures, model.models), strict=True)
-        return max(lows), min(highs)
-    if isinstance(model, ScaledMuscle):
-        return _find_pressures(model.model)
-    low, high = model.pressure_limits  # type: ignore[attr-defined]
-    return float(low), float(high)
+    return _Law(tape, pull, (limits[0], limits[1]), model)
 
 
 def _trace_pull(
@@ -567,7 +556,7 @@ double muscle_pressure(double force, double length)
     if (left == 0.0)
         return near;
     while (near < MOST_PRESSURE) {{
-        const double far = fmin(near + step, MOST_PRESSURE);
+        const double far = fmin(LEAST_PRESSURE + step, MOST_PRESSURE);
         const double right = miss_pressure(far, force, own);
         if (left * right <= 0.0)
             return find_root(miss_pressure, force, own, near, far);
@@ -676,7 +665,7 @@ def muscle_pressure(force, length):
         left = excess(near)
         lowest, far, step, at = left == 0.0, np.full(force.shape, np.nan), 0.02, LEAST_PRESSURE
         while at < MOST_PRESSURE:
-            at = min(at + step, MOST_PRESSURE)
+            at = min(LEAST_PRESSURE + step, MOST_PRESSURE)
             right = excess(np.full(force.shape, at))
             crossed = np.isnan(far) & (left * right <= 0.0)
             far = np.where(crossed, at, far)

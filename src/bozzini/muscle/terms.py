@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import broadcast, check_array, check_fields, check_kind, check_range, quantity
 from ..errors import InputError
 from ..results import Result, measured
+from .compose import find_limits
 from .design import Muscle
 from .model import MuscleModel
 
@@ -129,6 +130,17 @@ class ScaledMuscle(MuscleModel):
     def takes_load(self) -> bool:
         """Whether the contraction depends on the load."""
         return self.model.takes_load
+
+    @property
+    def pressure_limits(self) -> tuple[float, float]:
+        """Legal pressures of the model [MPa]."""
+        return self.model.pressure_limits
+
+    @property
+    def contraction_limits(self) -> tuple[float, float]:
+        """Legal contractions of the model times the factor [mm]."""
+        low, high = find_limits(self.model)
+        return self.factor * low, self.factor * high
 
     def dead_band(self) -> float:
         """Return the dead band of the model [MPa]."""

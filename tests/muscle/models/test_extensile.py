@@ -13,9 +13,8 @@ from bozzini.muscle.models import MODELS
 from tests.muscle.models.catalogue import differentiate
 
 SOFT = Muscle(
-    length=50.0, outer_radius=5.0, inner_radius=4.95, braid_angle=math.radians(68.0), modulus=1e-6,
-    gap=0.0,
-)  # fmt: skip
+    length=50.0, outer_radius=5.0, inner_radius=4.95, braid_angle=math.radians(68.0), modulus=1e-6
+).fill()
 HOLDS = [name for name in MODELS.own if MODELS[name].extensile]
 
 
