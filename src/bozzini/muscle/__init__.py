@@ -79,7 +79,6 @@ _MODULES = {
     ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
     ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
-    ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),
     ".models": ("MODELS", "CatalogueModel"),
