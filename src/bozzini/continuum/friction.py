@@ -248,13 +248,13 @@ class Drive:
 class Sliding:
     """Newton's method for the tensions along tendons, from one state to the next.
 
-    ``bend`` is the rod under tensions (n, 3, t). `curvatures` and `pulled`, the tensions at the
+    ``bend`` is the rod under tensions (n, 3, t), roughly if so asked. `curvatures` and `pulled`, the tensions at the
     base, are those where it was last.
     """
 
     channels: Channels
     before: FrictionState
-    bend: Callable[[Floats], Bending]
+    bend: Callable[[Floats, bool], Bending]
     iterations: int = 0
     curvatures: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
     pulled: Floats = field(default_factory=lambda: np.zeros(0))
@@ -288,7 +288,7 @@ class Sliding:
             size, most = np.inf, MOST_STEPS if level == 1.0 else STEPS_PER_LEVEL
             for count in range(most):
                 self.iterations += 1
-                bent = self.bend(profile)
+                bent = self.bend(profile, level > 1.0)
                 if bent.reason:
                     return old, bent.reason
                 if not measure_tendons(
