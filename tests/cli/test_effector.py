@@ -22,7 +22,7 @@ from bozzini.effector import (
     tip_force,
     workspace,
 )
-from bozzini.muscle import ThesisMuscle
+from bozzini.muscle import MuscleFile, ThesisMuscle, write_muscle
 from bozzini.muscle import preset as muscle_preset
 
 EFFECTOR = Effector(effector_preset("prototype"))
@@ -558,3 +558,14 @@ def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, arguments, 
     assert err.count("\n") == 1
     assert said in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_muscles_may_come_from_a_file(run, tmp_path):
+    fitted = muscle_preset("fitted-45")
+    write_muscle(tmp_path / "m.yaml", MuscleFile(muscle=fitted, model="chou"))
+    command = ("pose", "--pressure", "R=400kPa", "--json", "--muscle-preset")
+    code, out, err = run(*command, "m.yaml")
+    assert code == 0 and "note: m.yaml: the model" in err
+    assert json.loads(out) == json.loads(run(*command, "fitted-45")[1])
+    code, _, err = run(*command, "nowhere.yaml")
+    assert code == 2

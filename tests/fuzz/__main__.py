@@ -57,6 +57,8 @@ FILES = {
     "strips": ("strips.yaml",),
     "pictures": ("pictures.csv",),
     "pairs": ("pairs.csv",),
+    "loop": ("loop.csv",),
+    "fitted loop": ("loop.yaml",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
@@ -77,6 +79,9 @@ LEGAL: dict[str, tuple[int, str]] = {
     "muscle presets": (1, ""),
     "muscle fit": (5, "<table --free modulus"),
     "muscle compare": (5, "<table --model energy --model thesis"),
+    "muscle hysteresis fit": (4, "<loop --samples 100 --out >.yaml"),
+    "muscle hysteresis trace": (2, "<fitted_loop <loop"),
+    "muscle hysteresis invert": (3, "<fitted_loop <loop"),
     "rig identify": (5, "<curve --check <curve"),
     "effector pose": (3, "--pressure R=300kPa,G=200kPa"),
     "effector curve": (2, "--points 5"),
@@ -176,6 +181,7 @@ def make_originals(folder: Path) -> None:
     from skimage.measure import marching_cubes
 
     from bozzini.cli.main import main
+    from bozzini.muscle.loops import fit_loop, read_loop, save_loop_model
     from bozzini.vision import CameraSet, CharucoBoard, PairLayout, StripBoard
     from tests.cli.plan_cases import write_volume
     from tests.shapes import bend_curve, curve_distance
@@ -204,6 +210,13 @@ def make_originals(folder: Path) -> None:
     pressure = np.linspace(0.0, 0.8, 12)
     rows = [f"{1000 * p:g},{12 * p / (p + 0.4):.4f}" for p in pressure]
     (folder / "table.csv").write_text("\n".join(["pressure [kPa],contraction [mm]", *rows]) + "\n")
+    loops = np.interp(np.arange(200.0), np.arange(0.0, 201.0, 40.0), [0, 600, 100, 500, 0, 400])
+    lagging = np.convolve(loops, [0.5, 0.3, 0.2])[:200]
+    loop = np.column_stack([np.arange(200.0), loops, 0.01 * lagging])
+    header = "time [s],pressure [kPa],contraction [mm]"
+    np.savetxt(folder / "loop.csv", loop, delimiter=",", header=header, comments="", fmt="%.6g")
+    fitted = fit_loop(read_loop(folder / "loop.csv"), "prandtl-ishlinskii")
+    save_loop_model(folder / "loop.yaml", fitted.model)
     pair = PairLayout(size=(640, 400)).make_cameras()
     cameras = CameraSet(names=("left", "right"), cameras=pair, resamples=(pair, pair))
     for suffix in ("yaml", "json"):

@@ -38,6 +38,7 @@ from .muscle_options import (
     make_class,
     model_option,
     model_options,
+    take_muscle,
 )
 
 if TYPE_CHECKING:
@@ -88,7 +89,6 @@ class EffectorRequest:
 
     def _make_design(self) -> EffectorDesign:
         from ..effector import PlacedMuscle, effector_preset, rigidity_from_test
-        from ..muscle.design import preset as muscle_preset
         from ..units import parse_quantity
 
         given = self.given
@@ -99,7 +99,7 @@ class EffectorRequest:
             muscle = placed[0].muscle
             placed = [PlacedMuscle(name=name, muscle=muscle, angle=angles[name]) for name in angles]
         if given["muscle_preset"] is not None:
-            muscle = muscle_preset(given["muscle_preset"])
+            muscle = take_muscle(given["muscle_preset"])
             placed = [replace(item, muscle=muscle) for item in placed]
         changes = {name: given[name] for name in FIELDS if given.get(name) is not None}
         length = changes.setdefault("backbone_length", placed[0].muscle.length)
@@ -133,7 +133,9 @@ effector_options = gather(
     EffectorRequest,
     option("--preset NAME", "Where the design begins: prototype.", default="prototype"),
     option(
-        "--muscle-preset NAME", "The muscles, by a name of bozzini muscle (prototype: fitted-45)."
+        "--muscle-preset NAME|FILE",
+        "The muscles, by a name of 'bozzini muscle presets' or a muscle file ending in .yaml or "
+        ".json (prototype: fitted-45).",
     ),
     option(
         "--angles NAME=ANGLE,...",

@@ -74,7 +74,7 @@ _asked = gather(
 @click.command("design")
 @click.argument("source", metavar="[CURVE.csv | PLAN.npz]", required=False, type=_file)
 @click.option(
-    "--tract", metavar="INPUT", type=_file, help="Find a robot of even sections for this tract."
+    "--tract", metavar="INPUT", type=_file, help="Find a robot of sections for this tract."
 )
 @_asked
 @options_of(RoutingLimits, "limits")
@@ -95,9 +95,9 @@ def design_command(
     """Route tendons so that a robot holds a curve, or find a robot of sections for a tract.
 
     A curve is a table with the columns x, y and z (or x_mm, y_mm, z_mm) from the base on; of a plan
-    it is the head's path. With --tract the widest robot of even sections is sought that comes
-    through, certified. Exit code 0: there is a robot; 1: there is none within the limits, the
-    reason is reported and no robot is written; 2: bad input.
+    it is the head's path. With --tract the widest robot of sections is sought that comes through,
+    certified. Exit code 0: there is a robot; 1: there is none within the limits, the reason is
+    reported and no robot is written; 2: bad input.
     """
     check_target(figure, PICTURES, force=answer.force)
     if tract is not None and source is None:
@@ -251,7 +251,7 @@ def _format_search(found: TractRobot) -> str:
     rows = [
         [
             f"{trial.diameter:g}",
-            str(trial.sections) if trial.sections else "scope",
+            f"{trial.sections}{'' if trial.even else ' uneven'}" if trial.sections else "scope",
             f"{trial.head:.1f}",
             f"{trial.clearance:.3f}" if trial.passed else "-",
         ]
@@ -260,7 +260,8 @@ def _format_search(found: TractRobot) -> str:
     head = ["diameter [mm]", "sections", "head [mm]", "clearance [mm]"]
     lines = [format_rows(head, rows)] if rows else []
     lines += [
-        f"{trial.diameter:g} mm, {trial.sections or 'a scope'}: {trial.reason}"
+        f"{trial.diameter:g} mm, {trial.sections or 'a scope'}"
+        f"{'' if trial.even else ' uneven'}: {trial.reason}"
         for trial in found.trials
         if trial.reason
     ]

@@ -21,6 +21,7 @@ from functools import cached_property
 from itertools import combinations, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import check_fields, quantity
 from ..errors import GeometryError
@@ -792,26 +793,38 @@ def fit_straight(
 
 def split_curvature(target: BendTarget, pieces: int) -> Floats:
     """Return the ends (pieces,) of the best pieces of even curvature, in the mean square [mm]."""
-    values = np.concatenate([np.zeros((1, 2)), np.cumsum(target.curvature, axis=0)])
-    squares = np.concatenate([[0.0], np.cumsum(np.sum(target.curvature**2, axis=1))])
-    count = len(values) - 1
-    index = np.arange(count + 1)
-    many = np.maximum(index[None] - index[:, None], 1)
-    sums = np.sum((values[None] - values[:, None]) ** 2, axis=-1)
-    costs = squares[None] - squares[:, None] - sums / many
-    costs[index[None] <= index[:, None]] = np.inf
+    edges = np.concatenate([target.steps.places, [target.steps.length]])
+    places = edges[split_rows(target.curvature, pieces)[1:]]
+    places[-1] = target.steps.length
+    return np.asarray(places)
+
+
+def split_rows(
+    rows: Floats, pieces: int, *, power: float = 0.0, least: int = 1
+) -> NDArray[np.int64]:
+    """Return the edges (pieces + 1,) of pieces of rows (m, q) that vary least from their means.
+
+    By dynamic programming; the squares of a piece of n rows, at least `least`, weigh n to `power`.
+    """
+    sums = np.concatenate([np.zeros((1, rows.shape[1])), np.cumsum(rows, axis=0)])
+    squares = np.concatenate([[0.0], np.cumsum(np.sum(rows**2, axis=1))])
+    index = np.arange(len(sums))
+    many = index[None] - index[:, None]
+    size = np.maximum(many, 1)
+    inner = sums @ sums.T
+    own = np.diag(inner)
+    costs = squares[None] - squares[:, None] - (own[None] + own[:, None] - 2.0 * inner) / size
+    costs *= size.astype(np.float64) ** power
+    costs[many < least] = np.inf
     total, came = costs[0], []
     for _ in range(pieces - 1):
         trial = total[:, None] + costs
         came.append(np.argmin(trial, axis=0))
         total = np.min(trial, axis=0)
-    ends = [count]
+    ends = [len(rows)]
     for back in reversed(came):
         ends.append(int(back[ends[-1]]))
-    edges = np.concatenate([target.steps.places, [target.steps.length]])
-    places = edges[np.array(ends[::-1])]
-    places[-1] = target.steps.length
-    return np.asarray(places)
+    return np.array([0, *ends[::-1]])
 
 
 class _Arcs(CurvatureFit):

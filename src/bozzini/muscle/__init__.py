@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .models import MODELS, CatalogueModel
     from .models.energy import EnergyMuscle
     from .models.thesis import ThesisMuscle
+    from .prediction import Prediction, predict
     from .ranking import (
         Comparison,
         ModelScore,
@@ -53,6 +54,7 @@ __all__ = [
     "MuscleModel",
     "MuscleState",
     "RankedModel",
+    "Prediction",
     "RankOptions",
     "Ranking",
     "RepeatStatistics",
@@ -61,6 +63,7 @@ __all__ = [
     "calibrate",
     "compare_models",
     "find_offset",
+    "predict",
     "preset",
     "rank",
     "read_measurements",
@@ -76,11 +79,13 @@ _MODULES = {
     ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
     ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
+    ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),
     ".models": ("MODELS", "CatalogueModel"),
     ".models.energy": ("EnergyMuscle",),
     ".models.thesis": ("ThesisMuscle",),
+    ".prediction": ("Prediction", "predict"),
     ".ranking": ("Comparison", "ModelScore", "RankOptions", "RankedModel", "Ranking",
                  "compare_models", "rank"),
     ".table": ("read_measurements", "take_measurements", "write_measurements"),

@@ -629,10 +629,11 @@ def check_muscle(muscle: object, model: MuscleModel | None = None) -> None:
         return
     missing = [name.replace("_", "-") for name in muscle.unset if name not in model.unused]
     if missing:
+        fitted = ",".join(name for name in missing if name != "strands")
         raise InputError(
             f"the model {model.name} needs the muscle's {', '.join(missing)}: give "
-            f"{' '.join(f'--{name}' for name in missing)}, write it into the muscle's file, or "
-            f"free it in a fit, --free {','.join(missing)}"
+            f"{' '.join(f'--{name}' for name in missing)}, or write it into the muscle's file"
+            + (f", or fit it with --free {fitted}" if fitted else "")
         )
 
 

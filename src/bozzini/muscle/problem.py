@@ -718,6 +718,34 @@ def move_model(model: MuscleModel, muscle: Muscle) -> MuscleModel:
     return replace(model, muscle=muscle)  # type: ignore[type-var]
 
 
+def list_constants(model: MuscleModel) -> dict[str, float | str]:
+    """Return the constants and choices of a model, as its class takes them; laws are left out."""
+    if isinstance(model, CatalogueModel):
+        return {name: x for name, x in model.keywords.items() if isinstance(x, (int, float, str))}
+    names = [*(item.name for item in model.list_parameters()), *model.choices]
+    return {name: getattr(model, name) for name in names if name not in list_quantities(Muscle)}
+
+
+def change_model(
+    model: MuscleModel, values: Mapping[str, float], *, anchor: tuple[float, float] | None = None
+) -> MuscleModel:
+    """Return a model with other values of muscle, constants and ends; an anchor sets the offset."""
+    ends = EndEffects()
+    if isinstance(model, MountedMuscle):
+        model, ends = model.model, model.ends
+    of_ends = {name: value for name, value in values.items() if name in END_FIELDS}
+    fields = {name: value for name, value in values.items() if name in PARAMETER_UNITS}
+    own = {name: x for name, x in values.items() if name not in {*of_ends, *fields}}
+    muscle = model.muscle.replace(**fields)
+    if isinstance(model, CatalogueModel):
+        model = model.replace(muscle, **own)
+    else:
+        model = replace(model, muscle=muscle, **own)  # type: ignore[type-var]
+    if anchor is not None:
+        of_ends["offset"] = find_offset(model, pressure=anchor[0], length=anchor[1])
+    return ends.replace(**of_ends).mount(model)
+
+
 def differentiate(
     build: Callable[[Mapping[str, float]], MuscleModel],
     values: Mapping[str, float],

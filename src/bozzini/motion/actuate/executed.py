@@ -316,12 +316,14 @@ def certify_arcs(
         piece = certify_motion(joints, space, radius=robot.radius + off, tolerance=TOLERANCE_MM)
         total += piece.evaluations
         resolved &= piece.resolved
-        lowest = min(lowest, piece.clearance)
+        # Far outside the lumen the field is no distance, and the bound may pass what was found.
+        proved = min(piece.clearance, piece.found)
+        lowest = min(lowest, proved)
         if best is None or piece.found < best.found:
             # Link 1 is the tip's; in the introducer nothing is found, and there is none.
             section, middle = _find_chord(chords, lengths, width - 1 - max(piece.link, 1))
             best = ArcCertificate(
-                clearance=piece.clearance,
+                clearance=proved,
                 found=piece.found,
                 step=float(np.interp(piece.step, np.arange(len(when)), when)),
                 section=section,

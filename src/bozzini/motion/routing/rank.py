@@ -15,10 +15,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...continuum.routing import (
     BackboneSteps,
@@ -74,7 +75,7 @@ class Way:
         Share of the curvature, in the mean square, that no routings of that number leave out less
         of; of sections the same for their two freedoms each.
     rms, largest : float
-        Distance from the path over all poses and points [mm], in the linear law.
+        Distance from the path [mm], in the linear law; in the mean square each pose counts alike.
     projected_rms, projected_largest : float, optional
         The same where the curvature, not the places, is nearest to the path's [mm].
     exact_rms, exact_largest : float, optional
@@ -242,21 +243,19 @@ def insertion_rank(
     for index, count in enumerate(options.modes):
         progress("rank", index / total)
         first = job.take_modes(count)
-        ways.append(job.measure(first, "curvature", count, found.bounds, options))
+        ways.append(job.measure(first, "curvature", found.bounds, options))
         if options.rounds:
             better, poses = job.fit_routings(first, LinearLaw, options.rounds)
             if options.exact:
                 law = partial(ExactLaw, options=options)
                 better = min((first, better), key=lambda modes: job.sum_costs(law(modes)))
                 better, poses = job.fit_routings(better, law, options.rounds)
-            way = job.measure(better, "positions", count, found.bounds, options)
+            way = job.measure(better, "positions", found.bounds, options, poses)
             ways.append(job.take_nearer(way, poses) if options.exact else way)
     for index, count in enumerate(options.sections):
         progress("rank", (len(options.modes) + index) / total)
         modes = job.take_sections(count)
-        ways.append(
-            job.measure(modes, "sections", count, found.bounds, replace(options, exact=False))
-        )
+        ways.append(job.measure(modes, "sections", found.bounds, replace(options, exact=False)))
     progress("rank", 1.0)
     order = {source: index for index, source in enumerate(LABELS)}
     ways.sort(key=lambda way: order[way.source])
@@ -289,6 +288,17 @@ class Pose:
         return float(np.sum(self.off**2) + ridge @ ridge)
 
 
+def shift_curvature(target: BendTarget, heads: NDArray[np.int64]) -> Floats:
+    """Return the curvature along the robot, x then y, (4 n, poses), its head at these steps."""
+    count = target.steps.count
+    matrix = np.zeros((4 * count, len(heads)))
+    for column, head in enumerate(heads):
+        inside = target.curvature[: 2 * head]
+        matrix[2 * (count - head) : 2 * count, column] = inside[:, 0]
+        matrix[2 * (2 * count - head) :, column] = inside[:, 1]
+    return matrix
+
+
 class _Insertion:
     """The poses of a way in, whose curvature is the path's, shifted by whole steps."""
 
@@ -297,11 +307,7 @@ class _Insertion:
         self.scale = options.stiffness / options.offset_max
         self.count = count = target.steps.count
         self.heads = np.arange(count, 0, -stride)[::-1]
-        self.matrix = np.zeros((4 * count, len(self.heads)))
-        for column, head in enumerate(self.heads):
-            inside = target.curvature[: 2 * head]
-            self.matrix[2 * (count - head) : 2 * count, column] = inside[:, 0]
-            self.matrix[2 * (2 * count - head) :, column] = inside[:, 1]
+        self.matrix = shift_curvature(target, self.heads)
         self.coefficients = max(6, round(self.steps.length / MODE_MM))
         self.basis, self.slopes = self.steps.make_basis(self.coefficients)
         self.rough = SLOPE_WEIGHT**2 * self.slopes.T @ self.slopes
@@ -336,14 +342,15 @@ class _Insertion:
         self,
         modes: Modes,
         source: WaySource,
-        count: int,
         bounds: Floats,
         options: InsertionRankOptions,
+        before: Sequence[Pose] = (),
     ) -> Way:
         """Return how near the poses come, in the linear law and in the exact one."""
-        poses = self.fit_poses(LinearLaw(modes))
+        poses = self.fit_poses(LinearLaw(modes), before)
         rms, largest = _measure(poses)
         freedoms = modes.values.shape[2]
+        count = freedoms // 2 if source == "sections" else freedoms
         way = Way(
             source=source,
             count=count,
@@ -385,7 +392,15 @@ class _Insertion:
             pairs = zip(self.heads, before, strict=True)
             return [self.fit_pose(law, head, pose.amplitudes, pose.turn) for head, pose in pairs]
         turn = self.target.frame[:3, :3]
-        return [self.fit_pose(law, head, self._begin(law, head), turn) for head in self.heads]
+        poses = [self.fit_pose(law, head, self._begin(law, head), turn) for head in self.heads]
+        # From its neighbours on, a pose may come nearer than from the curvature.
+        for step in (1, -1):
+            rows = range(len(poses))[::step]
+            for last, row in pairwise(rows):
+                start = poses[last]
+                other = self.fit_pose(law, self.heads[row], start.amplitudes, start.turn)
+                poses[row] = min(poses[row], other, key=lambda pose: pose.cost)
+        return poses
 
     def _begin(self, law: LinearLaw, head: int, ridge: float = 1e-3) -> Floats:
         """Return the amplitudes whose curvature is nearest to the path's."""
@@ -546,9 +561,10 @@ def _turn(rotation: Floats) -> Floats:
 
 
 def _measure(poses: Sequence[Pose]) -> tuple[float, float]:
-    """Return the rms and the largest distance over all poses and points [mm]."""
-    off = np.concatenate([np.linalg.norm(pose.off, axis=1) for pose in poses])
-    return float(np.sqrt(np.mean(off**2))), float(off.max())
+    """Return the rms, in which each pose counts alike, and the largest distance [mm]."""
+    squares = [np.sum(pose.off**2, axis=1) for pose in poses]
+    mean = np.mean([rows.mean() for rows in squares])
+    return float(np.sqrt(mean)), math.sqrt(max(rows.max() for rows in squares))
 
 
 Variation = tuple["Floats", Callable[["Floats"], "Floats"]]

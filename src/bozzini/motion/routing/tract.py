@@ -1,9 +1,9 @@
-"""A robot of even sections for a tract: the widest that comes through, with the fewest sections.
+"""A robot of sections for a tract: the widest that comes through, with the fewest sections.
 
 No diameter is tried that the traversability bounds exclude (`find_diameter_limits`). For each
 other one, from the widest down, a scope's plan is made, and robots of more and more sections are
-fitted to its path; the first whose whole motion is certified is the answer. The bend limits are
-what that motion takes.
+fitted to its path, first of even lengths, then of those that the bends of the whole way ask for;
+the first whose whole motion is certified is the answer. The bend limits are what that motion takes.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...continuum import ContinuumRobot, Section, Tendon
+from ...continuum.routing import fit_bend, split_rows
 from ...duct.base import Duct
 from ...duct.centreline import Centreline
 from ...errors import GeometryError, InputError
@@ -29,10 +30,14 @@ from ..planner import plan_insertion
 from ..planners import PlannerOptions
 from ..scope import Scope
 from ..traverse import DiameterLimits, find_diameter_limits
+from .design import take_curve
 from .options import RobotSearch
+from .rank import shift_curvature
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from ...continuum.checks import Floats
 
 DIAMETER_STEP_MM = 0.1
 """Diameters that are tried are multiples of this."""
@@ -42,6 +47,15 @@ BEND_SPARE = 1.1
 
 LENGTH_SPARE = 1.02
 """Length of a robot against its plan's path, so that the base stays in the introducer."""
+
+LENGTH_POWER = 2.0
+"""Power of a section's length that squares of curvature weigh, where lengths follow the bends."""
+
+SHORTEST_SHARE = 1.0
+"""Shortest section whose length follows the bends, against the diameter."""
+
+POSE_MM = 8.0
+"""The head moves by this from one pose to the next, where lengths follow the bends."""
 
 LINK_SHARE = 0.5
 """Links of the scope whose plan a robot follows, against its shortest section."""
@@ -56,6 +70,7 @@ class Trial:
 
     diameter: float
     sections: int
+    even: bool
     passed: bool
     clearance: float
     head: float
@@ -132,6 +147,7 @@ class TractRobot(Result):
         names = {
             "diameter": "diameter_mm",
             "sections": "sections",
+            "even": "even_lengths",
             "passed": "passed",
             "clearance": "clearance_mm",
             "head": "head_mm",
@@ -142,15 +158,14 @@ class TractRobot(Result):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw how far each trial came, and return the axes."""
         axes = take_axes(ax, x="sections", y="certified way of the head [mm]")
-        for row, diameter in enumerate(sorted({t.diameter for t in self.trials}, reverse=True)):
-            own = [t for t in self.trials if t.diameter == diameter]
-            axes.plot(
-                [t.sections for t in own],
-                [t.head for t in own],
-                "o-",
-                color=f"C{row}",
-                label=f"{diameter:g} mm",
-            )
+        diameters = sorted({t.diameter for t in self.trials}, reverse=True)
+        for row, diameter in enumerate(diameters):
+            for even, style in ((True, "o-"), (False, "x--")):
+                own = [t for t in self.trials if t.diameter == diameter and t.even == even]
+                if own:
+                    label = f"{diameter:g} mm{'' if even else ', uneven'}"
+                    counts, heads = [t.sections for t in own], [t.head for t in own]
+                    axes.plot(counts, heads, style, color=f"C{row}", label=label)
         if self.trials:
             axes.legend(title="diameter", fontsize="small")
         return axes
@@ -163,7 +178,7 @@ def design_robot(
     options: RobotSearch | None = None,
     progress: Progress = no_progress,
 ) -> TractRobot:
-    """Return the widest robot of even sections that comes through a tract, certified.
+    """Return the widest robot of sections that comes through a tract, certified.
 
     Parameters
     ----------
@@ -202,20 +217,24 @@ def design_robot(
             continue
         for column, count in enumerate(options.sections):
             progress("robots", (row * (1 + len(options.sections)) + column + 1) / total)
-            robot = make_robot(plan, diameter, count, options)
-            motion = actuate_plan(plan, robot, duct)
-            head = float(motion.head_arc_length[-1])
-            proof = motion.certificate.clearance
-            trials.append(_describe_trial(diameter, count, proof, head, motion.reason))
-            if motion.fits:
-                progress("robots", 1.0)
-                return TractRobot(
-                    robot=limit_bends(robot, motion),
-                    actuation=motion,
-                    plan=plan,
-                    limits=limits,
-                    trials=tuple(trials),
-                )
+            for even in (True, False):
+                shares = np.full(count, 1.0 / count) if even else share_lengths(plan, count)
+                if not even and (count == 1 or np.ptp(shares) == 0.0):
+                    continue
+                robot = make_robot(plan, shares, options)
+                motion = actuate_plan(plan, robot, duct)
+                head = float(motion.head_arc_length[-1])
+                proof = motion.certificate.clearance
+                trials.append(_describe_trial(diameter, count, proof, head, motion.reason, even))
+                if motion.fits:
+                    progress("robots", 1.0)
+                    return TractRobot(
+                        robot=limit_bends(robot, motion),
+                        actuation=motion,
+                        plan=plan,
+                        limits=limits,
+                        trials=tuple(trials),
+                    )
     progress("robots", 1.0)
     return TractRobot(
         robot=None,
@@ -240,12 +259,30 @@ def list_diameters(options: RobotSearch, limits: DiameterLimits) -> list[float]:
     return sorted({round(DIAMETER_STEP_MM * float(k), 6) for k in steps}, reverse=True)
 
 
-def make_robot(plan: Plan, diameter: float, count: int, options: RobotSearch) -> ContinuumRobot:
-    """Return a robot of even sections for a plan's path, with three tendons each."""
-    length = LENGTH_SPARE * float(plan.path_arc_length[-1]) / count
+def share_lengths(plan: Plan, count: int) -> Floats:
+    """Return the shares (count,) of a robot's length that suit the bends of the whole way in.
+
+    Where along the robot the curvature of all poses varies, sections are short: a base that stays
+    in a straight part is one long section. Even shares, where a section would be too short.
+    """
+    target = fit_bend(take_curve(plan))
+    steps = target.steps
+    stride = max(1, round(POSE_MM * steps.count / steps.length))
+    matrix = shift_curvature(target, np.arange(steps.count, 0, -stride))
+    rows = np.concatenate(np.split(matrix, 2), axis=1)
+    least = max(1, math.ceil(SHORTEST_SHARE * plan.scope.diameter / steps.length * len(rows)))
+    if least * count > len(rows):
+        return np.full(count, 1.0 / count)
+    return np.diff(split_rows(rows, count, power=LENGTH_POWER, least=least)) / len(rows)
+
+
+def make_robot(plan: Plan, shares: Floats, options: RobotSearch) -> ContinuumRobot:
+    """Return a robot for a plan's path, of sections with these shares and three tendons each."""
+    length = LENGTH_SPARE * float(plan.path_arc_length[-1])
+    diameter, count = plan.scope.diameter, len(shares)
     radius = 0.5 * diameter
     sections = []
-    for index in range(count):
+    for index, share in enumerate(shares):
         tendons = tuple(
             Tendon(
                 name=f"S{index + 1}T{k + 1}",
@@ -254,9 +291,9 @@ def make_robot(plan: Plan, diameter: float, count: int, options: RobotSearch) ->
             )
             for k in range(3)
         )
-        sections.append(
-            Section(length=length, radius=radius, tendons=tendons, name=f"S{index + 1}")
-        )
+        name = f"S{index + 1}"
+        own = float(share * length)
+        sections.append(Section(length=own, radius=radius, tendons=tendons, name=name))
     return ContinuumRobot(tuple(sections), name=f"{count} sections of {diameter:g} mm")
 
 
@@ -271,11 +308,12 @@ def limit_bends(robot: ContinuumRobot, motion: Actuation) -> ContinuumRobot:
 
 
 def _describe_trial(
-    diameter: float, sections: int, clearance: float, head: float, reason: str
+    diameter: float, sections: int, clearance: float, head: float, reason: str, even: bool = True
 ) -> Trial:
     return Trial(
         diameter=diameter,
         sections=sections,
+        even=even,
         passed=not reason,
         clearance=clearance,
         head=head,
@@ -291,5 +329,6 @@ def _explain(options: RobotSearch, limits: DiameterLimits, trials: list[Trial]) 
             f"centreline (proved): the thinnest that was asked for has {options.diameter_min:g} mm"
         )
     last = trials[-1]
-    tried = f"{last.sections} sections" if last.sections else "a scope"
+    kind = "" if last.even else " uneven"
+    tried = f"{last.sections}{kind} sections" if last.sections else "a scope"
     return f"{tried} of {last.diameter:g} mm, the thinnest tried: {last.reason}"

@@ -33,6 +33,7 @@ from ..hysteresis import (
     FrictionBand,
     GeneralisedPrandtlIshlinskii,
     HysteresisState,
+    InvertibleOperator,
     Operator,
     PrandtlIshlinskii,
     Preisach,
@@ -60,14 +61,6 @@ OPERATORS: dict[str, type[Operator]] = {
 
 `MaxwellSlip` is not among them: what it leaves of a pressure is a `PrandtlIshlinskii`.
 """
-
-INVERTIBLE = (
-    GeneralisedPrandtlIshlinskii,
-    PrandtlIshlinskii,
-    AsymmetricPrandtlIshlinskii,
-    UnparallelPrandtlIshlinskii,
-)
-"""Operators that have an inverse along a history."""
 
 KIND, VERSION = "bozzini-hysteresis", 1
 _POINTS = 1001  # of a static curve's table
@@ -216,10 +209,10 @@ class LoopModel:
         check_range("wanted", asked, -LIMIT, LIMIT, RESPONSES[self.kind])
         if asked.ndim != 1 or not asked.size:
             raise InputError(f"wanted has shape {asked.shape}: a history has (n,)")
-        if not isinstance(self.operator, INVERTIBLE):
+        if not isinstance(self.operator, InvertibleOperator):
+            legal = [name for name, x in OPERATORS.items() if issubclass(x, InvertibleOperator)]
             raise InputError(
-                f"the operator {self.operator_name} has no inverse: fit one of "
-                f"{', '.join(name for name, kind in OPERATORS.items() if kind in INVERTIBLE)}"
+                f"the operator {self.operator_name} has no inverse: fit one of {', '.join(legal)}"
             )
         top = self.pressures[1] if highest is None else highest
         top = check_number("highest", top, low=0.0, low_open=True, high=PRESSURE_LIMIT, unit="MPa")
