@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -541,3 +542,13 @@ def test_a_table_with_geometry_needs_its_muscle(run, tmp_path):
 def test_a_bare_pressure_in_kPa_is_asked_about(run):
     code, _, err = run("solve", "--pressure", "300")
     assert code == 2 and "pressure is 300 MPa: it must lie in [0, 20] MPa; is it in kPa?" in err
+
+
+def test_a_fitted_angle_is_in_degrees(run, table):
+    command = ("fit", table, "--free", "braid-angle,modulus", "--anyway")
+    text = run(*command)[1]
+    said = json.loads(run(*command, "--json")[1])
+    found = said["estimates"]["braid_angle"]
+    assert found["unit"] == "rad"
+    angle = math.degrees(found["value"])
+    assert re.search(rf"^braid_angle +{angle:.4g} deg ", text, re.MULTILINE)
