@@ -625,7 +625,7 @@ def test_the_muscles_may_come_from_a_file(run, tmp_path):
     write_muscle(tmp_path / "m.yaml", MuscleFile(muscle=fitted, model="chou"))
     command = ("pose", "--pressure", "R=400kPa", "--json", "--muscle-preset")
     code, out, err = run(*command, "m.yaml")
-    assert code == 0 and "note: m.yaml: the model" in err
+    assert code == 0 and "note: m.yaml: the model" in err, out + err
     assert json.loads(out) == json.loads(run(*command, "fitted-45")[1])
     code, _, err = run(*command, "nowhere.yaml")
     assert code == 2

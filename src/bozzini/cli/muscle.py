@@ -607,6 +607,8 @@ def predict_command(
 
     Exit code 0: predicted; 1: the model has no answer for some rows; 2: bad input.
     """
+    import numpy as np
+
     from ..muscle import Measurements, predict, read_measurements, read_muscle
 
     fitted = read_muscle(file)
@@ -626,7 +628,9 @@ def predict_command(
             if name not in given and name != own.get(response) and name != "--load":
                 raise InputError(f"{name} is missing: give it, or a table of states")
         data = Measurements(
-            pressure=[pressure or 0.0], contraction=[contraction or 0.0], load=[load or 0.0]
+            pressure=np.array([pressure or 0.0]),
+            contraction=np.array([contraction or 0.0]),
+            load=np.array([load or 0.0]),
         )
     found = predict(
         fitted, data, length=rest_length, free_length=_parse_free_length(free_text), level=level
