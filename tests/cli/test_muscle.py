@@ -552,3 +552,14 @@ def test_a_fitted_angle_is_in_degrees(run, table):
     assert found["unit"] == "rad"
     angle = math.degrees(found["value"])
     assert re.search(rf"^braid_angle +{angle:.4g} deg ", text, re.MULTILINE)
+
+
+def test_a_muscle_that_gets_longer_has_a_curve_of_force(run):
+    size = ("--length", "80mm", "--outer-radius", "5mm", "--braid-angle", "70deg")
+    command = ("curve", "--model", "gaylord-1", *size, "--of", "force", "--points", "5")
+    code, out, err = run(*command)
+    assert (code, err) == (0, "")
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert float(rows[0]["force_N"]) < 0.0  # it pushes when blocked
+    assert float(rows[-1]["contraction_mm"]) < 0.0
+    assert float(rows[-1]["force_N"]) == pytest.approx(0.0, abs=1e-9)
