@@ -497,9 +497,8 @@ def _name_fields(texts: str) -> tuple[str, ...]:
 def _parse_bounds(
     texts: tuple[str, ...], own: Mapping[str, Parameter]
 ) -> dict[str, tuple[float, float]]:
-    from ..units import parse_quantity
-
     from ..muscle import EndEffects
+    from ..units import parse_quantity
 
     kinds = {**FIELDS, **list_quantities(EndEffects)}
     bounds: dict[str, tuple[float, float]] = {}
