@@ -26,7 +26,7 @@ BENDS = np.array([[0.4, -0.3], [1.1, 0.7]])
 WIRE = ("--tendon-stiffness", "10kN")
 SECTION_FIELDS = ("name", "length", "radius", "discs", "disc_positions", "bending_stiffness",
                   "torsional_stiffness", "max_bend", "tendons")  # fmt: skip
-TENDON_FIELDS = ("name", "offset", "angle", "end", "pushes", "travel", "interpolation")
+TENDON_FIELDS = ("name", "offset", "angle", "end", "pushes", "travel", "interpolation", "friction")
 HELIX_FIELDS = ("start", "turns")
 PNG = b"\x89PNG"
 

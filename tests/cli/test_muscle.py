@@ -14,10 +14,12 @@ from bozzini.cli.main import main
 from bozzini.cli.muscle_options import CHOICES
 from bozzini.muscle import (
     MODELS,
+    PRESETS,
     EnergyMuscle,
     Measurements,
     ThesisMuscle,
     preset,
+    read_muscle,
     write_measurements,
 )
 from bozzini.muscle.kernels import energy as _kernels
@@ -93,9 +95,8 @@ def test_every_field_of_a_model_can_be_overridden(run, name):
     used = {key: field for key, field in FIELDS.items()
             if key.replace("-", "_") not in MODELS[name].unused}  # fmt: skip
     options = [word for key, (text, _, _) in used.items() for word in (f"--{key}", text)]
-    code, out, _ = run(
-        "solve", "--model", name, "--pressure", "0.5MPa", "--json", *WAY[name], *options
-    )
+    command = ("solve", "--preset", "effector-45", "--model", name, "--pressure", "0.5MPa")
+    code, out, _ = run(*command, "--json", *WAY[name], *options)
     said = json.loads(out)
     assert code == 0
     assert set(said["muscle"]) == {key for _, key, _ in FIELDS.values()}
@@ -379,7 +380,7 @@ def test_units_and_the_mean_of_directions(run, tmp_path):
         (["solve", "--pressure", "0.5MPa", "--preset", "none-45"], "'none-45'"),
         (["solve", "--pressure", "0.5MPa", "--model", "lee"], "no model 'lee'"),
         (["solve", "--pressure", "0.5MPa", "--ends", "round"], "'round'"),
-        (["solve", "--pressure", "0.5MPa", "--braid-angle", "80deg"], "braid angle is 1.39626"),
+        (["solve", "--pressure", "0.5MPa", "--braid-angle", "88deg"], "braid angle is 1.53589"),
         (["solve", "--pressure", "0.5MPa", "--strands", "30.5"], "30.5"),
         (["solve", "--pressure", "0.5MPa", "--length", "3kg"], "wrong kind of unit"),
         (["solve", "--pressure", "1kPa**9**9**9"], "power that is not one digit"),
@@ -436,3 +437,107 @@ def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, arguments, 
     assert err.count("\n") == 1
     assert said in err
     assert {path.name for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            ("--pressure", "20000psi"),
+            "pressure is 137.895 MPa: it must lie in [0, 20] MPa; is it in kPa? "
+            "(20000psi was given, [0, 2900.75] psi is legal)",
+        ),
+        (("--pressure", "3psi", "--of", "force"), "(3psi was given)"),
+        (
+            ("--braid-angle", "1deg"),
+            "is 0.0174533 rad: it must lie in [0.0872665, {high}] rad (1deg was given, [5, ",
+        ),
+        (
+            ("--pressure", "200MPa"),
+            "pressure is 200 MPa: it must lie in [0, 20] MPa; is it in kPa?\n",
+        ),
+    ],
+)
+def test_an_error_has_the_value_as_it_was_typed(run, given, message):
+    high = f"{preset('effector-45').legal_range('braid_angle')[1]:g}"
+    code, _, told = run("curve", *given)
+    assert code == 2
+    assert message.replace("{high}", high) in told
+
+
+MUSCLE_FILE = """
+muscle: {length: 83 mm, outer_radius: 5 mm, inner_radius: 4 mm, braid_angle: 23 deg, strands: 40}
+model: tondu-lopez
+constants: {kappa1: -0.5, kappa2: 1.2}
+ends: {offset: 0.3 mm}
+"""
+
+
+def test_a_muscle_file_is_where_muscle_model_constants_and_ends_begin(run, tmp_path):
+    (tmp_path / "m.yaml").write_text(MUSCLE_FILE)
+    file = read_muscle(tmp_path / "m.yaml")
+    command = ("solve", "--muscle", "m.yaml", "--pressure", "300kPa", "--json")
+    code, out, err = run(*command)
+    said = json.loads(out)
+    assert (code, said["model"], said["preset"]) == (0, "tondu-lopez", None)
+    assert said["constants"]["kappa2"] == 1.2
+    assert "strands" in said["muscle"] and "modulus_MPa" not in said["muscle"]
+    assert said["contraction_mm"] == pytest.approx(float(file.build().contraction(0.3)))
+    assert "note: the model tondu-lopez does not use: inner radius, strands" in err
+    other = json.loads(run(*command, "--set", "kappa2=1", "--length", "9cm")[1])
+    own = MODELS["tondu-lopez"](file.muscle.replace(length=90.0), kappa1=-0.5, kappa2=1.0)
+    assert other["contraction_mm"] == pytest.approx(0.3 + float(own.contraction(0.3)))
+    chou = json.loads(run(*command, "--model", "chou")[1])
+    assert chou["contraction_mm"] == pytest.approx(
+        float(MODELS["chou"](file.muscle).contraction(0.3))
+    )
+    for options, expected in (
+        (("--preset", "effector-45"), "--preset and --muscle both give the muscle: give one"),
+        (("--model", "energy"), "the model energy needs the muscle's modulus: give --modulus"),
+        (("--model", "kothera-energy"), "muscle's strand-radius, strand-modulus: give"),
+    ):
+        code, out, err = run(*command[:-1], *options)
+        assert (code, out) == (2, "") and expected in err
+    code, _, err = run("solve", "--muscle", "nowhere.yaml", "--pressure", "1kPa")
+    assert code == 2 and "cannot read nowhere.yaml" in err
+
+
+def test_length_and_radius_alone_inherit_nothing(run):
+    size = ("solve", "--length", "83mm", "--outer-radius", "5mm", "--pressure", "0.3MPa")
+    code, _, err = run(*size)
+    assert code == 2 and "needs the muscle's inner-radius, braid-angle, modulus" in err
+    code, out, _ = run(*size, "--braid-angle", "23deg", "--model", "gaylord-1", "--json")
+    said = json.loads(out)
+    assert (code, said["preset"], said["muscle"]["gap_mm"]) == (0, None, 0.0)
+    festo = ("solve", "--preset", "festo-10", "--length", "83mm", *size[5:])
+    festo += ("--braid-angle", "23deg", "--model", "gaylord-1", "--json")
+    of_festo = json.loads(run(*festo)[1])
+    assert of_festo["contraction_mm"] == said["contraction_mm"]
+
+
+def test_presets_are_listed_with_their_sources(run):
+    code, out, _ = run("presets", "--json")
+    said = json.loads(out)["presets"]
+    assert code == 0 and set(said) == set(PRESETS)
+    assert said["festo-20"]["outer_radius_mm"] == 10.0
+    assert "braid_angle" in said["festo-20"]["unset"]
+    text = run("presets")[1]
+    assert all(f"{name}: length" in text and item.source in text for name, item in PRESETS.items())
+    assert "braid angle 36 deg" in text
+
+
+def test_a_table_with_geometry_needs_its_muscle(run, tmp_path):
+    rows = "".join(f"{p},{x},{200.0 + p - 10.0 * x},a,83\n" for p in (100, 300) for x in (0, 5, 9))
+    (tmp_path / "d.csv").write_text(
+        f"pressure [kPa],contraction [mm],load [N],specimen,rest length [mm]\n{rows}"
+    )
+    command = ("compare", "d.csv", "--model", "gaylord-1")
+    code, out, err = run(*command)
+    assert (code, out) == (2, "") and "the geometry of its specimens (rest length)" in err
+    for named in (("--preset", "festo-10"), ("--length", "1m", "--outer-radius", "5mm")):
+        assert run(*command, *named, "--braid-angle", "23deg")[0] == 0
+
+
+def test_a_bare_pressure_in_kPa_is_asked_about(run):
+    code, _, err = run("solve", "--pressure", "300")
+    assert code == 2 and "pressure is 300 MPa: it must lie in [0, 20] MPa; is it in kPa?" in err

@@ -112,7 +112,7 @@ def test_friction_is_friction_at_any_pressure(run):
     steep = ("solve", "--model", "tondu-lopez", "--set", "kappa1=1", "--set", "kappa2=-0.5",
              "--set", "pressure_unit=10kPa", "--direction", "inflating")  # fmt: skip
     assert run(*steep, "--pressure", "1kPa")[0] == 0
-    code, _, err = run(*steep, "--pressure", "100MPa")
+    code, _, err = run(*steep, "--pressure", "20MPa")
     assert code == 2 and "strain factor k of the model tondu-lopez" in err
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bozzini.cli.main import main
 from bozzini.continuum import (
     ArcModel,
     ContinuumRobot,
@@ -19,6 +21,7 @@ from bozzini.continuum import (
     Tendon,
 )
 from bozzini.errors import InputError
+from bozzini.muscle.hysteresis import PrandtlIshlinskii
 from tests.continuum.rods import (
     BENDING,
     LENGTH,
@@ -44,6 +47,13 @@ CROSSING = Tendon(
 def rub(tendons, friction=MU, **fields) -> ContinuumRobot:
     tendons = [dataclasses.replace(tendon, friction=friction) for tendon in np.atleast_1d(tendons)]
     return make_robot(tendons, **fields)
+
+
+def rub_sections(lists) -> ContinuumRobot:
+    return make_robot(
+        [[dataclasses.replace(tendon, friction=MU) for tendon in part] for part in lists],
+        sections=len(lists),
+    )
 
 
 def straight(friction=MU) -> ContinuumRobot:
@@ -215,6 +225,36 @@ def test_only_the_order_counts(loops) -> None:
     assert again.points == pytest.approx(few.shapes.points[1], abs=1e-8)
 
 
+def test_tension_falls_the_way_a_tendon_slides() -> None:
+    # Distal tendons pass the first section, which other tendons bend the other way.
+    tendons = [cross_tendons(3), cross_tendons(3, angle=0.5, prefix="d")]
+    way = np.random.default_rng(7).uniform(0.2, 2.0, (6, 6))
+    found = RodModel(rub_sections(tendons), steps=80).trace_tensions(way)
+    assert found.converged, found.reason
+    state = found.shapes.friction
+    lengths, tensions = (a.reshape(6, -1, 6) for a in (state.lengths, state.tensions))
+    slips = lengths[:-1] - lengths[1:]
+    slid = 0.5 * (slips[:, 1:] + slips[:, :-1])
+    fall = -np.diff(tensions[1:], axis=1)
+    for sign in (1.0, -1.0):
+        here = sign * slid > 1e-3
+        assert here.mean() > 0.1
+        assert np.all(sign * fall[here] >= -1e-12)
+    # A tendon is often held in parts, with one sign here and the other there.
+    signs = [{float(s) for s in np.sign(column[np.abs(column) > 1e-3])} for column in
+             np.moveaxis(slid, 1, 2).reshape(-1, slid.shape[1])]  # fmt: skip
+    assert {-1.0, 1.0} in signs
+
+
+@pytest.mark.parametrize("tendon", [taper("a"), helix("a", 1.0), CROSSING], ids=lambda t: t.name)
+def test_loops_close_along_any_routing(tendon) -> None:
+    way = np.array([PULL, 0.5, PULL, 1.75, 0.5])[:, None]
+    shapes = RodModel(rub(tendon), steps=100).trace_tensions(way).shapes.require()
+    assert shapes.points[2] == pytest.approx(shapes.points[0], abs=1e-8)
+    assert shapes.points[4] == pytest.approx(shapes.points[1], abs=1e-8)
+    assert np.all(shapes.end_tensions[[1, 4]] > shapes.tensions[[1, 4]])
+
+
 def test_work_is_elastic_energy_and_friction() -> None:
     model = RodModel(rub([helix("a", 0.5), taper("b", 2.0)]), between=4, steps=100)
     way = np.concatenate([np.linspace(0.0, PULL, 21), np.linspace(PULL, 1.0, 16)[1:]])
@@ -268,6 +308,41 @@ def test_without_friction_nothing_changes() -> None:
     assert one.tendon_tensions == pytest.approx(np.repeat(np.reshape(pulls, (2, 1)), 21, axis=1))
     little = RodModel(rub(tendons, 1e-9)).shape_under_tensions(pulls)
     assert little.points == pytest.approx(one.points, abs=1e-5)
+
+
+def test_operators_of_hysteresis_lag_displacements_instead() -> None:
+    lag = PrandtlIshlinskii(thresholds=(0.0, 0.4), weights=(0.8, 0.2))
+    acting = lag.apply(np.array([0.0, 3.0, 1.0, 3.0, 1.0]))
+    model = ArcModel(make_robot(cross_tendons(2)))
+    tips = model.shape(np.stack([acting, -acting], axis=1)).require().tip
+    assert tips[2] == pytest.approx(tips[4])
+    lower = model.shape([1.0, -1.0]).tip
+    assert np.linalg.norm(tips[2] - lower) > 0.5
+
+
+def test_a_pose_after_a_history_is_the_library_s(tmp_path, capsys) -> None:
+    robot = rub(cross_tendons(2))
+    path = ContinuumRobot(robot.sections).to_yaml(tmp_path / "robot.yaml")
+    command = ["continuum", "pose", str(path), "--displacement", "t0=2mm,t1=-2mm", "--json"]
+    assert main(command) == 0
+    first = json.loads(capsys.readouterr().out)
+    assert main([*command, "--history", "t0=5mm,t1=-5mm"]) == 0
+    after = json.loads(capsys.readouterr().out)
+    model = RodModel(robot)
+    before = model.shape([5.0, -5.0])
+    for found, shape in (
+        (first, model.shape([2.0, -2.0])),
+        (after, model.shape([2.0, -2.0], initial=before)),
+    ):
+        assert found["model"] == "rod"
+        assert found["tip_mm"] == pytest.approx(shape.tip, abs=1e-6)
+        assert found["tendons"]["t0"]["end_tension_N"] == pytest.approx(shape.end_tensions[0])
+    assert np.linalg.norm(np.subtract(first["tip_mm"], after["tip_mm"])) > 0.5
+    assert main([*command, "--history", "t0=5mm,t1=-5mm", "--model", "energy"]) == 2
+    error = capsys.readouterr().err
+    assert "--history has no effect on the energy model" in error and error.count("\n") == 1
+    assert main([*command, "--history", "t0=60mm,t1=-60mm"]) == 1
+    assert "of --history command 0" in json.loads(capsys.readouterr().out)["reason"]
 
 
 # What is around it.

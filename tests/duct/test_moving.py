@@ -184,6 +184,28 @@ def test_a_frame_that_breaks_its_bounds_is_refused(tube, which, share, seed):
         moving.update(waves, **broken, path=path, radius=RADIUS)
 
 
+@pytest.mark.parametrize("width", [1.0, 3.0])
+def test_a_bump_in_the_lumen_that_breaks_the_bounds_is_refused(tube, width):
+    surface, field, line = tube
+    random = np.random.default_rng(8)
+    waves = Waves(random, 0.1, shortest=40.0)
+    # Twice as steep as stated, in one place within the lumen; the wall hardly moves with it.
+    height = 0.2 * width / np.exp(-0.5)
+    for middle in line[10:-10:9] + random.uniform(-1.5, 1.5, 3):
+
+        def bump(points, middle=middle):
+            away = ((points - middle) ** 2).sum(axis=1)
+            return waves(points) + height * np.exp(-away / (2.0 * width**2))[:, None] * [
+                0,
+                0.6,
+                0.8,
+            ]
+
+        for moving in (MovingField(field, surface), MovingField(field)):
+            with pytest.raises(DeformationError, match="stated"):
+                moving.update(bump, **waves.bounds, path=line + waves(line), radius=RADIUS)
+
+
 def test_vertices_of_another_frame_are_refused(tube):
     surface, field, line = tube
     waves = Waves(np.random.default_rng(1), 0.1)

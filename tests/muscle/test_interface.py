@@ -133,9 +133,9 @@ def test_directions(model):
 @pytest.mark.parametrize(
     ("pressure", "load", "words"),
     [
-        (-0.1, 0.0, r"^pressure is -0\.1 MPa: it must lie in \[0, 1"),
-        (700, 0.0, r"^pressure is 700 MPa: it must lie in \[0, 1"),
-        ([0.1, math.nan], 0.0, r"^pressure\[1\] is nan MPa: it must lie in \[0, 1"),
+        (-0.1, 0.0, r"^pressure is -0\.1 MPa: it must lie in \[0, [12]0\] MPa"),
+        (700, 0.0, r"^pressure is 700 MPa: it must lie in \[0, [12]0\] MPa"),
+        ([0.1, math.nan], 0.0, r"^pressure\[1\] is nan MPa: it must lie in \[0, [12]0\] MPa"),
         ([[0.1, 0.2], [0.3, math.inf]], 0.0, r"^pressure\[1, 1\] is inf MPa: it must lie in"),
         (0.5, [0.0, -0.2], r"^load\[1\] is -0\.2 N: it must lie in \[0, "),
         (0.5, math.nan, r"^load is nan N: it must lie in \[0, "),
@@ -213,10 +213,10 @@ def test_the_largest_forces_are_loads_too():
     )
     for name in ("energy", "thesis"):  # too short for trellis ends
         strong = BUILDS[name](huge.replace(modulus=1e3))
-        pressure = 100.0 if strong.name == "energy" else 10.0
+        pressure = 20.0 if strong.name == "energy" else 10.0
         force = strong.blocked_force(pressure)
         assert strong.contraction(pressure, force) == pytest.approx(0.0, abs=1e-5)
-    assert EnergyMuscle(huge).blocked_force(100.0) > 1e10
+    assert EnergyMuscle(huge).blocked_force(20.0) > 2e9
 
 
 @pytest.mark.parametrize("contraction", [-30.0, 40.0, math.nan])

@@ -136,7 +136,7 @@ def test_force_runs_from_blocked_to_free():
 
 
 def test_braid_angle_comes_to_locking_from_below():
-    axes = draw_braid_angle({"energy": ENERGY}, pressure=50.0)
+    axes = draw_braid_angle({"energy": ENERGY}, pressure=20.0)
     (line,) = find_lines(axes)
     locking = math.degrees(math.atan(math.sqrt(2.0)))
     assert axes.get_xscale() == "log"

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -28,6 +29,7 @@ from .common import (
     option,
     progress_bar,
     run_exit,
+    split_setting,
 )
 from .hysteresis import command as hysteresis_command
 from .muscle_options import (
@@ -243,6 +245,7 @@ def curve_command(
     held = 0.0 if load is None else load
     line: Json = {"direction": asked.direction}
     if kind != "force":
+        model.solve(pressure, held, direction=asked.direction)  # the error names the value given
         line |= {"load": held, "lowest": _find_lowest(model, pressure, held, asked.direction)}
     columns = _compute_curve(model, kind, pressure, rows, line)
     answer.write(columns, lambda: _draw_curve(model, kind, pressure, **line))
@@ -327,6 +330,54 @@ def _draw_curve(model: MuscleModel, kind: str, pressure: float, **line: Any) -> 
     return draw({model.name: model}, pressure=pressure, **line)
 
 
+@command.command("export")
+@option("--pressure", "Largest pressure of a table (default: 0.8MPa).", "pressure")
+@option("--points", "Pressures and contractions of a table, each (default: 41).", int)
+@directed_options
+@answer_options(
+    ".c",
+    ".py",
+    ".csv",
+    ".parquet",
+    required=True,
+    quiet=False,
+    help="C, Python that needs NumPy alone, or a table of forces (.csv, .parquet).",
+)
+def export_command(
+    pressure: float | None, points: int | None, asked: Request, answer: Answer
+) -> None:
+    """Write a model as C, as Python that needs NumPy alone, or as a lookup table.
+
+    C and Python have muscle_force(pressure, contraction), muscle_contraction(pressure, load) and
+    muscle_pressure(force, length), in MPa, mm and N; NaN where the model has no answer. A model
+    without an explicit force law, as energy and thesis, gives a table only.
+    """
+    from ..muscle.export import export_muscle
+
+    is_code = answer.target.suffix.lower() in (".c", ".py")
+    for flag, value in (("--pressure", pressure), ("--points", points)):
+        if is_code and value is not None:
+            raise InputError(f"{flag} has no effect on code: leave it out")
+    highest = 0.8 if pressure is None else pressure
+    model = asked.build(pressure=highest)
+    out = export_muscle(
+        model,
+        answer.target,
+        direction=asked.direction,
+        pressure=highest,
+        points=41 if points is None else points,
+    )
+    result = {
+        "model": asked.model_name,
+        "preset": asked.preset,
+        "direction": asked.direction,
+        **describe_model(model),
+        "file": out,
+        "muscle": describe_fields(asked.muscle),
+    }
+    answer.give(result, f"{out}: the model {asked.model_name}")
+
+
 @dataclass(frozen=True)
 class SetupRequest:
     """What is fitted to what, beside the parameters, as the options ask for it."""
@@ -343,14 +394,16 @@ class SetupRequest:
         """The parameters that every specimen has its own value of."""
         return () if self.each is None else _name_fields(self.each)
 
-    def make(self, **more: Any) -> FitOptions:
-        """Return the options of a fit."""
+    def make(self, asked: Request, **more: Any) -> FitOptions:
+        """Return the options of a fit; end effects begin as in the muscle file, if there is one."""
         from ..muscle import EndEffects, FitOptions
 
         if self.anchored and self.offset is not None:
             raise InputError("--offset has no effect with --offset-from-length: give one of them")
         given = {name: getattr(self, name) for name in ("offset", "compliance", "slack_force")}
-        ends = EndEffects(**{name: value for name, value in given.items() if value is not None})
+        is_own = asked.file is not None and asked.file.model in ("", asked.model_name)
+        ends = (asked.file.ends if asked.file and is_own else None) or EndEffects()
+        ends = ends.replace(**{name: value for name, value in given.items() if value is not None})
         return FitOptions(
             response=self.response, ends=ends, anchored=self.anchored, each=self.each_names, **more
         )
@@ -397,7 +450,7 @@ setup_options = gather(
     "--shared",
     "free",
     help="Fields of the muscle, constants of the model and end effects (offset, compliance, "
-    "slack-force) to fit, separated by commas, shared by all specimens; the options below are where "
+    "slack-force) to fit, by commas, shared by all specimens; the options below are where "
     "they start (default: modulus,dead-length in energy, modulus,end-length in thesis, in others "
     "what is unknown of them).",
 )
@@ -442,7 +495,7 @@ def fit_command(
     own = {item.name: item for item in list_kinds()[name].list_parameters()}
     bounds = _parse_bounds(bound_texts, own)
     names = setup.join(free)
-    options = setup.make(bounds=bounds, force=anyway, resamples=resamples)
+    options = setup.make(asked, bounds=bounds, force=anyway, resamples=resamples)
     data = table.read(asked)
     check_friction(asked.fields, data, free=names or ())
     found = calibrate(make, asked.muscle, data=data, free=names, options=options)
@@ -521,6 +574,98 @@ def _parse_bounds(
     return bounds
 
 
+@command.command("predict")
+@click.argument("file", metavar="FIT.yaml", type=click.Path(path_type=Path))
+@click.argument("source", metavar="[TABLE]", type=click.Path(path_type=Path), required=False)
+@option("--pressure", "Gauge pressure, without a table.", "pressure")
+@option("--contraction", "Contraction, without a table.", "length")
+@option("--load", "Tension held, without a table.", "force")
+@option("--rest-length", "Rest length of the muscle (default: the file's).", "length")
+@option(
+    "--free-length free_text PRESSURE=LENGTH",
+    "Length of this muscle without load at a pressure, for the zero offset, e.g. 620kPa=101mm.",
+)
+@option("--level", "Probability of the bands.", float, default=0.95)
+@answer_options(".csv", *PICTURES, help="A table (.csv) or a picture.", quiet=False)
+def predict_command(
+    file: Path,
+    source: Path | None,
+    pressure: float | None,
+    contraction: float | None,
+    load: float | None,
+    rest_length: float | None,
+    free_text: str | None,
+    level: float,
+    answer: Answer,
+) -> None:
+    """Predict the response of a fitted muscle, also of one that was not measured.
+
+    FIT.yaml is written by 'bozzini muscle fit --out'. The states are those of a TABLE, as 'bozzini
+    muscle compare' takes them, or one that the options give. 'confidence' is half the width of the
+    band of the mean, 'prediction' that of a single reading. Of a table that was measured, the error
+    of the prediction is given as well.
+
+    Exit code 0: predicted; 1: the model has no answer for some rows; 2: bad input.
+    """
+    import numpy as np
+
+    from ..muscle import Measurements, predict, read_measurements, read_muscle
+
+    fitted = read_muscle(file)
+    muscle = fitted.muscle if rest_length is None else fitted.muscle.replace(length=rest_length)
+    states = {"--pressure": pressure, "--contraction": contraction, "--load": load}
+    given = [name for name, value in states.items() if value is not None]
+    response = "" if fitted.fit is None else fitted.fit.response
+    if source is not None:
+        if given:
+            raise InputError(f"{given[0]} has no effect with a table: leave it out")
+        data = read_measurements(source, muscle=muscle)
+    else:
+        own = {"force": "--load", "contraction": "--contraction", "pressure": "--pressure"}
+        if own.get(response) in given:
+            raise InputError(f"{own[response]} is what is predicted: leave it out")
+        for name in states:
+            if name not in given and name != own.get(response) and name != "--load":
+                raise InputError(f"{name} is missing: give it, or a table of states")
+        data = Measurements(
+            pressure=np.array([pressure or 0.0]),
+            contraction=np.array([contraction or 0.0]),
+            load=np.array([load or 0.0]),
+        )
+    found = predict(
+        fitted, data, length=rest_length, free_length=_parse_free_length(free_text), level=level
+    )
+    answer.write(found.list_columns(), found.plot)
+    result = {
+        "file": file,
+        "model": fitted.model,
+        "rest_length_mm": muscle.length,
+        "rows": len(data),
+        **found.to_dict(),
+    }
+    unit = found.task.unit
+    lines = [] if answer.out else [format_csv(found.list_columns()).rstrip("\n")]
+    if source is not None:
+        result[f"rms_{unit}"], result["covered"] = found.residual, found.covered
+        lines.append(
+            f"rms {found.residual:.3g} {unit} against the table; {100.0 * found.covered:.0f} % of "
+            f"its rows lie in the band of {100.0 * level:g} %"
+        )
+    lines += [found.reason] if found.reason else []
+    answer.give({**result, "out": answer.out}, "\n".join(lines))
+    if not found.converged:
+        run_exit(EXIT_NEGATIVE)
+
+
+def _parse_free_length(text: str | None) -> tuple[float, float] | None:
+    from ..units import parse_quantity
+
+    if text is None:
+        return None
+    name, value = split_setting("--free-length", text, "PRESSURE=LENGTH, such as 620kPa=101mm")
+    return parse_quantity(name, "pressure"), parse_quantity(value, "length")
+
+
 @dataclass(frozen=True)
 class RankRequest:
     """Whether models are fitted and ranked, and how, as the options ask for it."""
@@ -534,7 +679,9 @@ class RankRequest:
     jobs: int | None
     budget: float | None
 
-    def choose(self, setup: SetupRequest, *, fit: bool, models: int) -> RankOptions | None:
+    def choose(
+        self, setup: SetupRequest, asked: Request, *, fit: bool, models: int
+    ) -> RankOptions | None:
         """Return the options of a ranking; None without a fit, where none may be given."""
         from ..muscle import RankOptions
 
@@ -548,7 +695,7 @@ class RankRequest:
                 folds=self.folds,
                 jobs=min(self.jobs or jobs, 64),
                 fit=setup.make(
-                    seed=self.seed or 0, budget=60.0 if self.budget is None else self.budget
+                    asked, seed=self.seed or 0, budget=60.0 if self.budget is None else self.budget
                 ),
             )
         given = (
@@ -647,7 +794,7 @@ def compare_command(
 
     broken = {} if model_names else list_kinds().broken
     names = list(dict.fromkeys(model_names or (n for n in list_kinds() if n not in broken)))
-    options = ranked.choose(setup, fit=ranked.fit or not model_names, models=len(names))
+    options = ranked.choose(setup, asked, fit=ranked.fit or not model_names, models=len(names))
     choices = select_choices(names, ends=asked.ends, load_path=asked.load_path)
     refuse_unused_fields(names, asked.fields)
     constants = parse_settings(names, asked.settings)
@@ -665,7 +812,7 @@ def compare_command(
         "largest_contraction_mm": data.largest_contraction,
     }
     if options is None:
-        models, refusals, ends = {}, broken, setup.make().ends
+        models, refusals, ends = {}, broken, setup.make(asked).ends
         for name, make in makes.items():
             try:
                 own = asked.list_file_constants(name)

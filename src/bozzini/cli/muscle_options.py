@@ -72,6 +72,12 @@ def model_options(function: _Function) -> _Function:
 
 model_option = option(
     "--model model_name",
+    "The model: energy, thesis, or one that 'bozzini muscle models' lists.",
+    ModelType(lambda: list_kinds()),
+    default="energy",
+)
+own_model_option = option(
+    "--model model_name",
     "The model: energy, thesis, or one that 'bozzini muscle models' lists (default: that of the "
     "muscle file, else energy).",
     ModelType(lambda: list_kinds()),
@@ -81,6 +87,20 @@ direction_option = option(
     "Whether the pressure rises or falls, for friction (default: neither).",
     ("inflating", "deflating"),
 )
+
+
+def take_muscle(text: str) -> Muscle:
+    """Return a muscle by the name of a preset, or that of a muscle file alone."""
+    from ..muscle.design import preset
+    from ..muscle.files import read_muscle
+
+    if Path(text).suffix.lower() not in (".yaml", ".yml", ".json"):
+        return preset(text)
+    file = read_muscle(text)
+    if file.model or file.ends:
+        words = "the model, its constants and the ends of the file are left out: give --model"
+        click.echo(f"note: {text}: {words}", err=True)
+    return file.muscle
 
 
 def list_kinds() -> ModelRegistry:
@@ -434,12 +454,12 @@ data_options = gather(
 )
 request_options = gather("asked", Request.take, set_option, design_options, model_options)
 one_model_options = gather(
-    "asked", Request.take, model_option, set_option, design_options, model_options
+    "asked", Request.take, own_model_option, set_option, design_options, model_options
 )
 directed_options = gather(
     "asked",
     Request.take,
-    model_option,
+    own_model_option,
     direction_option,
     set_option,
     design_options,

@@ -282,7 +282,7 @@ class Shot:
     """A state of the rod: tensions, and quaternion and moment at the start of every piece.
 
     `share` is the part of command and loads that it holds for; `reason` states why it is not all.
-    `state` is that of tendons with friction.
+    `state` is that of tendons with friction, `inverse` that of derivatives of the jumps nearby.
     """
 
     tensions: Floats
@@ -292,6 +292,7 @@ class Shot:
     iterations: int = 0
     reason: str = ""
     state: FrictionState | None = None
+    inverse: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 # Multiple shooting: moments, turns and tensions for which a rod and its tendons are as asked.
@@ -299,7 +300,10 @@ class Shot:
 MOST_STEPS = 25
 """Newton steps for one part of a command."""
 
-MOST_CORRECTIONS = 10
+SMALL_JUMP, ROUGH_JUMP = 1e-10, 1e-5
+"""Jumps between pieces that are none, in the end and on the way there [rad], or of moments."""
+
+MOST_CORRECTIONS = 20
 """Steps with derivatives from nearby."""
 
 TURN_LIMIT = 0.5
@@ -320,7 +324,7 @@ class Shooting:
     """Newton's method for one share of command and loads.
 
     ``loose`` is by how much cables may be longer than asked [mm]; `give` is how lengths give way to
-    tension, `inverse` that of the derivatives of the jumps, where it was last.
+    tension where it was last.
     """
 
     rod: Rod
@@ -328,29 +332,31 @@ class Shooting:
     share: float
     loose: float
     give: Floats = field(default_factory=lambda: np.zeros((0, 0)))
-    inverse: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def correct(self, start: Shot, inverse: Floats) -> Shot | None:
-        """Return the state under given tensions by derivatives from nearby; None if they fail."""
+    def correct(self, start: Shot, tolerance: float) -> tuple[Shot, Floats] | None:
+        """Return the state under given tensions by derivatives from nearby; None if they fail.
+
+        Beside it are the states at all places. `tolerance` is against the moments.
+        """
         turns, moments, before = start.turns.copy(), start.moments.copy(), math.inf
         for _ in range(MOST_CORRECTIONS):
             shot = dataclasses.replace(start, turns=turns, moments=moments)
-            _, jumps, good = self.rod.trace_jumps(shot)
+            states, jumps, good = self.rod.trace_jumps(shot)
             off = np.concatenate([jumps[:-1].ravel(), jumps[-1, 3:]])
             size = float(np.abs(off).max()) / (self.rod.moment_scale + float(np.abs(moments).max()))
-            if not good or size > 0.5 * before:
+            if not good or size > 0.9 * before:
                 return None
-            if size <= 1e-10:
-                return shot
+            if size <= tolerance:
+                return shot, states
             before = size
-            self._move(turns, moments, -inverse @ off)
+            self._move(turns, moments, -start.inverse @ off)
         return None
 
     def improve(self, start: Shot) -> Shot:
         """Return the state from `start` on, or where it stopped and why."""
         rod, target = self.rod, self.target
         tensions, turns, moments = start.tensions.copy(), start.turns.copy(), start.moments.copy()
-        solves = target.command is not None
+        solves, known = target.command is not None, start.inverse
         if target.tensions is not None:
             tensions = self.share * target.tensions
 
@@ -362,6 +368,7 @@ class Shooting:
                 share=self.share,
                 iterations=count,
                 reason=reason,
+                inverse=known,
             )
 
         gaps = np.zeros(0)
@@ -373,7 +380,7 @@ class Shooting:
             gaps = target.gaps(lengths, tensions, self.share, self.loose)
             scale = rod.moment_scale + float(np.abs(moments).max())
             size = float(np.abs(off).max()) / scale
-            if size <= 1e-10 and np.abs(gaps).max(initial=0.0) <= self.loose:
+            if size <= SMALL_JUMP and np.abs(gaps).max(initial=0.0) <= self.loose:
                 if solves and len(tensions):
                     tensions = self._share_tensions(tensions, turns, moments, scale)
                 return stop(count, "")
@@ -382,7 +389,7 @@ class Shooting:
             inverse = self._invert(matrix, scale)
             if inverse is None:
                 return stop(count, "the rod is about to buckle beyond it")
-            self.inverse = inverse
+            known = inverse
             wanted = tensions
             if solves and len(tensions):
                 wanted, why = self._pull(
@@ -721,27 +728,28 @@ def follow_sliding(
 ) -> Shot:
     """Find the rod's state after another one; `start` is a rod near to it."""
     found = rod.rest(len(target.names)) if start is None else start
-    inverse: Floats | None = None
 
-    def bend(profile: Floats) -> Bending:
-        nonlocal found, start, inverse
+    def bend(profile: Floats, rough: bool) -> Bending:
+        nonlocal found, start
         if rod.load == 0.0:
             return Bending(moments=np.zeros((*profile.shape[:2], 3)))
         first = profile[0, 0].copy()
         pulled = dataclasses.replace(rod, changes=profile - first)
         given = dataclasses.replace(target, command=None, tensions=first)
         shooting = Shooting(pulled, given, 1.0, 0.0)
-        near = None
-        if start is not None and inverse is not None:
-            near = shooting.correct(dataclasses.replace(start, tensions=first), inverse)
-        if near is None:
-            near = follow(pulled, given, convex=True) if start is None else shooting.improve(start)
-            if near.reason and start is not None:
-                near = follow(pulled, given, convex=True)
-            inverse = shooting.inverse if shooting.inverse.size else inverse
-        if near.reason:
-            return Bending(reason=near.reason)
-        found = start = near
+        if start is not None and start.inverse.size:
+            moved = dataclasses.replace(start, tensions=first)
+            near = shooting.correct(moved, ROUGH_JUMP if rough else SMALL_JUMP)
+            if near is not None:
+                found, states = near
+                start = found
+                return Bending(moments=_list_moments(states), lengths=states[-1, 10:])
+        trial = None if start is None else shooting.improve(start)
+        if trial is None or trial.reason:
+            trial = follow(pulled, given, convex=True)
+        if trial.reason:
+            return Bending(reason=trial.reason)
+        found = start = trial
         states, _, good = pulled.trace(found)
         if not good:
             return Bending(reason="no curvature was found")
@@ -759,7 +767,9 @@ def follow_sliding(
     state, reason = sliding.follow(drive)
     held = np.flatnonzero(np.abs(sliding.pulled) >= rod.strongest)
     if reason and held.size and target.command is not None:
-        reason = f"the command can be followed in part only: {target.explain_held(held)}"
+        reason = target.explain_held(held)
+    if reason:
+        reason = f"the command can be followed in part only: {reason}"
     return dataclasses.replace(
         found,
         tensions=state.tensions[0, 0],

@@ -136,7 +136,7 @@ class MovingField:
         """Return the distance to the wall as it is now, near a path.
 
         With a displacement most nodes take the bound of their distance, and few are measured; with
-        vertices alone all in the moved surface are measured, which takes some times as long.
+        vertices alone all in the moved surface are measured, which takes about twice as long.
 
         Parameters
         ----------
@@ -184,7 +184,8 @@ class MovingField:
         Verified in every frame: the gradient bound on all sides of all triangles, and both bounds
         by differences around the places m, along the axes, and for the 48 largest along the line
         on which they are largest. Trusted: both bounds between those places, and that the lumen
-        does not come to overlap itself. Nodes that are measured need neither bound.
+        does not come to overlap itself. Nodes that are measured need all this only to be on the
+        right side of the wall, and with vertices alone not even for that.
         """
         from .kernels.moving import CAP, measure_nodes
 

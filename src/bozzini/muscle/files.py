@@ -39,6 +39,10 @@ class FitSummary:
         Name of the file of measurements.
     rms : float, optional
         Root of the mean square of what the fit leaves over, in the unit of the response.
+    rows : int
+        How many rows were fitted.
+    anchored : bool
+        Whether the offset of each specimen followed from its length without load at a pressure.
     """
 
     response: Literal["force", "contraction", "pressure"]
@@ -49,6 +53,8 @@ class FitSummary:
     specimens: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     source: str = ""
     rms: float | None = None
+    rows: int = 0
+    anchored: bool = False
 
     def __post_init__(self) -> None:
         size = len(self.names)

@@ -17,6 +17,8 @@ from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import check_muscle
 from .ends import EndEffects, MountedMuscle
+from .files import FitSummary, MuscleFile
+from .prediction import Prediction, predict
 from .problem import (
     ALL_UNITS,
     Clock,
@@ -31,6 +33,8 @@ from .problem import (
     explain_gap,
     find_states,
     guess_constants,
+    label_unknown,
+    list_constants,
     list_own,
     list_parameters,
 )
@@ -109,6 +113,13 @@ def judge_fit(
     return warnings
 
 
+def measure_repeats(task: Task) -> tuple[float, int]:
+    """Return the sum of squares about the means of rows that repeat a state, and the states."""
+    states, of_row = find_states(task)
+    mean = np.bincount(of_row, task.measured) / np.bincount(of_row)
+    return float(np.sum((task.measured - mean[of_row]) ** 2)), states
+
+
 def judge_repeats(task: Task, residuals: NDArray[np.float64], *, parameters: int) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
@@ -116,18 +127,15 @@ def judge_repeats(task: Task, residuals: NDArray[np.float64], *, parameters: int
     """
     from scipy.stats import f as fisher
 
-    states, of_row = find_states(task)
-    measured = task.measured
-    mean = np.bincount(of_row, measured) / np.bincount(of_row)
-    pure = float(np.sum((measured - mean[of_row]) ** 2))
-    freedom = len(measured) - states
+    pure, states = measure_repeats(task)
+    freedom = len(residuals) - states
     lack = float(residuals @ residuals) - pure
     if freedom < 1 or states <= parameters or lack <= 0.0:
         return []
     limit = float(fisher.ppf(0.999, states - parameters, freedom))
     if lack / (states - parameters) <= limit * pure / freedom:
         return []
-    rest = float(np.sqrt(residuals @ residuals / (len(measured) - parameters)))
+    rest = float(np.sqrt(residuals @ residuals / (len(residuals) - parameters)))
     return [
         f"the model does not fit: it is off by {rest:.3g} {task.unit}, repeats by "
         f"{np.sqrt(pure / freedom):.3g} {task.unit}; the intervals are too sure"
@@ -151,6 +159,7 @@ EVALUATIONS = 200
 _FIRST = 15  # evaluations from each start for constants
 _KEPT = 2  # how many of those searches, the best, go on
 _SECOND = 65  # evaluations that each of these has then; the best of them has the rest
+_EXACT = 1e-11  # of the span: with a root mean square below no other start is tried
 _BETTER = 1e-9  # relative decrease of the sum of squares that counts as one
 
 
@@ -184,7 +193,11 @@ def find_constants(starts: Sequence[Problem]) -> tuple[OptimizeResult, Problem]:
 
     A row without an answer counts as `Task.worst`.
     """
-    tries = [(find_minimum(one, one.choose_start(), limit=_FIRST), one) for one in starts]
+    tries: list[tuple[OptimizeResult, Problem]] = []
+    for one in starts:
+        tries.append((find_minimum(one, one.choose_start(), limit=_FIRST), one))
+        if _judge(tries[-1]) <= len(one.task.data) * (_EXACT * one.task.span) ** 2:
+            break
     tries.sort(key=_judge)
     ends = [_go_on(*search, limit=_SECOND) for search in tries[:_KEPT]]
     found, begun = _go_on(*min(ends, key=_judge), limit=EVALUATIONS - _FIRST - _SECOND)
@@ -509,6 +522,8 @@ DEFAULT_OPTIONS = FitOptions()
 
 POOR_SHARE = 0.05
 """A fit is poor if it misses by more than this share of the span of the measured response."""
+POOR_FACTOR = 2.0
+"""It is not as long as it misses by less than so many standard deviations of repeated rows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -610,6 +625,59 @@ class Calibration(Result):
     def residual(self) -> float:
         """Standard deviation of a row about the fit [unit of the response], `sigma`."""
         return self.sigma
+
+    def to_file(self) -> MuscleFile:
+        """Return what a muscle file holds of the fit: what predicts a specimen that is not in it.
+
+        What each specimen has its own value of is the mean of them, its variance that of one more
+        specimen: of the mean, and among the specimens.
+        """
+        model, ends = self.fitted, None
+        if isinstance(model, MountedMuscle):
+            model, ends = model.model, model.ends
+        names = tuple(dict.fromkeys(label.partition("[")[0] for label in self.free))
+        share = np.zeros((len(names), len(self.free)))
+        for column, label in enumerate(self.free):
+            share[names.index(label.partition("[")[0]), column] = 1.0
+        share /= share.sum(axis=1, keepdims=True)
+        covariance = share @ self.covariance @ share.T
+        specimens: dict[str, dict[str, float]] = {}
+        for name in self.task.data.list_specimens() if len(self.models) > 1 else ():
+            row = int(np.argmax(self.task.data.specimen == name))
+            specimens[name] = {
+                key: float(values[row]) for key, values in self.task.data.geometry.items()
+            }
+        for index, name in enumerate(names):
+            own = [x for key, x in self.estimates.items() if key.startswith(f"{name}[")]
+            if len(own) > 1:
+                covariance[index, index] += float(np.var(own, ddof=1)) * (1.0 + 1.0 / len(own))
+            for specimen, known in specimens.items():
+                label = label_unknown(name, specimen)
+                if label in self.estimates:
+                    known[name] = self.estimates[label]
+        each = tuple(name for name in names if name in self.task.each)
+        return MuscleFile(
+            muscle=model.muscle,
+            model=model.name,
+            constants=list_constants(model),
+            ends=ends,
+            fit=FitSummary(
+                response=self.response,
+                names=names,
+                covariance=tuple(map(tuple, np.clip(covariance, -1e15, 1e15).tolist())),
+                shared=tuple(name for name in names if name not in each),
+                each=each,
+                specimens=specimens,
+                source=self.task.data.source,
+                rms=self.sigma,
+                rows=len(self.residuals),
+                anchored=self.task.anchored,
+            ),
+        )
+
+    def predict(self, data: Measurements | pandas.DataFrame, *, level: float = 0.95) -> Prediction:
+        """Return the response at states, with bands, see `bozzini.muscle.predict`."""
+        return predict(self.to_file(), data, level=level)
 
     def to_dict(self) -> Json:
         """Return the fit as plain values, with units in the names or beside the values."""
@@ -787,7 +855,8 @@ def _find_best(
             _demand_answer(problem, begin)
             _check_effect(problem.unknowns, problem.slope(begin))
             return find_minimum(problem, begin), problem
-        return find_constants([*find_starts(problem, linear=(), seed=options.seed), problem])
+        starts = find_starts(problem, linear=(), seed=options.seed, count=2)
+        return find_constants([problem, *starts])
     if not set(problem.constants) - set(options.start):
         return find_constants([problem])
     linear = tuple(name for name in problem.constants if own[name].linear)
@@ -819,19 +888,27 @@ def _explain_end(status: int) -> str:
     return reasons.get(status, "the parameters settled")
 
 
-def judge_size(task: Task, residuals: NDArray[np.float64]) -> list[str]:
-    """Return a warning if a fit is poor in absolute terms: against the span of the data.
+def find_poor(task: Task) -> float:
+    """Return the root mean square above which a fit is poor [unit of the response].
 
-    It is if the root mean square is above 5 % of the span of the measured response, unless rows
-    that repeat a state differ by as much: those are judged by `judge_repeats`.
+    It is 5 % of the span of the measured response, or twice the standard deviation of rows that
+    repeat a state if there are any and that is more.
     """
-    rms = float(np.sqrt(np.mean(residuals**2)))
-    if rms <= POOR_SHARE * task.span:
+    pure, states = measure_repeats(task)
+    freedom = len(task.data) - states
+    noise = float(np.sqrt(pure / freedom)) if freedom else 0.0
+    return max(POOR_SHARE * task.span, POOR_FACTOR * noise)
+
+
+def judge_size(task: Task, residuals: NDArray[np.float64]) -> list[str]:
+    """Return a warning if a fit is poor in absolute terms, see `find_poor`."""
+    rms, most = float(np.sqrt(np.mean(residuals**2))), find_poor(task)
+    if rms <= most:
         return []
     return [
         f"the fit is poor: it is off by {rms:.3g} {task.unit}, {100.0 * rms / task.span:.0f} % of "
         f"the span of the measured {task.response}, {task.span:.3g} {task.unit}; above "
-        f"{100.0 * POOR_SHARE:.0f} % the model is not the muscle's"
+        f"{most:.3g} {task.unit} it is poor"
     ]
 
 
@@ -884,6 +961,11 @@ def conclude(
         for name, active in zip(unknowns, found.active_mask, strict=True)
         if active
     ]
+    lost = [
+        f"{name} has no effect at these rows: its value means nothing"
+        for name, column in zip(unknowns, np.asarray(found.jac).T, strict=True)
+        if not np.abs(column).max() > 1e-9
+    ]
     gaps = []
     if not answered.all():
         row = int(np.argmin(answered))
@@ -917,6 +999,7 @@ def conclude(
             *never,
             *doubts,
             *at_bound,
+            *lost,
             *gaps,
             *judge_fit(unknowns, correlations, condition),
             *judge_repeats(task, residuals, parameters=count),

@@ -77,6 +77,15 @@ class States(NamedTuple):
         branch = None if self.branch is None else self.branch[rows]
         return States(self.pressure[rows], self.contraction[rows], self.load[rows], branch)
 
+    def replace(self, name: str, values: Floats) -> States:
+        """Return the states with another column."""
+        return States(
+            values if name == "pressure" else self.pressure,
+            values if name == "contraction" else self.contraction,
+            values if name == "load" else self.load,
+            self.branch,
+        )
+
 
 class _Columns(Protocol):
     @property
@@ -532,9 +541,8 @@ class Problem:
             step = _INPUT_STEP * float(np.abs(getattr(self.task.data, name)).max() or 1.0)
             slopes = []
             for away in (step, -step):
-                there, held = try_response(
-                    model, rows._replace(**{name: column + away}), self.task.response
-                )
+                moved = rows.replace(name, column + away)
+                there, held = try_response(model, moved, self.task.response)
                 slopes.append(np.where(held & good, (there - predicted) / away, np.nan))
             with np.errstate(all="ignore"):
                 both = np.where(np.isfinite(slopes[0]), slopes[0], slopes[1])
@@ -578,7 +586,7 @@ class Problem:
         place = {label: column for column, label in enumerate(self.unknowns)}
         for index, (part, pairs) in enumerate(zip(task.parts, self.of_part, strict=True)):
             good = part.rows[held[part.rows]]
-            columns = [place[label] for _, label in pairs]
+            columns = np.array([place[label] for _, label in pairs])
             if not good.size:
                 continue
             table[np.ix_(good, columns)] = self.scales[columns] * differentiate(
@@ -716,6 +724,34 @@ def move_model(model: MuscleModel, muscle: Muscle) -> MuscleModel:
     if isinstance(model, CatalogueModel):
         return model.replace(muscle)
     return replace(model, muscle=muscle)  # type: ignore[type-var]
+
+
+def list_constants(model: MuscleModel) -> dict[str, float | str]:
+    """Return the constants and choices of a model, as its class takes them; laws are left out."""
+    if isinstance(model, CatalogueModel):
+        return {name: x for name, x in model.keywords.items() if isinstance(x, (int, float, str))}
+    names = [*(item.name for item in model.list_parameters()), *model.choices]
+    return {name: getattr(model, name) for name in names if name not in list_quantities(Muscle)}
+
+
+def change_model(
+    model: MuscleModel, values: Mapping[str, float], *, anchor: tuple[float, float] | None = None
+) -> MuscleModel:
+    """Return a model with other values of muscle, constants and ends; an anchor sets the offset."""
+    ends = EndEffects()
+    if isinstance(model, MountedMuscle):
+        model, ends = model.model, model.ends
+    of_ends = {name: value for name, value in values.items() if name in END_FIELDS}
+    fields = {name: value for name, value in values.items() if name in PARAMETER_UNITS}
+    own = {name: x for name, x in values.items() if name not in {*of_ends, *fields}}
+    muscle = model.muscle.replace(**fields)
+    if isinstance(model, CatalogueModel):
+        model = model.replace(muscle, **own)
+    else:
+        model = replace(model, muscle=muscle, **own)  # type: ignore[type-var]
+    if anchor is not None:
+        of_ends["offset"] = find_offset(model, pressure=anchor[0], length=anchor[1])
+    return ends.replace(**of_ends).mount(model)
 
 
 def differentiate(

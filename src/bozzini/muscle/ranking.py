@@ -21,7 +21,7 @@ from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import Muscle, check_muscle, preset
-from .fit import POOR_SHARE, Calibration, FitOptions, conclude, find_minimum, fit_task
+from .fit import Calibration, FitOptions, conclude, find_minimum, find_poor, fit_task
 from .model import MuscleModel
 from .models import MODELS
 from .problem import (
@@ -593,11 +593,11 @@ class Ranking(ScoredModels):
 
     @property
     def is_poor(self) -> bool:
-        """Whether the model that comes nearest is poor in absolute terms, see `judge_size`."""
+        """Whether the model that comes nearest is poor in absolute terms, see `find_poor`."""
         if not self.models:
             return True
         best = min(self.models, key=lambda entry: entry.score.rmse)
-        return best.score.rmse > POOR_SHARE * self.task.span
+        return best.score.rmse > find_poor(self.task)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -623,7 +623,8 @@ class Ranking(ScoredModels):
             lines.append(
                 f"no model fits: the nearest is off by {best:.3g} {self.task.unit}, "
                 f"{100.0 * best / self.task.span:.0f} % of the span of the measured "
-                f"{self.task.response}; above {100.0 * POOR_SHARE:.0f} % a fit is poor"
+                f"{self.task.response}; above {find_poor(self.task):.3g} {self.task.unit} a fit is "
+                "poor"
             )
         return tuple(lines)
 

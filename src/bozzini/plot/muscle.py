@@ -254,8 +254,9 @@ def draw_models(comparison: Comparison, models: Mapping[str, MuscleModel]) -> Fi
     """Return a figure of measurements and models, as Figs 3.11 to 3.16 of the thesis.
 
     Of a response of force or pressure it is that of the models over the measured one. Of the
-    contraction, left the measured rows and a line for each model, load and direction; the legend gives the
-    standard error as a percentage of the largest contraction. Right model less measurement.
+    contraction, left the measured rows and a line for each model, load and direction; the legend
+    gives the standard error as a percentage of the largest contraction. Right model less
+    measurement.
 
     Parameters
     ----------
@@ -368,8 +369,8 @@ _LEAST = 1e-3  # a percentage below is drawn there
 def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     """Return a figure of a ranking, the best model on top.
 
-    Left, as percentages of the largest measured response, the error of each model at the rows that it was
-    fitted to (dots; crosses if the fit did not converge) and at rows left out of the fit (rings; a
+    Left, as percentages of the largest measured response, the error of each model at the rows that
+    it was fitted to (dots; crosses if the fit did not converge) and at rows left out of the fit (rings; a
     triangle at the edge if one of those fits has no answer there), and the difference of AICc to
     the smallest. Right the measurements and the best models that differ, or of a
     response other than the contraction what these miss by.

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array
 from ..errors import InputError
-from ..muscle.hysteresis import Operator, PrandtlIshlinskii
+from ..muscle.hysteresis import InvertibleOperator, Operator
 from ..muscle.model import MuscleModel
 from .plant import MUSCLES, Chamber, Plant, PlantDesign
 from .protocol import SETPOINT_MAX
@@ -74,37 +74,38 @@ class HystereticPlant(Plant):
 class HysteresisCompensator:
     """Turns effective pressures that are wanted into those that the muscles must have.
 
-    The inverse operator is applied sample by sample, with the memory that belongs to the pressures
-    asked for so far. The pressures of the muscles should go from one to the next without detours:
+    The operator is inverted sample by sample, with the memory that belongs to the pressures asked
+    for so far. The pressures of the muscles should go from one to the next without detours:
     those of more than the smallest width of a loop are not known to it.
 
     Parameters
     ----------
-    operator : PrandtlIshlinskii
-        From the pressure to the effective one [MPa]; other operators of muscles are turned into
-        such a one, as `bozzini.muscle.hysteresis.MaxwellSlip.to_plays`, or fitted.
+    operator : InvertibleOperator
+        From the pressure to the effective one [MPa], such as the operator of a
+        `bozzini.muscle.loops.LoopModel` that has a static model, or what
+        `bozzini.muscle.hysteresis.MaxwellSlip.to_plays` gives.
 
     Raises
     ------
     InputError
-        If the operator has no inverse; see `PrandtlIshlinskii.invert`.
+        If the operator has no inverse.
     """
 
-    def __init__(self, operator: PrandtlIshlinskii) -> None:
-        if not isinstance(operator, PrandtlIshlinskii):
+    def __init__(self, operator: InvertibleOperator) -> None:
+        if not isinstance(operator, InvertibleOperator):
             raise InputError(
-                f"operator is a {type(operator).__name__}: it must be a PrandtlIshlinskii"
+                f"operator is a {type(operator).__name__}: it must be an InvertibleOperator"
             )
-        self.operator, self.inverse = operator, operator.invert()
+        operator.invert_history([], between=(0.0, SETPOINT_MAX))
+        self.operator = operator
         self._asked = self._measured = operator.rest((MUSCLES,))
 
     def compensate(self, effective: ArrayLike) -> Floats:
         """Return the pressures (3,) for effective ones (3,), in the board's range [MPa]."""
         wanted = check_array("effective", effective)
-        found, _ = self.inverse.run(
-            wanted[:, None], initial=self.operator.invert_state(self._asked)
+        pressures = self.operator.invert_history(
+            wanted[:, None], between=(0.0, SETPOINT_MAX), initial=self._asked, clip=True
         )
-        pressures = np.clip(found, 0.0, SETPOINT_MAX)
         _, self._asked = self.operator.run(pressures, initial=self._asked)
         return np.asarray(pressures[:, 0])
 

@@ -8,7 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import FileFormatError, InputError
-from bozzini.muscle.hysteresis import GeneralisedPrandtlIshlinskii, PrandtlIshlinskii
+from bozzini.muscle.ends import EndEffects, MountedMuscle
+from bozzini.muscle.hysteresis import (
+    GeneralisedPrandtlIshlinskii,
+    LoopOptions,
+    MonotoneCurve,
+    PrandtlIshlinskii,
+)
 from bozzini.muscle.loops import (
     OPERATORS,
     LoopFitOptions,
@@ -18,6 +24,7 @@ from bozzini.muscle.loops import (
     load_loop_model,
     save_loop_model,
 )
+from tests.muscle.hysteresis.reference import OPERATORS as REFERENCE
 from tests.muscle.loops.plants import (
     DRIFT,
     LOAD,
@@ -45,7 +52,10 @@ def measured(relays):
     return make_record(relays)
 
 
-@pytest.mark.parametrize("name", OPERATORS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n == "bouc-wen" else n for n in OPERATORS],
+)
 def test_every_operator_can_be_carried_at_once(name, measured):
     """The record is asymmetric, off by 0.8 mm, drifts, and does not start at rest."""
     record, pressure, _ = measured
@@ -196,8 +206,6 @@ def test_warnings_of_drift_and_of_a_first_rise_that_is_another():
 
 
 def bent():
-    from bozzini.muscle.hysteresis import MonotoneCurve
-
     curve = MonotoneCurve((0.0, 0.3, 0.7), (0.0, 0.2, 0.65))
     return GeneralisedPrandtlIshlinskii(PLAYS, output=curve)
 
@@ -228,16 +236,27 @@ def test_compensated_pressures_reach_what_can_be_reached(shares, carried, offset
     assert "1 of 2" in beyond.reason or "2 of 2" in beyond.reason
 
 
-def test_files_give_the_model_back(tmp_path, measured):
-    record, pressure, _ = measured
-    for number, (name, static) in enumerate((n, s) for n in OPERATORS for s in (None, STATIC)):
-        model = fit_loop(record.take(slice(0, None, 5)), name, static=static, options=LOG).model
-        path = tmp_path / f"{number}{'.yaml' if number % 2 else '.json'}"
-        save_loop_model(path, model, fit={"any": "words"})
+KINDS = {"prandtl-ishlinskii": "plays", "friction-band": "band"}
+
+
+@pytest.mark.parametrize("name", OPERATORS)
+def test_files_give_the_model_back(name, tmp_path):
+    operator = make_relays(8) if name == "preisach" else REFERENCE[KINDS.get(name, name)]
+    history = np.array([0.1, 0.5, 0.3])
+    mounted = MountedMuscle(STATIC, EndEffects(offset=0.2, compliance=0.01))
+    for static, suffix in ((None, "json"), (STATIC, "yaml"), (mounted, "yml")):
+        model = LoopModel(
+            operator=operator, static=static, held=LOAD, pressures=(0.1, 0.7), offset=-0.2,
+            longest=60.0, state=operator.run([0.4, 0.2])[1],
+        )  # fmt: skip
+        path = save_loop_model(tmp_path / f"a.{suffix}", model, fit={"any": "words"})
         again = load_loop_model(path)
         assert again.operator == model.operator and again.static == model.static
-        short = pressure[::50]
-        assert np.array_equal(again.trace(short, resume=True), model.trace(short, resume=True))
+        assert (again.pressures, again.longest) == (model.pressures, 60.0)
+        assert np.array_equal(again.trace(history, resume=True), model.trace(history, resume=True))
+        if static is not None:
+            carried = again.carry().trace_contraction(history, LOAD)
+            assert model.trace(history) == pytest.approx(carried - 0.2, abs=1e-12)
 
 
 def damage(path, **changes):
@@ -284,3 +303,21 @@ def test_refused(measured):
         LoopModel(operator=OPERATORS["friction-band"](-0.1)).compensate([0.1])
     with pytest.raises(InputError, match="highest is 0"):
         LoopModel(operator=PLAYS).compensate([0.1], highest=0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("static", [None, STATIC], ids=["alone", "carried"])
+@pytest.mark.parametrize("name", OPERATORS)
+def test_ten_thousand_samples_take_less_than_five_seconds(name, static, relays):
+    """Of the processor, with all kernels compiled."""
+    import time
+
+    record, _, _ = make_record(relays, count=10_000)
+    fit_loop(record, name, static=static, options=LoopFitOptions(samples=60))
+    begun = time.process_time()
+    fit_loop(record, name, static=static, options=LoopFitOptions(drift="log"))
+    assert time.process_time() - begun < 5.0
+    options = LoopOptions(carried=True)
+    begun = time.process_time()
+    OPERATORS[name].identify(record.pressure, record.response, options=options)
+    assert time.process_time() - begun < 5.0

@@ -8,7 +8,14 @@ from __future__ import annotations
 from .bouc_wen import BoucWen
 from .friction import FrictionBand, MaxwellSlip
 from .generalised import GeneralisedPrandtlIshlinskii, MonotoneCurve
-from .operator import Hysteresis, HysteresisFit, HysteresisState, LoopOptions, Operator
+from .operator import (
+    Hysteresis,
+    HysteresisFit,
+    HysteresisState,
+    InvertibleOperator,
+    LoopOptions,
+    Operator,
+)
 from .prandtl_ishlinskii import (
     AsymmetricPrandtlIshlinskii,
     PrandtlIshlinskii,
@@ -24,6 +31,7 @@ __all__ = [
     "Hysteresis",
     "HysteresisFit",
     "HysteresisState",
+    "InvertibleOperator",
     "LoopOptions",
     "MaxwellSlip",
     "MonotoneCurve",

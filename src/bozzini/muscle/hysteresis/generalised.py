@@ -15,10 +15,10 @@ from .operator import (
     LIMIT,
     HysteresisFit,
     HysteresisState,
+    InvertibleOperator,
     LinearFit,
     LoopOptions,
     Loops,
-    Operator,
     fit_linear,
     numbers,
     take_fields,
@@ -71,7 +71,7 @@ class MonotoneCurve:
 
 
 @dataclass(frozen=True)
-class GeneralisedPrandtlIshlinskii(Operator):
+class GeneralisedPrandtlIshlinskii(InvertibleOperator):
     """Plays between an input curve and an output curve, both increasing and without memory.
 
     The output is ``S(sum of w_i H_i[g(P)])``, with plays as in `PrandtlIshlinskii`. The curve S
@@ -154,7 +154,7 @@ class GeneralisedPrandtlIshlinskii(Operator):
         initial: HysteresisState | None = None,
         clip: bool = False,
     ) -> Floats:
-        """Return the inputs that give these outputs; see `PrandtlIshlinskii.invert_history`."""
+        """Return the inputs that give these outputs, found through the inverse curves."""
         low, high = self.input.apply(between).tolist()
         if initial is not None:
             initial = HysteresisState(self.input.apply(initial.last), initial.memory)

@@ -241,6 +241,40 @@ class Operator(ABC):
         return state
 
 
+class InvertibleOperator(Operator):
+    """An operator that increases with its input along the way, and so has an inverse."""
+
+    @abstractmethod
+    def invert_history(
+        self,
+        response: ArrayLike,
+        *,
+        between: tuple[float, float],
+        initial: HysteresisState | None = None,
+        clip: bool = False,
+    ) -> Floats:
+        """Return the inputs that give these outputs, sample by sample.
+
+        Parameters
+        ----------
+        response : array_like, shape (..., n)
+            Outputs in the order of time.
+        between : tuple of float
+            Smallest and largest input to look at.
+        initial : HysteresisState, optional
+            As in `run`.
+        clip : bool
+            Whether an output that is out of reach gets the nearest end of `between`, from where it
+            goes on; it is an error without.
+
+        Raises
+        ------
+        InputError
+            If the operator need not increase with its input, is not defined all over `between`, or
+            gives none of the outputs there and `clip` is not set.
+        """
+
+
 def list_rows(histories: Floats) -> Floats:
     """Return histories (..., n) as rows (m, n)."""
     count = int(np.prod(histories.shape[:-1], dtype=np.int64))
@@ -452,7 +486,7 @@ FittedOperator = TypeVar("FittedOperator", bound=Operator)
 
 EVALUATIONS = 100
 """Largest number of evaluations of one search."""
-_TRIAL = 12  # evaluations of each of its starts, of which the best goes on
+_TRIAL = 8  # evaluations of each of its starts, of which the best goes on
 
 _FLAT = 1e-8  # what plays add at most, in spans of the response, below which it is of rounding
 
@@ -593,7 +627,7 @@ class Loops:
         def go_on(start: ArrayLike, most: int) -> OptimizeResult:
             begin = np.clip(start, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
             return least_squares(
-                miss, begin, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-14,
+                miss, begin, bounds=(low, high), xtol=1e-10, ftol=1e-8, gtol=1e-14,
                 x_scale="jac", max_nfev=most,
             )  # fmt: skip
 

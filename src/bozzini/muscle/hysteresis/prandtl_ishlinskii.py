@@ -18,10 +18,10 @@ from .operator import (
     LIMIT,
     HysteresisFit,
     HysteresisState,
+    InvertibleOperator,
     LinearFit,
     LoopOptions,
     Loops,
-    Operator,
     list_rows,
     number,
     numbers,
@@ -47,7 +47,7 @@ class Plays(NamedTuple):
     offset: float
 
 
-class PlaySum(Operator):
+class PlaySum(InvertibleOperator):
     """An operator that is a weighted sum of plays."""
 
     @abstractmethod
@@ -79,29 +79,7 @@ class PlaySum(Operator):
         initial: HysteresisState | None = None,
         clip: bool = False,
     ) -> Floats:
-        """Return the inputs that give these outputs, sample by sample.
-
-        The operator is continuous and increases with the input as long as the input goes one way,
-        so each output has one input, which bisection finds to the last bits.
-
-        Parameters
-        ----------
-        response : array_like, shape (..., n)
-            Outputs in the order of time.
-        between : tuple of float
-            Smallest and largest input to look at.
-        initial : HysteresisState, optional
-            As in `run`.
-        clip : bool
-            Whether an output that is out of reach gets the nearest end of `between`; it is an
-            error without.
-
-        Raises
-        ------
-        InputError
-            If the operator need not increase with its input, is not defined all over `between`, or
-            gives none of the outputs there and `clip` is not set.
-        """
+        """Return the inputs that give these outputs, found by bisection to the last bits."""
         outputs = take_history("response", response)
         low = check_number("between[0]", between[0], low=-LIMIT, high=LIMIT)
         high = check_number("between[1]", between[1], low=low, high=LIMIT, low_open=True)

@@ -1,0 +1,244 @@
+"""Predictions of a fitted model at states that were not measured, with their bands.
+
+To first order in the errors of the fitted parameters ``p``, of covariance ``C``, the response ``f``
+has the variance ``g C g`` with ``g = df/dp``: of its mean, the confidence band. A single reading
+scatters about that with the standard deviation ``s`` of the fit as well: the prediction band.
+Both are symmetric, with Student's t. They know only what the fit knew: what all specimens of the
+fit shared, and a new one does not, is not in them.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..checks import check_kind, check_number, list_quantities
+from ..errors import InputError
+from ..results import Json, Result, take_axes
+from .data import Measurements
+from .design import Muscle
+from .files import MuscleFile
+from .model import MuscleModel
+from .problem import (
+    END_FIELDS,
+    Task,
+    change_model,
+    choose_scale,
+    differentiate,
+    move_model,
+    try_response,
+)
+from .table import take_measurements
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction(Result):
+    """What a fitted model predicts at states; all in the unit of the response.
+
+    Parameters
+    ----------
+    task : Task
+        The response, and the states.
+    predicted : ndarray, shape (n,)
+        The response; 0 where the model has no answer.
+    answered : ndarray of bool, shape (n,)
+        Where it has one.
+    confidence, prediction : ndarray, shape (n,)
+        Half the width of the band of the mean, and of a single reading.
+    level : float
+        Probability of the bands.
+    """
+
+    task: Task
+    predicted: Floats
+    answered: NDArray[np.bool_]
+    confidence: Floats
+    prediction: Floats
+    level: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether the model has an answer at every state."""
+        return bool(self.answered.all())
+
+    @property
+    def reason(self) -> str:
+        """At how many states it has none; empty if at all."""
+        count = int((~self.answered).sum())
+        return f"the model has no answer at {count} of {len(self.answered)} states" if count else ""
+
+    @property
+    def residual(self) -> float:
+        """Root mean square of measured less predicted response, if the states were measured."""
+        miss = np.where(self.answered, self.predicted - self.task.measured, self.task.worst)
+        return float(np.sqrt(np.mean(miss**2)))
+
+    @property
+    def covered(self) -> float:
+        """Share of the measured responses that lie in the prediction band."""
+        inside = np.abs(self.predicted - self.task.measured) <= self.prediction
+        return float(np.mean(inside & self.answered))
+
+    def list_columns(self) -> dict[str, object]:
+        """Return the columns of `to_frame`, a row for each state."""
+        states, unit = self.task.states, self.task.unit
+        columns: dict[str, object] = {
+            "pressure_MPa": states.pressure,
+            "contraction_mm": states.contraction,
+            "load_N": states.load,
+        }
+        name = f"{self.task.response}_{unit}"
+        columns.pop("load_N" if self.task.response == "force" else name, None)
+        return columns | {
+            name: self.predicted,
+            f"confidence_{unit}": self.confidence,
+            f"prediction_{unit}": self.prediction,
+            "answered": self.answered,
+        }
+
+    def to_dict(self) -> Json:
+        """Return the prediction as plain values, columns with units in their names."""
+        values = {"response": self.task.response, "level": self.level, **self.list_columns()}
+        values |= {"converged": self.converged, "reason": self.reason}
+        return {name: x.tolist() if isinstance(x, np.ndarray) else x for name, x in values.items()}
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the prediction over the pressure with its band, and return the axes."""
+        task = self.task
+        axes = take_axes(ax, x="pressure [MPa]", y=f"{task.response} [{task.unit}]")
+        rows = self.answered
+        axes.errorbar(
+            task.states.pressure[rows], self.predicted[rows], self.prediction[rows],
+            fmt="o", markersize=3.0, linewidth=0.8, label=f"{100.0 * self.level:g} % of readings",
+        )  # fmt: skip
+        axes.legend()
+        return axes
+
+
+def predict(
+    fitted: MuscleFile,
+    data: Measurements | pandas.DataFrame,
+    *,
+    length: float | None = None,
+    free_length: tuple[float, float] | None = None,
+    level: float = 0.95,
+) -> Prediction:
+    """Predict the response of a fitted muscle, also of a specimen that was not in the fit.
+
+    Parameters
+    ----------
+    fitted : MuscleFile
+        A fit, from `Calibration.to_file` or a file.
+    data : Measurements or DataFrame
+        The states. Geometry in it is that of the specimens; a specimen of the fit, by its name,
+        has its own values.
+    length : float, optional
+        Rest length of the muscle [mm], if it is another.
+    free_length : tuple of float, optional
+        Pressure [MPa] and length without load [mm], from which the offset follows; if there is
+        none, and none in the data, it is the fit's.
+    level : float
+        Probability of the bands, between 0 and 1.
+
+    Raises
+    ------
+    InputError
+        If the file holds no fit, or a value is not legal.
+    """
+    check_kind("fitted", fitted, MuscleFile)
+    fit = fitted.fit
+    if fit is None:
+        raise InputError("the muscle file holds no fit: write one by 'bozzini muscle fit --out'")
+    check_number("level", level, low=0.0, high=1.0, low_open=True, unit="")
+    from scipy.stats import t as student
+
+    muscle = fitted.muscle if length is None else fitted.muscle.replace(length=length)
+    data = take_measurements(data, muscle=muscle)
+    own = bool(data.free_lengths) and fit.anchored and free_length is None
+    known = set(fit.specimens) & set(data.list_specimens())
+    task = Task(
+        muscle=muscle,
+        data=data,
+        response=fit.response,
+        anchored=own,
+        each=fit.each if known else (),
+    )
+    count = len(data)
+    predicted, variance, held = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_)
+    covariance = np.array(fit.covariance).reshape(len(fit.names), len(fit.names))
+    base = fitted.build()
+    for part in task.parts:
+        values = {
+            name: value
+            for name, value in fit.specimens.get(part.specimen, {}).items()
+            if name in fit.names
+        }
+        anchor = part.anchor if own else free_length
+        build = functools.partial(_change, base, part.muscle, values, anchor)
+        model, rows = build({}), task.states.select(part.rows)
+        found, good = try_response(model, rows, fit.response)
+        predicted[part.rows], held[part.rows] = found, good
+        if fit.names and good.any():
+            at = _read_values(model, fit.names)
+            scales = np.array([choose_scale(n, x, own=True) for n, x in at.items()])
+            slopes = differentiate(
+                build,
+                at,
+                bounds=np.tile([-np.inf, np.inf], (len(at), 1)),
+                scales=scales,
+                data=rows.select(good),
+                predicted=found[good],
+                response=fit.response,
+            )
+            variance[part.rows[good]] = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
+    sigma = 0.0 if fit.rms is None else fit.rms
+    freedom = max(fit.rows - len(fit.names), 1)
+    factor = float(student.ppf(0.5 + 0.5 * level, freedom))
+    variance = np.maximum(variance, 0.0)
+    return Prediction(
+        task=task,
+        predicted=np.where(held, predicted, 0.0),
+        answered=held,
+        confidence=factor * np.sqrt(variance),
+        prediction=factor * np.sqrt(variance + sigma**2),
+        level=level,
+    )
+
+
+def _change(
+    base: MuscleModel,
+    muscle: Muscle,
+    change: Mapping[str, float],
+    anchor: tuple[float, float] | None,
+    values: Mapping[str, float],
+) -> MuscleModel:
+    """Return the model of a specimen with some values of the fitted numbers."""
+    return change_model(move_model(base, muscle), {**change, **values}, anchor=anchor)
+
+
+def _read_values(model: MuscleModel, names: tuple[str, ...]) -> dict[str, float]:
+    """Return the fitted numbers of a model."""
+    ends = getattr(model, "ends", None)
+    inner = getattr(model, "model", model)
+    found = {}
+    for name in names:
+        if name in END_FIELDS:
+            value = getattr(ends, name, None)
+            found[name] = float(value) if isinstance(value, (int, float)) else 0.0
+        elif name in list_quantities(Muscle):
+            found[name] = float(getattr(inner.muscle, name))
+        else:
+            keywords = getattr(inner, "keywords", {})
+            found[name] = float(keywords[name] if name in keywords else getattr(inner, name))
+    return found

@@ -1,0 +1,485 @@
+"""Force, contraction and pressure: one model, three questions, and fits of each."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from bozzini.errors import InputError
+from bozzini.muscle import (
+    MODELS,
+    EndEffects,
+    EnergyMuscle,
+    FitOptions,
+    Measurements,
+    MountedMuscle,
+    Muscle,
+    RankOptions,
+    calibrate,
+    find_offset,
+    predict,
+    rank,
+    read_muscle,
+    write_muscle,
+)
+from bozzini.muscle.problem import Problem, Task
+from bozzini.muscle.ranking import split_pressures, split_specimens
+
+MUSCLE = Muscle(
+    length=120.0,
+    outer_radius=5.0,
+    inner_radius=4.2,
+    braid_angle=math.radians(25.0),
+    modulus=1.0,
+)
+ENDS = EndEffects(offset=0.8, compliance=0.01, slack_force=6.0)
+KINDS = ("gaylord-1", "chou", "kothera-balance", "energy", "quadratic-strain")
+
+
+def make(name, muscle=MUSCLE):
+    kind = MODELS[name]
+    guess = kind.guess_parameters(muscle) if name == "quadratic-strain" else {}
+    return kind(muscle, **guess)
+
+
+def measure(model, *, lengths=None, noise=0.0, seed=0, specimen=""):
+    """Simulate isometric rows: forces at 8 pressures and 5 contractions."""
+    pressure = np.tile(np.linspace(0.1, 0.6, 8), 5)
+    contraction = np.repeat(np.linspace(0.0, 0.16, 5) * model.muscle.length, 8)
+    force = model.force(pressure, contraction)
+    error = noise * np.random.default_rng(seed).normal(size=force.size)
+    return Measurements(
+        pressure=pressure,
+        contraction=contraction,
+        load=force + error,
+        specimen=specimen,
+        geometry={"length": model.muscle.length} if specimen else {},
+    )
+
+
+def join(*tables):
+    columns = {
+        name: np.concatenate([getattr(table, name) for table in tables])
+        for name in ("pressure", "contraction", "load", "specimen")
+    }
+    lengths = np.concatenate([table.geometry["length"] for table in tables])
+    return Measurements(**columns, geometry={"length": lengths})
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("ends", [EndEffects(), ENDS])
+def test_pressure_is_the_inverse_of_force(name, ends):
+    model = ends.mount(make(name))
+    pressure = np.linspace(0.2, 0.6, 5)[:, None]
+    contraction = np.array([1.0, 4.0, 9.0])
+    force = model.force(pressure, contraction)
+    taut = force > 10.0
+    found, held = model.try_pressure(force, MUSCLE.length - contraction)
+    assert held[taut].all()
+    assert found[taut] == pytest.approx((pressure + 0.0 * contraction)[taut], rel=1e-9)
+    with pytest.raises(InputError, match="no pressure in"):
+        model.pressure(1e7, MUSCLE.length)
+
+
+def test_pressure_along_a_branch_of_friction():
+    model = EnergyMuscle(MUSCLE.replace(friction_length=0.05))
+    for direction in ("inflating", "deflating"):
+        force = model.force(0.4, 5.0, direction=direction)
+        found = model.pressure(force, MUSCLE.length - 5.0, direction=direction)
+        assert found == pytest.approx(0.4, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_what_is_tried_is_what_is_asked(name):
+    """Where there is an answer it is that of `force` and `contraction`; elsewhere these refuse."""
+    model = make(name)
+    contraction = np.array([-200.0, -1.0, 0.0, 10.0, 119.0])
+    force, held = model.try_force(0.3, contraction)
+    for x, f, good in zip(contraction, force, held, strict=True):
+        if good:
+            assert f == pytest.approx(float(model.force(0.3, x)), rel=1e-12, abs=1e-9)
+        else:
+            with pytest.raises(InputError):
+                model.force(0.3, x)
+    load = np.array([-1.0, 0.0, 20.0, 1e7])
+    answers, held = model.try_contraction(0.3, load)
+    assert held[1] and not held[0] and not held[3]
+    for load_, x, good in zip(load, answers, held, strict=True):
+        if good:
+            assert x == pytest.approx(float(model.contraction(0.3, load_)), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_mounted_muscle_answers_its_own_questions(name):
+    """Force and contraction are inverse, and the stiffness is the slope of the force."""
+    own = make(name)
+    model = ENDS.mount(own)
+    load = np.array([20.0, 50.0, 90.0])
+    contraction = model.contraction(0.5, load)
+    assert contraction == pytest.approx(own.contraction(0.5, load) + 0.8 - 0.01 * load)
+    assert model.force(0.5, contraction) == pytest.approx(load, rel=1e-9)
+    step = 1e-4
+    slope = (model.force(0.5, contraction - step) - model.force(0.5, contraction + step)) / 2e-4
+    assert model.stiffness(0.5, contraction) == pytest.approx(slope, rel=1e-4)
+    state = model.solve(0.5, load)
+    assert state.contraction == pytest.approx(contraction)
+    assert state.length == pytest.approx(MUSCLE.length - contraction)
+    slack = float(model.contraction(0.5)) + 2.0
+    assert float(model.force(0.5, slack)) == 6.0
+    assert float(model.stiffness(0.5, slack)) == 0.0
+
+
+def test_end_effects_of_none_are_none():
+    own = make("chou")
+    assert EndEffects().mount(own) is own
+    pressure, contraction = np.linspace(0.1, 0.6, 7), np.linspace(0.0, 9.0, 7)
+    plain = MountedMuscle(own, EndEffects())
+    assert plain.force(pressure, contraction) == pytest.approx(own.force(pressure, contraction))
+    soft = EndEffects(compliance=1e-9).mount(own)
+    assert soft.force(pressure, contraction) == pytest.approx(
+        own.force(pressure, contraction), rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_an_offset_from_a_length_gives_that_length(name):
+    own = make(name)
+    offset = find_offset(own, pressure=0.6, length=97.0)
+    mounted = EndEffects(offset=offset).mount(own)
+    assert MUSCLE.length - float(mounted.contraction(0.6)) == pytest.approx(97.0, abs=1e-8)
+    assert float(mounted.force(0.6, MUSCLE.length - 97.0)) == pytest.approx(0.0, abs=1e-6)
+
+
+FREE = {
+    "kothera-balance": ("modulus", "braid_angle", "outer_radius"),
+    "energy": ("modulus", "dead_length", "braid_angle"),
+    "quadratic-strain": None,
+}
+
+
+@pytest.mark.parametrize("response", ["force", "contraction", "pressure"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "energy",
+        pytest.param("kothera-balance", marks=pytest.mark.slow),
+        pytest.param("quadratic-strain", marks=pytest.mark.slow),
+    ],
+)
+def test_without_noise_the_truth_is_found_in_each_response(name, response):
+    truth = make(name, MUSCLE.replace(dead_length=4.0 if name == "energy" else 0.0))
+    data = measure(truth)
+    data = data.select(data.load > 5.0)
+    start = MUSCLE.replace(modulus=0.7, braid_angle=math.radians(27.0))
+    found = calibrate(
+        MODELS[name],
+        start,
+        data=data,
+        free=FREE[name],
+        options=FitOptions(response=response, force=True),
+    )
+    assert found.response == response
+    assert found.sigma < 1e-6 * np.ptp(found.task.measured)
+    for key, value in found.estimates.items():
+        known = truth.muscle.given if key in truth.muscle.given else truth.keywords
+        assert value == pytest.approx(known[key], rel=1e-4, abs=1e-9), key
+
+
+def test_end_effects_are_found_beside_the_muscle():
+    truth = ENDS.mount(make("kothera-balance"))
+    data = measure(truth)
+    assert (data.load == 6.0).any()
+    found = calibrate(
+        MODELS["kothera-balance"],
+        MUSCLE.replace(modulus=1.5),
+        data=data,
+        free=("modulus", "offset", "compliance", "slack_force"),
+    )
+    for name in ("offset", "compliance", "slack_force"):
+        assert found.estimates[name] == pytest.approx(getattr(ENDS, name), rel=1e-4)
+    assert found.estimates["modulus"] == pytest.approx(1.0, rel=1e-4)
+    assert found.fitted.ends.compliance == found.estimates["compliance"]
+
+
+def make_specimens(noise=0.0, offsets=(0.5, -0.4, 0.2), compliance=0.01):
+    """Simulate three specimens of other lengths, each with a zero of its own."""
+    tables, free = [], []
+    for index, (length, offset) in enumerate(zip((80.0, 120.0, 180.0), offsets, strict=True)):
+        model = EndEffects(offset=offset, compliance=compliance).mount(
+            make("chou", MUSCLE.replace(length=length))
+        )
+        tables.append(measure(model, specimen=f"m{index}", noise=noise, seed=index))
+        free.append(np.full(40, length - float(model.contraction(0.6))))
+    return dataclasses.replace(join(*tables), free_lengths={0.6: np.concatenate(free)})
+
+
+def test_what_is_shared_and_what_is_each_specimens_own():
+    data = make_specimens()
+    start = MUSCLE.replace(braid_angle=math.radians(27.0))
+    found = calibrate(
+        MODELS["chou"],
+        start,
+        data=data,
+        free=("braid_angle", "compliance", "offset"),
+        options=FitOptions(each=("offset",)),
+    )
+    assert found.free == ("braid_angle", "compliance", "offset[m0]", "offset[m1]", "offset[m2]")
+    values = list(found.estimates.values())
+    assert values == pytest.approx([MUSCLE.braid_angle, 0.01, 0.5, -0.4, 0.2], rel=1e-5)
+    assert found.fitted.ends.offset == pytest.approx(0.1, abs=1e-5)  # the mean
+    assert {m.muscle.length for m in found.models.values()} == {80.0, 120.0, 180.0}
+    anchored = calibrate(
+        MODELS["chou"],
+        start,
+        data=data,
+        free=("braid_angle", "compliance"),
+        options=FitOptions(anchored=True),
+    )
+    assert anchored.estimates["braid_angle"] == pytest.approx(MUSCLE.braid_angle, rel=1e-5)
+    offsets = [model.ends.offset for model in anchored.models.values()]
+    assert offsets == pytest.approx([0.5, -0.4, 0.2], abs=1e-4)
+
+
+@pytest.mark.slow
+def test_nothing_is_fitted_to_the_specimen_left_out():
+    """The error of a specimen left out is that of a prediction from a fit to the others."""
+    data = make_specimens(noise=1.0)
+    each = FitOptions(each=("offset",), force=True)
+    ranking = rank(
+        data,
+        MUSCLE,
+        models=["chou"],
+        options=RankOptions(
+            fields=("braid_angle", "offset"), leave_out="specimen", criterion="cv", fit=each
+        ),
+    )
+    found = ranking.models[0].validation
+    assert found.names == ("m0", "m1", "m2")
+    for name, error in zip(found.names, found.errors, strict=True):
+        rest, out = data.select(data.specimen != name), data.select(data.specimen == name)
+        fit = calibrate(
+            MODELS["chou"], MUSCLE, data=rest, free=("braid_angle", "offset"), options=each
+        )
+        own = [fit.estimates[key] for key in fit.free if key.startswith("offset[")]
+        model = EndEffects(offset=float(np.mean(own))).mount(
+            MODELS["chou"](out_muscle(out, fit.estimates["braid_angle"]))
+        )
+        miss = model.force(out.pressure, out.contraction) - out.load
+        assert error == pytest.approx(np.sqrt(np.mean(miss**2)), rel=1e-4)
+        assert fit.predict(out).residual == pytest.approx(error, rel=1e-4)
+
+
+def out_muscle(data, angle):
+    return MUSCLE.replace(length=float(data.geometry["length"][0]), braid_angle=angle)
+
+
+def test_folds_are_partitions():
+    task = Task(muscle=MUSCLE, data=make_specimens(), response="force")
+    for folds in (split_specimens(task), split_pressures(task)):
+        assert np.sum(list(folds.values()), axis=0).tolist() == [1] * 120
+    assert len(split_pressures(task)) == 8  # the levels of the pressures
+    noisy = dataclasses.replace(
+        task.data, pressure=np.random.default_rng(1).uniform(0.1, 0.6, size=120)
+    )
+    assert 2 <= len(split_pressures(Task(muscle=MUSCLE, data=noisy))) <= 20
+
+
+@pytest.mark.slow
+def test_errors_in_the_pressure_bias_ordinary_least_squares_and_not_total():
+    """The pull of an ideal braid is proportional to the pressure, so its slope is pulled to 0."""
+    truth = MODELS["gaylord-1"](MUSCLE)
+    random = np.random.default_rng(4)
+    pressure = np.tile(np.linspace(0.3, 0.5, 40), 2)
+    contraction = np.repeat([0.0, 10.0], 40)
+    force = truth.force(pressure, contraction)
+    estimates = {"ordinary": [], "total": []}
+    for _ in range(25):
+        noisy = Measurements(
+            pressure=pressure + 0.06 * random.normal(size=80),
+            contraction=contraction,
+            load=force + 2.0 * random.normal(size=80),
+        )
+        stated = dataclasses.replace(noisy, errors={"load": 2.0, "pressure": 0.06})
+        for name, data in (("ordinary", noisy), ("total", stated)):
+            found = calibrate(
+                MODELS["gaylord-1"],
+                MUSCLE,
+                data=data,
+                free=("outer_radius",),
+                options=FitOptions(response="force"),
+            )
+            estimates[name].append(found.estimates["outer_radius"])
+    mean = {name: np.mean(values) for name, values in estimates.items()}
+    spread = np.std(estimates["total"]) / math.sqrt(25)
+    assert abs(mean["total"] - 5.0) < 4.0 * spread
+    assert mean["ordinary"] < 5.0 - 8.0 * spread
+
+
+def test_total_least_squares_of_a_line_is_demings():
+    """For a force proportional to the pressure the minimum has a closed form."""
+    random = np.random.default_rng(2)
+    truth = MODELS["gaylord-1"](MUSCLE)
+    slope = float(truth.force(1.0, 0.0))
+    pressure = np.linspace(0.2, 0.6, 30)
+    x = pressure + 0.02 * random.normal(size=30)
+    y = slope * pressure + 5.0 * random.normal(size=30)
+    data = Measurements(pressure=x, contraction=0.0, load=y, errors={"load": 5.0, "pressure": 0.02})
+    found = calibrate(
+        MODELS["gaylord-1"], MUSCLE, data=data, free=("outer_radius",),
+        options=FitOptions(response="force"),
+    )  # fmt: skip
+    fitted = float(found.fitted.force(1.0, 0.0))
+    ratio = (5.0 / 0.02) ** 2
+    sxx, syy, sxy = x @ x, y @ y, x @ y
+    deming = (syy - ratio * sxx + math.hypot(syy - ratio * sxx, 2.0 * math.sqrt(ratio) * sxy)) / (
+        2.0 * sxy
+    )
+    assert fitted == pytest.approx(deming, rel=1e-6)
+    assert fitted > y @ x / sxx  # ordinary least squares
+    with pytest.raises(InputError, match="errors of pressure and none of load"):
+        alone = dataclasses.replace(data, errors={"pressure": 0.02})
+        calibrate(MODELS["gaylord-1"], MUSCLE, data=alone, free=("outer_radius",),
+                  options=FitOptions(response="force"))  # fmt: skip
+
+
+def test_rows_with_large_errors_hardly_count():
+    truth = make("kothera-balance")
+    data = measure(truth)
+    wrong = np.arange(len(data)) % 5 == 0
+    spoilt = dataclasses.replace(data, load=data.load + np.where(wrong, 40.0, 0.0))
+    stated = dataclasses.replace(spoilt, errors={"load": np.where(wrong, 4e4, 0.1)})
+    for table, tolerance in ((spoilt, None), (stated, 1e-3)):
+        found = calibrate(MODELS["kothera-balance"], MUSCLE, data=table, free=("modulus",))
+        off = abs(found.estimates["modulus"] - 1.0)
+        assert off < tolerance if tolerance else off > 0.05
+
+
+def test_a_poor_fit_is_told_by_the_span_or_by_the_repeats():
+    data = measure(make("energy", MUSCLE.replace(modulus=4.0)), noise=0.5)
+    poor = calibrate(MODELS["gaylord-1"], MUSCLE, data=data, free=("outer_radius",))
+    assert any(line.startswith("the fit is poor") for line in poor.warnings)
+    good = calibrate(MODELS["energy"], MUSCLE, data=data, free=("modulus",))
+    assert not any("poor" in line for line in good.warnings)
+    # rows that repeat each other no better than that: the model is not to blame
+    span = np.ptp(data.load)
+    twice = data.select(np.tile(np.arange(40), 2))
+    error = 0.08 * span * np.random.default_rng(0).normal(size=80)
+    loud = dataclasses.replace(twice, load=twice.load + error)
+    found = calibrate(MODELS["energy"], MUSCLE, data=loud, free=("modulus",))
+    assert found.sigma > 0.05 * span
+    assert not any("poor" in line or "does not fit" in line for line in found.warnings)
+
+
+def test_zero_rows_kill_no_model():
+    """Rows of no pressure, of no load, and of both."""
+    data = measure(make("chou"))
+    zero = Measurements(pressure=[0.0, 0.0, 0.3], contraction=[0.0, 5.0, 30.0], load=[0, 0, 0])
+    columns = ("pressure", "contraction", "load")
+    both = Measurements(
+        **{n: np.concatenate([getattr(data, n), getattr(zero, n)]) for n in columns}
+    )
+    names = ("gaylord-1", "chou", "kothera-balance", "itto-b", "energy", "quadratic-strain")
+    ranking = rank(both, MUSCLE, models=names, options=RankOptions(folds=0))
+    assert not ranking.refusals
+    assert {entry.name for entry in ranking.models} == set(names)
+
+
+@pytest.mark.slow
+def test_bands_hold_what_they_say(tmp_path):
+    truth = make("kothera-balance")
+    clean = measure(truth)
+    free, inside, means = ("modulus", "braid_angle"), [], []
+    fresh = clean.select(np.arange(0, 40, 3))
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        data = dataclasses.replace(clean, load=clean.load + 2.0 * random.normal(size=40))
+        found = calibrate(MODELS["kothera-balance"], MUSCLE, data=data, free=free)
+        new = dataclasses.replace(fresh, load=fresh.load + 2.0 * random.normal(size=len(fresh)))
+        band = found.predict(new)
+        inside.append(band.covered)
+        means.append(np.mean(np.abs(band.predicted - fresh.load) <= band.confidence))
+    assert 0.92 <= np.mean(inside) <= 0.98
+    assert 0.88 <= np.mean(means) <= 1.0
+    path = write_muscle(tmp_path / "fit.yaml", found.to_file())
+    again = predict(read_muscle(path), new)
+    assert again.predicted == pytest.approx(band.predicted, rel=1e-12)
+    assert again.prediction == pytest.approx(band.prediction, rel=1e-9)
+    longer = predict(read_muscle(path), new, length=150.0)
+    model = MODELS["kothera-balance"](found.muscle.replace(length=150.0))
+    assert longer.predicted == pytest.approx(model.force(new.pressure, new.contraction))
+    anchored = predict(read_muscle(path), new, length=150.0, free_length=(0.6, 120.0))
+    offset = find_offset(model, pressure=0.6, length=120.0)
+    mounted = EndEffects(offset=offset).mount(model)
+    assert anchored.predicted == pytest.approx(mounted.force(new.pressure, new.contraction))
+    assert len(band.to_frame()) == len(new)
+
+
+@pytest.mark.slow
+def test_resampled_errors_are_near_the_linearised_ones():
+    data = measure(make("kothera-balance"), noise=2.0)
+    one, other = (
+        calibrate(
+            MODELS["kothera-balance"],
+            MUSCLE,
+            data=data,
+            free=("modulus", "braid_angle"),
+            options=FitOptions(resamples=count),
+        )
+        for count in (0, 40)
+    )
+    assert one.estimates == other.estimates
+    for name in one.free:
+        assert other.standard_errors[name] == pytest.approx(one.standard_errors[name], rel=0.5)
+
+
+def test_a_fit_without_time_is_stopped_and_says_so():
+    data = measure(make("kothera-balance"), noise=1.0)
+    found = calibrate(
+        MODELS["pressure-stiffening"],
+        MUSCLE,
+        data=data,
+        options=FitOptions(budget=1e-9, force=True),
+    )
+    assert not found.converged and found.reason.startswith("stopped")
+    ranking = rank(
+        data,
+        MUSCLE,
+        models=["pressure-stiffening", "gaylord-1"],
+        options=RankOptions(folds=2, fit=FitOptions(budget=1e-9)),
+    )
+    doubt = {entry.name: entry.doubt for entry in ranking.models}
+    assert doubt["gaylord-1"] == "" and "stopped" in doubt["pressure-stiffening"]
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_ranking():
+    data = measure(make("kothera-balance"), noise=1.0)
+    names = ("gaylord-1", "chou", "kothera-balance", "itto-b")
+    one, two = (
+        rank(data, MUSCLE, models=names, options=RankOptions(folds=2, jobs=jobs)) for jobs in (1, 2)
+    )
+    assert one.format_table() == two.format_table()
+
+
+@pytest.mark.parametrize("response", ["force", "pressure"])
+@pytest.mark.parametrize("errors", [{}, {"load": 2.0, "pressure": 0.01, "contraction": 0.2}])
+def test_derivatives_of_the_misfit_by_two_routes(response, errors):
+    data = dataclasses.replace(measure(make("chou"), noise=1.0), errors=errors)
+    data = data.select(data.load > 5.0)
+    problem = Problem(
+        model_class=MODELS["chou"],
+        task=Task(muscle=MUSCLE, data=data, response=response, ends=EndEffects(compliance=0.01)),
+        free=("braid_angle", "outer_radius", "compliance"),
+        limits=np.array([[0.3, 0.6], [4.5, 8.0], [0.0, 0.1]]),
+    )
+    point = problem.choose_start()
+    held = problem.evaluate(point)[1]
+    table = problem.slope(point)[held]
+    for column in range(3):
+        step = np.zeros(3)
+        step[column] = 3e-5
+        slope = (problem.miss(point + step) - problem.miss(point - step))[held] / 6e-5
+        assert table[:, column] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(slope).max())
