@@ -24,7 +24,7 @@ endif
 
 RIG_TOOLS := $(RUN) -c 'from bozzini.rig.firmware import find_missing_tools as f; print(*f().values())'
 
-.PHONY: help demo test test-all rig opencv oldest fuzz bench docs check format picture figures clean
+.PHONY: help demo test test-all rig opencv oldest fuzz bench validate docs check format picture figures clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "make %-9s %s\n", $$1, $$2}' Makefile
@@ -60,6 +60,9 @@ fuzz: $(DEV) ## Run all commands on damaged files (COUNT=500 SEED=0, CASE= repea
 
 bench: $(DEV) ## Run the benchmarks
 	@$(RUN) -m pytest -o addopts= -q -p no:xdist --benchmark-only benchmarks
+
+validate: $(DEV) ## Compare with measured data that are present (SET=festo10 for one of them)
+	@$(RUN) validation/report.py $(SET)
 
 check: $(DEV) ## Check style and types
 	@$(RUN) -m ruff check --quiet --output-format concise .

@@ -45,6 +45,7 @@ FILES = {
     "tract or shapes": (*TRACTS, *("shapes.json", "shapes.yaml") * 6),
     "robot": ROBOTS,
     "table": ("table.csv",),
+    "muscle": ("muscle.yaml", "muscle.json"),
     "curve": ("curve.csv", "curve.mat"),
     "plan": ("plan.npz",),
     "plan's tract": ("tube.stl",),
@@ -74,8 +75,9 @@ LEGAL: dict[str, tuple[int, str]] = {
     "data list": (1, ""),
     "data fetch": (1, "no-such-data --to >"),
     "muscle solve": (4, "--pressure 300kPa --load 1N"),
-    "muscle curve": (3, "--points 5"),
+    "muscle curve": (3, "--muscle <muscle --points 5"),
     "muscle models": (1, "chou"),
+    "muscle export": (3, "--model chou --out >.c"),
     "muscle presets": (1, ""),
     "muscle fit": (5, "<table --free modulus"),
     "muscle compare": (5, "<table --model energy --model thesis"),
@@ -86,6 +88,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "effector pose": (3, "--pressure R=300kPa,G=200kPa"),
     "effector curve": (2, "--points 5"),
     "effector reach": (3, "--to 5mm,-3mm"),
+    "effector stick": (3, "--axes 700,400"),
     "effector workspace": (2, ""),
     "effector trace line": (2, "--from -2mm,0mm --to 5mm,3mm --points 5"),
     "effector trace circle": (2, "--radius 4mm --points 6"),
@@ -181,6 +184,7 @@ def make_originals(folder: Path) -> None:
     from skimage.measure import marching_cubes
 
     from bozzini.cli.main import main
+    from bozzini.muscle import EndEffects, MuscleFile, preset, write_muscle
     from bozzini.muscle.loops import fit_loop, read_loop, save_loop_model
     from bozzini.vision import CameraSet, CharucoBoard, PairLayout, StripBoard
     from tests.cli.plan_cases import write_volume
@@ -210,6 +214,9 @@ def make_originals(folder: Path) -> None:
     pressure = np.linspace(0.0, 0.8, 12)
     rows = [f"{1000 * p:g},{12 * p / (p + 0.4):.4f}" for p in pressure]
     (folder / "table.csv").write_text("\n".join(["pressure [kPa],contraction [mm]", *rows]) + "\n")
+    muscle = MuscleFile(muscle=preset("effector-45"), model="energy", ends=EndEffects(offset=0.1))
+    for suffix in ("yaml", "json"):
+        write_muscle(folder / f"muscle.{suffix}", muscle)
     loops = np.interp(np.arange(200.0), np.arange(0.0, 201.0, 40.0), [0, 600, 100, 500, 0, 400])
     lagging = np.convolve(loops, [0.5, 0.3, 0.2])[:200]
     loop = np.column_stack([np.arange(200.0), loops, 0.01 * lagging])

@@ -1,0 +1,86 @@
+"""Run what is validated on measured data, and write ``docs/validation.md``.
+
+python validation/report.py [SET ...]
+
+The data are no part of the project: ``BOZZINI_DATA`` names their folder, otherwise they are looked
+for beside the checkout. The section of a set that is absent stays as it is in the page. Exit code 1
+if a bound is not kept.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import festo10
+from section import Section
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "validation.md"
+IMAGES = ROOT / "docs" / "images"
+DATA = Path(os.environ.get("BOZZINI_DATA", ROOT.parent / "shared" / "data"))
+
+SETS: dict[str, Callable[[Path, Path], Section]] = {"festo10": festo10.validate}
+"""What validates on a set, by the name of its folder; it takes the folder and that of the images.
+
+A set is added by a function here and a pair of marks in the page.
+"""
+
+
+def format_section(section: Section) -> str:
+    """Return a section of the page."""
+    lines = [
+        f"## {section.title}",
+        "",
+        f"Source: {section.source}\\",
+        f"Licence: {section.licence}",
+        "",
+        *section.text,
+    ]
+    if section.bounds:
+        lines += ["", "| what | measured | required |", "|---|---|---|"]
+        lines += [
+            f"| {bound.what} | {bound.measured:.3g} {bound.unit} "
+            f"| at most {bound.required:g} {bound.unit} |"
+            for bound in section.bounds
+        ]
+    return "\n".join(lines)
+
+
+def put_section(page: str, name: str, text: str) -> str:
+    """Return the page with the section of a set between its marks."""
+    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+    marked = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.S)
+    return marked.sub(lambda _: f"{begin}\n\n{text}\n\n{end}", page, count=1)
+
+
+def main(names: list[str]) -> int:
+    """Run the sets named, or all of them, and return the exit code."""
+    unknown = [name for name in names if name not in SETS]
+    if unknown:
+        raise SystemExit(f"no set '{unknown[0]}': there are {', '.join(SETS)}")
+    missed = 0
+    for name in names or SETS:
+        folder = DATA / name
+        if not folder.is_dir():
+            print(f"{name}: left out, no data at {folder} (set BOZZINI_DATA to its parent)")
+            continue
+        IMAGES.mkdir(parents=True, exist_ok=True)
+        section = SETS[name](folder, IMAGES)
+        page = PAGE.read_text("utf-8")
+        PAGE.write_text(put_section(page, name, format_section(section)), "utf-8")
+        for bound in section.bounds:
+            missed += not bound.is_kept
+            word = "" if bound.is_kept else "   NOT KEPT"
+            print(
+                f"{name}: {bound.what}: {bound.measured:.3g} {bound.unit} "
+                f"(at most {bound.required:g}){word}"
+            )
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
