@@ -635,7 +635,7 @@ class Calibration(Result):
         """
         model, ends = self.fitted, None
         if isinstance(model, MountedMuscle):
-            model, ends = model.model, model.ends
+            ends, model = model.ends, model.model
         names = tuple(dict.fromkeys(label.partition("[")[0] for label in self.free))
         share = np.zeros((len(names), len(self.free)))
         for column, label in enumerate(self.free):
