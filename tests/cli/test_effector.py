@@ -16,6 +16,7 @@ from bozzini.effector import (
     Effector,
     balance,
     effector_preset,
+    find_stick_scale,
     lateral_deflection,
     pose,
     solve_inverse,
@@ -560,12 +561,79 @@ def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, arguments, 
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_repeated_pressure_adds_up(ask, run):
+    both = ask("pose", "--pressure", "R=0.5", "--pressure", "G=300kPa")
+    assert both == ask("pose", "--pressure", "R=0.5,G=300kPa")
+    code, _, told = run("pose", "--pressure", "R=0.5", "--pressure", "R=0.4")
+    assert code == 2
+    assert "--pressure names 'R' more than once" in told
+    parts = ("--angles", "A=0deg", "--angles", "B=90deg")
+    assert ask("workspace", *parts) == ask("workspace", "--angles", "A=0deg,B=90deg")
+
+
+def test_the_preset_of_the_thesis_is_its_model_and_its_muscle(ask, run):
+    typed = ("--model", "thesis", "--load-path", "bulk", "--muscle-preset", "effector-45")
+    said = ask("pose", "--pressure", "R=689.4kPa", "--preset", "thesis")
+    assert said == ask("pose", "--pressure", "R=689.4kPa", *typed)
+    assert said["model"] == "thesis"
+    assert said["lateral_mm"] == pytest.approx(20.4, abs=0.05)
+    # Any model can be had with it.
+    assert ask("pose", "--pressure", "R=0.5", "--preset", "thesis", "--model", "energy") == ask(
+        "pose", "--pressure", "R=0.5", "--muscle-preset", "effector-45"
+    )
+    code, text, _ = run("pose", "--pressure", "R=689.4kPa", "--preset", "thesis")
+    assert code == 0
+    x, y, z = said["holder_tip_mm"]
+    assert f"end of the holder at {x:.3f}, {y:.3f}, {z:.3f} mm" in text
+
+
+def test_the_stick_is_a_place(ask, run):
+    """A reading is the target of `reach`, by the mapping that the rig steers with."""
+    said = ask("stick", "--axes", "700,400")
+    x, y = said["target_mm"]
+    reached = ask("reach", "--to", f"{x!r}mm,{y!r}mm")
+    assert said["muscles"] == reached["muscles"]
+    scale = find_stick_scale(EFFECTOR)
+    assert said["full_stick_mm"] == pytest.approx(scale)
+    assert (x, y) == pytest.approx((scale * 188 / 512, scale * 112 / 512))
+    code, text, _ = run("stick", "--axes", "1024,1024")
+    assert code == 1
+    assert "out of reach" in text
+    rest = ask("stick", "--axes", "520,505", "--dead-zone", "12")
+    assert rest["target_mm"] == [0.0, 0.0]
+    for wrong, message in (
+        (("--axes", "1025,0"), "stick reading x is 1025: it must lie in [0, 1024]"),
+        (("--axes", "700"), "give 2"),
+        (("--axes", "1,2", "--dead-zone", "-1"), "stick dead zone is -1"),
+    ):
+        code, out, told = run("stick", *wrong)
+        assert (code, out) == (2, "")
+        assert message in told
+
+
+def test_the_conflicts_of_a_design_are_one_note(ask, run):
+    _, _, told = run("reach", "--to", "2mm,2mm")
+    conflicts = ask("reach", "--to", "2mm,2mm")["design"]["conflicts"]
+    assert len(conflicts) > 1
+    (note,) = told.splitlines()
+    assert note.startswith(f"note: {conflicts[0]}; muscles R, G, B touch the 4 mm coil")
+    assert all(line.partition(" touches ")[2] in note for line in conflicts)
+
+
 def test_the_muscles_may_come_from_a_file(run, tmp_path):
     fitted = muscle_preset("fitted-45")
     write_muscle(tmp_path / "m.yaml", MuscleFile(muscle=fitted, model="chou"))
     command = ("pose", "--pressure", "R=400kPa", "--json", "--muscle-preset")
     code, out, err = run(*command, "m.yaml")
-    assert code == 0 and "note: m.yaml: the model" in err
+    assert code == 0 and "note: m.yaml: the model" in err, out + err
     assert json.loads(out) == json.loads(run(*command, "fitted-45")[1])
     code, _, err = run(*command, "nowhere.yaml")
     assert code == 2
+
+
+def test_an_angle_that_is_typed_in_degrees_is_answered_in_degrees(run, ask):
+    between = ("--between", "muscle.braid-angle=34deg:38deg", "--deflection", "9", "--quiet")
+    code, text, _ = run("study", "least-pressure", *between)
+    assert code == 0
+    (angle,) = ask("study", "least-pressure", *between)["changes"].values()
+    assert f"{math.degrees(angle):.6g} deg" in text

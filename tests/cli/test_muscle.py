@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -380,7 +381,7 @@ def test_units_and_the_mean_of_directions(run, tmp_path):
         (["solve", "--pressure", "0.5MPa", "--preset", "none-45"], "'none-45'"),
         (["solve", "--pressure", "0.5MPa", "--model", "lee"], "no model 'lee'"),
         (["solve", "--pressure", "0.5MPa", "--ends", "round"], "'round'"),
-        (["solve", "--pressure", "0.5MPa", "--braid-angle", "80deg"], "braid angle is 1.39626"),
+        (["solve", "--pressure", "0.5MPa", "--braid-angle", "88deg"], "braid angle is 1.53589"),
         (["solve", "--pressure", "0.5MPa", "--strands", "30.5"], "30.5"),
         (["solve", "--pressure", "0.5MPa", "--length", "3kg"], "wrong kind of unit"),
         (["solve", "--pressure", "1kPa**9**9**9"], "power that is not one digit"),
@@ -437,6 +438,32 @@ def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, arguments, 
     assert err.count("\n") == 1
     assert said in err
     assert {path.name for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            ("--pressure", "20000psi"),
+            "pressure is 137.895 MPa: it must lie in [0, 20] MPa; is it in kPa? "
+            "(20000psi was given, [0, 2900.75] psi is legal)",
+        ),
+        (("--pressure", "3psi", "--of", "force"), "(3psi was given)"),
+        (
+            ("--braid-angle", "1deg"),
+            "is 0.0174533 rad: it must lie in [0.0872665, {high}] rad (1deg was given, [5, ",
+        ),
+        (
+            ("--pressure", "200MPa"),
+            "pressure is 200 MPa: it must lie in [0, 20] MPa; is it in kPa?\n",
+        ),
+    ],
+)
+def test_an_error_has_the_value_as_it_was_typed(run, given, message):
+    high = f"{preset('effector-45').legal_range('braid_angle')[1]:g}"
+    code, _, told = run("curve", *given)
+    assert code == 2
+    assert message.replace("{high}", high) in told
 
 
 MUSCLE_FILE = """
@@ -515,3 +542,24 @@ def test_a_table_with_geometry_needs_its_muscle(run, tmp_path):
 def test_a_bare_pressure_in_kPa_is_asked_about(run):
     code, _, err = run("solve", "--pressure", "300")
     assert code == 2 and "pressure is 300 MPa: it must lie in [0, 20] MPa; is it in kPa?" in err
+
+
+def test_a_fitted_angle_is_in_degrees(run, table):
+    command = ("fit", table, "--free", "braid-angle,modulus", "--anyway")
+    text = run(*command)[1]
+    said = json.loads(run(*command, "--json")[1])
+    found = said["estimates"]["braid_angle"]
+    assert found["unit"] == "rad"
+    angle = math.degrees(found["value"])
+    assert re.search(rf"^braid_angle +{angle:.4g} deg ", text, re.MULTILINE)
+
+
+def test_a_muscle_that_gets_longer_has_a_curve_of_force(run):
+    size = ("--length", "80mm", "--outer-radius", "5mm", "--braid-angle", "70deg")
+    command = ("curve", "--model", "gaylord-1", *size, "--of", "force", "--points", "5")
+    code, out, err = run(*command)
+    assert (code, err) == (0, "")
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert float(rows[0]["force_N"]) < 0.0  # it pushes when blocked
+    assert float(rows[-1]["contraction_mm"]) < 0.0
+    assert float(rows[-1]["force_N"]) == pytest.approx(0.0, abs=1e-9)

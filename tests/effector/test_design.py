@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from bozzini.effector import (
     EFFECTOR_PRESETS,
+    Effector,
     EffectorDesign,
     PlacedMuscle,
     bend,
@@ -20,7 +21,7 @@ from bozzini.effector import (
     find_peak,
     rigidity_from_test,
 )
-from bozzini.errors import BozziniError, GeometryError
+from bozzini.errors import BozziniError, GeometryError, InputError
 from bozzini.muscle import preset as muscle_preset
 from tests.effector.strategies import designs
 
@@ -31,7 +32,7 @@ def test_prototype():
     assert np.degrees(design.angles) == pytest.approx([307.5, 219.0, 75.0])
     assert design.compliance == pytest.approx(13.5)
     assert design.index("B") == 2
-    assert set(EFFECTOR_PRESETS) == {"prototype"}
+    assert set(EFFECTOR_PRESETS) == {"prototype", "thesis"}
     assert pickle.loads(pickle.dumps(design)) == design
 
 
@@ -114,3 +115,15 @@ def test_a_legal_design_is_usable(design, field):
         assert "\n" not in str(error)
     else:
         assert math.isfinite(find_peak(changed).lateral)
+
+
+def test_a_preset_brings_the_model_it_is_made_for():
+    assert Effector.from_preset("prototype", offset=3.9) == Effector(
+        effector_preset("prototype", offset=3.9)
+    )
+    found = Effector.from_preset("thesis").forward({"R": [0.6894, 0.5516, 0.4136]})
+    assert found.lateral[0] == pytest.approx(20.4, abs=0.05)
+    assert found.lateral == pytest.approx([20.4, 18.5, 15.8], abs=0.35)  # Tables 4.1, 4.3, 4.4
+    assert pickle.loads(pickle.dumps(Effector.from_preset("thesis"))).models[0].name == "thesis"
+    with pytest.raises(InputError, match="no effector preset 'fable'"):
+        Effector.from_preset("fable")

@@ -34,6 +34,7 @@ def test_corners_of_the_converter() -> None:
         np.array([[0, 0], [-512, 0], [511, 0], [0, 512], [0, -511]])
     )
     assert not np.signbit(travel[0]).any()
+    assert Stick().find_travel([1024, 1024]) == pytest.approx([1.0, -1.0])  # the thesis's corner
     assert 512.0 * np.hypot(*Stick().find_travel([0, 0])) == pytest.approx(724.0, abs=0.1)
 
 

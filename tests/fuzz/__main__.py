@@ -45,6 +45,7 @@ FILES = {
     "tract or shapes": (*TRACTS, *("shapes.json", "shapes.yaml") * 6),
     "robot": ROBOTS,
     "table": ("table.csv",),
+    "muscle": ("muscle.yaml", "muscle.json"),
     "curve": ("curve.csv", "curve.mat"),
     "plan": ("plan.npz",),
     "plan's tract": ("tube.stl",),
@@ -59,6 +60,7 @@ FILES = {
     "pairs": ("pairs.csv",),
     "loop": ("loop.csv",),
     "fitted loop": ("loop.yaml",),
+    "fitted muscle": ("fit.yaml",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
@@ -74,11 +76,13 @@ LEGAL: dict[str, tuple[int, str]] = {
     "data list": (1, ""),
     "data fetch": (1, "no-such-data --to >"),
     "muscle solve": (4, "--pressure 300kPa --load 1N"),
-    "muscle curve": (3, "--points 5"),
+    "muscle curve": (3, "--muscle <muscle --points 5"),
     "muscle models": (1, "chou"),
+    "muscle export": (3, "--model chou --out >.c"),
     "muscle presets": (1, ""),
     "muscle fit": (5, "<table --free modulus"),
     "muscle compare": (5, "<table --model energy --model thesis"),
+    "muscle predict": (4, "<fitted_muscle --pressure 300kPa --load 0N"),
     "muscle hysteresis fit": (4, "<loop --samples 100 --out >.yaml"),
     "muscle hysteresis trace": (2, "<fitted_loop <loop"),
     "muscle hysteresis invert": (3, "<fitted_loop <loop"),
@@ -86,6 +90,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "effector pose": (3, "--pressure R=300kPa,G=200kPa"),
     "effector curve": (2, "--points 5"),
     "effector reach": (3, "--to 5mm,-3mm"),
+    "effector stick": (3, "--axes 700,400"),
     "effector workspace": (2, ""),
     "effector trace line": (2, "--from -2mm,0mm --to 5mm,3mm --points 5"),
     "effector trace circle": (2, "--radius 4mm --points 6"),
@@ -123,7 +128,7 @@ REAL_TIME = {"rig emulate", "rig selftest"}
 OUTPUTS = {"--out"}
 UNITS = {
     "length": "mm", "force": "N", "pressure": "kPa", "angle": "deg", "time": "s", "rigidity":
-    "Nmm^2", "stiffness": "N/mm", "line force": "N/mm",
+    "Nmm^2", "stiffness": "N/mm", "line force": "N/mm", "compliance": "mm/N",
 }  # fmt: skip
 PAIRS = ("T1=2mm", "T1=2mm,T2=-1mm", "H1=1mm", "R=300kPa", "R=0.5,G=0.1", "A=0deg,B=90deg",
          "offset=3mm:5mm:3", "segments=12,15", "modulus=0.1MPa:2MPa", "pressure=kPa")  # fmt: skip
@@ -181,6 +186,7 @@ def make_originals(folder: Path) -> None:
     from skimage.measure import marching_cubes
 
     from bozzini.cli.main import main
+    from bozzini.muscle import EndEffects, MuscleFile, preset, write_muscle
     from bozzini.muscle.loops import fit_loop, read_loop, save_loop_model
     from bozzini.vision import CameraSet, CharucoBoard, PairLayout, StripBoard
     from tests.cli.plan_cases import write_volume
@@ -210,6 +216,11 @@ def make_originals(folder: Path) -> None:
     pressure = np.linspace(0.0, 0.8, 12)
     rows = [f"{1000 * p:g},{12 * p / (p + 0.4):.4f}" for p in pressure]
     (folder / "table.csv").write_text("\n".join(["pressure [kPa],contraction [mm]", *rows]) + "\n")
+    muscle = MuscleFile(muscle=preset("effector-45"), model="energy", ends=EndEffects(offset=0.1))
+    for suffix in ("yaml", "json"):
+        write_muscle(folder / f"muscle.{suffix}", muscle)
+    table, fit = str(folder / "table.csv"), str(folder / "fit.yaml")
+    main(["muscle", "fit", table, "--free", "modulus", "--out", fit])
     loops = np.interp(np.arange(200.0), np.arange(0.0, 201.0, 40.0), [0, 600, 100, 500, 0, 400])
     lagging = np.convolve(loops, [0.5, 0.3, 0.2])[:200]
     loop = np.column_stack([np.arange(200.0), loops, 0.01 * lagging])

@@ -97,15 +97,16 @@ def test_vanishing_tube_is_gaylord(muscle, share):
 
 @given(muscles())
 def test_locks_from_below(muscle):
-    model = EnergyMuscle(muscle.replace(modulus=1e-6))
-    angles = model.braid_angle([1e-3, 0.1, 1.0, 100.0])
+    model = EnergyMuscle(muscle.replace(modulus=2e-7))
+    angles = model.braid_angle([2e-4, 0.02, 0.2, 20.0])
     assert np.all(np.diff(angles) >= -1e-12)
     assert np.all(angles <= LOCKING_ANGLE + 1e-12)
     assert angles[-1] == pytest.approx(LOCKING_ANGLE, abs=1e-6)
 
 
 def test_locks_from_below_in_degrees():
-    angles = np.degrees(build().braid_angle([5.0, 50.0, 100.0]))
+    # Worked out for 0.35 MPa at 5, 50 and 100 MPa: the angle is one of pressure over modulus.
+    angles = np.degrees(build(modulus=0.07).braid_angle([1.0, 10.0, 20.0]))
     assert angles == pytest.approx([54.52, 54.714, 54.725], abs=5e-3)
     assert np.all(angles < 54.7356)
 

@@ -97,16 +97,22 @@ def test_contraction_is_continuous_at_contact(muscle, share):
 
 
 @pytest.mark.parametrize("name", ["thesis-45", "effector-45"])
-def test_angle_peaks_below_locking_and_falls(name):
-    """The thesis's Fig. 3.17 approaches 54.7 degrees; the equations as printed do not."""
+def test_angle_peaks_below_locking_and_is_refused_beyond(name):
+    """The thesis's Fig. 3.17 approaches 54.7 degrees; the equations as printed turn round."""
     model = ThesisMuscle(preset(name))
-    pressure = np.linspace(model.dead_band(), 10.0, 400)
+    with pytest.raises(InputError, match=r"is 10 MPa: it must lie in \[0, [\d.]+\] MPa") as refused:
+        model.braid_angle(10.0)
+    limit = float(str(refused.value).partition("[0, ")[2].partition("]")[0])
+    assert 2.0 < limit < 4.0
+    pressure = np.linspace(model.dead_band(), 0.99 * limit, 400)
     angle = np.degrees(model.braid_angle(pressure))
-    peak = int(np.argmax(angle))
-    assert angle[peak] == pytest.approx(49.35 if name == "effector-45" else 53.5, abs=0.05)
-    assert 2.0 < pressure[peak] < 4.0
-    assert np.all(np.diff(angle[: peak + 1]) >= 0.0)
-    assert angle[-1] < angle[peak] - 1.0
+    assert angle[-1] == pytest.approx(49.35 if name == "effector-45" else 53.5, abs=0.05)
+    assert np.all(np.diff(angle) >= 0.0)
+    # The slope is gone there: it is the peak, and not some other end.
+    slope = np.diff(angle) / np.diff(pressure)
+    assert slope[-1] < 1e-2 * slope.max()
+    with pytest.raises(InputError, match="must lie in"):
+        model.braid_angle(1.001 * limit)
 
 
 def test_added_load_path_is_a_spring():

@@ -180,6 +180,43 @@ class _Parsed(_AnyType):
             self.fail(str(error), param, ctx)
 
 
+_TYPED = "bozzini.typed"
+
+
+def _parse_typed(text: str, kind: str) -> float:
+    """Return a quantity, and keep how it was typed for the message of an error."""
+    value = parse_quantity(text, kind)
+    context, typed = click.get_current_context(silent=True), text.strip()
+    unit = typed.lstrip("+-.0123456789eE ")
+    if context is not None and value and unit and unit != INTERNAL_UNITS[kind]:
+        shown = f"{value:g} {INTERNAL_UNITS[kind]}"
+        scale = parse_quantity(f"1{unit}", kind)
+        context.meta.setdefault(_TYPED, {})[shown] = (typed, scale, unit)
+    return value
+
+
+def add_typed(message: str, context: click.Context | None) -> str:
+    """Return the message of an error with the value as it was typed, in another unit than ours.
+
+    The legal range that follows the value is repeated in that unit.
+    """
+    quantities = {} if context is None else context.meta.get(_TYPED, {})
+    for shown, (typed, scale, unit) in quantities.items():
+        own = re.escape(shown.partition(" ")[2])
+        number = r"[-+0-9.einf]+"
+        form = rf" is {re.escape(shown)}:(?:.*?([\[(])({number}), ({number})([\])]) {own})?"
+        match = re.search(form, message)
+        if match is None:
+            continue
+        if match[1] is None:
+            return f"{message} ({typed} was given)"
+        low, high = (float(match[k]) / scale for k in (2, 3))
+        return (
+            f"{message} ({typed} was given, {match[1]}{low:g}, {high:g}{match[4]} {unit} is legal)"
+        )
+    return message
+
+
 class QuantityType(_Parsed):
     """A number with a unit, such as ``5mm`` or ``100psi``, passed on in the internal unit.
 
@@ -190,7 +227,7 @@ class QuantityType(_Parsed):
     """
 
     def __init__(self, kind: str) -> None:
-        super().__init__(kind, lambda text: parse_quantity(text, kind))
+        super().__init__(kind, lambda text: _parse_typed(text, kind))
 
 
 class ModelType(_AnyType):
@@ -289,7 +326,7 @@ class EndType(_Parsed):
 
 def parse_pairs(
     option: str,
-    text: str,
+    text: str | Sequence[str],
     kind: str,
     *,
     example: str,
@@ -302,8 +339,8 @@ def parse_pairs(
     ----------
     option : str
         The option that has the text.
-    text : str
-        The text.
+    text : str or sequence of str
+        The text, or those of an option that was repeated.
     kind : str
         A key of `bozzini.units.INTERNAL_UNITS`.
     example : str
@@ -321,7 +358,8 @@ def parse_pairs(
         If a quantity is none of its kind.
     """
     found: dict[str, float] = {}
-    for part in text.split(","):
+    texts = [text] if isinstance(text, str) else text
+    for part in ",".join(texts).split(","):
         name, mark, value = (word.strip() for word in part.partition("="))
         if not (name and mark and value):
             raise InputError(
@@ -332,7 +370,7 @@ def parse_pairs(
             raise InputError(f"{option} names '{name}': {owner} are {', '.join(names) or 'none'}")
         if name in found:
             raise InputError(f"{option} names '{name}' more than once: give each once")
-        found[name] = parse_quantity(value, kind)
+        found[name] = _parse_typed(value, kind)
     return found
 
 

@@ -1,4 +1,4 @@
-"""``bozzini effector``: pressures to a pose and back, workspace, curves, traces, studies."""
+"""``bozzini effector``: pressures to a pose and back, stick, workspace, curves, studies."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from ..checks import check_integer, check_number, list_quantities
-from ..effector.design import EffectorDesign
+from ..effector.design import PRESET_MODELS, EffectorDesign
 from ..errors import InputError
 from ..fabricate import HolderOptions
 from .common import (
     EXIT_NEGATIVE,
     PICTURES,
     Answer,
+    ModelType,
     VectorType,
     answer_options,
     format_csv,
@@ -35,8 +36,8 @@ from .common import (
     step_option,
 )
 from .muscle_options import (
+    list_kinds,
     make_class,
-    model_option,
     model_options,
     take_muscle,
 )
@@ -44,7 +45,7 @@ from .muscle_options import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..effector import Balance, CubicFit, Effector, EffectorPose, Trace
+    from ..effector import Balance, CubicFit, Effector, EffectorInverse, EffectorPose, Trace
     from ..effector.pose import PoseMethod
     from ..results import Json, Result
 
@@ -84,8 +85,17 @@ class EffectorRequest:
         from ..effector import Effector
 
         given = self.given
-        model = make_class(given["model_name"], ends=given["ends"], load_path=given["load_path"])
-        return Effector(self._make_design(), model)
+        choices = {name: given[name] for name in ("ends", "load_path")}
+        if given["model_name"] is None:
+            of_preset = PRESET_MODELS.get(given["preset"], ("energy", {}))[1]
+            choices = {name: choices[name] or of_preset.get(name) for name in choices}
+        return Effector(self._make_design(), make_class(self.model_name, **choices))
+
+    @property
+    def model_name(self) -> str:
+        """The model of the muscles: that given, else that of the preset."""
+        name: str | None = self.given["model_name"]
+        return name or PRESET_MODELS.get(self.given["preset"], ("energy", {}))[0]
 
     def _make_design(self) -> EffectorDesign:
         from ..effector import PlacedMuscle, effector_preset, rigidity_from_test
@@ -94,7 +104,7 @@ class EffectorRequest:
         given = self.given
         design = effector_preset(given["preset"])
         placed = list(design.muscles)
-        if given["angles"] is not None:
+        if given["angles"]:
             angles = parse_pairs("--angles", given["angles"], "angle", example="A=0deg,B=120deg")
             muscle = placed[0].muscle
             placed = [PlacedMuscle(name=name, muscle=muscle, angle=angles[name]) for name in angles]
@@ -125,13 +135,17 @@ class EffectorRequest:
 
         design = (effector or self.effector).design
         described = {**design.to_dict(), "conflicts": find_conflicts(design)}
-        return {"model": self.given["model_name"], "design": described}
+        return {"model": self.model_name, "design": described}
 
 
 effector_options = gather(
     "asked",
     EffectorRequest,
-    option("--preset NAME", "Where the design begins: prototype.", default="prototype"),
+    option(
+        "--preset NAME",
+        "Where the design begins: prototype, or thesis, which has the thesis's own model too.",
+        default="prototype",
+    ),
     option(
         "--muscle-preset NAME|FILE",
         "The muscles, by a name of 'bozzini muscle presets' or a muscle file ending in .yaml or "
@@ -139,7 +153,9 @@ effector_options = gather(
     ),
     option(
         "--angles NAME=ANGLE,...",
-        "The muscles, such as A=0deg,B=120deg,C=240deg (prototype: R=307.5deg,G=219deg,B=75deg).",
+        "The muscles, such as A=0deg,B=120deg,C=240deg (prototype: R=307.5deg,G=219deg,B=75deg); "
+        "can be repeated.",
+        multiple=True,
     ),
     *map(_field_option, ("offset", "backbone_length", "holder_length", "segments")),
     *map(_field_option, ("holder_diameter", "bore_diameter", "hole_diameter", "coil_diameter")),
@@ -152,7 +168,12 @@ effector_options = gather(
         "Beam formula M L^2 / (BEAM E I): 3 as printed, 2 as derived (prototype: 3).",
         ("2", "3"),
     ),
-    model_option,
+    option(
+        "--model model_name",
+        "The model: energy, thesis, or one that 'bozzini muscle models' lists (default: energy; "
+        "with --preset thesis, thesis with --load-path bulk).",
+        ModelType(lambda: list_kinds()),
+    ),
     model_options,
 )
 table_options = answer_options(".csv", *PICTURES, help="A table (.csv) or a picture.", quiet=False)
@@ -178,10 +199,25 @@ def _give(
     """
     answer.give({**result, "notes": list(notes)}, text)
     if not answer.as_json:
-        for line in (*notes, *result["design"]["conflicts"]):
+        for line in (*notes, *_describe_conflicts(result["design"]["conflicts"])):
             click.echo(f"note: {line}", err=True)
     if not done:
         run_exit(EXIT_NEGATIVE)
+
+
+def _describe_conflicts(conflicts: Sequence[str]) -> list[str]:
+    """Return the conflicts of a design as one line or none; muscles with the same one together."""
+    groups: dict[str, list[str]] = {}
+    for line in conflicts:
+        head, found, rest = line.partition(" touches ")
+        name = head.removeprefix("muscle ") if found else ""
+        groups.setdefault(rest if found else line, []).append(name)
+    lines = []
+    for text, names in groups.items():
+        several = f"muscles {', '.join(names)} touch {text}"
+        one = f"muscle {names[0]} touches {text}" if names[0] else text
+        lines.append(several if len(names) > 1 else one)
+    return ["; ".join(lines)] if lines else []
 
 
 def _pick(found: Result, names: str) -> Json:
@@ -264,14 +300,15 @@ def _gather_once(option: str, pairs: Iterable[tuple[str, _Value]]) -> dict[str, 
 
 @click.group("effector")
 def command() -> None:
-    """Bend a catheter tip by pneumatic muscles: pose, reach, workspace, traces, studies."""
+    """Bend a catheter tip by pneumatic muscles: pose, reach, stick, workspace, traces, studies."""
 
 
 @command.command("pose")
 @option(
     "--pressure NAME=PRESSURE,...",
-    "Gauge pressures, such as R=689.4kPa,G=413.6kPa; muscles left out have none.",
+    "Gauge pressures, such as R=689.4kPa,G=413.6kPa; muscles left out have none. Can be repeated.",
     required=True,
+    multiple=True,
 )
 @option(
     "--method", "How several muscles add up.", ("superposition", "thesis"), default="superposition"
@@ -289,7 +326,7 @@ def command() -> None:
     quiet=False,
 )
 def pose_command(
-    pressure: str,
+    pressure: tuple[str, ...],
     method: PoseMethod,
     order: str | None,
     with_table: bool,
@@ -362,7 +399,49 @@ def reach_command(target: tuple[float, ...], asked: EffectorRequest, answer: Ans
     Exit code 0: reached; 1: out of reach, what is delivered instead is given; 2: bad input.
     """
     effector = asked.effector
-    found = effector.inverse(target)
+    _give_inverse(effector, effector.inverse(target), {"target_mm": target}, asked, answer)
+
+
+@command.command("stick")
+@option(
+    "--axes X,Y",
+    "Readings of the two axes, 0 to 1024 with 512 at rest, x from left to right and y from top to "
+    "bottom, such as 700,400.",
+    VectorType("dimensionless", size=2),
+    required=True,
+)
+@option("--dead-zone", "Distance from rest, in readings, within which it is at rest.", default=0.0)
+@effector_options
+@answer_options(*PICTURES, quiet=False)
+def stick_command(
+    axes: tuple[float, ...], dead_zone: float, asked: EffectorRequest, answer: Answer
+) -> None:
+    """Turn the readings of a thumb-stick into pressures.
+
+    A full stick is the largest deflection of the workspace. What is out of reach is answered by the
+    farthest place in its direction, as the thesis's controller does (4.6).
+
+    Exit code 0: reached; 1: out of reach, what is delivered instead is given; 2: bad input.
+    """
+    from ..effector import Stick, find_stick_scale, steer
+
+    effector = asked.effector
+    scale = find_stick_scale(effector)
+    found = steer(effector, axes, stick=Stick(dead_zone=dead_zone), scale=scale)
+    target = tuple(float(value) for value in found.target)
+    result = {"axes": axes, "full_stick_mm": scale, "target_mm": target}
+    _give_inverse(effector, found, result, asked, answer)
+
+
+def _give_inverse(
+    effector: Effector,
+    found: EffectorInverse,
+    asked_for: Json,
+    asked: EffectorRequest,
+    answer: Answer,
+) -> None:
+    """Give the pressures for a target, and where they lead."""
+    target = asked_for["target_mm"]
     posed = effector.forward(found.pressures)
 
     def draw() -> Figure:
@@ -372,7 +451,7 @@ def reach_command(target: tuple[float, ...], asked: EffectorRequest, answer: Ans
 
     answer.write({}, draw)
     result: Json = {
-        "target_mm": target,
+        **asked_for,
         "reachable": bool(found.reachable),
         "converged": bool(found.settled),
         **_pick(found, "delivered_mm reason iterations muscles"),
@@ -432,6 +511,8 @@ def _write_pose(
 
 
 def _describe_pose(found: EffectorPose) -> list[str]:
+    import numpy as np
+
     x, y, z = (float(value) for value in found.tip)
     lateral, longer = float(found.lateral), float(found.length_error)
     azimuth = math.degrees(float(found.azimuth)) % 360.0
@@ -439,6 +520,8 @@ def _describe_pose(found: EffectorPose) -> list[str]:
     if lateral < ON_AXIS_MM:
         x, y, where = 0.0, 0.0, "on the axis"
     lines = [f"tip at {x:.3f}, {y:.3f}, {z:.3f} mm: {where}"]
+    holder = ", ".join(f"{float(value) + 0.0:.3f}" for value in np.round(found.holder_tip, 3))
+    lines.append(f"end of the holder at {holder} mm")
     if abs(longer) > 1e-6:
         word = "longer" if longer > 0.0 else "shorter"
         lines.append(f"the eight steps make the backbone {abs(longer):.3g} mm {word}")
@@ -825,7 +908,7 @@ def least_command(
         **_pick(found, "evaluations infeasible"),
         **asked.describe(found.effector),
     }
-    listed = ", ".join(f"{name} {value:.6g}" for name, value in result["changes"].items())
+    listed = ", ".join(_describe_change(*change) for change in result["changes"].items())
     text = f"{1e3 * found.pressure:.2f} kPa with {listed}"
     if found.pressure_before > 0.0:
         text += f"; before {1e3 * found.pressure_before:.2f} kPa"
@@ -833,6 +916,13 @@ def least_command(
     if not found.converged:
         text = f"no design: {found.reason}"
     _give(result, answer=answer, text=text, done=found.converged)
+
+
+def _describe_change(name: str, value: float) -> str:
+    """Return a field and its value as text, an angle in degrees."""
+    if name.endswith("_rad"):
+        return f"{name.removesuffix('_rad')} {math.degrees(value):.6g} deg"
+    return f"{name} {value:.6g}"
 
 
 def _parse_range(item: str) -> tuple[str, tuple[float, float]]:

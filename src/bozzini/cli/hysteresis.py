@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from ..muscle.loops import LoopFitOptions, LoopModel, LoopRecord
     from ..muscle.loops.record import Response
-    from ..muscle.model import MuscleModel
 
 OPERATORS = (
     *("generalised", "prandtl-ishlinskii", "asymmetric", "unparallel", "bouc-wen", "preisach"),
@@ -114,13 +113,26 @@ loop_options = gather(
     option("--samples", "Samples kept, along the way of the pressure.", int, default=2000),
     option("--hold-out", "Last share of the record that is not fitted.", float, default=0.0),
 )
+
+
+def _take_static(**values: object) -> Request | None:
+    """Return the static model asked for; None without, where no option of a muscle may be given."""
+    if values["model_name"] is None and values["muscle_file"] is None:
+        for name, value in values.items():
+            if value not in (None, ()):
+                shown = {"settings": "set"}.get(name, name).replace("_", "-")
+                raise InputError(f"--{shown} has no effect without --static")
+        return None
+    return Request.take(**values)
+
+
 static_options = gather(
     "asked",
-    Request.take,
+    _take_static,
     option(
         "--static model_name MODEL",
-        "The model without hysteresis that is to carry the operator, see 'bozzini muscle models'; "
-        "without, the operator gives the response itself.",
+        "The model without hysteresis that is to carry the operator, see 'bozzini muscle models', "
+        "or that of --muscle; without, the operator gives the response itself.",
         ModelType(lambda: list_kinds()),
     ),
     set_option,
@@ -141,7 +153,7 @@ def command() -> None:
 @option("--plot FILE", "A picture of the loop with the fit.", click.Path(path_type=Path))
 @answer_options(*_RECORDS, help="The operator (.yaml, .json), for trace and invert.", quiet=False)
 def fit_command(
-    loop: LoopRequest, operator: str, asked: Request, plot: Path | None, answer: Answer
+    loop: LoopRequest, operator: str, asked: Request | None, plot: Path | None, answer: Answer
 ) -> None:
     """Fit an operator to a recorded loop, with an offset and a drift of the record.
 
@@ -156,7 +168,8 @@ def fit_command(
     check_target(plot, PICTURES, force=answer.force)
     options = loop.options
     record = loop.read()
-    found = fit_loop(record, operator, static=_build_static(asked), options=options)
+    static = None if asked is None else asked.build(pressure=0.0)
+    found = fit_loop(record, operator, static=static, options=options)
     result = found.to_dict() | {"source": record.source, "file": answer.out, "plot": plot}
     if answer.out is not None:
         said = {key: result[key] for key in result if key not in ("file", "plot", "residual")}
@@ -178,17 +191,6 @@ def fit_command(
     answer.give(result, "\n".join(lines + ([] if found.converged else [found.reason])))
     if not found.converged:
         run_exit(EXIT_NEGATIVE)
-
-
-def _build_static(asked: Request) -> MuscleModel | None:
-    """Return the static model; None without one, where no option of a muscle may be given."""
-    if asked.model_name:
-        return asked.make()(asked.muscle)
-    given = {"set": asked.settings or None, "ends": asked.ends, "load_path": asked.load_path}
-    for name, value in {**asked.fields, **given}.items():
-        if value is not None:
-            raise InputError(f"--{name.replace('_', '-')} has no effect without --static")
-    return None
 
 
 model_argument = click.argument("fitted", metavar="FIT", type=click.Path(path_type=Path))

@@ -24,7 +24,7 @@ from click.exceptions import Abort, Exit
 
 from .. import __version__
 from ..errors import BozziniError
-from .common import EXIT_BAD_INPUT, EXIT_DONE, write_json
+from .common import EXIT_BAD_INPUT, EXIT_DONE, add_typed, write_json
 
 __all__ = ["COMMANDS", "main", "root"]
 
@@ -201,7 +201,8 @@ class _Run:
         except click.ClickException as error:
             return self._report_usage(error)
         except BozziniError as error:
-            return self._report(type(error).__name__, str(error), EXIT_BAD_INPUT)
+            message = add_typed(str(error), self.context)
+            return self._report(type(error).__name__, message, EXIT_BAD_INPUT)
         except (KeyboardInterrupt, Abort):
             return self.report_interruption()
         except BrokenPipeError:

@@ -245,6 +245,7 @@ def curve_command(
     held = 0.0 if load is None else load
     line: Json = {"direction": asked.direction}
     if kind != "force":
+        model.solve(pressure, held, direction=asked.direction)  # the error names the value given
         line |= {"load": held, "lowest": _find_lowest(model, pressure, held, asked.direction)}
     columns = _compute_curve(model, kind, pressure, rows, line)
     answer.write(columns, lambda: _draw_curve(model, kind, pressure, **line))
@@ -272,9 +273,12 @@ def _compute_curve(
 ) -> dict[str, object]:
     import numpy as np
 
+    from ..muscle.design import LOCKING_ANGLE
+
     if kind == "force":
         free = float(model.contraction(pressure, 0.0, **line))
-        if not free > 0.0:
+        lengthens = model.muscle.given.get("braid_angle", 0.0) > LOCKING_ANGLE
+        if not (free > 0.0 or (lengthens and free < 0.0)):
             raise InputError(
                 f"pressure is {pressure:g} MPa: with --of force it must be more, so that the "
                 f"muscle contracts (its dead band ends at {model.dead_band():g} MPa)"
@@ -327,6 +331,54 @@ def _draw_curve(model: MuscleModel, kind: str, pressure: float, **line: Any) -> 
         return figures.draw_phases(model, pressure=pressure, **line)
     draw = figures.draw_braid_angle if kind == "angle" else figures.draw_contraction
     return draw({model.name: model}, pressure=pressure, **line)
+
+
+@command.command("export")
+@option("--pressure", "Largest pressure of a table (default: 0.8MPa).", "pressure")
+@option("--points", "Pressures and contractions of a table, each (default: 41).", int)
+@directed_options
+@answer_options(
+    ".c",
+    ".py",
+    ".csv",
+    ".parquet",
+    required=True,
+    quiet=False,
+    help="C, Python that needs NumPy alone, or a table of forces (.csv, .parquet).",
+)
+def export_command(
+    pressure: float | None, points: int | None, asked: Request, answer: Answer
+) -> None:
+    """Write a model as C, as Python that needs NumPy alone, or as a lookup table.
+
+    C and Python have muscle_force(pressure, contraction), muscle_contraction(pressure, load) and
+    muscle_pressure(force, length), in MPa, mm and N; NaN where the model has no answer. A model
+    without an explicit force law, as energy and thesis, gives a table only.
+    """
+    from ..muscle.export import export_muscle
+
+    is_code = answer.target.suffix.lower() in (".c", ".py")
+    for flag, value in (("--pressure", pressure), ("--points", points)):
+        if is_code and value is not None:
+            raise InputError(f"{flag} has no effect on code: leave it out")
+    highest = 0.8 if pressure is None else pressure
+    model = asked.build(pressure=highest)
+    out = export_muscle(
+        model,
+        answer.target,
+        direction=asked.direction,
+        pressure=highest,
+        points=41 if points is None else points,
+    )
+    result = {
+        "model": asked.model_name,
+        "preset": asked.preset,
+        "direction": asked.direction,
+        **describe_model(model),
+        "file": out,
+        "muscle": describe_fields(asked.muscle),
+    }
+    answer.give(result, f"{out}: the model {asked.model_name}")
 
 
 @dataclass(frozen=True)
@@ -558,6 +610,8 @@ def predict_command(
 
     Exit code 0: predicted; 1: the model has no answer for some rows; 2: bad input.
     """
+    import numpy as np
+
     from ..muscle import Measurements, predict, read_measurements, read_muscle
 
     fitted = read_muscle(file)
@@ -577,7 +631,9 @@ def predict_command(
             if name not in given and name != own.get(response) and name != "--load":
                 raise InputError(f"{name} is missing: give it, or a table of states")
         data = Measurements(
-            pressure=[pressure or 0.0], contraction=[contraction or 0.0], load=[load or 0.0]
+            pressure=np.array([pressure or 0.0]),
+            contraction=np.array([contraction or 0.0]),
+            load=np.array([load or 0.0]),
         )
     found = predict(
         fitted, data, length=rest_length, free_length=_parse_free_length(free_text), level=level

@@ -61,9 +61,9 @@ def command() -> None:
 
 
 def _make_effector(preset: str) -> Effector:
-    from ..effector import Effector, effector_preset
+    from ..effector import Effector
 
-    return Effector(effector_preset(preset))
+    return Effector.from_preset(preset)
 
 
 @contextmanager

@@ -152,11 +152,11 @@ LEVELS = 10.0 ** np.arange(4, -1, -1)
 STEPS_PER_LEVEL = 3
 """Newton steps at each of them but the last."""
 
-MOST_STEPS = 60
-"""Newton steps at the last one."""
+WHOLE_STEPS = 12
+"""Newton steps in full at the last one; further ones are halved, against cycles."""
 
-DAMPED_STEPS = 10
-"""Newton steps in full, then as many cut to half, and so on, against cycles."""
+MOST_STEPS = 100
+"""Newton steps at the last one."""
 
 HALVINGS = 4
 """How many times a command is halved where it does not settle at once."""
@@ -244,85 +244,102 @@ class Drive:
         return wanted
 
 
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """What a step of Newton's method did, or why it could not.
+
+    Parameters
+    ----------
+    size, scale : float
+        Largest change of a tension, and largest tension [N].
+    gap : float
+        Largest error of a tendon's length [mm].
+    """
+
+    size: float = 0.0
+    scale: float = 0.0
+    gap: float = 0.0
+    reason: str = ""
+
+
 @dataclass(kw_only=True, eq=False)
 class Sliding:
     """Newton's method for the tensions along tendons, from one state to the next.
 
-    ``bend`` is the rod under tensions (n, 3, t), roughly if so asked. `curvatures` and `pulled`, the tensions at the
-    base, are those where it was last.
+    ``bend`` is the rod under tensions (n, 3, t), roughly if so asked. `pulled` are the tensions at
+    the base where it was last.
     """
 
     channels: Channels
     before: FrictionState
     bend: Callable[[Floats, bool], Bending]
     iterations: int = 0
-    curvatures: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
     pulled: Floats = field(default_factory=lambda: np.zeros(0))
 
     def follow(self, drive: Drive, halvings: int = HALVINGS) -> tuple[FrictionState, str]:
         """Return the state under a command, in parts if need be, and why there is none, if so."""
-        found, reason = self.settle(drive)
-        if not reason or not halvings:
-            return found, reason
+        reason = self.settle(drive)
+        held = drive.tensions is None and bool(np.any(np.abs(self.pulled) >= drive.high))
+        if not reason or not halvings or held:
+            return self.before, reason
         _, reason = self.follow(drive.go_half(self.before), halvings - 1)
         return (self.before, reason) if reason else self.follow(drive, halvings - 1)
 
-    def settle(self, drive: Drive) -> tuple[FrictionState, str]:
-        """Return the state under a command at once, and why there is none; else nothing.
-
-        `before` is that state then.
-        """
-        channels, old = self.channels, self.before
-        shape = old.tensions.shape
-        count, tendons = shape[0], shape[2]
-        self.curvatures = np.zeros((count, 3, 3))
-        rates, wraps = np.empty(shape), np.empty(shape)
-        give = np.empty((count, 3, tendons, tendons))
-        factors, slopes = np.empty(give.shape), np.empty(give.shape)
-        shifts, offsets = np.empty(shape), np.empty(shape)
-        flexible = np.einsum("nst,tu->nstu", channels.rest_rates, np.eye(tendons))
-        profile, shares = old.tensions.copy(), STUCK * old.shares
-        lengths, reason = old.lengths, ""
+    def settle(self, drive: Drive) -> str:
+        """Go to the state under a command at once, and return why there is none; else nothing."""
+        old = self.before
+        profile, shares, lengths = old.tensions.copy(), STUCK * old.shares, old.lengths.copy()
+        curvatures = np.zeros((*profile.shape[:2], 3))
         for level in LEVELS:
-            presliding = level * channels.presliding
             size, most = np.inf, MOST_STEPS if level == 1.0 else STEPS_PER_LEVEL
             for count in range(most):
-                self.iterations += 1
-                bent = self.bend(profile, level > 1.0)
-                if bent.reason:
-                    return old, bent.reason
-                if not measure_tendons(
-                    channels.grid, profile, bent.moments, self.curvatures, rates, give, wraps
-                ):
-                    return old, "no curvature was found"
-                lengths = channels.measure_lengths(rates, profile)
-                whole = lengths[0, 0]
-                if bent.lengths is not None:
-                    whole = bent.lengths - channels.stretch(profile)
-                slips = old.lengths - lengths
-                state = profile, slips, old.shares, shares
-                parts = factors, shifts, slopes, offsets
-                give += channels.flexibility * flexible
-                reduce_slip(
-                    channels.spans, channels.friction, state, (wraps, give), presliding, *parts
-                )
-                start, kept = profile[0, 0].copy(), profile.copy()
-                wanted = self.pulled = drive.pull(whole, start, slopes[0, 0], offsets[0, 0])
-                part = 1.0 if count // DAMPED_STEPS % 2 == 0 else 0.5
-                move_tensions(channels.friction, state, wraps, (presliding, part), parts, wanted)
-                scale = float(np.abs(profile).max(initial=0.0))
-                before, size = size, float(np.abs(profile - kept).max(initial=0.0))
-                gap = float(np.abs(drive.gaps(whole, start)).max(initial=0.0))
-                done = size <= TOLERANCE * scale or (size <= ROUGH * scale and size > 0.5 * before)
-                if done and gap <= drive.tolerance:
+                part = 1.0 if count < WHOLE_STEPS else 0.5
+                step = self._step(drive, (profile, shares, lengths, curvatures), level, part)
+                if step.reason:
+                    return step.reason
+                before, size = size, step.size
+                rest = size <= ROUGH * step.scale and size > 0.5 * before
+                rest = rest or size <= TOLERANCE * step.scale
+                if rest and step.gap <= drive.tolerance:
                     break
             else:
                 if level == 1.0:
-                    reason = (
-                        f"tensions along tendons did not settle: they change by {size:.2g} N, and "
-                        f"a tendon misses its length by {gap:.2g} mm"
+                    return (
+                        f"tensions along tendons did not settle: they change by {step.size:.2g} N, "
+                        f"and a tendon misses its length by {step.gap:.2g} mm"
                     )
-        if reason:
-            return old, reason
         self.before = dataclasses.replace(old, tensions=profile, shares=shares, lengths=lengths)
-        return self.before, ""
+        return ""
+
+    def _step(
+        self, drive: Drive, state: tuple[Floats, Floats, Floats, Floats], level: float, part: float
+    ) -> Step:
+        """Improve tensions, shares, lengths and curvatures by one step."""
+        channels, old = self.channels, self.before
+        profile, shares, lengths, curvatures = state
+        shape, presliding = profile.shape, level * channels.presliding
+        self.iterations += 1
+        bent = self.bend(profile, level > 1.0)
+        if bent.reason:
+            return Step(reason=bent.reason)
+        rates, wraps, give = np.empty(shape), np.empty(shape), np.empty((*shape, shape[2]))
+        if not measure_tendons(
+            channels.grid, profile, bent.moments, curvatures, rates, give, wraps
+        ):
+            return Step(reason="no curvature was found")
+        give += channels.flexibility * channels.rest_rates[..., None] * np.eye(shape[2])
+        lengths[:] = channels.measure_lengths(rates, profile)
+        whole = lengths[0, 0]
+        if bent.lengths is not None:
+            whole = bent.lengths - channels.stretch(profile)
+        now = profile, old.lengths - lengths, old.shares, shares
+        parts = np.empty(give.shape), np.empty(shape), np.empty(give.shape), np.empty(shape)
+        reduce_slip(channels.spans, channels.friction, now, (wraps, give), presliding, *parts)
+        kept = profile.copy()
+        self.pulled = drive.pull(whole, kept[0, 0], parts[2][0, 0], parts[3][0, 0])
+        move_tensions(channels.friction, now, wraps, (presliding, part), parts, self.pulled)
+        return Step(
+            size=float(np.abs(profile - kept).max(initial=0.0)),
+            scale=float(np.abs(profile).max(initial=0.0)),
+            gap=float(np.abs(drive.gaps(whole, kept[0, 0])).max(initial=0.0)),
+        )

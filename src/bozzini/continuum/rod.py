@@ -767,7 +767,9 @@ def follow_sliding(
     state, reason = sliding.follow(drive)
     held = np.flatnonzero(np.abs(sliding.pulled) >= rod.strongest)
     if reason and held.size and target.command is not None:
-        reason = f"the command can be followed in part only: {target.explain_held(held)}"
+        reason = target.explain_held(held)
+    if reason:
+        reason = f"the command can be followed in part only: {reason}"
     return dataclasses.replace(
         found,
         tensions=state.tensions[0, 0],

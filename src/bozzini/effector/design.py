@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -312,20 +313,34 @@ def rigidity_from_test(force: float, deflection: float, *, length: float) -> flo
     return known.check("flexural rigidity of the test", rigidity)
 
 
-EFFECTOR_PRESETS: dict[str, EffectorDesign] = {
-    "prototype": EffectorDesign(
+def _place_muscles(name: str) -> EffectorDesign:
+    """Return the thesis's section with muscles of a preset."""
+    muscle = muscle_preset(name)
+    return EffectorDesign(
         muscles=tuple(
-            PlacedMuscle(name=name, muscle=muscle_preset("fitted-45"), angle=math.radians(degrees))
+            PlacedMuscle(name=name, muscle=muscle, angle=math.radians(degrees))
             for name, degrees in (("R", 307.5), ("G", 219.0), ("B", 75.0))
         )
-    ),
+    )
+
+
+EFFECTOR_PRESETS: dict[str, EffectorDesign] = {
+    "prototype": _place_muscles("fitted-45"),
+    "thesis": _place_muscles("effector-45"),
 }
 """End-effectors by name.
 
 - ``prototype``: the thesis's, with muscles R, G and B at 307.5, 219 and 75 degrees (Fig. 4.9). Its
   offset of 4 mm and its ``EI`` of 200 N mm^2 are those that Tables 4.1-4.4 were computed with. The
   drawn holder leaves no space for a muscle so far out (`find_conflicts`).
+- ``thesis``: the same with the muscle ``effector-45``, for which the thesis's own model meets
+  Tables 4.1, 4.3 and 4.4: 20.4 mm at 689.4 kPa (`PRESET_MODELS`, `Effector.from_preset`).
 """
+
+PRESET_MODELS: Mapping[str, tuple[str, Mapping[str, str]]] = {
+    "thesis": ("thesis", {"load_path": "bulk"}),
+}
+"""Model and choices of a preset that is made for another model than `EnergyMuscle`."""
 
 
 def effector_preset(name: str, **overrides: object) -> EffectorDesign:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from ..muscle import MODELS
+from .design import PRESET_MODELS, effector_preset
 from .inverse import EffectorInverse, solve_inverse
 from .model import EffectorModel
 from .pose import EffectorPose, PoseMethod, pose
@@ -33,6 +36,21 @@ class Effector(EffectorModel):
     InputError
         As `EffectorModel` does.
     """
+
+    @classmethod
+    def from_preset(cls, name: str, **overrides: object) -> Effector:
+        """Return an end-effector of `EFFECTOR_PRESETS`, with the model that it is made for.
+
+        Raises
+        ------
+        InputError
+            If there is no such preset, or a field or its value is not legal.
+        """
+        design = effector_preset(name, **overrides)
+        if name not in PRESET_MODELS:
+            return cls(design)
+        model, choices = PRESET_MODELS[name]
+        return cls(design, partial(MODELS[model], **choices))
 
     def forward(
         self,

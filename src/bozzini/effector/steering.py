@@ -539,7 +539,7 @@ class Stick:
     """A stick of two axes as an analogue-digital converter reads it, in units of the converter.
 
     Axis x reads from left to right, axis y from top to bottom; the target has y up, so y changes
-    its sign. The thesis gives a range of 0 to 1024; a converter of 10 bits reads 0 to 1023.
+    its sign. The range is the thesis's, 0 to 1024; a converter of 10 bits ends at 1023.
 
     Parameters
     ----------
@@ -559,7 +559,7 @@ class Stick:
         If a value is outside its legal range.
     """
 
-    highest: float = quantity(default=1023.0, low=0.0, high=1e9, low_open=True)
+    highest: float = quantity(default=1024.0, low=0.0, high=1e9, low_open=True)
     centre: float = quantity(default=512.0, low=0.0, high=lambda stick: stick.highest)
     span: float = quantity(default=512.0, low=0.0, high=1e9, low_open=True)
     dead_zone: float = quantity(default=0.0, low=0.0, high=lambda stick: 0.9 * stick.span)

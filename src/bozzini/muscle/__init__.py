@@ -9,9 +9,11 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .compose import AntagonisticJoint, Bundle
     from .data import Measurements, RepeatStatistics
     from .design import LOCKING_ANGLE, PRESETS, Braid, Muscle, Tube, preset
     from .ends import EndEffects, MountedMuscle, find_offset
+    from .export import export_muscle
     from .files import FitSummary, MuscleFile, read_muscle, write_muscle
     from .fit import Calibration, FitOptions, calibrate
     from .hysteresis import Hysteresis
@@ -30,17 +32,21 @@ if TYPE_CHECKING:
         rank,
     )
     from .table import read_measurements, take_measurements, write_measurements
+    from .terms import Creep, ScaledMuscle, TermFit, Thermal, fit_creep, fit_thermal
 
 __all__ = [
     "LOCKING_ANGLE",
     "MODELS",
     "PRESETS",
+    "AntagonisticJoint",
     "Braid",
+    "Bundle",
     "Calibration",
     "CatalogueModel",
     "Comparison",
     "CompiledMuscle",
     "ConvergenceError",
+    "Creep",
     "EndEffects",
     "EnergyMuscle",
     "FitOptions",
@@ -58,10 +64,16 @@ __all__ = [
     "RankOptions",
     "Ranking",
     "RepeatStatistics",
+    "ScaledMuscle",
+    "TermFit",
+    "Thermal",
     "ThesisMuscle",
     "Tube",
     "calibrate",
     "compare_models",
+    "export_muscle",
+    "fit_creep",
+    "fit_thermal",
     "find_offset",
     "predict",
     "preset",
@@ -74,12 +86,13 @@ __all__ = [
 ]
 
 _MODULES = {
+    ".compose": ("AntagonisticJoint", "Bundle"),
     ".data": ("Measurements", "RepeatStatistics"),
     ".design": ("LOCKING_ANGLE", "PRESETS", "Braid", "Muscle", "Tube", "preset"),
+    ".export": ("export_muscle",),
     ".ends": ("EndEffects", "MountedMuscle", "find_offset"),
     ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".fit": ("Calibration", "FitOptions", "calibrate"),
-    ".files": ("FitSummary", "MuscleFile", "read_muscle", "write_muscle"),
     ".hysteresis": ("Hysteresis",),
     ".model": ("CompiledMuscle", "ConvergenceError", "MuscleModel", "MuscleState"),
     ".models": ("MODELS", "CatalogueModel"),
@@ -88,6 +101,7 @@ _MODULES = {
     ".prediction": ("Prediction", "predict"),
     ".ranking": ("Comparison", "ModelScore", "RankOptions", "RankedModel", "Ranking",
                  "compare_models", "rank"),
+    ".terms": ("Creep", "ScaledMuscle", "TermFit", "Thermal", "fit_creep", "fit_thermal"),
     ".table": ("read_measurements", "take_measurements", "write_measurements"),
 }  # fmt: skip
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}

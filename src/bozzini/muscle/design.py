@@ -33,7 +33,10 @@ LOCKING_ANGLE = math.atan(math.sqrt(2.0))
 """The angle at which a braid of given strands holds the largest volume [rad]: 54.7356 degrees."""
 
 BRAID_ANGLES = (math.radians(5.0), math.radians(54.0))
-"""Legal angles of a braid at rest, measured from its axis [rad]: below locking, so it contracts."""
+"""Angles of a braid at rest that contracts, measured from its axis [rad]: below locking."""
+
+EXTENSILE_ANGLE = math.radians(85.0)
+"""Largest legal angle of a braid at rest [rad]: above locking it gets longer under pressure."""
 
 PRESSURE_LIMIT = 20.0
 """Largest legal pressure [MPa], above that of hydraulic muscles: more is likely one in kPa."""
@@ -51,7 +54,7 @@ class Braid:
     length, radius : float
         Length and radius at rest, in [1e-6, 1e6] mm.
     angle : float
-        Angle between strands and axis at rest [rad], within `BRAID_ANGLES`.
+        Angle between strands and axis at rest [rad], 5 to 85 degrees.
 
     Raises
     ------
@@ -61,7 +64,7 @@ class Braid:
 
     length: float = quantity("length", low=1e-6, high=1e6)
     radius: float = quantity("length", low=1e-6, high=1e6)
-    angle: float = quantity("angle", low=BRAID_ANGLES[0], high=BRAID_ANGLES[1])
+    angle: float = quantity("angle", low=BRAID_ANGLES[0], high=EXTENSILE_ANGLE)
 
     def __post_init__(self) -> None:
         check_fields(self, "braid ")
@@ -312,7 +315,8 @@ def _take_stress(name: str, values: ArrayLike) -> NDArray[np.float64]:
 class _Given:
     """A field that is unset until it is given: to read it before is an `InputError`.
 
-    It is the default of the dataclass's field, which makes it a descriptor of the class.
+    It is the default of the dataclass's field, which makes it a descriptor of the class. A value
+    that is given stands in the instance, where Python finds it first.
     """
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -321,18 +325,12 @@ class _Given:
     def __get__(self, muscle: Muscle | None, owner: type) -> object:
         if muscle is None:
             return self
-        value = vars(muscle)[self.name]
-        if value is None:
-            raise InputError(f"the muscle has no {self.name.replace('_', ' ')}: give it")
-        return value
-
-    def __set__(self, muscle: Muscle, value: object) -> None:
-        vars(muscle)[self.name] = None if value is self else value
+        raise InputError(f"the muscle has no {self.name.replace('_', ' ')}: give it")
 
 
 def _limit_by_bore(muscle: Muscle) -> float:
     """Return half the inner radius, or of the outer one while that is unset [mm]."""
-    return 0.5 * float(muscle.given.get("inner_radius", muscle.outer_radius))
+    return 0.5 * float(vars(muscle).get("inner_radius", muscle.outer_radius))
 
 
 def _limit_strand(muscle: Muscle) -> float:
@@ -340,9 +338,9 @@ def _limit_strand(muscle: Muscle) -> float:
 
     Those of one family are ``4 pi r cos(angle) / strands`` apart.
     """
-    given = muscle.given
-    cosine = math.cos(given.get("braid_angle", 0.0))
-    return 2.0 * math.pi * muscle.braid_radius * cosine / given.get("strands", 2)
+    known = vars(muscle)
+    cosine = math.cos(known.get("braid_angle", 0.0))
+    return 2.0 * math.pi * muscle.braid_radius * cosine / float(known.get("strands", 2))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -360,7 +358,8 @@ class Muscle:
     outer_radius, inner_radius : float
         Radii of the tube [mm]; the inner one is 0.05 to 0.99 of the outer one, and may be unset.
     braid_angle : float, optional
-        Angle between strands and axis at rest [rad], 5 to 54 degrees.
+        Angle between strands and axis at rest [rad], 5 to 85 degrees. Above the locking angle of
+        54.7 degrees the muscle gets longer under pressure, and pushes: few models hold there.
     gap : float
         Gap between tube and braid [mm], at most half the inner radius.
     strands : int, optional
@@ -404,7 +403,7 @@ class Muscle:
         default=_Given(),
         scale=0.03,
         low=BRAID_ANGLES[0],
-        high=BRAID_ANGLES[1],
+        high=EXTENSILE_ANGLE,
     )
     # Across a wider gap the tube would balloon before it meets the braid.
     gap: float = quantity(
@@ -469,6 +468,10 @@ class Muscle:
     )
 
     def __post_init__(self) -> None:
+        known = vars(self)
+        for name in _STARTS:
+            if known[name] is None or isinstance(known[name], _Given):
+                del known[name]
         check_fields(self, "muscle ", skip=self.unset)
 
     def __eq__(self, other: object) -> bool:
@@ -483,14 +486,14 @@ class Muscle:
     @property
     def given(self) -> dict[str, float]:
         """The fields that are set, by name."""
-        known, unset = vars(self), self.unset
-        return {name: known[name] for name in list_quantities(Muscle) if name not in unset}
+        known = vars(self)
+        return {name: known[name] for name in list_quantities(Muscle) if name in known}
 
     @property
     def unset(self) -> tuple[str, ...]:
         """The names of the fields that are not set."""
         known = vars(self)
-        return tuple(name for name in _STARTS if known[name] is None)
+        return tuple(name for name in _STARTS if name not in known)
 
     def legal_range(self, name: str) -> tuple[float, float]:
         """Return the smallest and largest legal value of a field, the others being as they are.
@@ -621,7 +624,7 @@ PRESETS: dict[str, Preset] = {
 
 
 def check_muscle(muscle: object, model: MuscleModel | None = None) -> None:
-    """Raise `InputError` if a model cannot be made of this, or lacks a field that it needs."""
+    """Raise `InputError` if a model cannot be made of this, lacks a field, or does not contract."""
     if not isinstance(muscle, Muscle):
         hint = f", such as preset({muscle!r})" if isinstance(muscle, str) else ""
         raise InputError(f"muscle is {show_value(muscle)}: it must be a Muscle{hint}")
@@ -635,6 +638,13 @@ def check_muscle(muscle: object, model: MuscleModel | None = None) -> None:
             f"{' '.join(f'--{name}' for name in missing)}, or write it into the muscle's file"
             + (f", or fit it with --free {fitted}" if fitted else "")
         )
+    if "braid_angle" in model.unused or model.extensile or muscle.braid_angle <= BRAID_ANGLES[1]:
+        return
+    angle, *ends = (math.degrees(value) for value in (muscle.braid_angle, *BRAID_ANGLES))
+    raise InputError(
+        f"muscle braid angle is {angle:g} deg: it must lie in [{ends[0]:g}, {ends[1]:g}] deg for "
+        f"the model {model.name}, which does not hold for a muscle that gets longer"
+    )
 
 
 def preset(name: str, **overrides: object) -> Muscle:

@@ -183,6 +183,8 @@ class MuscleModel(ABC):
         Fields of `Muscle`, and numbers of `list_parameters`, that a fit frees by default.
     choices : mapping
         Keywords of the constructor that take a word, and their words; the first is the default.
+    extensile : bool
+        Whether it holds for a braid above the locking angle, which gets longer under pressure.
     takes_load : bool
         Whether the contraction depends on the load.
     """
@@ -194,6 +196,7 @@ class MuscleModel(ABC):
     unused: ClassVar[tuple[str, ...]] = ()
     fit_fields: ClassVar[tuple[str, ...]] = ("modulus",)
     choices: ClassVar[Mapping[str, tuple[str, ...]]] = MappingProxyType({})
+    extensile: ClassVar[bool] = False
 
     def __init_subclass__(cls, **given: object) -> None:
         super().__init_subclass__(**given)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bozzini.errors import FileFormatError, InputError
+from bozzini.muscle.ends import EndEffects, MountedMuscle
 from bozzini.muscle.hysteresis import (
     GeneralisedPrandtlIshlinskii,
     LoopOptions,
@@ -242,7 +243,8 @@ KINDS = {"prandtl-ishlinskii": "plays", "friction-band": "band"}
 def test_files_give_the_model_back(name, tmp_path):
     operator = make_relays(8) if name == "preisach" else REFERENCE[KINDS.get(name, name)]
     history = np.array([0.1, 0.5, 0.3])
-    for static, suffix in ((None, "json"), (STATIC, "yaml")):
+    mounted = MountedMuscle(STATIC, EndEffects(offset=0.2, compliance=0.01))
+    for static, suffix in ((None, "json"), (STATIC, "yaml"), (mounted, "yml")):
         model = LoopModel(
             operator=operator, static=static, held=LOAD, pressures=(0.1, 0.7), offset=-0.2,
             longest=60.0, state=operator.run([0.4, 0.2])[1],
@@ -252,6 +254,9 @@ def test_files_give_the_model_back(name, tmp_path):
         assert again.operator == model.operator and again.static == model.static
         assert (again.pressures, again.longest) == (model.pressures, 60.0)
         assert np.array_equal(again.trace(history, resume=True), model.trace(history, resume=True))
+        if static is not None:
+            carried = again.carry().trace_contraction(history, LOAD)
+            assert model.trace(history) == pytest.approx(carried - 0.2, abs=1e-12)
 
 
 def damage(path, **changes):

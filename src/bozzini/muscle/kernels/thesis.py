@@ -97,6 +97,18 @@ def find_angle(design, excess, low, high):
 
 
 @njit(cache=True)
+def contracts_further(design, excess, angle):
+    """Whether the braid's angle grows with the pressure at an angle where the closure holds.
+
+    Past its peak the linear tube is squeezed by more than it swells, and the equations fail.
+    """
+    step = 1e-6 * excess
+    above, _, _ = measure_closure(design, excess + step, angle)
+    below, _, _ = measure_closure(design, excess - step, angle)
+    return above < below
+
+
+@njit(cache=True)
 def find_angles(design, excesses, low, high, out, iterations):
     """Fill ``out`` (3, n) with angle, braid pressure and residual; the index of the first miss."""
     for n in range(excesses.size):
@@ -104,7 +116,7 @@ def find_angles(design, excesses, low, high, out, iterations):
         if taken < 0:
             return n
         _, braid, opened = measure_closure(design, excesses[n], angle)
-        if not opened > 0.0:
+        if not (opened > 0.0 and contracts_further(design, excesses[n], angle)):
             return n
         out[0, n] = angle
         out[1, n] = braid
@@ -158,6 +170,7 @@ def find_free_contraction(numbers, pressure):
     angle, _, iterations = find_angle(design, pressure - contact, numbers[14], numbers[15])
     _, _, opened = measure_closure(design, pressure - contact, angle)
     found = iterations >= 0 and opened > 0.0
+    found = found and contracts_further(design, pressure - contact, angle)
     return length - design[4] * math.cos(angle) / design[6], found
 
 

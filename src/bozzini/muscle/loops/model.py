@@ -20,13 +20,14 @@ from ...checks import (
     check_range,
     check_word,
     choose,
-    show_value,
 )
 from ...errors import FileFormatError, InputError
 from ...io.files import write_text
 from ...io.records import format_yaml, load_data, read_record, write_record
 from ...results import Json, Result, measured, take_axes
-from ..design import PRESSURE_LIMIT, Muscle
+from ..design import PRESSURE_LIMIT
+from ..ends import MountedMuscle
+from ..files import MuscleFile
 from ..hysteresis import (
     AsymmetricPrandtlIshlinskii,
     BoucWen,
@@ -147,9 +148,7 @@ class LoopModel:
         """
         if self.static is None:
             raise InputError("there is no static model to carry the operator: fit with one")
-        if dataclasses.is_dataclass(self.static):
-            return dataclasses.replace(self.static, hysteresis=self.operator)  # type: ignore[unreachable]
-        return self.static.replace(hysteresis=self.operator)  # type: ignore[attr-defined,no-any-return]
+        return _carry(self.static, self.operator)
 
     def trace(self, pressure: ArrayLike, *, resume: bool = False) -> Floats:
         """Return the response [mm or N] along a history of pressures (n,) [MPa].
@@ -364,14 +363,6 @@ class _Head:
 
 
 @dataclass(frozen=True)
-class _Static:
-    """The static model in a file."""
-
-    model: str
-    muscle: Muscle
-
-
-@dataclass(frozen=True)
 class _State:
     """What the operator remembers, in a file."""
 
@@ -409,7 +400,7 @@ def save_loop_model(
         "constants": write_record(model.operator),
     }  # fmt: skip
     if model.static is not None:
-        data["static"] = _write_static(model.static)
+        data["static"] = write_record(_describe_static(model.static))
     if model.state is not None:
         memory = tuple(model.state.memory.tolist())
         data["state"] = write_record(_State(float(model.state.last), memory))
@@ -458,7 +449,7 @@ def _read_model(data: object) -> LoopModel:
     return LoopModel(
         operator=operator,
         kind=head.response,
-        static=None if static is None else _read_static(static),
+        static=None if static is None else read_record(static, MuscleFile, name="static").build(),
         held=head.held,
         pressures=head.pressures,
         offset=head.offset,
@@ -467,32 +458,24 @@ def _read_model(data: object) -> LoopModel:
     )
 
 
-def _write_static(model: MuscleModel) -> Json:
+def _describe_static(model: MuscleModel) -> MuscleFile:
+    """Return the muscle file of a model."""
+    if isinstance(model, MountedMuscle):
+        return dataclasses.replace(_describe_static(model.model), ends=model.ends)
     own = {item.name: getattr(model, item.name) for item in type(model).list_parameters()}
     own |= {name: getattr(model, name) for name in model.choices}
     given: Json = getattr(model, "keywords", own)
     for name, value in given.items():
         if callable(value):
             raise InputError(f"{name} of the model {model.name} is a function: no file holds it")
-    return {
-        "model": model.name,
-        "muscle": write_record(model.muscle),
-        "constants": {name: value for name, value in given.items() if value is not None},
-    }
+    constants = {name: value for name, value in given.items() if value is not None}
+    return MuscleFile(muscle=model.muscle, model=model.name, constants=constants)
 
 
-def _read_static(data: object) -> MuscleModel:
-    from ..models import MODELS
-
-    if not isinstance(data, dict):
-        raise InputError(f"static is {show_value(data)}: it must hold model, muscle and constants")
-    constants = data.get("constants", {})
-    if not isinstance(constants, dict):
-        raise InputError(f"static.constants is {show_value(constants)}: it must hold numbers")
-    known = {name: item for name, item in data.items() if name != "constants"}
-    given = read_record(known, _Static, name="static")
-    kind = MODELS.choose(given.model)
-    try:
-        return kind(given.muscle, **constants)  # type: ignore[call-arg]
-    except TypeError as error:
-        raise InputError(f"static.constants do not go with {given.model}: {error}") from None
+def _carry(model: MuscleModel, operator: Operator) -> MuscleModel:
+    """Return a model with an operator."""
+    if isinstance(model, MountedMuscle):
+        return dataclasses.replace(model, model=_carry(model.model, operator))
+    if dataclasses.is_dataclass(model):
+        return dataclasses.replace(model, hysteresis=operator)  # type: ignore[unreachable]
+    return model.replace(hysteresis=operator)  # type: ignore[attr-defined,no-any-return]

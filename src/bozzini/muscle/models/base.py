@@ -18,7 +18,7 @@ from ...checks import broadcast, check_array, check_range, name_at, refuse_first
 from ...errors import BozziniError, InputError, PluginError
 from ...numeric import roots as numeric_roots
 from ...results import Json
-from ..design import PRESSURE_LIMIT, Braid, Muscle, check_muscle
+from ..design import LOCKING_ANGLE, PRESSURE_LIMIT, Braid, Muscle, check_muscle
 from ..hysteresis import Hysteresis
 from ..model import (
     LOAD_LIMIT,
@@ -187,6 +187,16 @@ class ExplicitModel(MuscleModel):
         return 0.0, PRESSURE_LIMIT
 
     @property
+    def load_limits(self) -> tuple[float, float]:
+        """Legal loads [N]: a muscle that gets longer under pressure can push, others cannot."""
+        return (-LOAD_LIMIT if self._lengthens else 0.0), LOAD_LIMIT
+
+    @property
+    def _lengthens(self) -> bool:
+        """Whether the braid is above its locking angle at rest."""
+        return self.braid.angle > LOCKING_ANGLE
+
+    @property
     def contraction_limits(self) -> tuple[float, float]:
         """Legal contractions [mm], the widest of all pressures: strands straight, strands hoops.
 
@@ -308,7 +318,7 @@ class ExplicitModel(MuscleModel):
         """Pressures, loads and signs of friction, and the lengths, all of one shape."""
         pressures, loads = check_array("pressure", pressure), check_array("load", load)
         check_range("pressure", pressures, *self.pressure_limits, "MPa")
-        check_range("load", loads, 0.0, LOAD_LIMIT, "N")
+        check_range("load", loads, *self.load_limits, "N")
         pressures, loads, signs = broadcast(
             ("pressure", pressures), ("load", loads), ("direction", parse_direction(direction))
         )
@@ -346,7 +356,11 @@ class ExplicitModel(MuscleModel):
         return pressure
 
     def _length_limits(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
-        """Smallest and largest legal length at each pressure [mm]."""
+        """Smallest and largest legal length at each pressure [mm], or raise `InputError`."""
+        return self._find_lengths(pressure)
+
+    def _find_lengths(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
+        """Smallest and largest legal length at each pressure [mm], without checks."""
         return self._base_lengths()
 
     def _base_lengths(self) -> tuple[float, float]:
@@ -430,7 +444,7 @@ class ExplicitModel(MuscleModel):
             self._total(pressure, np.linspace(start, end, STEPS + 1), sign)
             for end in (low[0], high[0])
         )
-        least, most = max(0.0, float(down.min())), float(up.max())
+        least, most = max(self.load_limits[0], float(down.min())), float(up.max())
         legal = f"[{least:.6g}, {most:.6g}] N"
         if most < least:
             legal = f"what it pulls, and at most that is {most:.6g} N"
@@ -573,7 +587,9 @@ class CatalogueModel(ExplicitModel):
     def _sign_friction(self, sign: Floats) -> Floats:
         if self.parameters.get("friction", 1.0) == 0.0:
             return np.zeros(())
-        return np.full(sign.shape, -1.0) if self.as_printed and self.prints_one_way else sign
+        if self.as_printed and self.prints_one_way:
+            return np.full(sign.shape, -1.0)
+        return -sign if self._lengthens else sign  # inflation moves it the other way
 
     def _check(self) -> None:
         """Raise `InputError` if muscle and keywords do not go together."""

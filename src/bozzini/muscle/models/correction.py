@@ -96,7 +96,7 @@ class StrainCorrected(CatalogueModel):
 
     def _find_stretch(self, pressure: Floats, length: Floats) -> Floats:
         strain = (self.braid.length - length) / self.braid.length + self._strain_offset()
-        return np.asarray(1.0 - self.find_factor(pressure) * strain)
+        return np.asanyarray(1.0 - self.find_factor(pressure) * strain)
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         return pull_by_strain(self.braid, pressure, self._find_stretch(pressure, length))
@@ -104,12 +104,23 @@ class StrainCorrected(CatalogueModel):
     def _scale(self, blocked: Floats, pressure: Floats, length: Floats) -> Floats:
         """Return Gaylord's pull scaled to a blocked force [N]."""
         shape = bracket(self.braid, self._find_stretch(pressure, length))
-        return np.asarray(blocked * shape / bracket(self.braid, 1.0))
+        return np.asanyarray(blocked * shape / bracket(self.braid, 1.0))
 
     def _length_limits(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
         factor = self.find_factor(pressure)
         words = f"strain factor k of the model {self.name} at pressure"
         check_range(words, factor, *_FACTORS)
+        low, high = self._find_lengths(pressure)
+        if np.any(low >= high):
+            index = int(np.argmax(low >= high))
+            raise InputError(
+                f"pressure is {pressure.flat[index]:g} MPa: the model {self.name} has no legal "
+                "length there, its constants and the pressure must leave it one"
+            )
+        return low, high
+
+    def _find_lengths(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
+        factor = self.find_factor(pressure)
         rest, cosine = self.braid.length, math.cos(self.braid.angle)
         high, low = (
             np.clip(
@@ -118,12 +129,6 @@ class StrainCorrected(CatalogueModel):
             )
             for angle in ANGLES
         )
-        if np.any(low >= high):
-            index = int(np.argmax(low >= high))
-            raise InputError(
-                f"pressure is {pressure.flat[index]:g} MPa: the model {self.name} has no legal "
-                "length there, its constants and the pressure must leave it one"
-            )
         return low, high
 
     def find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
@@ -135,14 +140,14 @@ class StrainCorrected(CatalogueModel):
         stretch = self._find_stretch(pressure, length)
         cosine = math.cos(braid.angle) * stretch
         scale = 2.0 * math.pi * braid.radius * braid.length * math.sin(braid.angle)
-        return np.asarray(scale / (stretch * np.sqrt((1.0 - cosine) * (1.0 + cosine))))
+        return np.asanyarray(scale / (stretch * np.sqrt((1.0 - cosine) * (1.0 + cosine))))
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         given = self.parameters
         if "contact_scale" not in given:
             return super()._friction(pressure, length)
         share = given["friction"] / given["contact_scale"]
-        return np.asarray(share * pressure * self.find_contact_area(pressure, length))
+        return np.asanyarray(share * pressure * self.find_contact_area(pressure, length))
 
 
 class TonduLopez(StrainCorrected):
@@ -171,7 +176,7 @@ class TonduLopez(StrainCorrected):
         """Return the factor of the strain."""
         given = self.parameters
         fading = np.exp(-pressure / given["pressure_unit"])
-        return np.asarray(given["kappa1"] * fading + given["kappa2"])
+        return np.asanyarray(given["kappa1"] * fading + given["kappa2"])
 
 
 class IttoExponential(StrainCorrected):
@@ -196,7 +201,7 @@ class IttoExponential(StrainCorrected):
     def find_factor(self, pressure: Floats) -> Floats:
         """Return the factor of the strain."""
         given = self.parameters
-        return np.asarray(given["kappa1"] * np.exp(given["kappa2"] * pressure) + given["kappa3"])
+        return np.asanyarray(given["kappa1"] * np.exp(given["kappa2"] * pressure) + given["kappa3"])
 
 
 class IttoDoubled(StrainCorrected):
@@ -222,7 +227,7 @@ class IttoDoubled(StrainCorrected):
     def find_factor(self, pressure: Floats) -> Floats:
         """Return the factor of the strain."""
         given = self.parameters
-        return np.asarray(given["kappa1"] * (1.0 + np.exp(given["kappa2"] * pressure)))
+        return np.asanyarray(given["kappa1"] * (1.0 + np.exp(given["kappa2"] * pressure)))
 
 
 class DavisCaldwell(TonduLopez):
@@ -318,7 +323,7 @@ class DavisCaldwell(TonduLopez):
         ratio = self.parameters["strand_poisson_ratio"]
         strain = pressure * (1.0 - ratio**2) / self.muscle.strand_modulus
         radii = (1.442 if self.as_printed else math.cbrt(3.0)) * np.cbrt(strain)
-        return np.asarray(radii if self.keywords["scale"] == "radii" else radii**2)
+        return np.asanyarray(radii if self.keywords["scale"] == "radii" else radii**2)
 
     def find_contact_area(self, pressure: Floats, length: Floats) -> Floats:
         """Return the contact area of the strands [mm^2]."""
@@ -327,11 +332,13 @@ class DavisCaldwell(TonduLopez):
         cosine = length / braid.strand_length
         bottom = cosine * np.sqrt((1.0 - cosine) * (1.0 + cosine))
         scale = braid.strand_length**2 / braid.turns
-        return np.asarray(scale * (top if self.as_printed else top**2) / bottom)
+        return np.asanyarray(scale * (top if self.as_printed else top**2) / bottom)
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         area = self.find_contact_area(pressure, length)
-        return np.asarray(self.parameters["friction"] * pressure * area * self.find_share(pressure))
+        return np.asanyarray(
+            self.parameters["friction"] * pressure * area * self.find_share(pressure)
+        )
 
 
 class Meller(StrainCorrected):
@@ -393,11 +400,11 @@ class Meller(StrainCorrected):
         """Return the factor of the strain."""
         given = self.parameters
         free = given["kappa3"] * np.log(pressure / given["pressure_unit"])
-        return np.asarray(measure_ideal(self.muscle)[2] / free)
+        return np.asanyarray(measure_ideal(self.muscle)[2] / free)
 
     def _find_blocked(self, pressure: Floats) -> Floats:
         given = self.parameters
-        return np.asarray(given["kappa1"] * pressure + given["kappa2"])
+        return np.asanyarray(given["kappa1"] * pressure + given["kappa2"])
 
     def _length_limits(self, pressure: Floats) -> tuple[Floats | float, Floats | float]:
         words = "blocked force kappa1 P + kappa2 at pressure"

@@ -35,7 +35,7 @@ class ConstantThickness(ForceBalanceModel):
     def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
         modulus, braid = self.muscle.modulus, self.braid
         hoop = find_radius(braid, length) / braid.radius - 1.0
-        return np.asarray(modulus * (length / braid.length - 1.0)), np.asarray(modulus * hoop)
+        return np.asanyarray(modulus * (length / braid.length - 1.0)), np.asanyarray(modulus * hoop)
 
 
 class Schulte(ConstantThickness):
@@ -49,6 +49,7 @@ class Schulte(ConstantThickness):
     no contact and no friction. ``as_printed=True`` takes friction off at any direction.
     """
 
+    extensile = True
     card = Card(
         name="schulte",
         title="Thin linear elastic bladder, friction on the braid",
@@ -102,13 +103,13 @@ class Schulte(ConstantThickness):
         round_it = scale * sine - 2.0 * math.pi * braid.radius
         wall = braid.length * sine - cosine**2 / sine * round_it
         elastic = scale * self.muscle.modulus * wall
-        return np.asarray(pull_ideal(braid, pressure, length) + elastic)
+        return np.asanyarray(pull_ideal(braid, pressure, length) + elastic)
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         radius = find_radius(self.braid, length)
         excess = np.maximum(pressure - self._call("inflation_pressure", radius), 0.0)
         round_it = 2.0 * math.pi * radius * self.braid.length
-        return np.asarray(self.parameters["friction"] * excess * round_it)
+        return np.asanyarray(self.parameters["friction"] * excess * round_it)
 
 
 class Ferraresi(ConstantThickness):
@@ -117,6 +118,7 @@ class Ferraresi(ConstantThickness):
     With the area ``2 pi r t0`` instead it is the corrected `Schulte`.
     """
 
+    extensile = True
     card = Card(
         name="ferraresi",
         title="Thin linear elastic bladder",
@@ -158,6 +160,7 @@ class KotheraBalance(ForceBalanceModel):
     high pressure the pull can grow at first as the muscle contracts.
     """
 
+    extensile = True
     card = Card(
         name="kothera-balance",
         title="Thick linear elastic bladder, balance of forces",
@@ -176,7 +179,9 @@ class KotheraBalance(ForceBalanceModel):
     def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
         modulus, rest, wall = self.muscle.modulus, self.braid.length, self.wall
         thinning = wall.thickness * rest / (wall.thickness_at(length) * length)
-        return np.asarray(modulus * (length / rest - 1.0)), np.asarray(modulus * (thinning - 1.0))
+        return np.asanyarray(modulus * (length / rest - 1.0)), np.asanyarray(
+            modulus * (thinning - 1.0)
+        )
 
 
 _STRETCHES = Choice(
@@ -220,7 +225,7 @@ class Stretches:
         radial = 1.0 / (self.axial * self.hoop) ** 2
         along = 2.0 * (self.axial**2 - radial) * (c10 + c01 * self.hoop**2)
         across = 2.0 * (self.hoop**2 - radial) * (c10 + c01 * self.axial**2)
-        return np.asarray(along), np.asarray(across)
+        return np.asanyarray(along), np.asanyarray(across)
 
     def find_ogden_slopes(self, modulus: float, exponent: float) -> tuple[Floats, Floats]:
         """Return the same of Ogden's energy with one term, by small-strain modulus [MPa]."""
@@ -229,8 +234,10 @@ class Stretches:
 
         def spread(log: Floats) -> Floats:
             if exponent == 0.0:
-                return np.asarray(log - radial)
-            return np.asarray((np.expm1(exponent * log) - np.expm1(exponent * radial)) / exponent)
+                return np.asanyarray(log - radial)
+            return np.asanyarray(
+                (np.expm1(exponent * log) - np.expm1(exponent * radial)) / exponent
+            )
 
         factor = 2.0 / 3.0 * modulus
         return factor * spread(logs[0]), factor * spread(logs[1])
@@ -258,11 +265,11 @@ def find_stretches(wall: Wall, length: Floats, *, at: str) -> Stretches:
         hoop = (radius + bore) / (braid.radius + wall.bore_at_rest)
         rate, growth = (slope + change) / (radius + bore), 1.0 / bore
     return Stretches(
-        axial=np.asarray(axial),
-        hoop=np.asarray(hoop),
-        axial_rate=np.asarray(1.0 / length),
-        hoop_rate=np.asarray(rate),
-        hoop_growth=np.asarray(growth),
+        axial=np.asanyarray(axial),
+        hoop=np.asanyarray(hoop),
+        axial_rate=np.asanyarray(1.0 / length),
+        hoop_rate=np.asanyarray(rate),
+        hoop_growth=np.asanyarray(growth),
     )
 
 
@@ -288,7 +295,7 @@ class HyperelasticModel(WalledModel):
         stretches = find_stretches(wall, length, at=self._hoop_at())
         along, across = self._find_slopes(stretches)
         slope = along * stretches.axial_rate + across * stretches.hoop_rate
-        return np.asarray(wall.volume * slope)
+        return np.asanyarray(wall.volume * slope)
 
     def _bear(self, length: Floats) -> Floats:
         """Pressure that the wall bears [MPa]."""
@@ -296,10 +303,10 @@ class HyperelasticModel(WalledModel):
         stretches = find_stretches(wall, length, at=self._hoop_at())
         _, across = self._find_slopes(stretches)
         lateral = 2.0 * math.pi * find_radius(self.braid, length) * length
-        return np.asarray(wall.volume * across * stretches.hoop_growth / lateral)
+        return np.asanyarray(wall.volume * across * stretches.hoop_growth / lateral)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
-        return np.asarray(pressure - self._bear(length))
+        return np.asanyarray(pressure - self._bear(length))
 
 
 class MooneyRivlin(HyperelasticModel):
@@ -326,6 +333,7 @@ class Delson(MooneyRivlin):
     so near rest, and where the strands are steep.
     """
 
+    extensile = True
     card = Card(
         name="delson",
         title="Mooney-Rivlin energy",
@@ -351,7 +359,7 @@ class Delson(MooneyRivlin):
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         acting = -pressure if self.as_printed else pressure
-        return np.asarray(pull_ideal(self.braid, acting, length) + self._pull_wall(length))
+        return np.asanyarray(pull_ideal(self.braid, acting, length) + self._pull_wall(length))
 
 
 class KotheraEnergy(MooneyRivlin):
@@ -402,11 +410,13 @@ class KotheraEnergy(MooneyRivlin):
         softening = pressure**2 * braid.strand_length**3 * length / (strands * braid.turns**4)
         wall = self._pull_wall(length)
         ideal = pull_ideal(braid, pressure, length)
-        return np.asarray(ideal + (-wall if self.as_printed else wall) - softening)
+        return np.asanyarray(ideal + (-wall if self.as_printed else wall) - softening)
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         pull = self._pull(pressure, length)
-        return np.asarray(self.parameters["friction"] * (pull if self.as_printed else np.abs(pull)))
+        return np.asanyarray(
+            self.parameters["friction"] * (pull if self.as_printed else np.abs(pull))
+        )
 
 
 class Ogden(HyperelasticModel):
@@ -450,7 +460,7 @@ class Ogden(HyperelasticModel):
         return stretches.find_ogden_slopes(self.muscle.modulus, self.parameters["exponent"])
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
-        return np.asarray(pull_ideal(self.braid, pressure, length) + self._pull_wall(length))
+        return np.asanyarray(pull_ideal(self.braid, pressure, length) + self._pull_wall(length))
 
 
 _NEAR_LOCKING = 1.0 - 1e-9
@@ -534,7 +544,7 @@ class Trivedi(HyperelasticModel):
         check_range("contraction", contractions, 0.0, high, "mm")
         length = self.braid.length - contractions
         per_pressure = self._gas_share() * pull_ideal(self.braid, np.ones(length.shape), length)
-        return np.asarray(-self._pull_wall(length) / per_pressure)
+        return np.asanyarray(-self._pull_wall(length) / per_pressure)
 
     def _find_slopes(self, stretches: Stretches) -> tuple[Floats, Floats]:
         return stretches.find_slopes(self.muscle.modulus / 6.0, 0.0)
@@ -550,7 +560,7 @@ class Trivedi(HyperelasticModel):
 
     def _pull_energy(self, pressure: Floats, length: Floats) -> Floats:
         ideal = pull_ideal(self.braid, self._gas_share() * pressure, length)
-        return np.asarray(ideal + self._pull_wall(length))
+        return np.asanyarray(ideal + self._pull_wall(length))
 
     def _find_free_length(self, pressure: Floats) -> Floats:
         """Length without load [mm]; NaN where there is none."""
@@ -567,10 +577,10 @@ class Trivedi(HyperelasticModel):
         if self.keywords["force"] == "energy":
             return self._pull_energy(pressure, length)
         stretch = (length - self._find_free_length(pressure)) / self.braid.length
-        return np.asarray(self.muscle.modulus * self.wall.area_at_rest * stretch)
+        return np.asanyarray(self.muscle.modulus * self.wall.area_at_rest * stretch)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
-        return np.asarray(self._gas_share() * pressure - self._bear(length))
+        return np.asanyarray(self._gas_share() * pressure - self._bear(length))
 
 
 class Wang(WalledModel):
@@ -625,10 +635,10 @@ class Wang(WalledModel):
         strands = on_braid * length**2 / (2.0 * math.pi * braid.turns**2 * radius)
         if self.as_printed:
             strands = -strands / radius
-        return np.asarray(along - math.pi * pressure * bore**2 + strands)
+        return np.asanyarray(along - math.pi * pressure * bore**2 + strands)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         radius = find_radius(self.braid, length)
         bore = radius - self.wall.thickness_at(length)
         around = self._call("hoop_force", length / self.braid.length, pressure)
-        return np.asarray((pressure * bore - around) / radius)
+        return np.asanyarray((pressure * bore - around) / radius)

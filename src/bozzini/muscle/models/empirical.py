@@ -69,14 +69,14 @@ class Takosoglu(CatalogueModel):
     def _fade(self, pressure: Floats, part: str, over: str, rest: str) -> Floats:
         given = self.parameters
         fading = np.exp(-pressure / given[over]) if given[part] != 0.0 else np.zeros(pressure.shape)
-        return np.asarray(given[part] * fading + given[rest])
+        return np.asanyarray(given[part] * fading + given[rest])
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         power = self._fade(pressure, "kappa1", "kappa2", "kappa3")
         first = self._fade(pressure, "kappa4", "kappa5", "kappa6")
         area = math.pi * self.braid.radius**2 * (4.0 if self.as_printed else 1.0)
         shape = first * (length / self.braid.length) ** power
-        return np.asarray(area * pressure * (shape - 1.0 / math.sin(self.braid.angle) ** 2))
+        return np.asanyarray(area * pressure * (shape - 1.0 / math.sin(self.braid.angle) ** 2))
 
 
 class Doric(Chou):
@@ -87,6 +87,7 @@ class Doric(Chou):
     resists contraction; a width that grows as the muscle contracts would help it.
     """
 
+    extensile = False
     card = Card(
         name="doric",
         title="Chou's pull, fitted forces of elasticity and shape",
@@ -128,11 +129,11 @@ class Doric(Chou):
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         given, rest = self.parameters, self.braid.length
-        strain = np.asarray((rest - length) / rest)
+        strain = np.asanyarray((rest - length) / rest)
         pull = super()._pull(pressure, length) - given["kappa2"] * pressure * strain / rest
         if given["kappa1"] != 0.0:
             pull = pull - given["kappa1"] * (1.0 - self._call("relative_width", strain))
-        return np.asarray(pull)
+        return np.asanyarray(pull)
 
 
 class StrainPolynomial(CatalogueModel):
@@ -143,7 +144,7 @@ class StrainPolynomial(CatalogueModel):
         """What ``kappa1``, ``kappa2`` and so on are multiplied by."""
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
-        strain = np.asarray((self.braid.length - length) / self.braid.length)
+        strain = np.asanyarray((self.braid.length - length) / self.braid.length)
         pull = np.zeros(pressure.shape)
         for i, term in enumerate(self._find_terms(pressure, strain), start=1):
             pull = pull + self.parameters[f"kappa{i}"] * term
@@ -295,4 +296,4 @@ class LinearStrain(CatalogueModel):
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         given, rest = self.parameters, self.braid.length
         share = 1.0 - (rest - length) / rest / given["largest_strain"]
-        return np.asarray(given["kappa1"] * given["largest_force"] * share)
+        return np.asanyarray(given["kappa1"] * given["largest_force"] * share)

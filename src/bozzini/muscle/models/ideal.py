@@ -82,7 +82,7 @@ class Wall:
         """
         radius = find_radius(self.braid, length)
         share = self.area_at(length) / math.pi
-        return np.asarray(share / (radius + np.sqrt(np.maximum(radius**2 - share, 0.0))))
+        return np.asanyarray(share / (radius + np.sqrt(np.maximum(radius**2 - share, 0.0))))
 
     def find_lengths(
         self, low: float, high: float, *, keeps_thickness: bool = False
@@ -103,7 +103,7 @@ def _find_lengths(
     left = _OPEN_BORE_SHARE * wall.bore_at_rest**2
 
     def spare(length: float) -> float:
-        radius = float(find_radius(wall.braid, np.asarray(length)))
+        radius = float(find_radius(wall.braid, np.asanyarray(length)))
         if keeps_thickness:
             return radius - wall.thickness - math.sqrt(left)
         return (radius**2 - left) * length - wall.volume / math.pi
@@ -120,13 +120,13 @@ def find_radius(braid: Braid, length: Floats) -> Floats:
     """Return the radius of a braid at a length that is known to be legal [mm]."""
     strand, turns = braid.strand_length, braid.turns
     across = np.sqrt((strand - length) * (strand + length))
-    return np.asarray(across / (2.0 * math.pi * turns))
+    return np.asanyarray(across / (2.0 * math.pi * turns))
 
 
 def pull_ideal(braid: Braid, pressure: Floats, length: Floats) -> Floats:
     """Return Gaylord's pull ``P (3 l**2 - b**2) / (4 pi N**2)`` [N], of any pressure."""
     scale = 4.0 * math.pi * braid.turns**2
-    return np.asarray(pressure * (3.0 * length**2 - braid.strand_length**2) / scale)
+    return np.asanyarray(pressure * (3.0 * length**2 - braid.strand_length**2) / scale)
 
 
 def balance_forces(
@@ -147,7 +147,7 @@ def balance_forces(
     radius = find_radius(braid, length)
     slope = thickness * length**2 / (2.0 * math.pi * radius * braid.turns**2)
     pull = pull_ideal(braid, pressure, length) + axial_stress * area - hoop_stress * slope
-    return np.asarray(pull + pressure * (area - slope) if wall_pressure else pull)
+    return np.asanyarray(pull + pressure * (area - slope) if wall_pressure else pull)
 
 
 def find_contact_pressure(
@@ -160,7 +160,7 @@ def find_contact_pressure(
 ) -> Floats:
     """Return the braid's pressure on the wall, ``P_o`` [MPa]; negative where they would part."""
     radius = find_radius(braid, length)
-    return np.asarray((pressure * (radius - thickness) - hoop_stress * thickness) / radius)
+    return np.asanyarray((pressure * (radius - thickness) - hoop_stress * thickness) / radius)
 
 
 class WalledModel(CatalogueModel):
@@ -232,6 +232,7 @@ class GaylordAngle(CatalogueModel):
     braid, ``V = pi r**2 l``. It is zero at the locking angle, and the same as `GaylordStrain`.
     """
 
+    extensile = True
     card = Card(
         name="gaylord-1",
         title="Ideal braid, by the braid's angle",
@@ -255,6 +256,7 @@ class GaylordStrain(CatalogueModel):
     ``q2 = 1 / sin(theta0)**2``: the same function as `GaylordAngle`, in other symbols.
     """
 
+    extensile = True
     card = Card(
         name="gaylord-2",
         title="Ideal braid, by the strain",
@@ -283,6 +285,7 @@ class Chou(WalledModel):
 
     keeps_thickness = True
 
+    extensile = True
     card = Card(
         name="chou",
         title="Ideal braid round a wall of constant thickness",
@@ -306,7 +309,7 @@ class Chou(WalledModel):
         sine = np.sqrt((1.0 - cosine) * (1.0 + cosine))
         scale = braid.strand_length * thickness / (math.pi * braid.turns)
         wall = scale * (2.0 * sine - 1.0 / sine) - thickness**2
-        return np.asarray(pull_ideal(braid, pressure, length) + math.pi * pressure * wall)
+        return np.asanyarray(pull_ideal(braid, pressure, length) + math.pi * pressure * wall)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         return find_contact_pressure(
@@ -319,13 +322,13 @@ def pull_by_strain(
 ) -> Floats:
     """Return ``factor pi r0**2 P [q1 stretch**2 - q2]`` [N]."""
     scale = factor * math.pi * braid.radius**2
-    return np.asarray(scale * pressure * bracket(braid, stretch))
+    return np.asanyarray(scale * pressure * bracket(braid, stretch))
 
 
 def bracket(braid: Braid, stretch: Floats | float) -> Floats:
     """Return ``q1 stretch**2 - q2`` of a braid; with stretch 1, Gaylord's at rest."""
     cotangent = 1.0 / math.tan(braid.angle)
-    return np.asarray(3.0 * (stretch * cotangent) ** 2 - 1.0 / math.sin(braid.angle) ** 2)
+    return np.asanyarray(3.0 * (stretch * cotangent) ** 2 - 1.0 / math.sin(braid.angle) ** 2)
 
 
 def measure_ideal(muscle: Muscle) -> tuple[float, float, float]:

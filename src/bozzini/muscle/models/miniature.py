@@ -101,7 +101,7 @@ class DeVolder(CatalogueModel):
         return max(shortest, shortest + offset), min(longest, longest + offset)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
-        return np.asarray(pressure - self.dead_band())
+        return np.asanyarray(pressure - self.dead_band())
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         given, braid = self.parameters, self.braid
@@ -115,7 +115,7 @@ class DeVolder(CatalogueModel):
         if given["spring_stiffness"] > 0.0:
             stretch = np.maximum(length - given["slack_length"], 0.0)
             pull = pull + given["spring_stiffness"] * stretch
-        return np.asarray(pull)
+        return np.asanyarray(pull)
 
 
 class Sangian(CatalogueModel):
@@ -166,8 +166,8 @@ class Sangian(CatalogueModel):
         scale = self.muscle.modulus * thickness / braid.radius**2
         acting = pressure - self.dead_band()
         if self.as_printed:
-            return np.asarray(acting + scale * (radius + braid.radius))
-        return np.asarray(np.maximum(acting, 0.0) - scale * (radius - braid.radius))
+            return np.asanyarray(acting + scale * (radius + braid.radius))
+        return np.asanyarray(np.maximum(acting, 0.0) - scale * (radius - braid.radius))
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         return pull_ideal(self.braid, self._contact_pressure(pressure, length), length)
@@ -212,7 +212,7 @@ class StrainStress(ForceBalanceModel):
         """``l / l0 - 1`` and ``r / r0 - 1``."""
         braid = self.braid
         axial = (length - braid.length) / braid.length
-        return np.asarray(axial), np.asarray(find_radius(braid, length) / braid.radius - 1.0)
+        return np.asanyarray(axial), np.asanyarray(find_radius(braid, length) / braid.radius - 1.0)
 
     def _stresses(self, pressure: Floats, length: Floats) -> tuple[Floats, Floats]:
         given, strains = self.parameters, self._find_strains(length)
@@ -244,7 +244,7 @@ def correct_length(braid: Braid, length: Floats) -> Floats:
     it into the law of the force in the place of the length.
     """
     excess = find_radius(braid, length) - braid.radius
-    return np.asarray(length - (math.pi - 2.0) * excess)
+    return np.asanyarray(length - (math.pi - 2.0) * excess)
 
 
 @lru_cache(maxsize=16)  # a fit asks again and again, of the same braid
@@ -252,7 +252,7 @@ def _find_limits(braid: Braid, low: float, high: float) -> tuple[float, float]:
     """Return the lengths whose `correct_length` are `low` and `high` [mm]."""
 
     def find(length: float) -> float:
-        return float(correct_length(braid, np.asarray(length)))
+        return float(correct_length(braid, np.asanyarray(length)))
 
     return (
         bisect(lambda length: find(length) - low, low, braid.length),
@@ -422,7 +422,7 @@ class HockingFriction(HockingPolynomial):
         return self.parameters["dead_band_pressure"]
 
     def _find_pressure(self, pressure: Floats) -> Floats:
-        return np.asarray(np.maximum(pressure - self.dead_band(), 0.0))
+        return np.asanyarray(np.maximum(pressure - self.dead_band(), 0.0))
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         if "friction" not in self.keywords:
@@ -430,7 +430,7 @@ class HockingFriction(HockingPolynomial):
         share = self._call("friction", pressure)
         check_range("answer of friction", share, 0.0, 1.0)
         pull = self._pull(pressure, length)
-        return np.asarray(share * (pull if self.as_printed else np.abs(pull)))
+        return np.asanyarray(share * (pull if self.as_printed else np.abs(pull)))
 
 
 class PressureStiffening(StrainStress):
@@ -540,7 +540,7 @@ class StrainFit(CatalogueModel):
         low, high = (1.0 - x / self.braid.length for x in self.contraction_limits[::-1])
         with add_hint(": pressure and load must leave a legal length"):
             check_range("squared stretch", square, low**2, high**2)
-        return np.asarray(1.0 - np.sqrt(square))
+        return np.asanyarray(1.0 - np.sqrt(square))
 
     def find_radial_strain(self, strain: ArrayLike) -> Floats:
         """Return the strain of the radius ``(r - r0) / r0`` at a strain of contraction (2.41).
@@ -564,10 +564,10 @@ class StrainFit(CatalogueModel):
                 f"{name_at('strain', strains, index)} is {strains.flat[index]:g}: the volume of "
                 f"(2.41) is {volume.flat[index]:g} of that at rest there, it must not be negative"
             )
-        return np.asarray(np.sqrt(volume / (1.0 - strains)) - 1.0)
+        return np.asanyarray(np.sqrt(volume / (1.0 - strains)) - 1.0)
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         given = self.parameters
         stretch = length / self.braid.length
         share = given["kappa1"] * stretch**2 + given["kappa3"]
-        return np.asarray(pressure * share + given["kappa2"])
+        return np.asanyarray(pressure * share + given["kappa2"])

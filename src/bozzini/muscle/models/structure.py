@@ -167,16 +167,16 @@ class Doumit(CatalogueModel):
         # m times (l / N) tan(angle) / (2 m r cos(angle)) is pi / cos(angle).
         thrust = math.pi * pressure * bore**2 * braid.strand_length / length
         tension = (on_cylinder + on_cones) / braid.turns - thrust
-        return np.asarray(tension * cone.cosine * np.cos(cone.angle))
+        return np.asanyarray(tension * cone.cosine * np.cos(cone.angle))
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         area = self._call("contact_area", length, pressure)
-        return np.asarray(self.parameters["friction"] * pressure * area)
+        return np.asanyarray(self.parameters["friction"] * pressure * area)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         outside = find_radius(self.braid, length) - 2.0 * self.muscle.strand_radius
         wall = self._call("hoop_stress", length, pressure) * self._thickness
-        return np.asarray((pressure * (outside - self._thickness) - wall) / outside)
+        return np.asanyarray((pressure * (outside - self._thickness) - wall) / outside)
 
     def _base_lengths(self) -> tuple[float, float]:
         lost = self._thickness + 2.0 * self.muscle.strand_radius
@@ -236,12 +236,12 @@ class EllipticEnds(CatalogueModel):
         strands = np.where(sine <= 1.0, (1.0 - sine) * (1.0 + sine) / sine**2, np.nan)
         along = self.muscle.modulus * (length / braid.length - 1.0)
         pull = 2.0 * strands * radius**2 * on_braid + along * thickness * (2.0 * radius - thickness)
-        return np.asarray(math.pi * (pull - pressure * (radius - thickness) ** 2))
+        return np.asanyarray(math.pi * (pull - pressure * (radius - thickness) ** 2))
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
         radius, thickness = self._find_section(length)
         hoop = self.muscle.modulus * (radius / self.braid.radius - 1.0)
-        return np.asarray((pressure * (radius - thickness) - hoop * thickness) / radius)
+        return np.asanyarray((pressure * (radius - thickness) - hoop * thickness) / radius)
 
 
 _LIU = "Liu and Rahn (2003)"
@@ -313,7 +313,7 @@ class Liu(CatalogueModel):
         stretch = np.where(stretch > 0.0, stretch, np.nan)
         stress = self._call("axial_stress", length, pressure)
         thrust = pressure * (radius * stretch) ** 2
-        return np.asarray(math.pi * (4.0 * modulus * radius * stress / stretch - thrust))
+        return np.asanyarray(math.pi * (4.0 * modulus * radius * stress / stretch - thrust))
 
 
 class Ball(WalledModel):
@@ -410,7 +410,7 @@ class Ball(WalledModel):
         if "axial_stress" in self.keywords:
             return self._call("axial_stress", axial, hoop), self._call("hoop_stress", axial, hoop)
         shear, radial = self.muscle.modulus / 3.0, 1.0 / (axial * hoop) ** 2
-        return np.asarray(shear * (axial**2 - radial)), np.asarray(shear * (hoop**2 - radial))
+        return np.asanyarray(shear * (axial**2 - radial)), np.asanyarray(shear * (hoop**2 - radial))
 
     def _go_outwards(self, length: Floats) -> tuple[Floats, Floats]:
         """Pressure that the wall bears [MPa], and what it pulls along the muscle [N].
@@ -451,14 +451,14 @@ class Ball(WalledModel):
         pull = pull_ideal(self.braid, pressure, length) - strands + along
         if self.as_printed:
             pull = pull + pressure * self.wall.area_at(length)
-        return np.asarray(pull)
+        return np.asanyarray(pull)
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         acting = self._call("effective_pressure", length, pressure)
-        return np.asarray(self.parameters["friction"] * acting)
+        return np.asanyarray(self.parameters["friction"] * acting)
 
     def _contact_pressure(self, pressure: Floats, length: Floats) -> Floats:
-        return np.asarray(pressure - self._go_outwards(length)[0])
+        return np.asanyarray(pressure - self._go_outwards(length)[0])
 
 
 _CHEN = "Chen et al., reference [121] of the thesis"
@@ -533,11 +533,11 @@ class Chen(CatalogueModel):
         moments = [self._call(name, pressure, angle) for name in names if name in self.keywords]
         scale = self.muscle.strands**2 * self.braid.turns / self.braid.strand_length
         total = np.sum(moments, axis=0) if moments else np.zeros(pressure.shape)
-        return np.asarray((4.0 if self.as_printed else 1.0) * scale * total / np.sin(angle))
+        return np.asanyarray((4.0 if self.as_printed else 1.0) * scale * total / np.sin(angle))
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
         ideal = pull_ideal(self.braid, pressure, length)
-        return np.asarray(ideal - self._sum_moments(_ELASTIC, pressure, length))
+        return np.asanyarray(ideal - self._sum_moments(_ELASTIC, pressure, length))
 
     def _friction(self, pressure: Floats, length: Floats) -> Floats:
         return self._sum_moments(_FRICTION, pressure, length)
@@ -569,4 +569,4 @@ class BraidTension(CatalogueModel):
     )
 
     def _pull(self, pressure: Floats, length: Floats) -> Floats:
-        return np.asarray(pressure * length**2 / (2.0 * math.pi * self.braid.turns**2))
+        return np.asanyarray(pressure * length**2 / (2.0 * math.pi * self.braid.turns**2))

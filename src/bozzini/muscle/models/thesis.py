@@ -124,7 +124,8 @@ class ThesisMuscle(MuscleModel):
     nearest to the loaded rows of Tables 4.1-4.4 (0.06 mm rms), but is not what the thesis has,
     and gives one stiffness at all pressures. Neither the thesis's 0.94 N/mm nor its locking at
     54.7 degrees is reproduced: the angle peaks near 3 MPa (49.3 degrees for an outer radius of 0.75
-    mm, 53.5 for 0.55) and falls again, because the linear tube can be compressed.
+    mm, 53.5 for 0.55) and would fall again, because the linear tube can be compressed. Pressures
+    beyond that peak are refused.
 
     There is no friction in it: `direction` is checked and makes no difference. What the muscle has
     and the model does not use is in `unused`. It is not validated on anything measured.
@@ -181,7 +182,11 @@ class ThesisMuscle(MuscleModel):
         """The equations as compiled functions."""
         if not is_as_defined(self, ThesisMuscle):
             return None
-        numbers = (
+        return interface.compile_model(kernels, self._pack_numbers())
+
+    def _pack_numbers(self) -> tuple[float, ...]:
+        """Return what the compiled functions take."""
+        return (
             *self._design,
             self._contact,
             self.muscle.length,
@@ -190,7 +195,6 @@ class ThesisMuscle(MuscleModel):
             ANGLE_LIMIT,
             self.load_stiffness if self.takes_load else 0.0,
         )
-        return interface.compile_model(kernels, numbers)
 
     @property
     def load_stiffness(self) -> float:
@@ -213,8 +217,9 @@ class ThesisMuscle(MuscleModel):
         Raises
         ------
         InputError
-            If a pressure is not in [0, 10] MPa, if there is a load and ``load_path="none"``, if the
-            load would stretch the braid beyond its strands, or if the model has no answer.
+            If a pressure is not in [0, 10] MPa or beyond the peak of the angle, if there is a load
+            and ``load_path="none"``, if the load would stretch the braid beyond its strands, or if
+            the model has no answer.
         ConvergenceError
             If the solver stops short of its tolerance; `solve` reports where.
         """
@@ -333,9 +338,9 @@ class ThesisMuscle(MuscleModel):
         if failed >= 0:
             index = int(above[failed])
             raise InputError(
-                f"{name_at('pressure', pressures, index)} is {flat[index]:g} MPa: the thesis's "
-                "equations have no answer there for this muscle; give a lower pressure (legal are "
-                f"at most [0, {PRESSURE_LIMIT:g}] MPa)"
+                f"{name_at('pressure', pressures, index)} is {flat[index]:g} MPa: it must lie in "
+                f"[0, {self._find_limit(float(flat[index])):.4g}] MPa, above which the thesis's "
+                "equations have no answer or this muscle gets longer again"
             )
         out[1:, above] = part[1:]
         iterations[above] = taken
@@ -349,6 +354,16 @@ class ThesisMuscle(MuscleModel):
             out[2].reshape(shape),
             iterations.reshape(shape),
         )
+
+    def _find_limit(self, refused: float) -> float:
+        """Return the pressure up to which there is an answer [MPa], below one that is refused."""
+        numbers = np.array(self._pack_numbers())
+
+        def refuses(pressure: float) -> float:
+            return -1.0 if kernels.find_free_contraction(numbers, pressure)[1] else 1.0
+
+        low = self._contact + 1e-9  # not a pressure so small that the arithmetic fails
+        return bisect(refuses, low, refused) if refused > low else self._contact
 
     def _take_contraction(
         self, pressure: ArrayLike, contraction: ArrayLike, direction: ArrayLike | None
