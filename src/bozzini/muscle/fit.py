@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -721,13 +722,15 @@ class Calibration(Result):
         }
 
     def format_table(self) -> str:
-        """Return the estimates as a table of text, with what is to be known of them."""
+        """Return the estimates as a table of text, angles in degrees, and what to know of them."""
         wide = max(16, *(len(name) + 1 for name in self.free))
-        lines = [
-            f"{name:<{wide}}{self.estimates[name]:10.4g} {self.units[name]:<4} "
-            "95 %: {:.4g} to {:.4g}".format(*self.intervals[name])
-            for name in self.free
-        ]
+        lines = []
+        for name in self.free:
+            values, unit = [self.estimates[name], *self.intervals[name]], self.units[name]
+            if unit == "rad":  # people read angles in degrees
+                values, unit = [math.degrees(value) for value in values], "deg"
+            value, low, high = values
+            lines.append(f"{name:<{wide}}{value:10.4g} {unit:<4} 95 %: {low:.4g} to {high:.4g}")
         lines.append(
             f"residuals {self.sigma:.3g} {self.unit}, condition {self.condition:.1f}; "
             f"{'converged' if self.converged else 'not converged'}: {self.reason}"

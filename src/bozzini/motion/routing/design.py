@@ -31,7 +31,7 @@ from ...continuum.routing import (
     make_splines,
 )
 from ...duct.base import Duct
-from ...errors import InputError
+from ...errors import GeometryError, InputError
 from ...io.records import save_record
 from ...numeric.polylines import interpolate_polyline, measure_arc_length
 from ...results import Json, Result, measured, take_axes, to_plain
@@ -58,8 +58,11 @@ BETWEEN = 3
 KNOT_DIGITS = 5
 """Digits of the knots after the point [mm]."""
 
-SHORTEST_MM = 5.0
-"""Shortest curve for a robot."""
+SHORTEST_MM, LONGEST_MM = 5.0, 1500.0
+"""Shortest and longest curve for a robot."""
+
+LEAST_PULL_N = 0.01
+"""A curve that asks for less tension is straight."""
 
 MOST_CURVED, MOST_STRAIGHT = 4, 12
 """Tendons at most: curved ones and straight ones."""
@@ -270,7 +273,7 @@ def design_routing(
     InputError
         If an argument is outside its legal range, or the curve is no curve in space.
     GeometryError
-        If the curve turns back at a point.
+        If the curve turns back at a point, or is straight.
     """
     limits = limits or RoutingLimits()
     check_word("routing", routing, get_args(RoutingKind))
@@ -281,12 +284,34 @@ def design_routing(
     points = take_curve(curve)
     target = fit_bend(points)
     stiffness = np.array([section.bending_stiffness] * 2 + [section.torsional_stiffness])
+    _check_bend(target, stiffness, limits, 1 if routing == "straight" else tendons)
     if routing == "straight":
         made, frame, tensions = _route_straight(target, stiffness, limits.offset_max, tendons)
     else:
         made, frame, tensions = _route_curved(target, stiffness, limits, tendons)
     design = ContinuumRobot((_cut_section(section, target.steps.length, made),), name="designed")
     return _judge(design, points, frame, tensions, (limits, routing), _find_space(curve, duct))
+
+
+def _check_bend(target: BendTarget, stiffness: Floats, limits: RoutingLimits, beside: int) -> None:
+    """Refuse a curve, or limits, for which there are no tendons; `beside` are on one circle."""
+    offset = limits.offset_max
+    if stiffness[0] * target.sharpest < LEAST_PULL_N * offset:
+        raise GeometryError(
+            f"the curve is straight: to bend to it takes less than {LEAST_PULL_N:g} N of a tendon "
+            f"{offset:g} mm from the backbone"
+        )
+    if offset * target.sharpest >= 1.0:
+        raise InputError(
+            f"offset max is {offset:g} mm: it must be less than {1.0 / target.sharpest:.3g} mm, "
+            "the least radius of the curve"
+        )
+    apart = 2.0 * offset * math.sin(math.pi / beside) if beside > 1 else math.inf
+    if limits.gap_min > apart:
+        raise InputError(
+            f"gap min is {limits.gap_min:g} mm: {beside} tendons {offset:g} mm from the backbone "
+            f"are at most {apart:.3g} mm apart"
+        )
 
 
 def _take_section(robot: RobotDesign | None, limits: RoutingLimits) -> Section:
@@ -316,8 +341,10 @@ def take_curve(curve: ArrayLike | Plan) -> Floats:
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > LENGTH_ROUND_OFF_MM
     points = points[np.concatenate([[True], apart])]
     length = float(measure_arc_length(points)[-1])
-    if length < SHORTEST_MM:
-        raise InputError(f"curve is {length:g} mm long: it must be at least {SHORTEST_MM:g} mm")
+    if not SHORTEST_MM <= length <= LONGEST_MM:
+        raise InputError(
+            f"curve is {length:g} mm long: it must be {SHORTEST_MM:g} to {LONGEST_MM:g} mm"
+        )
     return np.asarray(points)
 
 
