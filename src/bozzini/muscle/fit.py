@@ -23,6 +23,7 @@ from .prediction import Prediction, predict
 from .problem import (
     ALL_UNITS,
     END_FIELDS,
+    PARAMETER_UNITS,
     Clock,
     OutOfTimeError,
     Problem,
@@ -305,13 +306,18 @@ def _move_contact(
 # For the contraction the measure is one step of Newton's method from each measured state,
 # ``(F - load) / stiffness``, to first order how much farther the model contracts there: no
 # equilibrium is solved. For the force it is the misfit itself, which is as cheap. A few trials
-# start about the guess, the first at it. From each, the constants that the force is linear in are
-# found by bounded linear least squares as well.
+# start about the guess, the first at it. In others, the free fields of the muscle are spread evenly
+# between their bounds: misfits in force have a minimum with a weak wall at a small braid angle
+# beside that of the muscle. From each, the constants that the force is linear in are found by
+# bounded linear least squares as well.
 
 
 Floats = NDArray[np.float64]
 
 _TRIALS = 16
+_SPREAD = 4, 6  # trials with fields anywhere between their bounds: 2^4 by 2 for each, at most 2^6
+_SPREAD_KEPT = 4  # how many of these trials are searched from
+_APART = 0.2  # of the range between the bounds: that far apart are these in one field or more
 _SEARCHES = 8  # how many of the trials are searched from
 _EVALUATIONS = 40  # of each search
 _ROUNDS = 4  # of linear least squares, whose weights depend on the answer
@@ -341,7 +347,42 @@ def find_starts(
                 trials.append((cost, found))
         begins = [point for _, point in sorted(trials, key=lambda trial: trial[0])]
         begins.sort(key=lambda point: float(np.sum(problem.miss(point) ** 2)))
-    return [problem.move(problem.name_values(point)) for point in begins[:count]]
+    begins = begins[:count] + _spread_fields(problem, random, linear)
+    return [problem.move(problem.name_values(point)) for point in begins]
+
+
+def _spread_fields(
+    problem: Problem, random: np.random.Generator, linear: tuple[str, ...]
+) -> list[Floats]:
+    """Return the best trials with the fields of the muscle anywhere between their bounds.
+
+    The trials are a Sobol sequence, on a scale of logarithms where the bounds are wide. Those that
+    are returned are apart, since the best minimum may be the narrow one.
+    """
+    from scipy.stats.qmc import Sobol
+
+    fields = [i for i, name in enumerate(problem.names) if name in PARAMETER_UNITS]
+    if not fields or problem.task.response != "force":
+        return []
+    low, high = problem.bounds[fields].T / problem.scales[fields]
+    steep = (low > 0.0) & (low < 0.1 * high)
+    count = min(_SPREAD[0] + len(fields), _SPREAD[1])
+    trials: list[tuple[float, Floats, Floats]] = []
+    for place in Sobol(len(fields), seed=random).random_base2(count):
+        if problem.clock.is_over:
+            break
+        point = draw_point(problem, random)
+        even = low + place * (high - low)
+        even[steep] = low[steep] * (high[steep] / low[steep]) ** place[steep]
+        point[fields] = even
+        better = _solve_linear(problem, point, linear)
+        point = point if better is None else better
+        trials.append((float(np.sum(problem.measure(point) ** 2)), place, point))
+    kept: list[tuple[Floats, Floats]] = []
+    for _, place, point in sorted(trials, key=lambda trial: trial[0]):
+        if all(np.abs(place - other).max() > _APART for other, _ in kept):
+            kept.append((place, point))
+    return [point for _, point in kept[:_SPREAD_KEPT]]
 
 
 def _descend(problem: Problem, start: Floats) -> tuple[Floats, float]:

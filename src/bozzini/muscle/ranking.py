@@ -43,6 +43,7 @@ from .problem import (
     list_own,
     list_unused,
     move_model,
+    name_default_fields,
     predict_parts,
 )
 from .table import take_measurements
@@ -601,8 +602,21 @@ class Ranking(ScoredModels):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Which models lack a criterion, and why; empty if none does."""
+        """What unset fields were fitted, and which models lack a criterion, and why."""
         lines = []
+        muscle = self.task.muscle
+        fitted = [name for name in _FITTED_UNSET if name in muscle.unset]
+        if fitted:
+            words = " and ".join(name.replace("_", " ") for name in fitted)
+            lines.append(f"not given, so fitted in each model that uses them: {words}")
+        fits = [entry.calibration for entry in self.models if entry.calibration is not None]
+        freed = {name for fit in fits for name in fit.free}
+        held = [name for name in _HELD_UNSET if name in muscle.unset and name not in freed]
+        lines += [
+            f"not given, so held at a typical value: {name.replace('_', ' ')} "
+            f"{getattr(muscle.fill((name,)), name):g} mm"
+            for name in held
+        ]
         without = [entry.name for entry in self.models if math.isinf(entry.aicc)]
         if without:
             last = "" if self.criterion != "aicc" else (
@@ -625,6 +639,11 @@ class Ranking(ScoredModels):
                 f"{100.0 * best / self.task.span:.0f} % of the span of the measured "
                 f"{self.task.response}; above {find_poor(self.task):.3g} {self.task.unit} a fit is "
                 "poor"
+                + (
+                    ""
+                    if any(name in END_FIELDS for fit in fits for name in fit.free)
+                    else "; of a measured muscle try --free offset,slack-force,compliance as well"
+                )
             )
         return tuple(lines)
 
@@ -688,6 +707,11 @@ class Ranking(ScoredModels):
         return [entry.score for entry in self.models]
 
 
+_FITTED_UNSET = ("braid_angle", "modulus")
+"""Fields that are fitted where they are not given."""
+_HELD_UNSET = ("inner_radius",)
+"""Fields that are held at a typical value: a thin wall is known by modulus times thickness only."""
+
 _FOLDS = 5
 _FLOOR = 1e-9  # of the largest response: residuals below may be those of the solver
 _EVALUATIONS = 50  # of the fit to a fold, which starts at that to all rows
@@ -704,7 +728,8 @@ class RankOptions:
     fields : tuple of str, optional
         Fields of the muscle to fit in each model that uses them, and end effects to fit in all. By
         default modulus and dead length in `EnergyMuscle`, modulus and end length in `ThesisMuscle`,
-        the modulus in others.
+        the modulus in others. An unset braid angle or modulus is fitted in any case, and an unset
+        inner radius held at a typical value unless it is named.
     criterion : str
         What to rank by: ``"aicc"``, ``"bic"``, or ``"cv"`` for the rows left out.
     leave_out : str
@@ -924,10 +949,12 @@ def _choose_folds(task: Task, options: RankOptions) -> Folds:
 def _fit_model(
     name: str, kind: Callable[..., MuscleModel], task: Task, options: RankOptions, folds: Folds
 ) -> RankedModel:
-    wanted = options.fields
-    if wanted is not None:
-        unused = list_unused(kind)
-        wanted = tuple(field for field in wanted if field in END_FIELDS or field not in unused)
+    unused = list_unused(kind)
+    wanted = name_default_fields(kind) if options.fields is None else options.fields
+    wanted = tuple(field for field in wanted if field in END_FIELDS or field not in unused)
+    unset = [name for name in _FITTED_UNSET if name in task.muscle.unset and name not in unused]
+    wanted = tuple(dict.fromkeys((*wanted, *unset)))
+    task = replace(task, muscle=task.muscle.fill((*_HELD_UNSET, *unset)))
     clock = Clock(options.fit.budget)
     unknowns = choose_unknowns(kind, task, fields=wanted)
     task = replace(
