@@ -379,6 +379,7 @@ def test_a_fit_of_forces_predicts_a_muscle_that_was_not_measured(run, isometric,
     assert (tmp_path / "p.csv").read_text().count("\n") == 73
 
 
+@SLOW
 def test_each_specimen_has_its_own_and_a_ranking_leaves_one_out(run, isometric):
     fit = ("fit", isometric, "--model", "chou", "--length", "83mm", *OF_TEN)
     code, out, _ = run(*fit, "--shared", "braid-angle,compliance", "--each", "offset", "--json")

@@ -22,6 +22,7 @@ from .files import FitSummary, MuscleFile
 from .prediction import Prediction, predict
 from .problem import (
     ALL_UNITS,
+    END_FIELDS,
     Clock,
     OutOfTimeError,
     Problem,
@@ -965,9 +966,11 @@ def conclude(
         if active
     ]
     lost = [
-        f"{name} has no effect at these rows: its value means nothing"
-        for name, column in zip(unknowns, np.asarray(found.jac).T, strict=True)
-        if not np.abs(column).max() > 1e-9
+        f"{label} has no effect at these rows: its value means nothing"
+        for label, name, column in zip(
+            unknowns, problem.names, np.asarray(found.jac).T, strict=True
+        )
+        if name in END_FIELDS and not np.abs(column).max() > 1e-9
     ]
     gaps = []
     if not answered.all():
