@@ -16,7 +16,12 @@ from bozzini.continuum.routing import (
     route_one,
 )
 from bozzini.errors import GeometryError, InputError
-from bozzini.motion.routing import InsertionRankOptions, design_routing, insertion_rank
+from bozzini.motion.routing import (
+    InsertionRankOptions,
+    RobotSearch,
+    design_routing,
+    insertion_rank,
+)
 
 STIFFNESS = np.array([200.0, 200.0, 200.0 / 1.3])
 
@@ -161,9 +166,20 @@ def test_limits_that_cannot_be_kept_are_a_reason() -> None:
     [
         (lambda: design_routing(CURVES["s"], tendons=5), "tendons is 5: it must lie in [1, 4]"),
         (lambda: design_routing(CURVES["s"][:1]), "it must be (m, 3) with m at least 2"),
-        (lambda: design_routing(0.01 * CURVES["s"]), "it must be at least 5 mm"),
+        (lambda: design_routing(0.01 * CURVES["s"]), "it must lie in [5, 5000] mm"),
+        (lambda: design_routing(100.0 * CURVES["s"]), "it must lie in [5, 5000] mm"),
+        (lambda: design_routing(np.outer(np.arange(9.0), [0, 3, 4])), "no tendon is needed"),
+        (lambda: insertion_rank([[0, 0, 0], [0, 0, 40]]), "no tendon is needed"),
         (lambda: RoutingLimits(core_radius=3.0), "core radius is 3 mm: it must lie in [0, 2] mm"),
         (lambda: InsertionRankOptions(modes=(0,)), "modes[0] is 0"),
+        (lambda: InsertionRankOptions(modes=4), "modes is 4: it must be whole numbers"),  # type: ignore[arg-type]
+        (lambda: RobotSearch(sections=4), "sections is 4: it must be whole numbers"),  # type: ignore[arg-type]
+        (
+            lambda: insertion_rank(
+                CURVES["s"], options=InsertionRankOptions(modes=(2,), sections=(), stride=100)
+            ),
+            "modes is 2: it must lie in [1, 1] on this path of 1 poses",
+        ),
     ],
 )
 def test_a_wrong_input_is_one_line(call, words) -> None:  # type: ignore[no-untyped-def]
@@ -171,6 +187,13 @@ def test_a_wrong_input_is_one_line(call, words) -> None:  # type: ignore[no-unty
         call()
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_soft_robot_takes_small_tensions() -> None:
+    soft = ContinuumRobot((Section(length=1.0, radius=2.5, bending_stiffness=1e-3),))
+    design = design_routing(CURVES["s"], tendons=1, robot=soft)
+    assert design.error_max < 0.05
+    assert 0.0 < design.tensions[0] < 1e-3
 
 
 def test_a_curve_that_turns_back_is_refused() -> None:

@@ -58,8 +58,11 @@ BETWEEN = 3
 KNOT_DIGITS = 5
 """Digits of the knots after the point [mm]."""
 
-SHORTEST_MM = 5.0
-"""Shortest curve for a robot."""
+SHORTEST_MM, LONGEST_MM = 5.0, 5000.0
+"""Shortest and longest curve for a robot: of a longer one a fit takes hours."""
+
+STRAIGHT_MM = 1e-3
+"""A curve within so much of a straight line needs no tendon [mm]."""
 
 MOST_CURVED, MOST_STRAIGHT = 4, 12
 """Tendons at most: curved ones and straight ones."""
@@ -279,7 +282,7 @@ def design_routing(
     )
     section = _take_section(robot, limits)
     points = take_curve(curve)
-    target = fit_bend(points)
+    target = take_target(points)
     stiffness = np.array([section.bending_stiffness] * 2 + [section.torsional_stiffness])
     if routing == "straight":
         made, frame, tensions = _route_straight(target, stiffness, limits.offset_max, tendons)
@@ -316,9 +319,22 @@ def take_curve(curve: ArrayLike | Plan) -> Floats:
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > LENGTH_ROUND_OFF_MM
     points = points[np.concatenate([[True], apart])]
     length = float(measure_arc_length(points)[-1])
-    if length < SHORTEST_MM:
-        raise InputError(f"curve is {length:g} mm long: it must be at least {SHORTEST_MM:g} mm")
+    if not SHORTEST_MM <= length <= LONGEST_MM:
+        raise InputError(
+            f"curve is {length:g} mm long: it must lie in [{SHORTEST_MM:g}, {LONGEST_MM:g}] mm"
+        )
     return np.asarray(points)
+
+
+def take_target(points: Floats) -> BendTarget:
+    """Return the shape of a curve (m, 3), or raise `InputError` where it is straight."""
+    target = fit_bend(points)
+    if target.sharpest * target.steps.length**2 < 8.0 * STRAIGHT_MM:
+        raise InputError(
+            f"curve is within {STRAIGHT_MM:g} mm of a straight line: no tendon is needed, it must "
+            "bend"
+        )
+    return target
 
 
 def _find_space(curve: ArrayLike | Plan, duct: Duct | None) -> FreeSpace | None:

@@ -26,13 +26,12 @@ from ...continuum.routing import (
     BendTarget,
     Trace,
     find_bends,
-    fit_bend,
 )
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
 from ...results import ClosedForm, Json, take_axes, to_plain
 from ..plan import Plan
-from .design import take_curve
+from .design import take_curve, take_target
 from .options import InsertionRankOptions
 
 if TYPE_CHECKING:
@@ -222,10 +221,10 @@ def insertion_rank(
     Raises
     ------
     InputError
-        If the curve is no curve in space, or more modes are asked for than there are coefficients.
+        If the curve is no curve in space, or more modes are asked for than there are coefficients or poses.
     """
     options = options or InsertionRankOptions()
-    target = fit_bend(take_curve(curve))
+    target = take_target(take_curve(curve))
     job = _Insertion(target, options)
     values = np.linalg.svd(job.matrix, compute_uv=False)
     found = InsertionRank(
@@ -235,9 +234,12 @@ def insertion_rank(
         length=target.steps.length,
         ways=(),
     )
-    most = job.basis.shape[1]
+    most = min(job.basis.shape[1], len(job.heads))
     if max(options.modes, default=0) > most:
-        raise InputError(f"modes is {max(options.modes)}: it must lie in [1, {most}] on this path")
+        raise InputError(
+            f"modes is {max(options.modes)}: it must lie in [1, {most}] on this path of "
+            f"{len(job.heads)} poses"
+        )
     ways = []
     total = len(options.modes) + len(options.sections)
     for index, count in enumerate(options.modes):
