@@ -270,7 +270,7 @@ def share_lengths(plan: Plan, count: int) -> Floats:
     stride = max(1, round(POSE_MM * steps.count / steps.length))
     matrix = shift_curvature(target, np.arange(steps.count, 0, -stride))
     rows = np.concatenate(np.split(matrix, 2), axis=1)
-    least = max(1, math.ceil(SHORTEST_SHARE * plan.scope.diameter / steps.length * len(rows)))
+    least = max(1, math.ceil(SHORTEST_SHARE * plan.get_scope().diameter / steps.length * len(rows)))
     if least * count > len(rows):
         return np.full(count, 1.0 / count)
     return np.diff(split_rows(rows, count, power=LENGTH_POWER, least=least)) / len(rows)
@@ -279,7 +279,7 @@ def share_lengths(plan: Plan, count: int) -> Floats:
 def make_robot(plan: Plan, shares: Floats, options: RobotSearch) -> ContinuumRobot:
     """Return a robot for a plan's path, of sections with these shares and three tendons each."""
     length = LENGTH_SPARE * float(plan.path_arc_length[-1])
-    diameter, count = plan.scope.diameter, len(shares)
+    diameter, count = plan.get_scope().diameter, len(shares)
     radius = 0.5 * diameter
     sections = []
     for index, share in enumerate(shares):
