@@ -72,7 +72,6 @@ FORMS = (
     Form("`kothera-balance`, dead length", 3, MODELS["kothera-balance"], (*WALL, "dead_length")),
     Form("neo-Hookean wall, dead length", 3, NEO_HOOKEAN, (*WALL, "dead_length")),
     Form("ideal braid; offset from the free length", 1, MODELS["gaylord-2"], ANGLE, anchored=True),
-    Form("neo-Hookean wall; offset from the free length", 2, NEO_HOOKEAN, WALL, anchored=True),
     ANCHORED,
     Form(
         "Mooney-Rivlin wall, slack force; offset from the free length",
@@ -234,7 +233,8 @@ def draw_errors(lengths: list[float], found: dict[Form, RankedModel], images: Pa
     figure, axes = plt.subplots(figsize=(6.0, 3.2), layout="constrained")
     for form, entry in found.items():
         assert entry.validation is not None
-        label = f"{form.words} ({form.constants} constants)"
+        words = "its free length" if form.anchored else "the mean of the others"
+        label = f"offset from {words}, {form.constants} constants"
         axes.plot(lengths, entry.validation.errors, "o-", label=label)
     axes.set(xlabel="rest length left out [mm]", ylabel="rms error [N]", ylim=(0.0, None))
     axes.legend(fontsize="small")

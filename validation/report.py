@@ -9,13 +9,12 @@ if a bound is not kept.
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
-import festo10
 from section import Section
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -23,10 +22,10 @@ PAGE = ROOT / "docs" / "validation.md"
 IMAGES = ROOT / "docs" / "images"
 DATA = Path(os.environ.get("BOZZINI_DATA", ROOT.parent / "shared" / "data"))
 
-SETS: dict[str, Callable[[Path, Path], Section]] = {"festo10": festo10.validate}
-"""What validates on a set, by the name of its folder; it takes the folder and that of the images.
+SETS = ("festo10",)
+"""Folders of the sets, and modules here: each has `validate(folder, images)`, a `Section`.
 
-A set is added by a function here and a pair of marks in the page.
+A set is added by its module, its name here and a pair of marks in the page.
 """
 
 
@@ -69,7 +68,7 @@ def main(names: list[str]) -> int:
             print(f"{name}: left out, no data at {folder} (set BOZZINI_DATA to its parent)")
             continue
         IMAGES.mkdir(parents=True, exist_ok=True)
-        section = SETS[name](folder, IMAGES)
+        section = importlib.import_module(name).validate(folder, IMAGES)
         page = PAGE.read_text("utf-8")
         PAGE.write_text(put_section(page, name, format_section(section)), "utf-8")
         for bound in section.bounds:

@@ -147,8 +147,9 @@ def to_plain(value: object, *, unknown: Callable[[Any], Any] = repr) -> Any:
     if isinstance(value, (list, tuple)):
         return [to_plain(item, unknown=unknown) for item in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = dataclasses.fields(value)
-        value = {field.name: getattr(value, field.name) for field in fields if field.repr}
+        unset = getattr(value, "unset", ())  # of a muscle: to read such a field is an error
+        names = [field.name for field in dataclasses.fields(value) if field.repr]
+        value = {name: getattr(value, name) for name in names if name not in unset}
     if isinstance(value, Mapping):
         return {str(key): to_plain(item, unknown=unknown) for key, item in value.items()}
     return unknown(value)

@@ -629,3 +629,11 @@ def test_the_muscles_may_come_from_a_file(run, tmp_path):
     assert json.loads(out) == json.loads(run(*command, "fitted-45")[1])
     code, _, err = run(*command, "nowhere.yaml")
     assert code == 2
+
+
+def test_an_angle_that_is_typed_in_degrees_is_answered_in_degrees(run, ask):
+    between = ("--between", "muscle.braid-angle=34deg:38deg", "--deflection", "9", "--quiet")
+    code, text, _ = run("study", "least-pressure", *between)
+    assert code == 0
+    (angle,) = ask("study", "least-pressure", *between)["changes"].values()
+    assert f"{math.degrees(angle):.6g} deg" in text

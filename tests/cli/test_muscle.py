@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -541,3 +542,24 @@ def test_a_table_with_geometry_needs_its_muscle(run, tmp_path):
 def test_a_bare_pressure_in_kPa_is_asked_about(run):
     code, _, err = run("solve", "--pressure", "300")
     assert code == 2 and "pressure is 300 MPa: it must lie in [0, 20] MPa; is it in kPa?" in err
+
+
+def test_a_fitted_angle_is_in_degrees(run, table):
+    command = ("fit", table, "--free", "braid-angle,modulus", "--anyway")
+    text = run(*command)[1]
+    said = json.loads(run(*command, "--json")[1])
+    found = said["estimates"]["braid_angle"]
+    assert found["unit"] == "rad"
+    angle = math.degrees(found["value"])
+    assert re.search(rf"^braid_angle +{angle:.4g} deg ", text, re.MULTILINE)
+
+
+def test_a_muscle_that_gets_longer_has_a_curve_of_force(run):
+    size = ("--length", "80mm", "--outer-radius", "5mm", "--braid-angle", "70deg")
+    command = ("curve", "--model", "gaylord-1", *size, "--of", "force", "--points", "5")
+    code, out, err = run(*command)
+    assert (code, err) == (0, "")
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert float(rows[0]["force_N"]) < 0.0  # it pushes when blocked
+    assert float(rows[-1]["contraction_mm"]) < 0.0
+    assert float(rows[-1]["force_N"]) == pytest.approx(0.0, abs=1e-9)

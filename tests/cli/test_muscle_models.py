@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from bozzini.cli.main import main
-from bozzini.muscle import MODELS, Measurements, preset, write_measurements
+from bozzini.muscle import (
+    MODELS,
+    EndEffects,
+    Measurements,
+    Muscle,
+    preset,
+    write_measurements,
+)
 from tests.muscle.models.catalogue import SURVEY
 
 MUSCLE = preset("effector-45")
@@ -313,3 +320,97 @@ def test_bad_input_is_one_line(run, table, arguments, said):
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     assert said in err
+
+
+SPECIMENS = MODELS["chou"], (83.0, 132.0, 182.0)
+OF_TEN = ("--outer-radius", "5mm", "--inner-radius", "4mm", "--braid-angle", "25deg")
+
+
+@pytest.fixture
+def isometric(tmp_path):
+    """Write forces of three specimens; their lengths without load are known at 620 kPa."""
+    muscle = Muscle(length=83.0, outer_radius=5.0, inner_radius=4.0, braid_angle=np.radians(23.0))
+    rows = ["pressure [kPa],contraction [mm],load [N],specimen,rest length [mm],"
+            "length at 620 kPa [mm]"]  # fmt: skip
+    for index, length in enumerate(SPECIMENS[1]):
+        ends = EndEffects(offset=0.3 * index, compliance=0.01)
+        model = ends.mount(SPECIMENS[0](muscle.replace(length=length)))
+        free = length - float(model.contraction(0.62))
+        for pressure in np.linspace(0.1, 0.6, 6):
+            for x in np.linspace(0.0, 0.12, 4) * length:
+                force = float(model.force(pressure, x))
+                rows.append(f"{1e3 * pressure},{x},{force},m{index},{length},{free}")
+    (tmp_path / "iso.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return "iso.csv"
+
+
+def test_a_fit_of_forces_predicts_a_muscle_that_was_not_measured(run, isometric, tmp_path):
+    fit = ("fit", isometric, "--model", "chou", "--length", "83mm", *OF_TEN)
+    code, out, err = run(*fit, "--shared", "braid-angle,compliance", "--offset-from-length",
+                         "--out", "fit.yaml", "--json")  # fmt: skip
+    assert (code, err) == (0, "")
+    said = json.loads(out)
+    assert said["response"] == "force" and said["sigma_N"] < 1e-4
+    assert said["estimates"]["braid_angle"]["value"] == pytest.approx(np.radians(23.0), rel=1e-6)
+    assert said["estimates"]["compliance"]["value"] == pytest.approx(0.01, rel=1e-4)
+    code, out, _ = run("predict", "fit.yaml", isometric, "--json")
+    table = json.loads(out)
+    assert code == 0 and table["rms_N"] < 1e-3 and len(table["force_N"]) == 72
+    code, out, _ = run("predict", "fit.yaml", "--rest-length", "150mm", "--pressure", "400kPa",
+                       "--contraction", "5mm", "--offset", "x")  # fmt: skip
+    assert code == 2
+    state = ("--pressure", "400kPa", "--contraction", "5mm")
+    one = run("predict", "fit.yaml", "--rest-length", "150mm", *state, "--json")
+    muscle = Muscle(length=150.0, outer_radius=5.0, inner_radius=4.0, braid_angle=np.radians(23.0))
+    own = SPECIMENS[0](muscle)
+    mounted = EndEffects(offset=0.3, compliance=0.01).mount(own)  # the mean of the offsets
+    assert json.loads(one[1])["force_N"] == pytest.approx(
+        [float(mounted.force(0.4, 5.0))], rel=1e-3
+    )
+    free = 150.0 - float(own.contraction(0.62)) - 1.0
+    text = f"620kPa={free!r}mm"
+    two = run("predict", "fit.yaml", "--rest-length", "150mm", "--free-length", text, *state,
+              "--json")  # fmt: skip
+    mounted = EndEffects(offset=1.0, compliance=0.01).mount(own)
+    assert json.loads(two[1])["force_N"] == pytest.approx(
+        [float(mounted.force(0.4, 5.0))], rel=1e-3
+    )
+    assert run("predict", "fit.yaml", isometric, "--out", "p.csv")[0] == 0
+    assert (tmp_path / "p.csv").read_text().count("\n") == 73
+
+
+@SLOW
+def test_each_specimen_has_its_own_and_a_ranking_leaves_one_out(run, isometric):
+    fit = ("fit", isometric, "--model", "chou", "--length", "83mm", *OF_TEN)
+    code, out, _ = run(*fit, "--shared", "braid-angle,compliance", "--each", "offset", "--json")
+    values = {name: item["value"] for name, item in json.loads(out)["estimates"].items()}
+    assert code == 0
+    for index in range(3):
+        assert values[f"offset[m{index}]"] == pytest.approx(0.3 * index, abs=1e-4)
+    code, out, _ = run("compare", isometric, "--model", "chou", "--model", "gaylord-1", "--fit",
+                       "--length", "83mm", *OF_TEN, "--free", "braid-angle,compliance",
+                       "--offset-from-length", "--leave-out", "specimen", "--json")  # fmt: skip
+    said = json.loads(out)
+    assert code == 0
+    first = said["models"][0]
+    assert first["model"] == "chou" and first["left_out_N"] < 1e-3
+    assert set(first["left_out_each"]) == {"m0", "m1", "m2"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("predict", "none.yaml"), "none.yaml"),
+        (("predict", "fit.yaml", "--pressure", "1kPa"), "--contraction is missing"),
+        (("predict", "fit.yaml", "iso.csv", "--pressure", "1kPa"), "no effect with a table"),
+        (("predict", "fit.yaml", "--pressure", "1kPa", "--load", "1N"), "is what is predicted"),
+        (("predict", "fit.yaml", "iso.csv", "--level", "2"), "level is 2"),
+        (("predict", "fit.yaml", "iso.csv", "--free-length", "5mm"), "PRESSURE=LENGTH"),
+    ],
+)
+def test_wrong_predictions_are_one_line(run, isometric, arguments, words):
+    run("fit", isometric, "--model", "chou", "--length", "83mm", *OF_TEN, "--free", "braid-angle",
+        "--out", "fit.yaml")  # fmt: skip
+    code, out, err = run(*arguments)
+    assert code == 2 and out == ""
+    assert words in err and len(err.splitlines()) == 1

@@ -11,6 +11,7 @@ import pytest
 from bozzini.cli.main import main
 from bozzini.continuum import ContinuumRobot
 from bozzini.motion.routing import design_routing
+from tests.cli.plan_cases import SCOPE
 
 
 @pytest.fixture
@@ -91,3 +92,25 @@ def test_counts_of_rank_are_whole_numbers(run) -> None:  # type: ignore[no-untyp
     code, _, err = run("rank", "none.npz", "--modes", "4,x")
     assert code == 2
     assert "--modes is '4,x'" in err
+
+
+@pytest.mark.slow
+def test_the_pose_of_a_plan_is_certified_in_the_lumen_it_was_made_from(run, tracts) -> None:  # type: ignore[no-untyped-def]
+    assert main(["plan", str(tracts.volume), *SCOPE, "--quiet", "--out", "plan"]) == 0
+    plan = Path("plan/plan.npz")
+    code, out, _ = run("design", plan, "--lumen", tracts.volume, "--json")
+    said = json.loads(out)
+    assert code == 0
+    assert said["clearance_certified_mm"] > 0.0
+    _, out, _ = run("design", plan, "--json")
+    assert json.loads(out)["clearance_certified_mm"] is None
+    assert json.loads(out)["tensions_N"] == said["tensions_N"]
+    for given, words in (
+        (("--lumen", "none.stl"), "none.stl: no such file"),
+        (("--lumen", tracts.surface), "is not the file that the plan was made from"),
+        (("--lumen", tracts.volume, "--robot", "none.yaml"), "none.yaml"),
+    ):
+        code, out, err = run("design", plan, *given)
+        assert (code, out) == (2, "")
+        assert words in err
+        assert len(err.splitlines()) == 1

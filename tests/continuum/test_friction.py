@@ -28,6 +28,7 @@ from tests.continuum.rods import (
     TORSION,
     cross_matrix,
     cross_tendons,
+    draw_robot,
     helix,
     make_robot,
     place_tendon,
@@ -403,6 +404,22 @@ def test_an_initial_that_does_not_fit_is_refused() -> None:
             model.shape_under_tensions([1.0], initial=initial)
     with pytest.raises(InputError, match=r"history has shape \(1,\): it must be \(n, 1\)"):
         model.trace_tensions([1.0], initial=shape)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_random_robots_have_shapes_or_pass_a_limit(seed) -> None:
+    rng = np.random.default_rng(seed)
+    robot = draw_robot(rng, 0.0)
+    sections = tuple(
+        dataclasses.replace(
+            section, tendons=tuple(dataclasses.replace(t, friction=0.1) for t in section.tendons)
+        )
+        for section in robot.sections
+    )
+    way = rng.uniform(0.1, 2.0, (5, len(robot.tendons)))
+    shapes = RodModel(ContinuumRobot(sections), steps=100).trace_tensions(way).shapes
+    assert all("would bend" in reason for reason in shapes.reason[~shapes.converged])
 
 
 def test_contradictions_are_refused() -> None:

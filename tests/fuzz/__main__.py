@@ -60,6 +60,7 @@ FILES = {
     "pairs": ("pairs.csv",),
     "loop": ("loop.csv",),
     "fitted loop": ("loop.yaml",),
+    "fitted muscle": ("fit.yaml",),
 }
 LEGAL: dict[str, tuple[int, str]] = {
     # How often, and a command line that works; <kind is a file, >suffix an output.
@@ -81,6 +82,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "muscle presets": (1, ""),
     "muscle fit": (5, "<table --free modulus"),
     "muscle compare": (5, "<table --model energy --model thesis"),
+    "muscle predict": (4, "<fitted_muscle --pressure 300kPa --load 0N"),
     "muscle hysteresis fit": (4, "<loop --samples 100 --out >.yaml"),
     "muscle hysteresis trace": (2, "<fitted_loop <loop"),
     "muscle hysteresis invert": (3, "<fitted_loop <loop"),
@@ -126,7 +128,7 @@ REAL_TIME = {"rig emulate", "rig selftest"}
 OUTPUTS = {"--out"}
 UNITS = {
     "length": "mm", "force": "N", "pressure": "kPa", "angle": "deg", "time": "s", "rigidity":
-    "Nmm^2", "stiffness": "N/mm", "line force": "N/mm",
+    "Nmm^2", "stiffness": "N/mm", "line force": "N/mm", "compliance": "mm/N",
 }  # fmt: skip
 PAIRS = ("T1=2mm", "T1=2mm,T2=-1mm", "H1=1mm", "R=300kPa", "R=0.5,G=0.1", "A=0deg,B=90deg",
          "offset=3mm:5mm:3", "segments=12,15", "modulus=0.1MPa:2MPa", "pressure=kPa")  # fmt: skip
@@ -217,6 +219,8 @@ def make_originals(folder: Path) -> None:
     muscle = MuscleFile(muscle=preset("effector-45"), model="energy", ends=EndEffects(offset=0.1))
     for suffix in ("yaml", "json"):
         write_muscle(folder / f"muscle.{suffix}", muscle)
+    table, fit = str(folder / "table.csv"), str(folder / "fit.yaml")
+    main(["muscle", "fit", table, "--free", "modulus", "--out", fit])
     loops = np.interp(np.arange(200.0), np.arange(0.0, 201.0, 40.0), [0, 600, 100, 500, 0, 400])
     lagging = np.convolve(loops, [0.5, 0.3, 0.2])[:200]
     loop = np.column_stack([np.arange(200.0), loops, 0.01 * lagging])

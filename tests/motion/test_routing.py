@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from bozzini.continuum.routing import (
     find_bends,
     fit_bend,
     route_one,
+    route_pair,
 )
 from bozzini.errors import GeometryError, InputError
 from bozzini.motion.routing import (
@@ -166,10 +168,16 @@ def test_limits_that_cannot_be_kept_are_a_reason() -> None:
     [
         (lambda: design_routing(CURVES["s"], tendons=5), "tendons is 5: it must lie in [1, 4]"),
         (lambda: design_routing(CURVES["s"][:1]), "it must be (m, 3) with m at least 2"),
-        (lambda: design_routing(0.01 * CURVES["s"]), "it must lie in [5, 5000] mm"),
-        (lambda: design_routing(100.0 * CURVES["s"]), "it must lie in [5, 5000] mm"),
-        (lambda: design_routing(np.outer(np.arange(9.0), [0, 3, 4])), "no tendon is needed"),
-        (lambda: insertion_rank([[0, 0, 0], [0, 0, 40]]), "no tendon is needed"),
+        (lambda: design_routing(0.01 * CURVES["s"]), "it must be 5 to 1500 mm"),
+        (
+            lambda: design_routing(CURVES["helix"], limits=RoutingLimits(offset_max=18.0)),
+            "offset max is 18 mm: it must be less than 16.",
+        ),
+        (
+            lambda: design_routing(CURVES["s"], tendons=4, limits=RoutingLimits(gap_min=3.0)),
+            "gap min is 3 mm: 4 tendons 2 mm from the backbone are at most 2.83 mm apart",
+        ),
+        (lambda: design_routing(100.0 * CURVES["s"]), "it must be 5 to 1500 mm"),
         (lambda: RoutingLimits(core_radius=3.0), "core radius is 3 mm: it must lie in [0, 2] mm"),
         (lambda: InsertionRankOptions(modes=(0,)), "modes[0] is 0"),
         (lambda: InsertionRankOptions(modes=4), "modes is 4: it must be whole numbers"),  # type: ignore[arg-type]
@@ -189,17 +197,39 @@ def test_a_wrong_input_is_one_line(call, words) -> None:  # type: ignore[no-unty
     assert "\n" not in str(caught.value)
 
 
-def test_a_soft_robot_takes_small_tensions() -> None:
-    soft = ContinuumRobot((Section(length=1.0, radius=2.5, bending_stiffness=1e-3),))
-    design = design_routing(CURVES["s"], tendons=1, robot=soft)
-    assert design.error_max < 0.05
-    assert 0.0 < design.tensions[0] < 1e-3
-
-
 def test_a_curve_that_turns_back_is_refused() -> None:
     line = np.linspace(0.0, 50.0, 51)[:, None] * [0.0, 0.0, 1.0]
     with pytest.raises(GeometryError, match="turns back"):
         design_routing(np.concatenate([line, line[::-1]]))
+
+
+def test_a_straight_curve_is_refused() -> None:
+    with pytest.raises(GeometryError, match="straight line"):
+        insertion_rank([[0, 0, 0], [0, 0, 40]])
+    with pytest.raises(GeometryError, match="straight"):
+        design_routing(np.linspace(0.0, 50.0, 51)[:, None] * [0.0, 0.6, 0.8])
+
+
+@pytest.mark.parametrize("tendons", [2, 3, 4])
+def test_bundles_of_any_number_give_the_moment_that_bends_the_curve(tendons) -> None:  # type: ignore[no-untyped-def]
+    target, limits = fit_bend(bend_s()), RoutingLimits()
+    angles, tensions = route_pair(target, STIFFNESS, limits, start=(0.02, 1.0), tendons=tendons)
+    places = limits.offset_max * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    moments = np.einsum("k,mka->ma", tensions, places)
+    # In a plane there is no twist.
+    assert moments == pytest.approx(STIFFNESS[0] * target.curvature, abs=0.05 * tensions.sum())
+    apart = [
+        np.linalg.norm(places[:, one] - places[:, two], axis=1).min()
+        for one, two in combinations(range(tendons), 2)
+    ]
+    assert min(apart) >= limits.gap_min * (1.0 - 1e-9)
+
+
+def test_three_tendons_hold_what_two_do(designs) -> None:  # type: ignore[no-untyped-def]
+    three = design_routing(CURVES["helix"], tendons=3)
+    assert three.converged, three.reason
+    assert three.error_rms <= max(designs["helix", 2].error_rms, 0.01)
+    assert max(three.tensions) <= 1.1 * max(designs["helix", 2].tensions)
 
 
 def test_a_design_is_kept_in_a_file(designs, tmp_path) -> None:  # type: ignore[no-untyped-def]
@@ -220,7 +250,7 @@ def test_a_design_is_kept_in_a_file(designs, tmp_path) -> None:  # type: ignore[
 @pytest.fixture(scope="module")
 def rank():  # type: ignore[no-untyped-def]
     curve = wind_helix(radius=30.0, pitch=40.0, length=80.0)
-    options = InsertionRankOptions(modes=(2, 4), sections=(2, 4), stride=4, rounds=3)
+    options = InsertionRankOptions(modes=(2, 4), sections=(2, 4), stride=8, rounds=3)
     return insertion_rank(curve, options=options)
 
 

@@ -12,7 +12,9 @@ from hypothesis import given
 
 from bozzini.checks import list_quantities
 from bozzini.errors import InputError
+from bozzini.io.records import read_record, write_record
 from bozzini.muscle import MODELS, PRESETS, Muscle, preset
+from bozzini.results import to_plain
 from tests.muscle.strategies import muscles
 
 RANGED = (
@@ -83,6 +85,7 @@ def test_what_is_not_given_is_unset_and_not_inherited():
     assert hash(BARE) == hash(BARE.replace())
     assert BARE != BARE.replace(modulus=1.0) != BARE.replace(modulus=2.0)
     assert eval(repr(BARE), {"Muscle": Muscle}) == BARE
+    assert to_plain(BARE) == BARE.given == read_record(write_record(BARE), Muscle).given
     assert BARE.fill().unset == ()
     assert BARE.fill(["modulus"]).unset == tuple(n for n in BARE.unset if n != "modulus")
     assert BARE.replace(modulus=3.0).fill().modulus == 3.0

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from bozzini.muscle import LOCKING_ANGLE, EnergyMuscle, preset
+from bozzini.muscle.design import PRESSURE_LIMIT
 from bozzini.muscle.kernels import energy as kernels
 from bozzini.muscle.models.energy import pack_design
 from tests.muscle import reference
@@ -97,15 +98,16 @@ def test_vanishing_tube_is_gaylord(muscle, share):
 
 @given(muscles())
 def test_locks_from_below(muscle):
-    model = EnergyMuscle(muscle.replace(modulus=1e-6))
-    angles = model.braid_angle([1e-3, 0.1, 1.0, 100.0])
+    model = EnergyMuscle(muscle.replace(modulus=2e-7))
+    angles = model.braid_angle([2e-4, 0.02, 0.2, 20.0])
     assert np.all(np.diff(angles) >= -1e-12)
     assert np.all(angles <= LOCKING_ANGLE + 1e-12)
     assert angles[-1] == pytest.approx(LOCKING_ANGLE, abs=1e-6)
 
 
 def test_locks_from_below_in_degrees():
-    angles = np.degrees(build().braid_angle([5.0, 50.0, 100.0]))
+    # Worked out for 0.35 MPa at 5, 50 and 100 MPa: the angle is one of pressure over modulus.
+    angles = np.degrees(build(modulus=0.07).braid_angle([1.0, 10.0, 20.0]))
     assert angles == pytest.approx([54.52, 54.714, 54.725], abs=5e-3)
     assert np.all(angles < 54.7356)
 
@@ -219,7 +221,7 @@ def test_tube_meets_the_braid_at_the_dead_band(muscle):
     edge = model.dead_band()
     if muscle.gap == 0.0:
         assert edge == 0.0
-    elif 1e-9 * muscle.modulus < edge < 1e3:
+    elif 1e-9 * muscle.modulus < edge < 0.99 * PRESSURE_LIMIT:
         # Near a vanishing dead band the wall's stress cancels to about 1e-16 of its modulus.
         step = 1e-6 * edge + 1e-10 * muscle.modulus
         state = model.solve(np.array([max(edge - step, 0.0), edge + step]))

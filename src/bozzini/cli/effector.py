@@ -908,7 +908,7 @@ def least_command(
         **_pick(found, "evaluations infeasible"),
         **asked.describe(found.effector),
     }
-    listed = ", ".join(f"{name} {value:.6g}" for name, value in result["changes"].items())
+    listed = ", ".join(_describe_change(*change) for change in result["changes"].items())
     text = f"{1e3 * found.pressure:.2f} kPa with {listed}"
     if found.pressure_before > 0.0:
         text += f"; before {1e3 * found.pressure_before:.2f} kPa"
@@ -916,6 +916,13 @@ def least_command(
     if not found.converged:
         text = f"no design: {found.reason}"
     _give(result, answer=answer, text=text, done=found.converged)
+
+
+def _describe_change(name: str, value: float) -> str:
+    """Return a field and its value as text, an angle in degrees."""
+    if name.endswith("_rad"):
+        return f"{name.removesuffix('_rad')} {math.degrees(value):.6g} deg"
+    return f"{name} {value:.6g}"
 
 
 def _parse_range(item: str) -> tuple[str, tuple[float, float]]:

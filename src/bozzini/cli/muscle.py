@@ -273,9 +273,12 @@ def _compute_curve(
 ) -> dict[str, object]:
     import numpy as np
 
+    from ..muscle.design import LOCKING_ANGLE
+
     if kind == "force":
         free = float(model.contraction(pressure, 0.0, **line))
-        if not free > 0.0:
+        lengthens = model.muscle.given.get("braid_angle", 0.0) > LOCKING_ANGLE
+        if not (free > 0.0 or (lengthens and free < 0.0)):
             raise InputError(
                 f"pressure is {pressure:g} MPa: with --of force it must be more, so that the "
                 f"muscle contracts (its dead band ends at {model.dead_band():g} MPa)"

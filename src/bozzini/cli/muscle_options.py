@@ -72,12 +72,6 @@ def model_options(function: _Function) -> _Function:
 
 model_option = option(
     "--model model_name",
-    "The model: energy, thesis, or one that 'bozzini muscle models' lists.",
-    ModelType(lambda: list_kinds()),
-    default="energy",
-)
-own_model_option = option(
-    "--model model_name",
     "The model: energy, thesis, or one that 'bozzini muscle models' lists (default: that of the "
     "muscle file, else energy).",
     ModelType(lambda: list_kinds()),
@@ -454,12 +448,12 @@ data_options = gather(
 )
 request_options = gather("asked", Request.take, set_option, design_options, model_options)
 one_model_options = gather(
-    "asked", Request.take, own_model_option, set_option, design_options, model_options
+    "asked", Request.take, model_option, set_option, design_options, model_options
 )
 directed_options = gather(
     "asked",
     Request.take,
-    own_model_option,
+    model_option,
     direction_option,
     set_option,
     design_options,

@@ -152,11 +152,11 @@ LEVELS = 10.0 ** np.arange(4, -1, -1)
 STEPS_PER_LEVEL = 3
 """Newton steps at each of them but the last."""
 
-MOST_STEPS = 60
-"""Newton steps at the last one."""
+WHOLE_STEPS = 12
+"""Newton steps in full at the last one; further ones are halved, against cycles."""
 
-DAMPED_STEPS = 10
-"""Newton steps in full, then as many cut to half, and so on, against cycles."""
+MOST_STEPS = 100
+"""Newton steps at the last one."""
 
 HALVINGS = 4
 """How many times a command is halved where it does not settle at once."""
@@ -293,7 +293,7 @@ class Sliding:
         for level in LEVELS:
             size, most = np.inf, MOST_STEPS if level == 1.0 else STEPS_PER_LEVEL
             for count in range(most):
-                part = 1.0 if count // DAMPED_STEPS % 2 == 0 else 0.5
+                part = 1.0 if count < WHOLE_STEPS else 0.5
                 step = self._step(drive, (profile, shares, lengths, curvatures), level, part)
                 if step.reason:
                     return step.reason

@@ -64,9 +64,8 @@ class RoutingLimits:
     offset_max: float = quantity(
         "length",
         "Largest distance from the backbone.",
-        low=0.0,
+        low=0.01,
         high=1e3,
-        low_open=True,
         default=2.0,
     )
     core_radius: float = quantity(

@@ -315,7 +315,8 @@ def _take_stress(name: str, values: ArrayLike) -> NDArray[np.float64]:
 class _Given:
     """A field that is unset until it is given: to read it before is an `InputError`.
 
-    It is the default of the dataclass's field, which makes it a descriptor of the class.
+    It is the default of the dataclass's field, which makes it a descriptor of the class. A value
+    that is given stands in the instance, where Python finds it first.
     """
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -324,18 +325,12 @@ class _Given:
     def __get__(self, muscle: Muscle | None, owner: type) -> object:
         if muscle is None:
             return self
-        value = vars(muscle)[self.name]
-        if value is None:
-            raise InputError(f"the muscle has no {self.name.replace('_', ' ')}: give it")
-        return value
-
-    def __set__(self, muscle: Muscle, value: object) -> None:
-        vars(muscle)[self.name] = None if value is self else value
+        raise InputError(f"the muscle has no {self.name.replace('_', ' ')}: give it")
 
 
 def _limit_by_bore(muscle: Muscle) -> float:
     """Return half the inner radius, or of the outer one while that is unset [mm]."""
-    return 0.5 * float(muscle.given.get("inner_radius", muscle.outer_radius))
+    return 0.5 * float(vars(muscle).get("inner_radius", muscle.outer_radius))
 
 
 def _limit_strand(muscle: Muscle) -> float:
@@ -343,9 +338,9 @@ def _limit_strand(muscle: Muscle) -> float:
 
     Those of one family are ``4 pi r cos(angle) / strands`` apart.
     """
-    given = muscle.given
-    cosine = math.cos(given.get("braid_angle", 0.0))
-    return 2.0 * math.pi * muscle.braid_radius * cosine / given.get("strands", 2)
+    known = vars(muscle)
+    cosine = math.cos(known.get("braid_angle", 0.0))
+    return 2.0 * math.pi * muscle.braid_radius * cosine / float(known.get("strands", 2))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -473,6 +468,10 @@ class Muscle:
     )
 
     def __post_init__(self) -> None:
+        known = vars(self)
+        for name in _STARTS:
+            if known[name] is None or isinstance(known[name], _Given):
+                del known[name]
         check_fields(self, "muscle ", skip=self.unset)
 
     def __eq__(self, other: object) -> bool:
@@ -487,14 +486,14 @@ class Muscle:
     @property
     def given(self) -> dict[str, float]:
         """The fields that are set, by name."""
-        known, unset = vars(self), self.unset
-        return {name: known[name] for name in list_quantities(Muscle) if name not in unset}
+        known = vars(self)
+        return {name: known[name] for name in list_quantities(Muscle) if name in known}
 
     @property
     def unset(self) -> tuple[str, ...]:
         """The names of the fields that are not set."""
         known = vars(self)
-        return tuple(name for name in _STARTS if known[name] is None)
+        return tuple(name for name in _STARTS if name not in known)
 
     def legal_range(self, name: str) -> tuple[float, float]:
         """Return the smallest and largest legal value of a field, the others being as they are.

@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import broadcast, check_array, check_fields, check_number, quantity
 from ..errors import InputError
-from ..numeric import roots
 from .design import PRESSURE_LIMIT
 from .model import MuscleModel, MuscleState, parse_direction
 
@@ -36,6 +35,7 @@ Floats = NDArray[np.float64]
 _STEPS = 50  # of the secant method for the force with a compliance
 _TOLERANCE = 1e-12  # relative, of that force
 _TRIED = 65  # contractions tried for the free one
+_ZOOMS = 4  # times that as many are tried between the two about it, before a line is drawn
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,14 +254,16 @@ def _find_free(model: MuscleModel, pressure: float) -> float:
     """Return the free contraction [mm], by forces alone where the model has them explicitly."""
     limits = getattr(model, "contraction_limits", None)
     if limits is not None and model.takes_load and limits[1] > 0.0:
-        over = np.linspace(0.0, limits[1], _TRIED)
-        pull, held = model.try_force(pressure, over)
-        crossed = held[:-1] & held[1:] & (pull[:-1] > 0.0) & (pull[1:] <= 0.0)
-        if pull[0] > 0.0 and crossed.any():
-            i = int(np.argmax(crossed))
-            ends = [(over[k : k + 1], pull[k : k + 1]) for k in (i, i + 1)]
-            found, _, _ = roots.polish(
-                lambda _, at: model.try_force(pressure, at)[0], np.zeros(1, dtype=np.intp), *ends
-            )
-            return float(found[0])
+        low, high, first = 0.0, float(limits[1]), True
+        for _ in range(_ZOOMS):
+            over = np.linspace(low, high, _TRIED)
+            pull, held = model.try_force(pressure, over)
+            crossed = held[:-1] & held[1:] & (pull[:-1] > 0.0) & (pull[1:] <= 0.0)
+            if not crossed.any() or (first and pull[0] <= 0.0):
+                break
+            i, first = int(np.argmax(crossed)), False
+            low, high = float(over[i]), float(over[i + 1])
+        else:
+            share = pull[i] / (pull[i] - pull[i + 1])
+            return low + float(share) * (high - low)
     return float(model.contraction(pressure, 0.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -21,6 +22,7 @@ from .files import FitSummary, MuscleFile
 from .prediction import Prediction, predict
 from .problem import (
     ALL_UNITS,
+    END_FIELDS,
     Clock,
     OutOfTimeError,
     Problem,
@@ -634,7 +636,7 @@ class Calibration(Result):
         """
         model, ends = self.fitted, None
         if isinstance(model, MountedMuscle):
-            model, ends = model.model, model.ends
+            ends, model = model.ends, model.model
         names = tuple(dict.fromkeys(label.partition("[")[0] for label in self.free))
         share = np.zeros((len(names), len(self.free)))
         for column, label in enumerate(self.free):
@@ -720,13 +722,15 @@ class Calibration(Result):
         }
 
     def format_table(self) -> str:
-        """Return the estimates as a table of text, with what is to be known of them."""
+        """Return the estimates as a table of text, angles in degrees, and what to know of them."""
         wide = max(16, *(len(name) + 1 for name in self.free))
-        lines = [
-            f"{name:<{wide}}{self.estimates[name]:10.4g} {self.units[name]:<4} "
-            "95 %: {:.4g} to {:.4g}".format(*self.intervals[name])
-            for name in self.free
-        ]
+        lines = []
+        for name in self.free:
+            values, unit = [self.estimates[name], *self.intervals[name]], self.units[name]
+            if unit == "rad":  # people read angles in degrees
+                values, unit = [math.degrees(value) for value in values], "deg"
+            value, low, high = values
+            lines.append(f"{name:<{wide}}{value:10.4g} {unit:<4} 95 %: {low:.4g} to {high:.4g}")
         lines.append(
             f"residuals {self.sigma:.3g} {self.unit}, condition {self.condition:.1f}; "
             f"{'converged' if self.converged else 'not converged'}: {self.reason}"
@@ -962,9 +966,11 @@ def conclude(
         if active
     ]
     lost = [
-        f"{name} has no effect at these rows: its value means nothing"
-        for name, column in zip(unknowns, np.asarray(found.jac).T, strict=True)
-        if not np.abs(column).max() > 1e-9
+        f"{label} has no effect at these rows: its value means nothing"
+        for label, name, column in zip(
+            unknowns, problem.names, np.asarray(found.jac).T, strict=True
+        )
+        if name in END_FIELDS and not np.abs(column).max() > 1e-9
     ]
     gaps = []
     if not answered.all():

@@ -740,7 +740,7 @@ def change_model(
     """Return a model with other values of muscle, constants and ends; an anchor sets the offset."""
     ends = EndEffects()
     if isinstance(model, MountedMuscle):
-        model, ends = model.model, model.ends
+        ends, model = model.ends, model.model
     of_ends = {name: value for name, value in values.items() if name in END_FIELDS}
     fields = {name: value for name, value in values.items() if name in PARAMETER_UNITS}
     own = {name: x for name, x in values.items() if name not in {*of_ends, *fields}}

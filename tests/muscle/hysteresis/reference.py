@@ -143,6 +143,34 @@ def run_slips(operator, history):
     return np.array(output)
 
 
+def follow_return_points(operator, history):
+    """(2.51): branches are the virgin curve twice as large, from the last return point.
+
+    A branch that comes back to the return point before last closes a loop: both are forgotten and
+    the branch below goes on. One that comes to the mirror image of the first return point, or
+    beyond it, goes on along the virgin curve.
+    """
+    elements = list(zip(operator.stiffnesses, operator.limits, strict=True))
+    points, way, before, force, output = [], 0.0, 0.0, 0.0, []
+    for here in history:
+        if here != before:
+            new = math.copysign(1.0, here - before)
+            if way not in (0.0, new):
+                points.append((before, force))
+            way = new
+            while len(points) >= 2 and way * here >= way * points[-2][0]:
+                del points[-2:]
+            if len(points) == 1 and way * here >= abs(points[0][0]):
+                points.clear()
+            start, base = points[-1] if points else (0.0, 0.0)
+            scale = 2.0 if points else 1.0
+            moved = (here - start) / scale
+            force = base + scale * sum(min(max(k * moved, -w), w) for k, w in elements)
+            before = here
+        output.append(force)
+    return np.array(output)
+
+
 @plain("bouc-wen")
 def run_bouc_wen(operator, history):
     """(2.53) by SciPy, from sample to sample."""

@@ -31,7 +31,7 @@ from ...continuum.routing import (
     make_splines,
 )
 from ...duct.base import Duct
-from ...errors import InputError
+from ...errors import GeometryError, InputError
 from ...io.records import save_record
 from ...numeric.polylines import interpolate_polyline, measure_arc_length
 from ...results import Json, Result, measured, take_axes, to_plain
@@ -58,11 +58,11 @@ BETWEEN = 3
 KNOT_DIGITS = 5
 """Digits of the knots after the point [mm]."""
 
-SHORTEST_MM, LONGEST_MM = 5.0, 5000.0
-"""Shortest and longest curve for a robot: of a longer one a fit takes hours."""
+SHORTEST_MM, LONGEST_MM = 5.0, 1500.0
+"""Shortest and longest curve for a robot."""
 
-STRAIGHT_MM = 1e-3
-"""A curve within so much of a straight line needs no tendon [mm]."""
+LEAST_PULL_N = 0.01
+"""A curve that asks for less tension is straight."""
 
 MOST_CURVED, MOST_STRAIGHT = 4, 12
 """Tendons at most: curved ones and straight ones."""
@@ -273,7 +273,7 @@ def design_routing(
     InputError
         If an argument is outside its legal range, or the curve is no curve in space.
     GeometryError
-        If the curve turns back at a point.
+        If the curve turns back at a point, or is straight.
     """
     limits = limits or RoutingLimits()
     check_word("routing", routing, get_args(RoutingKind))
@@ -282,14 +282,36 @@ def design_routing(
     )
     section = _take_section(robot, limits)
     points = take_curve(curve)
-    target = take_target(points)
+    target = fit_bend(points)
     stiffness = np.array([section.bending_stiffness] * 2 + [section.torsional_stiffness])
+    _check_bend(target, stiffness, limits, 1 if routing == "straight" else tendons)
     if routing == "straight":
         made, frame, tensions = _route_straight(target, stiffness, limits.offset_max, tendons)
     else:
         made, frame, tensions = _route_curved(target, stiffness, limits, tendons)
     design = ContinuumRobot((_cut_section(section, target.steps.length, made),), name="designed")
     return _judge(design, points, frame, tensions, (limits, routing), _find_space(curve, duct))
+
+
+def _check_bend(target: BendTarget, stiffness: Floats, limits: RoutingLimits, beside: int) -> None:
+    """Refuse a curve, or limits, for which there are no tendons; `beside` are on one circle."""
+    offset = limits.offset_max
+    if stiffness[0] * target.sharpest < LEAST_PULL_N * offset:
+        raise GeometryError(
+            f"the curve is straight: to bend to it takes less than {LEAST_PULL_N:g} N of a tendon "
+            f"{offset:g} mm from the backbone"
+        )
+    if offset * target.sharpest >= 1.0:
+        raise InputError(
+            f"offset max is {offset:g} mm: it must be less than {1.0 / target.sharpest:.3g} mm, "
+            "the least radius of the curve"
+        )
+    apart = 2.0 * offset * math.sin(math.pi / beside) if beside > 1 else math.inf
+    if limits.gap_min > apart:
+        raise InputError(
+            f"gap min is {limits.gap_min:g} mm: {beside} tendons {offset:g} mm from the backbone "
+            f"are at most {apart:.3g} mm apart"
+        )
 
 
 def _take_section(robot: RobotDesign | None, limits: RoutingLimits) -> Section:
@@ -321,20 +343,9 @@ def take_curve(curve: ArrayLike | Plan) -> Floats:
     length = float(measure_arc_length(points)[-1])
     if not SHORTEST_MM <= length <= LONGEST_MM:
         raise InputError(
-            f"curve is {length:g} mm long: it must lie in [{SHORTEST_MM:g}, {LONGEST_MM:g}] mm"
+            f"curve is {length:g} mm long: it must be {SHORTEST_MM:g} to {LONGEST_MM:g} mm"
         )
     return np.asarray(points)
-
-
-def take_target(points: Floats) -> BendTarget:
-    """Return the shape of a curve (m, 3), or raise `InputError` where it is straight."""
-    target = fit_bend(points)
-    if target.sharpest * target.steps.length**2 < 8.0 * STRAIGHT_MM:
-        raise InputError(
-            f"curve is within {STRAIGHT_MM:g} mm of a straight line: no tendon is needed, it must "
-            "bend"
-        )
-    return target
 
 
 def _find_space(curve: ArrayLike | Plan, duct: Duct | None) -> FreeSpace | None:

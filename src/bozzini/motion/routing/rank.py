@@ -26,12 +26,13 @@ from ...continuum.routing import (
     BendTarget,
     Trace,
     find_bends,
+    fit_bend,
 )
 from ...errors import GeometryError, InputError
 from ...progress import Progress, no_progress
 from ...results import ClosedForm, Json, take_axes, to_plain
 from ..plan import Plan
-from .design import take_curve, take_target
+from .design import take_curve
 from .options import InsertionRankOptions
 
 if TYPE_CHECKING:
@@ -50,6 +51,9 @@ SLOPE_WEIGHT = 2.0
 
 MOST_STEPS = 30
 """Steps of the fit of a pose."""
+
+STRAIGHT_MM = 1e-3
+"""A path within so much of a straight line asks for no routing [mm]."""
 
 SETTLED = 1e-5
 """Change of a sum of squares, as a share, at which a fit ends."""
@@ -221,10 +225,17 @@ def insertion_rank(
     Raises
     ------
     InputError
-        If the curve is no curve in space, or more modes are asked for than there are coefficients or poses.
+        If the curve is no curve in space, or more modes are asked for than there are coefficients
+        or poses.
+    GeometryError
+        If the curve turns back at a point, or is straight.
     """
     options = options or InsertionRankOptions()
-    target = take_target(take_curve(curve))
+    target = fit_bend(take_curve(curve))
+    if target.sharpest * target.steps.length**2 < 8.0 * STRAIGHT_MM:
+        raise GeometryError(
+            f"the curve is within {STRAIGHT_MM:g} mm of a straight line: no routing is needed"
+        )
     job = _Insertion(target, options)
     values = np.linalg.svd(job.matrix, compute_uv=False)
     found = InsertionRank(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -50,9 +51,6 @@ LENGTH_SPARE = 1.02
 
 LENGTH_POWER = 2.0
 """Power of a section's length that squares of curvature weigh, where lengths follow the bends."""
-
-SHORTEST_SHARE = 1.0
-"""Shortest section whose length follows the bends, against the diameter."""
 
 POSE_MM = 8.0
 """The head moves by this from one pose to the next, where lengths follow the bends."""
@@ -218,10 +216,12 @@ def design_robot(
         for column, count in enumerate(options.sections):
             progress("robots", (row * (1 + len(options.sections)) + column + 1) / total)
             for even in (True, False):
-                shares = np.full(count, 1.0 / count) if even else share_lengths(plan, count)
+                shares = (
+                    np.full(count, 1.0 / count) if even else share_lengths(plan, count, diameter)
+                )
                 if not even and (count == 1 or np.ptp(shares) == 0.0):
                     continue
-                robot = make_robot(plan, shares, options)
+                robot = make_robot(plan, diameter, shares, options)
                 motion = actuate_plan(plan, robot, duct)
                 head = float(motion.head_arc_length[-1])
                 proof = motion.certificate.clearance
@@ -259,7 +259,16 @@ def list_diameters(options: RobotSearch, limits: DiameterLimits) -> list[float]:
     return sorted({round(DIAMETER_STEP_MM * float(k), 6) for k in steps}, reverse=True)
 
 
-def share_lengths(plan: Plan, count: int) -> Floats:
+def _list_shares(plan: Plan, count: int, diameter: float) -> Iterator[tuple[bool, Floats]]:
+    """Give the shares of even sections, and of uneven ones if there are any."""
+    even = np.full(count, 1.0 / count)
+    yield True, even
+    uneven = share_lengths(plan, count, diameter)
+    if np.abs(uneven - even).max() > 0.0:
+        yield False, uneven
+
+
+def share_lengths(plan: Plan, count: int, diameter: float) -> Floats:
     """Return the shares (count,) of a robot's length that suit the bends of the whole way in.
 
     Where along the robot the curvature of all poses varies, sections are short: a base that stays
@@ -270,17 +279,16 @@ def share_lengths(plan: Plan, count: int) -> Floats:
     stride = max(1, round(POSE_MM * steps.count / steps.length))
     matrix = shift_curvature(target, np.arange(steps.count, 0, -stride))
     rows = np.concatenate(np.split(matrix, 2), axis=1)
-    least = max(1, math.ceil(SHORTEST_SHARE * plan.get_scope().diameter / steps.length * len(rows)))
+    least = max(1, math.ceil(diameter / steps.length * len(rows)))
     if least * count > len(rows):
         return np.full(count, 1.0 / count)
     return np.diff(split_rows(rows, count, power=LENGTH_POWER, least=least)) / len(rows)
 
 
-def make_robot(plan: Plan, shares: Floats, options: RobotSearch) -> ContinuumRobot:
+def make_robot(plan: Plan, diameter: float, shares: Floats, options: RobotSearch) -> ContinuumRobot:
     """Return a robot for a plan's path, of sections with these shares and three tendons each."""
     length = LENGTH_SPARE * float(plan.path_arc_length[-1])
-    diameter, count = plan.get_scope().diameter, len(shares)
-    radius = 0.5 * diameter
+    radius, count = 0.5 * diameter, len(shares)
     sections = []
     for index, share in enumerate(shares):
         tendons = tuple(

@@ -38,8 +38,8 @@ class MaxwellSlip(Operator):
 
         F_i = min(max(F_i before + k_i (change of input), -w_i), w_i)      output = sum of F_i
 
-    The thesis's way to the same, `trace_return_points`, is (2.51): every branch after a return
-    point is the virgin curve twice as large. The input is a contraction or a strain and the output
+    The thesis's way to the same is (2.51): every branch after a return point is the virgin curve,
+    `load_virgin`, twice as large. The input is a contraction or a strain and the output
     a force, or both are pressures: `to_plays` then gives the pressure that is left.
 
     Parameters
@@ -73,24 +73,6 @@ class MaxwellSlip(Operator):
         inputs = check_array("input", input_)[..., None]
         limits = np.array(self.limits)
         return np.asarray(np.clip(inputs * self.stiffnesses, -limits, limits).sum(axis=-1))
-
-    def trace_return_points(self, history: ArrayLike) -> Floats:
-        """Return what `apply` does, from the virgin curve and the return points, thesis (2.51).
-
-        Printed is one branch, ``F = F_m + 2 f((x - x_m) / 2)``. To it belongs what is forgotten
-        when: a branch that comes back to the return point before last closes a loop, and one that
-        comes to the mirror image of the first goes on along the virgin curve.
-
-        Raises
-        ------
-        InputError
-            As `run` does.
-        """
-        inputs = take_history("history", history)
-        output = kernels.follow_return_points(
-            list_rows(inputs), np.array(self.stiffnesses), np.array(self.limits)
-        )
-        return np.asarray(output.reshape(inputs.shape))
 
     def to_plays(self, *, slope: float = 1.0) -> PrandtlIshlinskii:
         """Return ``slope`` times the input less this operator, which is a `PrandtlIshlinskii`.

@@ -139,53 +139,6 @@ def trace_slips(history, yields):
 
 
 @njit(cache=True)
-def load_virgin(stretch, stiffnesses, limits):
-    """The virgin curve, odd."""
-    total = 0.0
-    for j in range(len(limits)):
-        total += min(max(stiffnesses[j] * stretch, -limits[j]), limits[j])
-    return total
-
-
-@njit(cache=True)
-def follow_return_points(history, stiffnesses, limits):
-    """(2.51) from rest: branches are the virgin curve twice as large, from the last return point.
-
-    A branch that comes back to the return point before last closes a loop: both are forgotten and
-    the branch below goes on. One that comes to the mirror image of the first return point, or
-    beyond it, goes on along the virgin curve.
-    """
-    rows, count = history.shape
-    output = np.empty((rows, count))
-    points = np.empty(count + 1)
-    forces = np.empty(count + 1)
-    for row in range(rows):
-        depth, way = 0, 0.0
-        before, force = 0.0, 0.0
-        for i in range(count):
-            here = history[row, i]
-            if here != before:
-                new = 1.0 if here > before else -1.0
-                if way != 0.0 and new != way:
-                    points[depth] = before
-                    forces[depth] = force
-                    depth += 1
-                way = new
-                while depth >= 2 and way * here >= way * points[depth - 2]:
-                    depth -= 2
-                if depth == 1 and way * here >= abs(points[0]):
-                    depth = 0
-                if depth == 0:
-                    force = load_virgin(here, stiffnesses, limits)
-                else:
-                    half = 0.5 * (here - points[depth - 1])
-                    force = forces[depth - 1] + 2.0 * load_virgin(half, stiffnesses, limits)
-                before = here
-            output[row, i] = force
-    return output
-
-
-@njit(cache=True)
 def switch_relays(point, before, levels, signs):
     """Switch the relays between two inputs; whether any can have changed.
 

@@ -30,6 +30,7 @@ _SETTLED = 1e-3  # share of the error by which the last round may change it
 _DRIFT_SHARE = 0.01  # of the span of the response: a drift above is worth a warning
 _FLAT_SHARE = 1e-3  # of the steepest: a static curve is taken to be at least so steep
 _FIRST_RATIO = 3.0  # times the error of the rest: the first rise is another then
+_RISE_SHARE = 0.5  # of the span: a record rises so much again after its first maximum, at least
 _POOR_SHARE = 0.1  # of the span of the response: an error above is poor
 
 
@@ -197,7 +198,8 @@ def fit_loop(
     of linearisation (Gauss-Newton) of its curve.
 
     A record that does not start at rest has a history that is not known: what comes before its
-    first maximum, which the operator forgets most of there, is not fitted.
+    first maximum, where most of it is forgotten, is not fitted. A record that does not rise again
+    after that is fitted as if it had come from rest.
 
     Parameters
     ----------
@@ -221,6 +223,9 @@ def fit_loop(
     whole = float(record.time[-1] - record.time[0])
     end = int(np.count_nonzero(time <= (1.0 - options.hold_out) * whole))
     skip = 0 if record.starts_at_rest else _find_first_top(samples.pressure[:end])
+    rises = np.maximum(np.diff(samples.pressure[skip:end]), 0.0).sum()
+    if rises < _RISE_SHARE * np.ptp(samples.pressure):  # else nothing would be fitted on the way up
+        skip = 0
     if end - skip < 3 or not np.ptp(samples.pressure[skip:end]) > 0.0:
         raise InputError(
             f"{max(end - skip, 0)} of {len(samples)} samples are left to fit, from the first "
@@ -325,6 +330,11 @@ def _judge(fit: LoopFit) -> LoopFit:
         notes.append(
             f"the record does not start at rest, but at {1e3 * fit.record.pressure[0]:.4g} kPa: "
             f"{fit.skipped} samples before the first maximum are not fitted"
+        )
+    elif not fit.record.starts_at_rest:
+        notes.append(
+            f"the record does not start at rest, but at {1e3 * fit.record.pressure[0]:.4g} kPa, "
+            "and rises once: it is fitted as if it had come there from rest"
         )
     elif (first := _find_first_top(fit.samples.pressure)) and first < len(fit.samples) // 2:
         rise = float(np.sqrt(np.mean(np.square(fit.residual[:first]))))

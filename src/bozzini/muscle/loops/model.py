@@ -460,9 +460,8 @@ def _read_model(data: object) -> LoopModel:
 
 def _describe_static(model: MuscleModel) -> MuscleFile:
     """Return the muscle file of a model."""
-    ends = None
     if isinstance(model, MountedMuscle):
-        model, ends = model.model, model.ends
+        return dataclasses.replace(_describe_static(model.model), ends=model.ends)
     own = {item.name: getattr(model, item.name) for item in type(model).list_parameters()}
     own |= {name: getattr(model, name) for name in model.choices}
     given: Json = getattr(model, "keywords", own)
@@ -470,7 +469,7 @@ def _describe_static(model: MuscleModel) -> MuscleFile:
         if callable(value):
             raise InputError(f"{name} of the model {model.name} is a function: no file holds it")
     constants = {name: value for name, value in given.items() if value is not None}
-    return MuscleFile(muscle=model.muscle, model=model.name, constants=constants, ends=ends)
+    return MuscleFile(muscle=model.muscle, model=model.name, constants=constants)
 
 
 def _carry(model: MuscleModel, operator: Operator) -> MuscleModel:
