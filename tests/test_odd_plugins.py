@@ -26,7 +26,7 @@ from bozzini.motion import (
     plan_insertion,
     verify_plan,
 )
-from bozzini.muscle import MODELS, Measurements, preset, rank, write_measurements
+from bozzini.muscle import MODELS, Measurements, RankOptions, preset, rank, write_measurements
 from bozzini.study import InsertionOptions, run_insertion
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -262,6 +262,16 @@ def test_broken_models_are_refused_in_a_ranking_and_the_others_ranked(run, data,
     ranking = rank(data).refusals
     for name, words in refused.items():
         assert words in found["refusals"][name] and words in ranking[name]
+
+
+@pytest.mark.slow
+def test_broken_models_are_refused_by_processes_as_without(data):
+    names = ["chou", *FAILING, *WRONG_ANSWERS]
+    alone, apart = (
+        rank(data, models=names, options=RankOptions(folds=0, jobs=jobs)) for jobs in (1, 2)
+    )
+    assert alone.refusals == apart.refusals and {*FAILING} <= {*alone.refusals}
+    assert [entry.name for entry in alone.models] == [entry.name for entry in apart.models]
 
 
 def test_an_exception_of_a_model_keeps_its_cause():

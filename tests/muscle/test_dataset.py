@@ -297,6 +297,17 @@ def test_mean_of_directions_keeps_specimens_and_loads_apart():
     assert len(mean) == 7
 
 
+def test_mean_of_directions_keeps_free_lengths():
+    data = Measurements(
+        pressure=[0.1, 0.2, 0.2, 0.1],
+        contraction=[1.0, 2.0, 2.0, 1.0],
+        direction=["inflating"] * 2 + ["deflating"] * 2,
+        free_lengths={0.62: 40.0},
+    )
+    kept = data.mean_of_directions().free_lengths
+    assert list(kept) == [0.62] and np.all(kept[0.62] == 40.0)
+
+
 def test_mean_of_directions_says_what_it_leaves_out():
     up = [(p, p, 0.0, "inflating", "a") for p in (0.1, 0.2, 0.3)]
     down = [(p, p, 0.0, "deflating", "a") for p in (0.25, 0.1)]

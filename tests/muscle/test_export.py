@@ -143,6 +143,13 @@ def test_code_of_compositions_and_of_friction(tmp_path):
     check(
         load_python(export_muscle(rubs, tmp_path / "rubs.py", direction=way)), rubs, direction=way
     )
+    path = export_muscle(rubs, tmp_path / "rubs.c", direction=way)
+    assert "Branch of friction: inflating." in path.read_text()
+    code = load_c(path)
+    check(code, rubs, direction=way)
+    for function in code:
+        assert np.isnan(function(np.nan, 1.0)) and np.isnan(function(0.3, np.nan))
+        assert np.isnan(function(np.inf, 1.0)) and np.isnan(function(0.3, np.inf))
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

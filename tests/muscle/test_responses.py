@@ -387,6 +387,76 @@ def test_zero_rows_kill_no_model():
     assert {entry.name for entry in ranking.models} == set(names)
 
 
+def test_bands_of_a_specimen_of_the_fit_are_narrower_than_those_of_another():
+    parts = []
+    for index, offset in enumerate((-2.0, 0.0, 2.0)):
+        muscle = MUSCLE.replace(length=100.0 + 20.0 * index)
+        mounted = EndEffects(offset=offset).mount(make("chou", muscle))
+        parts.append(measure(mounted, noise=1.0, seed=index, specimen="abc"[index]))
+    found = calibrate(
+        MODELS["chou"],
+        MUSCLE,
+        data=join(*parts),
+        free=("braid_angle", "offset"),
+        options=FitOptions(each=("offset",), response="force"),
+    )
+    known = found.predict(parts[2])
+    other = found.predict(dataclasses.replace(parts[2], specimen="d"))
+    assert known.residual < 1.2 and known.covered > 0.85
+    assert np.all(known.confidence < other.confidence / 5.0)
+    # Not below the band of its own offset alone.
+    stiff = found.models["c"].stiffness(parts[2].pressure, parts[2].contraction)
+    assert np.mean(known.confidence) > np.mean(stiff) * found.standard_errors["offset[c]"]
+    bare = dataclasses.replace(parts[2], geometry={})
+    with pytest.raises(InputError, match=r"'c' was fitted with a rest length of 140.*or another"):
+        found.predict(bare)
+    assert np.array_equal(predict(found.to_file(), bare, length=140.0).predicted, known.predicted)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"resamples": 1}, "resamples is 1: it must be 2 or more"),
+        ({"resamples": -1}, "resamples is -1"),
+        ({"budget": math.nan}, "budget is nan s"),
+        ({"budget": -1.0}, "budget is -1 s"),
+        ({"seed": 0.5}, "seed is 0.5"),
+    ],
+)
+def test_options_of_a_fit_are_checked(wrong, words):
+    data = measure(make("kothera-balance"))
+    with pytest.raises(InputError, match=words):
+        calibrate(MODELS["kothera-balance"], MUSCLE, data=data, options=FitOptions(**wrong))
+
+
+def test_errors_that_are_alike_change_no_criterion():
+    clean = measure(make("chou"))
+    data = dataclasses.replace(clean, load=clean.load + np.sin(np.arange(40.0)))
+    options = RankOptions(folds=0)
+    names = ["chou", "tondu-lopez"]
+    plain = rank(data, MUSCLE, models=names, options=options)
+    weighted = dataclasses.replace(data, errors={"load": 3.0})
+    again = rank(weighted, MUSCLE, models=names, options=options)
+    for one, other in zip(plain.models, again.models, strict=True):
+        assert (one.name, one.parameters) == (other.name, other.parameters)
+        assert other.aicc == pytest.approx(one.aicc, abs=1e-6)
+    # Nor does it matter that one model has nothing to fit: noisy rows count less for all alike.
+    unlike = np.where(np.arange(40) % 2, 1.0, 50.0)
+    shaken = clean.load + unlike * np.sin(np.arange(40.0))
+    data = dataclasses.replace(clean, load=shaken, errors={"load": unlike})
+    known = rank(data, MUSCLE, models=["chou"], options=options).models[0]
+    miss = (clean.load - shaken) / unlike
+    wanted = 40 * math.log(miss @ miss / 40) + np.sum(2.0 * np.log(unlike)) + math.log(40)
+    assert known.parameters == 0 and known.bic == pytest.approx(wanted)
+
+
+def test_repeats_without_noise_are_no_lack_of_fit():
+    clean = measure(make("kothera-balance"))
+    twice = clean.select(np.tile(np.arange(40), 2))
+    found = calibrate(MODELS["kothera-balance"], MUSCLE, data=twice, free=("modulus",))
+    assert found.trusted
+
+
 @pytest.mark.slow
 def test_bands_hold_what_they_say(tmp_path):
     truth = make("kothera-balance")

@@ -391,6 +391,7 @@ class Measurements:
 
         frame, notes = self._list_rows(), list(self.notes)
         averaged = ["contraction", *(f"{name} error" for name in self.errors)]
+        constant = [*self.geometry, *map(name_free_length, self.free_lengths)]
         known = frame["direction"] != ""
         parts = [frame[~known]]
         for (load, specimen), rows in frame[known].groupby(["load", "specimen"]):
@@ -417,7 +418,7 @@ class Measurements:
                 both = risen[name].to_numpy(), np.interp(up, down, fallen[name].to_numpy())
                 mean = 0.5 * (both[0] + both[1] if name == "contraction" else np.hypot(*both))
                 columns[name] = mean[shared]
-            columns |= {name: rows[name].iloc[0] for name in self.geometry}
+            columns |= {name: rows[name].iloc[0] for name in constant}
             parts.append(pandas.DataFrame(columns))
         merged = pandas.concat([part for part in parts if len(part)])
         return Measurements(

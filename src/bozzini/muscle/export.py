@@ -68,8 +68,8 @@ _C_FORMS = {
     "positive": "{0}",
     "square": "{0} * {0}",
     "sign": "({0} > 0.0) - ({0} < 0.0)",
-    "maximum": "{1} > {0} ? {1} : {0}",
-    "minimum": "{1} < {0} ? {1} : {0}",
+    "maximum": "isnan({1}) || {1} > {0} ? {1} : {0}",
+    "minimum": "isnan({1}) || {1} < {0} ? {1} : {0}",
     "where": "{0} != 0.0 ? {1} : {2}",
 }
 _PY_FORMS = {"negative": "-{0}", "positive": "{0}"}
@@ -289,7 +289,8 @@ def print_c(model: MuscleModel, *, direction: str | None = None) -> str:
     law = _trace(model, direction)
 
     def spell(step: tuple[str, tuple[str, ...]]) -> str:
-        name, arguments = step
+        name, given = step
+        arguments = [_spell_c(word) for word in given]
         if name in _INFIX:
             return f" {_INFIX[name]} ".join(arguments)
         if name in _CALLS:
@@ -302,18 +303,18 @@ def print_c(model: MuscleModel, *, direction: str | None = None) -> str:
                          _find_needed(steps, outcomes))  # fmt: skip
 
     constants = law.constants
-    lines = [f"#define {name} ({_spell_c(value)})" for name, value in constants.items()]
+    lines = [f"#define {name} ({_spell_c(repr(value))})" for name, value in constants.items()]
     text = _C_CODE.format(
         about=_describe(model, direction),
         constants="\n".join(lines),
         steps=STEPS,
         pull=fill(law.pull),
-        pull_word=law.pull,
+        pull_word=_spell_c(law.pull),
         limits=fill(*law.limits),
-        low=law.limits[0],
-        high=law.limits[1],
+        low=_spell_c(law.limits[0]),
+        high=_spell_c(law.limits[1]),
     )
-    return text.replace("inf", "INFINITY").replace("\n\n    return", "\n    return")
+    return text.replace("\n\n    return", "\n    return")
 
 
 def print_python(model: MuscleModel, *, direction: str | None = None) -> str:
@@ -339,8 +340,7 @@ def print_python(model: MuscleModel, *, direction: str | None = None) -> str:
                          _find_needed(steps, outcomes))  # fmt: skip
 
     lines = [
-        f"{name} = {'-np.inf' if math.isinf(value) else repr(value)}"
-        for name, value in law.constants.items()
+        f"{name} = {repr(value).replace('inf', 'np.inf')}" for name, value in law.constants.items()
     ]
     return _PY_CODE.format(
         about=_describe(model, direction),
@@ -354,8 +354,9 @@ def print_python(model: MuscleModel, *, direction: str | None = None) -> str:
     )
 
 
-def _spell_c(value: float) -> str:
-    return "-INFINITY" if math.isinf(value) else repr(value)
+def _spell_c(word: str) -> str:
+    """Return a number or a name as C has it."""
+    return word.replace("inf", "INFINITY")
 
 
 def _describe(model: MuscleModel, direction: str | None) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import check_number, describe_fields
+from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
@@ -133,7 +133,8 @@ def judge_repeats(task: Task, residuals: NDArray[np.float64], *, parameters: int
     pure, states = measure_repeats(task)
     freedom = len(residuals) - states
     lack = float(residuals @ residuals) - pure
-    if freedom < 1 or states <= parameters or lack <= 0.0:
+    exact = len(residuals) * (_EXACT * task.worst) ** 2
+    if freedom < 1 or states <= parameters or lack <= exact:
         return []
     limit = float(fisher.ppf(0.999, states - parameters, freedom))
     if lack / (states - parameters) <= limit * pure / freedom:
@@ -548,6 +549,11 @@ class FitOptions:
 
     def make_task(self, muscle: Muscle, data: Measurements) -> Task:
         """Return what is fitted to what, checked."""
+        check_integer("seed", self.seed, low=0)
+        if check_integer("resamples", self.resamples, low=0) == 1:
+            raise InputError("resamples is 1: it must be 2 or more, or 0 for none")
+        if self.budget is not None:
+            check_number("budget", self.budget, low=0.0, unit="s")
         task = Task(
             muscle=muscle,
             data=data,

@@ -10,6 +10,7 @@ fit shared, and a new one does not, is not in them.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,9 +21,9 @@ from numpy.typing import NDArray
 from ..checks import check_kind, check_number, list_quantities
 from ..errors import InputError
 from ..results import Json, Result, take_axes
-from .data import Measurements
+from .data import GEOMETRY, Measurements, describe_field
 from .design import Muscle
-from .files import MuscleFile
+from .files import FitSummary, MuscleFile
 from .model import MuscleModel
 from .problem import (
     END_FIELDS,
@@ -142,7 +143,7 @@ def predict(
         A fit, from `Calibration.to_file` or a file.
     data : Measurements or DataFrame
         The states. Geometry in it is that of the specimens; a specimen of the fit, by its name,
-        has its own values.
+        has its own values, and must be there with its geometry.
     length : float, optional
         Rest length of the muscle [mm], if it is another.
     free_length : tuple of float, optional
@@ -174,9 +175,9 @@ def predict(
         anchored=own,
         each=fit.each if known else (),
     )
+    _check_specimens(fit, task)
     count = len(data)
     predicted, variance, held = np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_)
-    covariance = np.array(fit.covariance).reshape(len(fit.names), len(fit.names))
     base = fitted.build()
     for part in task.parts:
         values = {
@@ -201,9 +202,11 @@ def predict(
                 predicted=found[good],
                 response=fit.response,
             )
+            covariance = _find_covariance(fit, part.specimen)
             variance[part.rows[good]] = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
     sigma = 0.0 if fit.rms is None else fit.rms
-    freedom = max(fit.rows - len(fit.names), 1)
+    fitted_count = len(fit.names) + len(fit.each) * max(len(fit.specimens) - 1, 0)
+    freedom = max(fit.rows - fitted_count, 1)
     factor = float(student.ppf(0.5 + 0.5 * level, freedom))
     variance = np.maximum(variance, 0.0)
     return Prediction(
@@ -214,6 +217,39 @@ def predict(
         prediction=factor * np.sqrt(variance + sigma**2),
         level=level,
     )
+
+
+def _check_specimens(fit: FitSummary, task: Task) -> None:
+    """Raise `InputError` if a specimen of the fit is there without its geometry."""
+    for name in task.data.list_specimens():
+        for key, value in fit.specimens.get(name, {}).items():
+            given = task.muscle.given.get(key, value)
+            if key in fit.names or key in task.data.geometry:
+                continue
+            if not math.isclose(given, value, rel_tol=1e-9):
+                title = f"{describe_field(key)} [{GEOMETRY[key].unit}]"
+                raise InputError(
+                    f"specimen {name!r} was fitted with a {describe_field(key)} of {value:g}, the "
+                    f"muscle has {given:g}: give a column '{title}', or another name"
+                )
+
+
+def _find_covariance(fit: FitSummary, specimen: str) -> Floats:
+    """Return the covariance of the fitted numbers for a specimen.
+
+    The file's is that for one more specimen. For one of the fit what specimens differ by is taken
+    off again, and what it has of its own is known as well as one value, where its mean over
+    specimens is known better, by their number at most.
+    """
+    covariance = np.array(fit.covariance).reshape(len(fit.names), len(fit.names))
+    if specimen not in fit.specimens:
+        return covariance
+    for index, name in enumerate(fit.names):
+        own = [known[name] for known in fit.specimens.values() if name in known]
+        if name in fit.each and len(own) > 1:
+            among = float(np.var(own, ddof=1)) * (1.0 + 1.0 / len(own))
+            covariance[index, index] = len(own) * max(covariance[index, index] - among, 0.0)
+    return covariance
 
 
 def _change(

@@ -8,6 +8,7 @@ import pickle
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
@@ -872,7 +873,14 @@ def _fit_all(
             }
             for count, future in enumerate(as_completed(todo)):
                 progress(f"fitted {todo[future]}", count / len(names))
-                yield todo[future], future.result()
+                try:
+                    yield todo[future], future.result()
+                except BrokenProcessPool:
+                    raise BozziniError(
+                        "a process of the ranking ended: it was out of memory, a model ended it, "
+                        "or a script calls rank outside of \"if __name__ == '__main__':\"; with 1 "
+                        "job there are no processes"
+                    ) from None
     for index, name in enumerate(alone, start=len(names) - len(alone)):
         progress(f"fitting {name}", index / len(names))
         yield name, _try_model(name, kinds[name], task, options, folds)
@@ -892,6 +900,8 @@ def _try_model(
 ) -> RankedModel | str:
     """Return a model as fitted, or why it is not."""
     try:
+        if name in MODELS:
+            MODELS[name]  # in another process this guards another package's class
         return _fit_model(name, kind, task, options, folds)
     except BozziniError as error:
         return str(error)
@@ -972,11 +982,13 @@ def _fit_model(
         if again.squares < found.squares:
             found = again
             validation, _ = _validate(unknowns, found, task, folds, clock)
+    errors: NDArray[np.float64] | None = None
     if found is None:
         model = task.ends.mount(unknowns.build(task.muscle))
         answers = predict_parts(task, lambda part: _build_known(unknowns, task, part))
         if not answers[1].any():
             raise InputError(explain_gap(model, task.data, task.response))
+        errors = _make_problem(unknowns, task, {}, clock).compare({})[2]
     else:
         model = found.fitted
         answers = task.measured - found.residuals, found.answered
@@ -986,6 +998,10 @@ def _fit_model(
     squares = len(task.data) * max(score.rmse, least) ** 2
     if found is not None and task.response_errors is not None:
         squares = max(found.squares, squares * 1e-300)
+    elif errors is not None:
+        miss = np.where(answers[1], answers[0] - task.measured, task.worst) / errors
+        squares = max(float(miss @ miss), squares * 1e-300)
+        scatter = float(np.mean(2.0 * np.log(errors)))
     more, rows = len(task.data) * scatter, len(task.data)
     return RankedModel(
         score=score,
