@@ -649,6 +649,7 @@ class Calibration(Result):
             share[names.index(label.partition("[")[0]), column] = 1.0
         share /= share.sum(axis=1, keepdims=True)
         covariance = share @ self.covariance @ share.T
+        np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))  # of round-off
         specimens: dict[str, dict[str, float]] = {}
         for name in self.task.data.list_specimens() if len(self.models) > 1 else ():
             row = int(np.argmax(self.task.data.specimen == name))
