@@ -68,6 +68,13 @@ def test_a_limit_that_is_not_kept_is_a_negative_answer(run, curve) -> None:  # t
         (("curve.csv", "--tendons", 5), "tendons is 5: it must lie in [1, 4]"),
         (("curve.csv", "--core-radius", "3mm"), "core radius is 3 mm: it must lie in [0, 2] mm"),
         (("curve.csv", "--lumen", "x.stl"), "--lumen goes with a plan"),
+        (("curve.csv", "--diameters", 3), "--diameters has no effect without --tract"),
+        (("curve.csv", "--organ", "colon"), "--organ has no effect without --tract"),
+        (
+            ("curve.csv", "--straight", "--gap-min", "1mm"),
+            "--gap-min has no effect with --straight",
+        ),
+        (("--tract", "x.stl", "--tendons", 3), "--tendons has no effect with --tract"),
         (("none.csv",), "cannot read none.csv"),
         (("bad.csv",), "bad.csv has the columns a, b: it needs x, y and z"),
         (("none.npz",), "none.npz"),

@@ -257,6 +257,7 @@ def test_vertices_alone_give_the_exact_distance_at_all_nodes(tube):
     ("changed", "message"),
     [
         ({"displacement": None}, "nothing was given that moves"),
+        ({"displacement": 3.0}, "the displacement is a float: it must be a function"),
         ({"second_bound": None}, "give its gradient_bound and second_bound"),
         ({"displacement": None, "vertices": np.full((3, 3), np.nan)}, "vertices"),
         ({"gradient_bound": 1.0}, "gradient bound is 1: it must lie in"),
@@ -291,6 +292,8 @@ def test_an_inflated_field_is_refused():
         MovingField(field.inflate(-1.0), other)
     with pytest.raises(InputError, match="must be a SampledField"):
         MovingField(surface)
+    with pytest.raises(InputError, match="the surface is a str: it must be a SurfaceTract"):
+        MovingField(field.inflate(-1.0), "tube.stl")
 
 
 def test_tissue_is_carried_there_and_back():

@@ -132,7 +132,7 @@ def test_a_random_design_is_made_or_its_thinnest_wall_is_named(design, tmp_path_
 
 
 def test_the_template_is_true_to_scale(folder):
-    root = ET.fromstring((folder / "template.svg").read_text())
+    root = ET.fromstring((folder / "template.svg").read_text(encoding="utf-8"))
     wide, tall = (float(root.get(side).removesuffix("mm")) for side in ("width", "height"))
     assert [float(n) for n in root.get("viewBox").split()] == pytest.approx([0, 0, wide, tall])
     (check,) = (line for line in root.findall(".//{*}line") if line.get("id") == "check")

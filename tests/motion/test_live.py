@@ -374,6 +374,17 @@ def test_a_motion_that_is_not_known_along_the_way_is_refused(rest):
     assert next(follow_tissue(plan, field, motion=known)).status == "held"
 
 
+def test_what_is_no_plan_lumen_or_motion_is_refused(rest):
+    _, field, plan = rest
+    for call, message in (
+        (lambda: replan(None, field), "plan is a NoneType: it must be a Plan"),
+        (lambda: replan(plan, plan), "duct is a Plan: it must be a Duct"),
+        (lambda: next(follow_tissue(plan, field, motion=plan)), "motion is a Plan: it must be"),
+    ):
+        with pytest.raises(InputError, match=message):
+            call()
+
+
 def test_labels_are_followed_by_the_bound_alone(rest):
     _, field, plan = rest
     gentle = replace(BREATH, amplitude=1.0)

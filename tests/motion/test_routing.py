@@ -18,7 +18,12 @@ from bozzini.continuum.routing import (
     route_pair,
 )
 from bozzini.errors import GeometryError, InputError
-from bozzini.motion.routing import InsertionRankOptions, design_routing, insertion_rank
+from bozzini.motion.routing import (
+    InsertionRankOptions,
+    RobotSearch,
+    design_routing,
+    insertion_rank,
+)
 
 STIFFNESS = np.array([200.0, 200.0, 200.0 / 1.3])
 
@@ -172,8 +177,17 @@ def test_limits_that_cannot_be_kept_are_a_reason() -> None:
             lambda: design_routing(CURVES["s"], tendons=4, limits=RoutingLimits(gap_min=3.0)),
             "gap min is 3 mm: 4 tendons 2 mm from the backbone are at most 2.83 mm apart",
         ),
+        (lambda: design_routing(100.0 * CURVES["s"]), "it must be 5 to 1500 mm"),
         (lambda: RoutingLimits(core_radius=3.0), "core radius is 3 mm: it must lie in [0, 2] mm"),
         (lambda: InsertionRankOptions(modes=(0,)), "modes[0] is 0"),
+        (lambda: InsertionRankOptions(modes=4), "modes is 4: it must be whole numbers"),  # type: ignore[arg-type]
+        (lambda: RobotSearch(sections=4), "sections is 4: it must be whole numbers"),  # type: ignore[arg-type]
+        (
+            lambda: insertion_rank(
+                CURVES["s"], options=InsertionRankOptions(modes=(2,), sections=(), stride=100)
+            ),
+            "modes is 2: it must lie in [1, 1] on this path of 1 poses",
+        ),
     ],
 )
 def test_a_wrong_input_is_one_line(call, words) -> None:  # type: ignore[no-untyped-def]
@@ -190,6 +204,8 @@ def test_a_curve_that_turns_back_is_refused() -> None:
 
 
 def test_a_straight_curve_is_refused() -> None:
+    with pytest.raises(GeometryError, match="straight line"):
+        insertion_rank([[0, 0, 0], [0, 0, 40]])
     with pytest.raises(GeometryError, match="straight"):
         design_routing(np.linspace(0.0, 50.0, 51)[:, None] * [0.0, 0.6, 0.8])
 

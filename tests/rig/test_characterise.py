@@ -271,7 +271,7 @@ def run(capsys, tmp_path, monkeypatch, toolchain):
 
 def test_the_command_writes_table_pictures_and_curve(run, tmp_path):
     code, out, _ = run(
-        *STAIRS, "--board", "native", "--preset", "fitted-45", "--muscle", "2", "--json",
+        *STAIRS, "--board", "native", "--preset", "fitted-45", "--channel", "2", "--json",
         "--hook", f"{COPY} {{file}} x", "--out", "t.csv", "--plot", "t.png", "--quiet",
     )  # fmt: skip
     assert code == 0, out

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_array, check_fields, check_number, check_points, quantity
+from ..checks import check_array, check_fields, check_points, quantity
 from ..errors import FileFormatError, InputError
 from ..numeric.polylines import interpolate_polyline, measure_arc_length, resample_polyline
 
@@ -422,8 +422,3 @@ def _unit(name: str, vector: ArrayLike) -> tuple[float, float, float]:
         raise InputError(f"{name} is {given.tolist()}: it must be a direction (3,)")
     x, y, z = (float(value) / size for value in given)
     return x, y, z
-
-
-def check_time(name: str, value: float) -> float:
-    """Return a time above 0 s, or raise `InputError`."""
-    return check_number(name, value, low=0.0, low_open=True, high=1e6, unit="s")

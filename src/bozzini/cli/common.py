@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
+from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from ..checks import Quantity, choose
@@ -441,6 +442,15 @@ def options_of(
     fields = [item for item in dataclasses.fields(kind) if "quantity" in item.metadata]
     options = [make_option(item) for item in fields if item.name not in leave_out]
     return gather(argument, kind, *options)
+
+
+def refuse_options(names: Sequence[str], where: str) -> None:
+    """Refuse options that were given but have no effect, such as "with --port"."""
+    context = click.get_current_context()
+    for item in context.command.params:
+        given = context.get_parameter_source(item.name or "") is ParameterSource.COMMANDLINE
+        if item.name in names and given:
+            raise InputError(f"{item.opts[0]} has no effect {where}: leave it out")
 
 
 def spell_option(item: dataclasses.Field[Any]) -> str:

@@ -6,13 +6,12 @@ import dataclasses
 import json
 import shlex
 import subprocess
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from click.core import ParameterSource
 
 from ..checks import check_number
 from ..errors import InputError
@@ -29,6 +28,7 @@ from .common import (
     format_rows,
     option,
     options_of,
+    refuse_options,
     run_exit,
 )
 from .muscle_options import CHOICES, FIELDS, Request, one_model_options
@@ -336,7 +336,7 @@ def characterise_command(
         raise InputError("--port needs --hook: nothing else measures the muscle's length")
     if port is not None:
         plant = ("board", "seed", "reading_error", "preset", "muscle_file", "settings")
-        _refuse_options((*plant, *CHOICES, *FIELDS))
+        refuse_options((*plant, *CHOICES, *FIELDS), "with --port")
         link: Link = SerialLink(port)
     else:
         model = asked.build(pressure=stairs.highest)
@@ -368,15 +368,6 @@ def characterise_command(
         f"{1e3 * found.residual:.1f} kPa at most",
     )
     _end(found)
-
-
-def _refuse_options(names: Sequence[str]) -> None:
-    """Refuse options that were given but have no effect with --port."""
-    context = click.get_current_context()
-    for item in context.command.params:
-        given = context.get_parameter_source(item.name or "") is ParameterSource.COMMANDLINE
-        if item.name in names and given:
-            raise InputError(f"{item.opts[0]} has no effect with --port: leave it out")
 
 
 @command.command("identify")

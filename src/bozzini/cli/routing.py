@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,7 @@ from .common import (
     format_rows,
     gather,
     options_of,
+    refuse_options,
     run_exit,
 )
 
@@ -101,13 +102,21 @@ def design_command(
     """
     check_target(figure, PICTURES, force=answer.force)
     if tract is not None and source is None:
+        refuse_options(_list_names(Asked, RoutingLimits), "with --tract")
         found = _search_tract(tract, reading, search, answer)
         _give(found, answer, figure, _format_search(found))
     elif source is not None and tract is None:
+        refuse_options(_list_names(RobotSearch, ReadOptions), "without --tract")
+        if asked.straight:
+            refuse_options(("core_radius", "slope_max", "gap_min"), "with --straight")
         design = _design(source, asked, limits, answer)
         _give(design, answer, figure, _format_design(design))
     else:
         raise click.UsageError("give either a curve or a plan, or --tract")
+
+
+def _list_names(*kinds: type) -> list[str]:
+    return [item.name for kind in kinds for item in fields(kind)]
 
 
 def _design(source: Path, asked: Asked, limits: RoutingLimits, answer: Answer) -> RoutingDesign:

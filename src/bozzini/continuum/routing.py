@@ -502,7 +502,8 @@ NEAR, NEAR_MM = 1.5, 0.02
 INSIDE_SLOPE, INSIDE_MM = 0.01, 0.02
 """How far inside its limits a fit aims: a share of the slope, and a length [mm]."""
 
-LEAST_TENSION_N = 1e-3
+LEAST_TENSION_SHARE = 1e-3
+"""Least tension of a fit, against that of its start."""
 
 
 class RoutingFit(BackboneFit):
@@ -526,13 +527,6 @@ class RoutingFit(BackboneFit):
     def size(self) -> int:
         """Number of parameters, without the rotation."""
         return (self.count * (1 if self.constant_offset else 2) + 1) * self.tendons
-
-    @property
-    def low(self) -> Floats:
-        """Lower bounds of the parameters."""
-        low = np.full(self.size, -np.inf)
-        low[-self.tendons :] = LEAST_TENSION_N
-        return low
 
     @abstractmethod
     def guide(self, x: Floats, basis: Floats, slopes: Floats) -> tuple[Floats, Floats]:
@@ -580,10 +574,11 @@ class RoutingFit(BackboneFit):
         return best
 
     def _tighten(self, start: Floats) -> Floats:
-        found = start
+        found, low = start, np.full(self.size, -np.inf)
+        low[-self.tendons :] = LEAST_TENSION_SHARE * start[-self.tendons :]
         for _ in range(TIGHTENINGS):
             self._known = None
-            found = self.improve(found, low=self.low)
+            found = self.improve(found, low=low)
             if self.measure_beyond(found) == 0.0:
                 break
             self.weight *= TIGHTER

@@ -118,6 +118,12 @@ class MovingField:
                 f"the field is inflated by {field.inflation:g} mm: a wall that moves must be at "
                 "0 mm"
             )
+        from ..anatomy.tract import SurfaceTract
+
+        if not (surface is None or isinstance(surface, SurfaceTract)):
+            raise InputError(
+                f"the surface is a {type(surface).__name__}: it must be a SurfaceTract, or left out"
+            )
         self.field = field
         self.surface = surface
         self._wall = None if surface is None else _MovingWall(field, surface)
@@ -236,6 +242,11 @@ class MovingField:
         bend: float | None,
     ) -> float:
         """Return the gradient's bound, infinite if none is needed, or raise `InputError`."""
+        if not (displacement is None or callable(displacement)):
+            raise InputError(
+                f"the displacement is a {type(displacement).__name__}: it must be a function of "
+                "places"
+            )
         if displacement is None and vertices is None:
             raise InputError("nothing was given that moves: give a displacement or vertices")
         if vertices is not None and self._wall is None:

@@ -340,6 +340,9 @@ def follow_tissue(
         leads where the motion is not known.
     """
     options = options or LiveOptions()
+    for name, value, kind in (("plan", plan, Plan), ("motion", motion, TissueMotion)):
+        if not isinstance(value, kind):
+            raise InputError(f"{name} is a {type(value).__name__}: it must be a {kind.__name__}")
     if plan.status != "complete":
         raise InputError(f"the plan stopped ({plan.reason_code}): it must reach its goal")
     motion.check_reach(plan.path)

@@ -219,6 +219,9 @@ def replan(
         introducer, or has not the duct's dimensions, or if `advect` does not return as many finite
         points.
     """
+    for name, value, kind in (("plan", plan, Plan), ("duct", duct, Duct)):
+        if not isinstance(value, kind):
+            raise InputError(f"{name} is a {type(value).__name__}: it must be a {kind.__name__}")
     again = options or ReplanOptions()
     _check(plan, duct, line, scope, again)
     links = plan.links if scope is None else 0

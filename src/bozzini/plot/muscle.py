@@ -370,9 +370,9 @@ def draw_ranking(ranking: Ranking, *, curves: int = 4) -> Figure:
     """Return a figure of a ranking, the best model on top.
 
     Left, as percentages of the largest measured response, the error of each model at the rows that
-    it was fitted to (dots; crosses if the fit did not converge) and at rows left out of the fit (rings; a
-    triangle at the edge if one of those fits has no answer there), and the difference of AICc to
-    the smallest. Right the measurements and the best models that differ, or of a
+    it was fitted to (dots; crosses if the fit did not converge) and at rows left out of the fit
+    (rings; a triangle at the edge if one of those fits has no answer there), and the difference of
+    AICc to the smallest. Right the measurements and the best models that differ, or of a
     response other than the contraction what these miss by.
 
     Parameters

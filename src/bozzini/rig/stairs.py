@@ -80,7 +80,12 @@ class Stairs:
         source="controller 1 kPa and transducer 1.5 kPa, doubled",
     )
     muscle: int = quantity(
-        help="Which muscle of the rig, 1 to 3.", default=1, low=1, high=3, whole=True
+        help="Which muscle of the rig, 1 to 3.",
+        default=1,
+        low=1,
+        high=3,
+        whole=True,
+        option="channel",
     )
     load: float = quantity(
         "force",

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...checks import check_fields, check_integer, quantity
+from ...checks import check_fields, check_integer, quantity, show_value
 from ...errors import InputError
 
 
@@ -58,11 +59,7 @@ class InsertionRankOptions:
     def __post_init__(self) -> None:
         check_fields(self)
         for name in ("modes", "sections"):
-            counts = tuple(
-                check_integer(f"{name}[{index}]", count, low=1, high=100)
-                for index, count in enumerate(getattr(self, name))
-            )
-            object.__setattr__(self, name, counts)
+            object.__setattr__(self, name, _check_counts(name, getattr(self, name), high=100))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +107,18 @@ class RobotSearch:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if not self.sections:
+        counts = sorted(_check_counts("sections", self.sections, high=50))
+        if not counts:
             raise InputError("sections is empty: give at least one number")
-        counts = sorted(check_integer("sections", count, low=1, high=50) for count in self.sections)
         object.__setattr__(self, "sections", tuple(counts))
+
+
+def _check_counts(name: str, counts: object, *, high: int) -> tuple[int, ...]:
+    if not isinstance(counts, Sequence):
+        raise InputError(
+            f"{name} is {show_value(counts)}: it must be whole numbers, such as (4, 6)"
+        )
+    return tuple(
+        check_integer(f"{name}[{index}]", count, low=1, high=high)
+        for index, count in enumerate(counts)
+    )

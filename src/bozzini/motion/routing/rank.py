@@ -52,6 +52,9 @@ SLOPE_WEIGHT = 2.0
 MOST_STEPS = 30
 """Steps of the fit of a pose."""
 
+STRAIGHT_MM = 1e-3
+"""A path within so much of a straight line asks for no routing [mm]."""
+
 SETTLED = 1e-5
 """Change of a sum of squares, as a share, at which a fit ends."""
 
@@ -222,10 +225,17 @@ def insertion_rank(
     Raises
     ------
     InputError
-        If the curve is no curve in space, or more modes are asked for than there are coefficients.
+        If the curve is no curve in space, or more modes are asked for than there are coefficients
+        or poses.
+    GeometryError
+        If the curve turns back at a point, or is straight.
     """
     options = options or InsertionRankOptions()
     target = fit_bend(take_curve(curve))
+    if target.sharpest * target.steps.length**2 < 8.0 * STRAIGHT_MM:
+        raise GeometryError(
+            f"the curve is within {STRAIGHT_MM:g} mm of a straight line: no routing is needed"
+        )
     job = _Insertion(target, options)
     values = np.linalg.svd(job.matrix, compute_uv=False)
     found = InsertionRank(
@@ -235,9 +245,12 @@ def insertion_rank(
         length=target.steps.length,
         ways=(),
     )
-    most = job.basis.shape[1]
+    most = min(job.basis.shape[1], len(job.heads))
     if max(options.modes, default=0) > most:
-        raise InputError(f"modes is {max(options.modes)}: it must lie in [1, {most}] on this path")
+        raise InputError(
+            f"modes is {max(options.modes)}: it must lie in [1, {most}] on this path of "
+            f"{len(job.heads)} poses"
+        )
     ways = []
     total = len(options.modes) + len(options.sections)
     for index, count in enumerate(options.modes):
