@@ -457,6 +457,28 @@ def test_repeats_without_noise_are_no_lack_of_fit():
     assert found.trusted
 
 
+def test_lack_of_fit_goes_by_the_errors_of_the_rows():
+    clean = measure(make("chou"))
+    thrice = clean.select(np.tile(np.arange(40), 3))
+    error = np.where(thrice.pressure > 0.5, 20.0, 0.5)
+    random = np.random.default_rng(0)
+    noisy = thrice.load + error * random.normal(size=120)
+    # A misfit at the exact rows that is lost among the others if all count alike.
+    bent = noisy + np.where(thrice.pressure > 0.5, 0.0, 4.0 * np.sin(thrice.contraction))
+
+    def fit(force, **errors):
+        data = dataclasses.replace(thrice, load=force, errors=errors)
+        options = FitOptions(response="force")
+        found = calibrate(MODELS["chou"], MUSCLE, data=data, free=("braid_angle",), options=options)
+        return [text for text in found.warnings if "does not fit" in text]
+
+    assert not fit(noisy, load=error) and not fit(bent)
+    (said,) = fit(bent, load=error)
+    assert "standard errors, repeats by" in said
+    # Errors that are alike are the test without errors.
+    assert bool(fit(bent, load=2.0)) == bool(fit(bent))
+
+
 @pytest.mark.slow
 def test_bands_hold_what_they_say(tmp_path):
     truth = make("kothera-balance")

@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from .model import MuscleModel
     from .models.card import Parameter
 
+Floats = NDArray[np.float64]
+
 # Which parameters of a muscle can be determined from which data.
 #
 # The rules were found by fits to synthetic data of `EnergyMuscle`, where the truth is known: 20
@@ -115,33 +117,42 @@ def judge_fit(
     return warnings
 
 
-def measure_repeats(task: Task) -> tuple[float, int]:
-    """Return the sum of squares about the means of rows that repeat a state, and the states."""
+def measure_repeats(task: Task, errors: Floats | None = None) -> tuple[float, int]:
+    """Return the sum of squares about the means of rows that repeat a state, and the states.
+
+    With errors (n,) of the rows the means are weighted, and the squares are over those of errors.
+    """
     states, of_row = find_states(task)
-    mean = np.bincount(of_row, task.measured) / np.bincount(of_row)
-    return float(np.sum((task.measured - mean[of_row]) ** 2)), states
+    weights = np.ones(len(of_row)) if errors is None else 1.0 / errors**2
+    mean = np.bincount(of_row, weights * task.measured) / np.bincount(of_row, weights)
+    return float(np.sum(weights * (task.measured - mean[of_row]) ** 2)), states
 
 
-def judge_repeats(task: Task, residuals: NDArray[np.float64], *, parameters: int) -> list[str]:
+def judge_repeats(
+    task: Task, residuals: Floats, *, parameters: int, errors: Floats | None = None
+) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
-    The F-test of lack of fit at 0.1 %: it needs rows that repeat a state.
+    The F-test of lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the
+    rows it is that of residuals over errors.
     """
     from scipy.stats import f as fisher
 
-    pure, states = measure_repeats(task)
-    freedom = len(residuals) - states
-    lack = float(residuals @ residuals) - pure
-    exact = len(residuals) * (_EXACT * task.worst) ** 2
+    pure, states = measure_repeats(task, errors)
+    scale = np.ones(len(residuals)) if errors is None else errors
+    unit = task.unit if errors is None else "standard errors"
+    squares = float(np.sum((residuals / scale) ** 2))
+    freedom, lack = len(residuals) - states, squares - pure
+    exact = float(np.sum((_EXACT * task.worst / scale) ** 2))
     if freedom < 1 or states <= parameters or lack <= exact:
         return []
     limit = float(fisher.ppf(0.999, states - parameters, freedom))
     if lack / (states - parameters) <= limit * pure / freedom:
         return []
-    rest = float(np.sqrt(residuals @ residuals / (len(residuals) - parameters)))
+    rest = float(np.sqrt(squares / (len(residuals) - parameters)))
     return [
-        f"the model does not fit: it is off by {rest:.3g} {task.unit}, repeats by "
-        f"{np.sqrt(pure / freedom):.3g} {task.unit}; the intervals are too sure"
+        f"the model does not fit: it is off by {rest:.3g} {unit}, repeats by "
+        f"{np.sqrt(pure / freedom):.3g} {unit}; the intervals are too sure"
     ]
 
 
@@ -309,8 +320,6 @@ def _move_contact(
 # start about the guess, the first at it. From each, the constants that the force is linear in are
 # found by bounded linear least squares as well.
 
-
-Floats = NDArray[np.float64]
 
 _TRIALS = 16
 _SEARCHES = 8  # how many of the trials are searched from
@@ -1015,7 +1024,7 @@ def conclude(
             *lost,
             *gaps,
             *judge_fit(unknowns, correlations, condition),
-            *judge_repeats(task, residuals, parameters=count),
+            *judge_repeats(task, residuals, parameters=count, errors=errors),
             *judge_size(task, residuals),
         ),
         converged=bool(found.status > 0),
