@@ -421,12 +421,15 @@ def test_bands_of_a_specimen_of_the_fit_are_narrower_than_those_of_another():
         ({"budget": math.nan}, "budget is nan s"),
         ({"budget": -1.0}, "budget is -1 s"),
         ({"seed": 0.5}, "seed is 0.5"),
+        ({"each": "offset"}, "each is 'offset': it must be a sequence of names"),
     ],
 )
 def test_options_of_a_fit_are_checked(wrong, words):
     data = measure(make("kothera-balance"))
     with pytest.raises(InputError, match=words):
         calibrate(MODELS["kothera-balance"], MUSCLE, data=data, options=FitOptions(**wrong))
+    with pytest.raises(InputError, match="free is 'modulus': it must be a sequence"):
+        calibrate(MODELS["kothera-balance"], MUSCLE, data=data, free="modulus")
 
 
 def test_errors_that_are_alike_change_no_criterion():

@@ -419,6 +419,7 @@ def choose_free(
 ) -> tuple[Callable[..., MuscleModel], tuple[str, ...], dict[str, str]]:
     """Return what makes the model, what is free, and what is held and why."""
     build, held = model_class, {}
+    _check_names("free", free)
     known = {item.name for item in list_parameters(model_class)} - set(own)
     if free is None:
         unknowns = choose_unknowns(model_class, task)
@@ -471,6 +472,14 @@ def choose_constants(
     return constants
 
 
+def _check_names(name: str, words: Sequence[str] | None) -> None:
+    """Raise `InputError` for one text in the place of several."""
+    if isinstance(words, str):
+        raise InputError(
+            f"{name} is '{words}': it must be a sequence of names, such as ['{words}']"
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
     """What is fitted, from where and for how long.
@@ -517,6 +526,7 @@ class FitOptions:
 
     def make_task(self, muscle: Muscle, data: Measurements) -> Task:
         """Return what is fitted to what, checked."""
+        _check_names("each", self.each)
         check_integer("seed", self.seed, low=0)
         if check_integer("resamples", self.resamples, low=0) == 1:
             raise InputError("resamples is 1: it must be 2 or more, or 0 for none")
