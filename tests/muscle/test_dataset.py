@@ -96,6 +96,10 @@ GOOD = "pressure [kPa],length [mm],load [N],direction\n100,44,0,up\n"
 BAD = {
     "missing column": ("pressure [kPa],load [N]\n1,2\n", "no column contraction or length"),
     "missing pressure": ("length [mm],load [N]\n1,2\n", "no column pressure"),
+    "one free length twice": (
+        "pressure [kPa],length [mm],length at 620 kPa [mm],length at 0.62 MPa [mm]\n1,2,3,4\n",
+        "are both length at 620 kPa",
+    ),
     "mixed units": (GOOD + "100 psi,43,0,up\n", "row 3: pressure is '100 psi'"),
     "two units": ("pressure_kPa,pressure_psi,length_mm\n1,2,3\n", "are both pressure"),
     "no unit": ("pressure,length [mm]\n1,2\n", "'pressure' has no unit"),

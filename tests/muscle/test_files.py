@@ -14,8 +14,10 @@ from bozzini.muscle import (
     MODELS,
     EndEffects,
     FitSummary,
+    Measurements,
     Muscle,
     MuscleFile,
+    predict,
     preset,
     read_muscle,
     write_muscle,
@@ -28,7 +30,7 @@ FIT = FitSummary(
     names=("modulus", "offset"),
     covariance=((1.0, 0.1), (0.1, 2.0)),
     shared=("modulus",),
-    each=("offset", "kappa1"),
+    each=("offset",),
     specimens={"a": {"length": 83.0, "offset": 0.1, "kappa1": -0.2}, "b": {"length": 132.0}},
     source="data.csv",
     rms=17.5,
@@ -114,6 +116,11 @@ GOOD = "muscle: {length: 83 mm, outer_radius: 5 mm}\n"
         (GOOD.replace("5 mm", "5 mm, inner_radius: 5 mm"), "muscle inner radius is 5 mm"),
         (GOOD + "fit: {response: torque}\n", "fit.response is 'torque': choose one of force"),
         (GOOD + "fit: {response: force, names: [a], covariance: [[1, 2]]}\n", "1 rows of 1 numb"),
+        (GOOD + "fit: {response: force, names: [a]}\n", "1 rows of 1 numbers"),
+        (GOOD + "fit: {response: force, names: [a], covariance: [[-1]]}\n", "variance of a is -1"),
+        (GOOD + "fit: {response: force, each: [a]}\n", "a name in shared or each is 'a'"),
+        (GOOD + "fit: {response: force, rows: -5}\n", "rows is -5"),
+        (GOOD + "fit: {response: force, rms: -1}\n", "rms is -1"),
         ("- a list\n", "it must hold the fields kind, version, muscle"),
     ],
 )
@@ -123,6 +130,21 @@ def test_a_wrong_file_is_one_line(tmp_path, text, said):
     with pytest.raises(FileFormatError, match=said) as caught:
         read_muscle(path)
     assert "m.yaml" in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"names": ("kappa3",)}, "the fit names 'kappa3', which the model chou does not have"),
+        ({"names": ("gap",), "rms": None}, "the fit has no rms"),
+    ],
+)
+def test_a_fit_that_is_not_of_its_model_predicts_nothing(changes, said):
+    whole = {"response": "force", "covariance": ((1.0,),), "rms": 1.0, "rows": 9, **changes}
+    file = MuscleFile(muscle=preset("thesis-45"), model="chou", fit=FitSummary(**whole))
+    states = Measurements(pressure=[0.3], contraction=[1.0])
+    with pytest.raises(InputError, match=said):
+        predict(file, states)
 
 
 def test_nothing_is_written_that_is_no_muscle_file(tmp_path):

@@ -421,12 +421,15 @@ def test_bands_of_a_specimen_of_the_fit_are_narrower_than_those_of_another():
         ({"budget": math.nan}, "budget is nan s"),
         ({"budget": -1.0}, "budget is -1 s"),
         ({"seed": 0.5}, "seed is 0.5"),
+        ({"each": "offset"}, "each is 'offset': it must be a sequence of names"),
     ],
 )
 def test_options_of_a_fit_are_checked(wrong, words):
     data = measure(make("kothera-balance"))
     with pytest.raises(InputError, match=words):
         calibrate(MODELS["kothera-balance"], MUSCLE, data=data, options=FitOptions(**wrong))
+    with pytest.raises(InputError, match="free is 'modulus': it must be a sequence"):
+        calibrate(MODELS["kothera-balance"], MUSCLE, data=data, free="modulus")
 
 
 def test_errors_that_are_alike_change_no_criterion():
@@ -455,6 +458,28 @@ def test_repeats_without_noise_are_no_lack_of_fit():
     twice = clean.select(np.tile(np.arange(40), 2))
     found = calibrate(MODELS["kothera-balance"], MUSCLE, data=twice, free=("modulus",))
     assert found.trusted
+
+
+def test_lack_of_fit_goes_by_the_errors_of_the_rows():
+    clean = measure(make("chou"))
+    thrice = clean.select(np.tile(np.arange(40), 3))
+    error = np.where(thrice.pressure > 0.5, 20.0, 0.5)
+    random = np.random.default_rng(0)
+    noisy = thrice.load + error * random.normal(size=120)
+    # A misfit at the exact rows, small beside the errors of the others.
+    bent = noisy + np.where(thrice.pressure > 0.5, 0.0, 1.5 * np.sin(thrice.contraction))
+
+    def fit(force, **errors):
+        data = dataclasses.replace(thrice, load=force, errors=errors)
+        options = FitOptions(response="force")
+        found = calibrate(MODELS["chou"], MUSCLE, data=data, free=("braid_angle",), options=options)
+        return [text for text in found.warnings if "does not fit" in text]
+
+    assert not fit(noisy, load=error)
+    (said,) = fit(bent, load=error)
+    assert "standard errors, repeats by" in said
+    # Errors that are alike are the test without errors.
+    assert bool(fit(bent, load=2.0)) == bool(fit(bent))
 
 
 @pytest.mark.slow

@@ -8,7 +8,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from ..checks import check_kind, choose, list_quantities, quantity
+from ..checks import (
+    check_integer,
+    check_kind,
+    check_number,
+    check_word,
+    choose,
+    list_quantities,
+    quantity,
+)
 from ..errors import InputError
 from ..io.records import load_record, save_record
 from .design import Muscle
@@ -58,8 +66,15 @@ class FitSummary:
 
     def __post_init__(self) -> None:
         size = len(self.names)
-        if self.covariance and [len(row) for row in self.covariance] != [size] * size:
+        if [len(row) for row in self.covariance] != [size] * size:
             raise InputError(f"the covariance must be {size} rows of {size} numbers, as the names")
+        for name, row, index in zip(self.names, self.covariance, range(size), strict=True):
+            check_number(f"the variance of {name}", row[index], low=0.0)
+        for name in (*self.shared, *self.each):
+            check_word("a name in shared or each", name, self.names)
+        check_integer("rows", self.rows, low=0)
+        if self.rms is not None:
+            check_number("rms", self.rms, low=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)

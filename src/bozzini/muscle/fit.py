@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from .model import MuscleModel
     from .models.card import Parameter
 
+Floats = NDArray[np.float64]
+
 # Which parameters of a muscle can be determined from which data.
 #
 # The rules were found by fits to synthetic data of `EnergyMuscle`, where the truth is known: 20
@@ -116,33 +118,42 @@ def judge_fit(
     return warnings
 
 
-def measure_repeats(task: Task) -> tuple[float, int]:
-    """Return the sum of squares about the means of rows that repeat a state, and the states."""
+def measure_repeats(task: Task, errors: Floats | None = None) -> tuple[float, int]:
+    """Return the sum of squares about the means of rows that repeat a state, and the states.
+
+    With errors (n,) of the rows the means are weighted, and the squares are over those of errors.
+    """
     states, of_row = find_states(task)
-    mean = np.bincount(of_row, task.measured) / np.bincount(of_row)
-    return float(np.sum((task.measured - mean[of_row]) ** 2)), states
+    weights = np.ones(len(of_row)) if errors is None else 1.0 / errors**2
+    mean = np.bincount(of_row, weights * task.measured) / np.bincount(of_row, weights)
+    return float(np.sum(weights * (task.measured - mean[of_row]) ** 2)), states
 
 
-def judge_repeats(task: Task, residuals: NDArray[np.float64], *, parameters: int) -> list[str]:
+def judge_repeats(
+    task: Task, residuals: Floats, *, parameters: int, errors: Floats | None = None
+) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
-    The F-test of lack of fit at 0.1 %: it needs rows that repeat a state.
+    The F-test of lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the
+    rows it is that of residuals over errors.
     """
     from scipy.stats import f as fisher
 
-    pure, states = measure_repeats(task)
-    freedom = len(residuals) - states
-    lack = float(residuals @ residuals) - pure
-    exact = len(residuals) * (_EXACT * task.worst) ** 2
+    pure, states = measure_repeats(task, errors)
+    scale = np.ones(len(residuals)) if errors is None else errors
+    unit = task.unit if errors is None else "standard errors"
+    squares = float(np.sum((residuals / scale) ** 2))
+    freedom, lack = len(residuals) - states, squares - pure
+    exact = float(np.sum((_EXACT * task.worst / scale) ** 2))
     if freedom < 1 or states <= parameters or lack <= exact:
         return []
     limit = float(fisher.ppf(0.999, states - parameters, freedom))
     if lack / (states - parameters) <= limit * pure / freedom:
         return []
-    rest = float(np.sqrt(residuals @ residuals / (len(residuals) - parameters)))
+    rest = float(np.sqrt(squares / (len(residuals) - parameters)))
     return [
-        f"the model does not fit: it is off by {rest:.3g} {task.unit}, repeats by "
-        f"{np.sqrt(pure / freedom):.3g} {task.unit}; the intervals are too sure"
+        f"the model does not fit: it is off by {rest:.3g} {unit}, repeats by "
+        f"{np.sqrt(pure / freedom):.3g} {unit}; the intervals are too sure"
     ]
 
 
@@ -313,8 +324,6 @@ def _move_contact(
 # bounded linear least squares as well.
 
 
-Floats = NDArray[np.float64]
-
 _TRIALS = 16
 _SPREAD = 4, 6  # trials with fields anywhere between their bounds: 2^4 by 2 for each, at most 2^6
 _SPREAD_KEPT = 4  # how many of these trials are searched from
@@ -451,6 +460,7 @@ def choose_free(
 ) -> tuple[Callable[..., MuscleModel], tuple[str, ...], dict[str, str]]:
     """Return what makes the model, what is free, and what is held and why."""
     build, held = model_class, {}
+    _check_names("free", free)
     known = {item.name for item in list_parameters(model_class)} - set(own)
     if free is None:
         unknowns = choose_unknowns(model_class, task)
@@ -503,6 +513,14 @@ def choose_constants(
     return constants
 
 
+def _check_names(name: str, words: Sequence[str] | None) -> None:
+    """Raise `InputError` for one text in the place of several."""
+    if isinstance(words, str):
+        raise InputError(
+            f"{name} is '{words}': it must be a sequence of names, such as ['{words}']"
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class FitOptions:
     """What is fitted, from where and for how long.
@@ -549,6 +567,7 @@ class FitOptions:
 
     def make_task(self, muscle: Muscle, data: Measurements) -> Task:
         """Return what is fitted to what, checked."""
+        _check_names("each", self.each)
         check_integer("seed", self.seed, low=0)
         if check_integer("resamples", self.resamples, low=0) == 1:
             raise InputError("resamples is 1: it must be 2 or more, or 0 for none")
@@ -690,6 +709,7 @@ class Calibration(Result):
             share[names.index(label.partition("[")[0]), column] = 1.0
         share /= share.sum(axis=1, keepdims=True)
         covariance = share @ self.covariance @ share.T
+        np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))  # of round-off
         specimens: dict[str, dict[str, float]] = {}
         for name in self.task.data.list_specimens() if len(self.models) > 1 else ():
             row = int(np.argmax(self.task.data.specimen == name))
@@ -1055,7 +1075,7 @@ def conclude(
             *lost,
             *gaps,
             *judge_fit(unknowns, correlations, condition),
-            *judge_repeats(task, residuals, parameters=count),
+            *judge_repeats(task, residuals, parameters=count, errors=errors),
             *judge_size(task, residuals),
         ),
         converged=bool(found.status > 0),

@@ -161,6 +161,8 @@ def predict(
     fit = fitted.fit
     if fit is None:
         raise InputError("the muscle file holds no fit: write one by 'bozzini muscle fit --out'")
+    if fit.rms is None:
+        raise InputError("the fit has no rms: without it there is no band of readings")
     check_number("level", level, low=0.0, high=1.0, low_open=True, unit="")
     from scipy.stats import t as student
 
@@ -204,7 +206,6 @@ def predict(
             )
             covariance = _find_covariance(fit, part.specimen)
             variance[part.rows[good]] = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
-    sigma = 0.0 if fit.rms is None else fit.rms
     fitted_count = len(fit.names) + len(fit.each) * max(len(fit.specimens) - 1, 0)
     freedom = max(fit.rows - fitted_count, 1)
     factor = float(student.ppf(0.5 + 0.5 * level, freedom))
@@ -214,7 +215,7 @@ def predict(
         predicted=np.where(held, predicted, 0.0),
         answered=held,
         confidence=factor * np.sqrt(variance),
-        prediction=factor * np.sqrt(variance + sigma**2),
+        prediction=factor * np.sqrt(variance + fit.rms**2),
         level=level,
     )
 
@@ -276,5 +277,10 @@ def _read_values(model: MuscleModel, names: tuple[str, ...]) -> dict[str, float]
             found[name] = float(getattr(inner.muscle, name))
         else:
             keywords = getattr(inner, "keywords", {})
-            found[name] = float(keywords[name] if name in keywords else getattr(inner, name))
+            value = keywords[name] if name in keywords else getattr(inner, name, None)
+            if not isinstance(value, (int, float)):
+                raise InputError(
+                    f"the fit names '{name}', which the model {inner.name} does not have"
+                )
+            found[name] = float(value)
     return found

@@ -482,8 +482,13 @@ def _find_columns(
         name, shown = _find_name(word), title.strip()
         at = parse_free_length(title)
         if at is not None:
+            name = name_free_length(at)
+            if name in columns:
+                raise FileFormatError(
+                    f"columns '{columns[name].title}' and '{shown}' are both {name}"
+                )
             factor = _find_factor(shown, "length", unit or "mm", is_load=False)
-            columns[name_free_length(at)] = _Column(place, shown, factor)
+            columns[name] = _Column(place, shown, factor)
             continue
         if name not in KINDS and name not in WORDS:
             notes += _refuse_slip(shown, word, unit)

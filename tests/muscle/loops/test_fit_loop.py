@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -291,6 +293,8 @@ def test_refused(measured):
     record, _, _ = measured
     with pytest.raises(InputError, match="there is no operator 'springs'"):
         fit_loop(record, "springs")
+    with pytest.raises(InputError, match="contraction is 3 all along: it must change"):
+        fit_loop(dataclasses.replace(record, response=np.full(len(record.time), 3.0)))
     with pytest.raises(InputError, match="drift is 'cubic'"):
         LoopFitOptions(drift="cubic")
     with pytest.raises(InputError, match="hold out is 1"):

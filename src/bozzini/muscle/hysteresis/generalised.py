@@ -201,7 +201,7 @@ class GeneralisedPrandtlIshlinskii(InvertibleOperator):
         plays = trace_symmetric_plays(loops.inputs, rungs)
         first = loops.fit(plays, names=[""] * len(rungs), judge=False)
         virgin = np.maximum(top - rungs, 0.0)
-        weights = np.maximum(first.values, 1e-3 * max(*first.values, 1e-12))
+        weights = np.maximum(first.values, _LEAST_WEIGHT * max(*first.values, 1e-12))
         scale = float(virgin @ weights) / top
         weights = weights / scale
         inner = plays @ weights
@@ -269,7 +269,7 @@ class _Search:
         begin = np.concatenate([weights, np.maximum(curve.values, 1.001 * least), curve.free])
         low = np.concatenate(
             [
-                [1e-3],
+                [_LEAST_WEIGHT],
                 np.zeros(count - 1),
                 np.full(last - count, least),
                 np.full(free.shape[1], -np.inf),

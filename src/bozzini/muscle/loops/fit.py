@@ -213,11 +213,14 @@ def fit_loop(
     Raises
     ------
     InputError
-        If there is no such operator, too little is left to fit, or the static model has no answer
+        If there is no such operator, the response is constant, too little is left to fit, or the
+        static model has no answer
         or does not increase with pressure.
     """
     options = LoopFitOptions() if options is None else options
     kind = choose("operator", operator, OPERATORS)
+    if not np.ptp(record.response) > 0.0:
+        raise InputError(f"{record.kind} is {record.response[0]:g} all along: it must change")
     samples = record.resample(options.samples)
     time = samples.time - record.time[0]
     whole = float(record.time[-1] - record.time[0])

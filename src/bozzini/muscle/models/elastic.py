@@ -431,6 +431,7 @@ class Ogden(HyperelasticModel):
     stiffens.
     """
 
+    extensile = True
     card = Card(
         name="ogden",
         title="Ogden energy of one term",
