@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import check_array, check_integer, check_number, check_word, show_value
-from ..errors import BozziniError, InputError
+from ..errors import BozziniError, InputError, PluginError
 from ..progress import Progress, no_progress
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
@@ -831,8 +831,13 @@ def rank(
         raise InputError(
             f"folds is {options.folds}: to rank by the rows left out it must be 2 or more"
         )
-    entries = []
-    for name, found in _fit_all(names, kinds, task, options, folds, progress):
+    entries, sound = [], {}
+    for name in names:
+        try:
+            sound[name] = kinds[name]
+        except PluginError as error:
+            refused[name] = str(error)
+    for name, found in _fit_all(sound, task, options, folds, progress):
         if isinstance(found, RankedModel):
             entries.append(found)
         else:
@@ -852,7 +857,6 @@ def rank(
 
 
 def _fit_all(
-    names: list[str],
     kinds: Mapping[str, Callable[..., MuscleModel]],
     task: Task,
     options: RankOptions,
@@ -860,10 +864,10 @@ def _fit_all(
     progress: Progress,
 ) -> Iterator[tuple[str, RankedModel | str]]:
     """Yield each model as fitted, or why it is not; in processes if there are to be several."""
-    alone = list(names)
+    alone = list(kinds)
     if options.jobs > 1:
-        alone = [name for name in names if not _is_portable(kinds[name])]
-        apart = [name for name in names if name not in alone]
+        alone = [name for name in kinds if not _is_portable(kinds[name])]
+        apart = [name for name in kinds if name not in alone]
         # A forked process would inherit the locks of the threads of compiled loops.
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
@@ -872,7 +876,7 @@ def _fit_all(
                 for name in apart
             }
             for count, future in enumerate(as_completed(todo)):
-                progress(f"fitted {todo[future]}", count / len(names))
+                progress(f"fitted {todo[future]}", count / len(kinds))
                 try:
                     yield todo[future], future.result()
                 except BrokenProcessPool:
@@ -881,8 +885,8 @@ def _fit_all(
                         "or a script calls rank outside of \"if __name__ == '__main__':\"; with 1 "
                         "job there are no processes"
                     ) from None
-    for index, name in enumerate(alone, start=len(names) - len(alone)):
-        progress(f"fitting {name}", index / len(names))
+    for index, name in enumerate(alone, start=len(kinds) - len(alone)):
+        progress(f"fitting {name}", index / len(kinds))
         yield name, _try_model(name, kinds[name], task, options, folds)
 
 
