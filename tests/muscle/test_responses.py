@@ -23,7 +23,9 @@ from bozzini.muscle import (
     find_offset,
     predict,
     rank,
+    read_measurements,
     read_muscle,
+    write_measurements,
     write_muscle,
 )
 from bozzini.muscle.problem import Clock, Problem, Task
@@ -149,6 +151,25 @@ def test_a_muscle_that_gets_longer_is_tried_under_a_push():
     contraction, held = model.try_contraction(0.3, load)
     assert held.all()
     assert contraction == pytest.approx(model.contraction(0.3, load))
+
+
+@pytest.mark.parametrize("response", ["force", "contraction"])
+def test_muscles_that_only_push_are_read_and_ranked(response, tmp_path):
+    muscle = MUSCLE.replace(braid_angle=math.radians(68.0))
+    truth = MODELS["ogden"](muscle)
+    pressure, contraction = np.tile(np.linspace(0.05, 0.3, 8), 3), np.repeat([0.0, -2.0, -4.0], 8)
+    load = truth.force(pressure, contraction)
+    assert load.max() < 0.0
+    data = Measurements(pressure=pressure, contraction=contraction, load=load)
+    path = write_measurements(tmp_path / "push.csv", data)
+    with pytest.raises(InputError, match="turn the sign"):
+        read_measurements(path, muscle=MUSCLE)
+    data = read_measurements(path, muscle=muscle)
+    models = ("gaylord-1", "ogden")
+    options = RankOptions(fields=("modulus",), folds=0, fit=FitOptions(response=response))
+    best = rank(data, muscle.replace(modulus=1.5), models=models, options=options).models[0]
+    assert best.name == "ogden"
+    assert best.calibration.estimates["modulus"] == pytest.approx(1.0, rel=1e-6)
 
 
 def test_end_effects_of_none_are_none():
