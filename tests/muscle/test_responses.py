@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from bozzini.errors import InputError
 from bozzini.muscle import (
@@ -444,6 +445,14 @@ def test_bands_of_a_specimen_of_the_fit_are_narrower_than_those_of_another():
     other = found.predict(dataclasses.replace(parts[2], specimen="d"))
     assert known.residual < 1.2 and known.covered > 0.85
     assert np.all(known.confidence < other.confidence / 5.0)
+    # Three specimens give what they have of their own two degrees of freedom, not that of all rows.
+    wide, narrow = (
+        found.predict(dataclasses.replace(parts[2], specimen=name), level=0.99).confidence
+        / found.predict(dataclasses.replace(parts[2], specimen=name), level=0.5).confidence
+        for name in ("d", "c")
+    )
+    assert wide == pytest.approx(student.ppf(0.995, 2) / student.ppf(0.75, 2), rel=0.05)
+    assert narrow == pytest.approx(student.ppf(0.995, 116) / student.ppf(0.75, 116), rel=1e-6)
     # Not below the band of its own offset alone.
     stiff = found.models["c"].stiffness(parts[2].pressure, parts[2].contraction)
     assert np.mean(known.confidence) > np.mean(stiff) * found.standard_errors["offset[c]"]
