@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
@@ -205,6 +205,7 @@ def test_slack_shape_scales_with_the_command(size: float) -> None:
     assert np.allclose(other.bends, size * one.bends, rtol=1e-9, atol=1e-12 * size)
 
 
+@settings(max_examples=15)
 @given(robot=antagonistic_robots(), seed=st.integers(0, 1000))
 def test_tendons_that_follow_are_where_least_energy_has_them(
     robot: ContinuumRobot, seed: int

@@ -21,7 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..checks import check_array, check_number, take_named
 from ..errors import GeometryError, InputError
 from .checks import Floats
-from .model import BendMeasure, ContinuumModel, check_limits, write_reasons
+from .model import (
+    BendMeasure,
+    ContinuumModel,
+    advise_contradiction,
+    check_limits,
+    write_reasons,
+)
 from .profile import ROUND_OFF_MM
 from .robot import RobotDesign, check_robot
 from .shape import Shape
@@ -340,7 +346,8 @@ class Coupling:
         if amount > 0.0:
             return (
                 f"tendon '{names[worst]}' is pulled {amount:.4g} mm more than the nearest shape "
-                "gives way: it would have to stretch (let out those on the other side)"
+                "gives way: it would have to stretch (let out those on the other side; "
+                f"{advise_contradiction(self.tolerance)}, in the energy or rod model)"
             )
         return (
             f"rod '{names[worst]}' is pushed {-amount:.4g} mm more than the nearest shape gives "

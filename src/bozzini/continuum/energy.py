@@ -19,6 +19,7 @@ from .kernels.energy import ARC, CHANNEL, CHORD, CONVERGED, FOLDED, measure_leng
 from .model import (
     BendMeasure,
     ContinuumModel,
+    advise_contradiction,
     check_limits,
     check_numbers,
     choose_stiffness,
@@ -485,7 +486,7 @@ class EnergyModel(ContinuumModel):
         against = f" against {', '.join(others[:3])}" if others else ""
         return followed + (
             f"tendon '{names[worst]}' would have to stretch by {stretches[worst]:.3g} mm{against}; "
-            "pull less, or let out those on the other side"
+            f"pull less, or let out those on the other side; {advise_contradiction(self.tolerance)}"
         )
 
     def _measure_stretches(self, command: Floats) -> Floats:

@@ -393,6 +393,14 @@ def check_numbers(
     return converged & ~bad, np.where(bad, write_reasons(reason.shape, reasons), reason)
 
 
+def advise_contradiction(tolerance: float) -> str:
+    """Return what helps where measured displacements contradict each other."""
+    return (
+        f"if they were measured, raise the tolerance of {tolerance:g} mm or give the tendons their "
+        "stiffness"
+    )
+
+
 def explain_contrast(robot: RobotDesign) -> str:
     """Return what to add to a reason where stiffnesses differ too much; else nothing."""
     ratio = robot.section_stiffness.max() / robot.section_stiffness.min()
