@@ -68,7 +68,7 @@ class BendSolution:
 
 
 def check_displacements(
-    robot: RobotDesign, displacements: ArrayLike, *, follows: bool = False
+    robot: RobotDesign, displacements: ArrayLike, *, may_follow: bool = False
 ) -> Floats:
     """Return displacements as an array of shape (..., t) [mm]; see `ContinuumRobot.forward`.
 
@@ -78,7 +78,7 @@ def check_displacements(
         The robot.
     displacements : array_like, shape (..., t), or mapping
         Displacements [mm].
-    follows : bool
+    may_follow : bool
         Whether they may be NaN, for tendons that follow; those that a mapping leaves out do then,
         otherwise they are held at 0.
 
@@ -92,14 +92,14 @@ def check_displacements(
     array = (
         check_array("displacements", displacements)
         if named is None
-        else robot.order_displacements(named, missing=math.nan if follows else 0.0)
+        else robot.order_displacements(named, missing=math.nan if may_follow else 0.0)
     )
     if array.ndim == 0 or array.shape[-1] != count:
         raise InputError(
             f"displacements has shape {array.shape}: it must be (..., {count}), one for each of "
             f"the tendons {list(robot.tendon_names)}"
         )
-    wrong = np.isinf(array) if follows else ~np.isfinite(array)
+    wrong = np.isinf(array) if may_follow else ~np.isfinite(array)
     if wrong.any():
         place = np.argwhere(wrong)[0]
         name = robot.tendon_names[place[-1]]
@@ -385,7 +385,7 @@ class ParallelModel(ContinuumModel):
         InputError
             If there is not one finite displacement for each tendon.
         """
-        found = self.coupling.solve(check_displacements(self.robot, displacements, follows=True))
+        found = self.coupling.solve(check_displacements(self.robot, displacements, may_follow=True))
         measure = BendMeasure(bends=np.hypot(found.bends[..., 0], found.bends[..., 1]))
         verdict = (found.converged, found.reason)
         converged, reason = check_limits(self.robot, found.displacements, measure, verdict)
