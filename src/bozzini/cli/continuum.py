@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         ContinuumModel,
         ContinuumRobot,
         ContinuumWorkspace,
+        InverseOptions,
         LineLoad,
         PointLoad,
         Shape,
@@ -124,7 +125,9 @@ def _make_option(name: str) -> Callable[[Command], Command]:
 model_options = gather("given", dict, *map(_make_option, OPTIONS))
 
 
-def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
+def read_robot(
+    path: Path, *, arcs_for: str = "", others: str = "only pose and compare take others"
+) -> ContinuumRobot:
     """Return the robot in a YAML file; `arcs_for` is a command that takes parallel tendons only."""
     from ..continuum import ContinuumRobot
     from ..continuum.coupling import find_crooked
@@ -134,7 +137,7 @@ def read_robot(path: Path, *, arcs_for: str = "") -> ContinuumRobot:
     if crooked:
         raise GeometryError(
             f"{crooked}: {arcs_for} takes sections that bend in arcs, by tendons parallel to the "
-            "backbone; only pose and compare take others"
+            f"backbone; {others}"
         )
     return robot
 
@@ -528,9 +531,18 @@ def _find_pose(model: ContinuumModel, displacements: Floats, before: list[Floats
     metavar="X,Y,Z",
     help="Where it shall look, of any length.",
 )
-@click.option("--starts", default=16, show_default=True, help="Starts that may be tried.")
+@option(
+    "--model model_name NAME",
+    "arc, for parallel tendons; or energy or rod, for any: then the least tensions are found, under "
+    "loads and weight.",
+    ("arc", "energy", "rod"),
+    default="arc",
+)
+@option("--load NAME=VALUE,...", "A load on the body, see pose; can be repeated.", multiple=True)
+@model_options
+@click.option("--starts", type=int, help="Starts that may be tried (default: 16, 8 with tensions).")
 @click.option(
-    "--smallest-bends", is_flag=True, help="Use the freedom that is left for small bends."
+    "--smallest-bends", is_flag=True, help="arc: use the freedom that is left for small bends."
 )
 @answer_options(
     ".csv", *PICTURES, quiet=False, help="A picture, or the displacements as a table (.csv)."
@@ -539,22 +551,34 @@ def reach_command(
     robot_file: Path,
     target: tuple[float, ...],
     direction: tuple[float, ...] | None,
-    starts: int,
+    model_name: str,
+    load: tuple[str, ...],
+    given: Mapping[str, Any],
+    starts: int | None,
     smallest_bends: bool,
     answer: Answer,
 ) -> None:
     """Find the tendon displacements that bring the tip to a place.
 
-    The sections are arcs; the tendons have to be parallel to the backbone.
+    By default the sections are arcs; then the tendons have to be parallel to the backbone.
 
     Exit code 0: reached; 1: not reached, the nearest that was found and the reason are reported; 2:
     bad input.
     """
     from ..plot.continuum import draw_shape
 
-    robot = read_robot(robot_file, arcs_for="reach")
-    found = robot.inverse(target, direction=direction, starts=starts, smallest_bends=smallest_bends)
-    needed = None if found.converged else _find_needed_length(robot, target)
+    arcs = model_name == "arc"
+    others = "give --model energy or --model rod"
+    robot = read_robot(robot_file, arcs_for="reach" if arcs else "", others=others)
+    given = {**given, "loads": tuple(map(parse_load, load)) or None}
+    model = make_model(model_name, robot, given, pulled=True)
+    if smallest_bends and not arcs:
+        raise InputError(f"--smallest-bends is not for the {model_name} model: it is for arc")
+    options: InverseOptions = {} if starts is None else {"starts": starts}
+    if arcs:
+        options["smallest_bends"] = smallest_bends
+    found = robot.inverse(target, direction=direction, model=model, **options)
+    needed = _find_needed_length(robot, target) if arcs and not found.converged else None
     result = found.to_dict()
     result |= {
         "success": found.converged,
@@ -594,11 +618,16 @@ def _format_reach(found: ContinuumInverse, reason: str) -> str:
     if not found.converged:
         head = f"not reached: {reason}\nnearest: tip at {place} mm"
     moved = [[name, f"{value:z.4f}"] for name, value in result["displacements_mm"].items()]
+    titles = ["tendon", "displacement [mm]"]
+    if "tensions_N" in result:
+        titles.append("tension [N]")
+        for row, pull in zip(moved, result["tensions_N"].values(), strict=True):
+            row.append(f"{pull:z.4f}")
     return "\n".join(
         [
             head,
-            format_bends(found.robot, result["sections"]),
-            format_rows(["tendon", "displacement [mm]"], moved),
+            *([format_bends(found.robot, result["sections"])] if result["sections"] else []),
+            format_rows(titles, moved),
             *([f"limit: {line}" for line in found.at_limits] if found.converged else []),
         ]
     )
