@@ -533,8 +533,8 @@ def _find_pose(model: ContinuumModel, displacements: Floats, before: list[Floats
 )
 @option(
     "--model model_name NAME",
-    "arc, for parallel tendons; or energy or rod, for any: then the least tensions are found, under "
-    "loads and weight.",
+    "arc, for parallel tendons; or energy or rod, for any: then the least tensions are found, "
+    "under loads and weight.",
     ("arc", "energy", "rod"),
     default="arc",
 )
