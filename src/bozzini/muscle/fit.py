@@ -134,7 +134,7 @@ def judge_repeats(
 ) -> list[str]:
     """Return a warning if a fit misses the data by more than the data miss each other.
 
-    The F-test of lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the
+    There is one, too, if the data have no more states than the fit has parameters. The F-test of lack of fit at 0.1 %: it needs rows that repeat a state. With errors (n,) of the
     rows it is that of residuals over errors.
     """
     from scipy.stats import f as fisher
@@ -144,8 +144,13 @@ def judge_repeats(
     unit = task.unit if errors is None else "standard errors"
     squares = float(np.sum((residuals / scale) ** 2))
     freedom, lack = len(residuals) - states, squares - pure
+    if states <= parameters:
+        return [
+            f"the rows are of {states} state(s) for {parameters} parameter(s): they cannot show "
+            "whether the model fits"
+        ]
     exact = float(np.sum((_EXACT * task.worst / scale) ** 2))
-    if freedom < 1 or states <= parameters or lack <= exact:
+    if freedom < 1 or lack <= exact:
         return []
     limit = float(fisher.ppf(0.999, states - parameters, freedom))
     if lack / (states - parameters) <= limit * pure / freedom:
