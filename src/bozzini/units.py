@@ -33,6 +33,8 @@ INTERNAL_UNITS = {
     "line force": "N/mm",
     "moment": "N mm",
     "rigidity": "N mm^2",
+    "curvature": "rad/mm",
+    "density": "kg/m^3",
     "angle in turns": "turn",
     "voltage": "V",
     "frequency": "Hz",
@@ -61,13 +63,15 @@ _EXAMPLES = {
     "line force": "0.001N/mm, 1N/m",
     "moment": "5Nmm, 0.02 N m",
     "rigidity": "200Nmm^2, 2e-4 N m^2",
+    "curvature": "0.01 1/mm, 0.5 deg/mm",
+    "density": "1318 kg/m^3, 7.9 g/cm^3",
     "angle in turns": "0.5, 180deg",
     "voltage": "0.5V, 500mV",
     "dimensionless": "0.5",
 }
 # One number, then at most one unit. The number is not left to pint, which reads 5,0mm as 50 mm.
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*([^\s0-9.,][^,]*)?")
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*((?:(?<=\s)1\s*/\s*)?[^\s0-9.,][^,]*)?")
 
 # Pint has no Nmm and no mm2, and would not guess.
 _NEWTON_TIMES = re.compile(r"N[·⋅*\s]*(?=(?:[mck]?m)(?![A-Za-z]))")

@@ -18,12 +18,14 @@ from .inverse import (
 )
 from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
+from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .shape import Shape
+from .wire import Wire
 from .workspace import (
     ContinuumWorkspace,
     Dexterity,
@@ -52,9 +54,12 @@ __all__ = [
     "FrictionState",
     "Helix",
     "InverseOptions",
+    "LineLoad",
     "LinkageModel",
     "Manipulability",
+    "PackedLoads",
     "ParallelModel",
+    "PointLoad",
     "RobotDesign",
     "RodModel",
     "Section",
@@ -63,6 +68,7 @@ __all__ = [
     "TendonHistory",
     "Tendon",
     "TendonTravel",
+    "Wire",
     "WorkspaceSample",
     "WorkspaceVolume",
     "arc_frames",
@@ -74,6 +80,7 @@ __all__ = [
     "manipulability",
     "measure_dexterity",
     "measure_workspace",
+    "pack_loads",
     "sample_workspace",
     "solve_curve",
     "solve_pose",

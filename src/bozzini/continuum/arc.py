@@ -17,8 +17,8 @@ from ..errors import InputError
 from .checks import Floats
 from .coupling import ParallelModel, coupling_matrix
 from .kernels.arc import fill_arc_frames, fill_tip_jacobians
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
-from .section import ROUND_OFF_MM
 from .shape import Shape
 
 

@@ -21,8 +21,8 @@ from ..checks import check_array, check_number, take_named
 from ..errors import GeometryError, InputError
 from .checks import Floats
 from .model import BendMeasure, ContinuumModel, check_limits, write_reasons
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign, check_robot
-from .section import ROUND_OFF_MM
 from .shape import Shape
 
 RANK_RATIO = 1e-9

@@ -16,9 +16,17 @@ from .checks import Floats
 from .coupling import check_displacements
 from .kernels import energy as kernels
 from .kernels.energy import ARC, CHANNEL, CHORD, CONVERGED, FOLDED, measure_lengths, solve_commands
-from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
+from .model import (
+    BendMeasure,
+    ContinuumModel,
+    check_limits,
+    check_numbers,
+    choose_stiffness,
+    explain_contrast,
+)
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
-from .section import LEAST_LEVER, ROUND_OFF_MM
+from .section import LEAST_LEVER
 from .shape import Shape
 
 # A robot cut into segments, as the energy model's kernels take it.
@@ -135,7 +143,8 @@ class Grid:
     @cached_property
     def stiffness(self) -> Floats:
         """Moment by turn of each segment about x, y and z [N mm], shape (n, 3)."""
-        return self.robot.section_stiffness[self.sections] / self.spans[:, None]
+        middles = 0.5 * (self.arc_length[1:] + self.arc_length[:-1])
+        return self.robot.stiffness_at(middles)[:, 3:] / self.spans[:, None]
 
     def place_frames(self, turns: Floats) -> Floats:
         """Frames at the stations, for turns (b, n, 3) of the segments, (b, n + 1, 4, 4)."""
@@ -312,8 +321,8 @@ class EnergyModel(ContinuumModel):
     segment : {"chord", "arc", "channel"}
         What a segment is, see above.
     tendon_stiffness : float
-        EA of every tendon [N]; infinite unless given. With it, tendons that would contradict each
-        other stretch instead.
+        EA of the tendons that have none of their own [N]; infinite unless given. With it, tendons
+        that would contradict each other stretch instead.
     tolerance : float
         Displacement by which a command may miss being consistent [mm], in (0, 1].
 
@@ -343,7 +352,7 @@ class EnergyModel(ContinuumModel):
     )
     tendon_stiffness: float = quantity(
         "force",
-        "EA of every tendon (default: they do not stretch).",
+        "EA of tendons without one of their own (default: they do not stretch).",
         low=0.0,
         low_open=True,
         default=math.inf,
@@ -351,6 +360,7 @@ class EnergyModel(ContinuumModel):
     )
 
     name = "energy"
+    heeds = frozenset({"stiffness of tendons", "tension limits"})
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -413,7 +423,7 @@ class EnergyModel(ContinuumModel):
 
     @cached_property
     def _compliances(self) -> Floats:
-        return self.natural_lengths / self.tendon_stiffness
+        return self.natural_lengths / choose_stiffness(self.robot, self.tendon_stiffness)
 
     def _solve(self, commands: Floats, *, compliances: Floats | None = None) -> Answers:
         found = Answers.make(len(commands), len(self._grid.spans), len(self.robot.pushes))

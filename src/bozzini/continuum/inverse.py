@@ -33,8 +33,8 @@ from .checks import (
 )
 from .coupling import BendLimits, find_limits
 from .kernels.inverse import REACHED, SETTLED, improve, move_inside, rank_starts, search
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
-from .section import ROUND_OFF_MM
 from .shape import Shape, describe_bends
 
 if TYPE_CHECKING:

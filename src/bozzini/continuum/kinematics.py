@@ -32,7 +32,7 @@ LOADS = ("tip_force", "tip_moment", "distributed_force")
 
 @dataclass(frozen=True)
 class ContinuumRobot(RobotDesign):
-    """A robot of sections in series, base first, straight along +z at rest.
+    """A robot of sections in series, base first; see `RobotDesign` for its base and its rest.
 
     Parameters
     ----------
@@ -40,11 +40,17 @@ class ContinuumRobot(RobotDesign):
         At least one, from base to tip.
     name : str
         Name of the robot.
+    base_position : (x, y, z)
+        Where the base stands in the world [mm].
+    base_rotation : (x, y, z) or (3, 3) array_like
+        How the base is turned in the world: a rotation vector [rad], or a matrix whose columns
+        are the base's axes; kept as a vector.
 
     Raises
     ------
     InputError
-        If names are used twice, or a tendon does not end in its section or leaves the body.
+        If names are used twice, a tendon does not end in its section or leaves the body, or the
+        base's pose is none.
     """
 
     def forward(

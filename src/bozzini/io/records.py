@@ -332,17 +332,24 @@ def _converter() -> Converter:
         return tuple(items)
 
     def read_union(data: object, kind: object) -> object:
-        """Choose by what the data is: nothing, a mapping, a list, or a plain value."""
+        """Choose by what the data is: nothing, a mapping, a list (of lists), or a plain value."""
         if data is None and type(None) in get_args(kind):
             return None
         listed, mapped = isinstance(data, (list, tuple)), isinstance(data, Mapping)
         members = [member for member in get_args(kind) if member is not type(None)]
         if type(data) in members:
             return converter.structure(data, type(data))
-        for member in members:
-            is_list, is_record = get_origin(member) is tuple, dataclasses.is_dataclass(member)
-            if listed == is_list and mapped == is_record:
-                return converter.structure(data, member)
+        fitting = [
+            member
+            for member in members
+            if listed == (get_origin(member) is tuple)
+            and mapped == dataclasses.is_dataclass(member)
+        ]
+        if listed and len(fitting) > 1:
+            nested = bool(data) and isinstance(data[0], (list, tuple))  # type: ignore[index]
+            fitting.sort(key=lambda kind: (get_origin(get_args(kind)[0]) is tuple) != nested)
+        if fitting:
+            return converter.structure(data, fitting[0])
         return converter.structure(data, members[0])
 
     simple: tuple[tuple[type, _Reader], ...] = (
@@ -381,11 +388,13 @@ def _make_reader(record: Any, converter: Converter) -> _Reader:
     ]
 
     def read_field(kind: Any, optional: bool) -> _Reader:
+        numbers = any(map(_is_quantity, (kind, *get_args(kind))))
+
         def read(data: object, _: object) -> object:
             try:
                 return converter.structure(data, kind)
             except InputError as error:
-                if optional and _is_quantity(kind) and str(error).startswith(" "):
+                if optional and numbers and str(error).startswith(" "):
                     raise type(error)(f"{error}, or leave it out") from None
                 raise
 
@@ -395,7 +404,7 @@ def _make_reader(record: Any, converter: Converter) -> _Reader:
         name: override(
             struct_hook=read_field(
                 _annotate(kinds[name], known[name]) if name in known else kinds[name],
-                name not in needed,
+                name not in needed and fields[name].default is not None,
             )
         )
         for name in fields
