@@ -377,6 +377,12 @@ class RobotFit(Result):
         error = self.rms if self.validation is None else self.validation.rms
         return not error <= POOR_SHARE * self.data.span
 
+    @property
+    def has_zeros(self) -> bool:
+        """Whether something was found that is no field of a robot."""
+        setup = self.setup
+        return any(setup.zeros) or setup.scale != 1.0 or setup.backlash > 0.0
+
     def predict(self, data: RobotMeasurements) -> RobotPrediction:
         """Return what the fitted robot predicts of other measurements.
 
@@ -791,7 +797,8 @@ def _try_smaller(
             for name, members in families.items()
         ]
         error, name = min(trials)
-        kept = [i for i in kept if i not in families.pop(name)]
+        left = families.pop(name)
+        kept = [i for i in kept if i not in left]
         if error < least * (1.0 + 1e-3):
             best, least = kept, min(error, least)
     if len(best) == len(search.unknowns):

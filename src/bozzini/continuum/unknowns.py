@@ -113,7 +113,7 @@ class Setup:
 
 
 def play(commands: Floats, width: float) -> Floats:
-    """Return what follows commands (n, t) with play of plus and minus `width`, from the first on."""
+    """Return what follows commands (n, t), from the first on, with a play of `width` each way."""
     followed = np.empty_like(commands)
     at = commands[0]
     for row, value in enumerate(commands):
