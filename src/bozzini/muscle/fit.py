@@ -989,8 +989,16 @@ def conclude(
     known_by = determine(jacobian)
     correlations, condition = known_by.correlations, known_by.condition
     covariance = squares / freedom * known_by.inverse
-    if options.resamples:
-        covariance = _resample(problem, found.x, options)
+    short: list[str] = []
+    drawn = _resample(problem, found.x, options) if options.resamples else []
+    enough = len(drawn) > min(count, options.resamples - 1)
+    if len(drawn) < options.resamples:
+        short = [
+            f"the time of the fit is used up after {len(drawn)} of {options.resamples} resamples"
+            + ("" if enough else ": the errors are linearised")
+        ]
+    if options.resamples and enough:
+        covariance = np.atleast_2d(np.cov(np.array(drawn), rowvar=False))
         deviations = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
         correlations = np.clip(covariance / np.outer(deviations, deviations), -1.0, 1.0)
     spreads = dict(zip(unknowns, np.sqrt(np.diag(covariance)).tolist(), strict=True))
@@ -1045,6 +1053,7 @@ def conclude(
             *at_bound,
             *lost,
             *gaps,
+            *short,
             *judge_fit(unknowns, correlations, condition),
             *judge_repeats(task, residuals, parameters=count, errors=errors),
             *judge_size(task, residuals),
@@ -1069,15 +1078,20 @@ def _build_mean(
         return next(iter(models.values()))
 
 
-def _resample(problem: Problem, point: NDArray[np.float64], options: FitOptions) -> Floats:
-    """Return the covariance of fits to rows drawn with replacement, within each specimen."""
+def _resample(
+    problem: Problem, point: NDArray[np.float64], options: FitOptions
+) -> list[list[float]]:
+    """Return the fits to rows drawn with replacement within each specimen, until time is up."""
     random = np.random.default_rng(options.seed)
-    task, found = problem.task, []
+    task: Task = problem.task
+    found: list[list[float]] = []
     for _ in range(options.resamples):
         rows = np.concatenate([random.choice(p.rows, size=len(p.rows)) for p in task.parts])
         again = dataclasses.replace(problem, task=dataclasses.replace(
             task, data=task.data.select(np.sort(rows))))  # fmt: skip
         start = again.move(problem.name_values(point))
         end = find_minimum(start, start.choose_start(), limit=_SECOND)
+        if end.status == OUT_OF_TIME:  # it is where it began, as all that follow would be
+            break
         found.append(list(start.name_values(end.x).values()))
-    return np.atleast_2d(np.cov(np.array(found), rowvar=False))
+    return found
