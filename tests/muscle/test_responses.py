@@ -549,6 +549,26 @@ def test_resampled_errors_are_near_the_linearised_ones():
         assert other.standard_errors[name] == pytest.approx(one.standard_errors[name], rel=0.5)
 
 
+def test_a_band_has_an_end():
+    found = calibrate(
+        MODELS["kothera-balance"],
+        MUSCLE,
+        data=measure(make("kothera-balance"), noise=2.0),
+        free=("modulus",),
+    )
+    states = measure(make("kothera-balance"))
+    assert np.isfinite(found.predict(states, level=0.999999).prediction).all()
+    with pytest.raises(InputError, match="level is 1: it must lie in"):
+        found.predict(states, level=1.0)
+
+
+def test_rows_of_one_state_cannot_show_whether_a_model_fits():
+    data = measure(make("kothera-balance")).select(np.full(30, 20))
+    found = calibrate(MODELS["kothera-balance"], MUSCLE, data=data, free=("modulus",))
+    assert any("1 state(s) for 1 parameter(s)" in text for text in found.warnings)
+    assert not found.trusted
+
+
 @pytest.mark.parametrize("done", [0, 5])
 def test_resamples_without_time_do_not_count(done, monkeypatch):
     """A resample that is stopped is where it began: it would make the errors too small."""

@@ -46,14 +46,17 @@ ROUGH_MM, STEP_MM = 0.1, 1e-7
 SOFTEST, SOFTER = 1e-3, 0.03
 """Least compliance of the multipliers' penalty against the first one, and its factor per update."""
 
+NEAR_MM = 0.02
+"""What gaps and lengths may miss where the penalty is made harder [mm]."""
+
 FRICTION_ROUNDS = 40
 """Rounds in which the normal forces of friction settle."""
 
 FRICTION_SHARE = 1e-5
 """Change of the normal forces at which they have settled, against the largest."""
 
-KICK_RAD = 1e-3
-"""Turn by which a shape that is stationary and unstable is moved off [rad]."""
+KICK_MM, KICK_RAD = 0.03, 0.03
+"""Step below which an unstable shape is left, and the largest turn by which it is [mm], [rad]."""
 
 SHIFTS = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e2, 1e3, 1e4)
 """Shares of the backbone's stiffness that are added where the energy is not convex."""
@@ -320,7 +323,7 @@ class Equilibrium:
         guides, count = self.part.packed[3], len(self.limits)
         reach = np.mean(np.sum(guides[..., :2] ** 2, axis=-1), axis=-1).reshape(count, -1)
         give = np.sum(reach / self.part.stiffness[:, 0], axis=-1)
-        return np.asarray(0.01 * give + 1e-12)
+        return np.asarray(0.1 * give + 1e-12)
 
     def locate(self, turns: Floats) -> Floats:
         """Return the points but the first in the world, (n, 3) [mm]."""
@@ -516,48 +519,54 @@ def minimise(task: Equilibrium, start: State) -> Solution:
         solution.steps = step
         lower, shift = factor(found.hessian, stiffness)
         move = -solve(lower, found.gradient).reshape(-1, 3)
-        slope = float(np.sum(move.ravel() * found.gradient))
-        ahead = task.locate(state.turns + move)
-        moved = float(np.sqrt(np.max(np.sum((ahead - found.points) ** 2, axis=1))))
-        most = float(np.abs(move).max())
-        share = min(1.0, TURN_LIMIT / max(most, 1e-300), longest / max(moved, 1e-300))
+        moved = measure_move(task, state.turns + move, found.points)
+        if shift > 0 and moved < KICK_MM:
+            # Almost stationary, not a minimum: along the way in which the energy falls most.
+            move = find_fall(found, stiffness)
+            moved = measure_move(task, state.turns + move, found.points)
+            solution.kicked = True
         solution.moved = moved
+        slope = float(np.sum(move.ravel() * found.gradient))
+        share = min(1.0, TURN_LIMIT / max(float(np.abs(move).max()), 1e-300))
+        share = min(share, longest / max(moved, 1e-300))
         # Below round-off of the energy only the gradient is of use.
-        blind = -slope < 1e-13 * (abs(found.value) + 1e-9)
+        blind = shift == 0 and -slope < 1e-13 * (abs(found.value) + 1e-9)
         while True:
             tried = State(state.turns + share * move, state.forces, state.tensions)
             after = task.measure(tried, softness, whole=False)
-            if blind or after.value <= found.value + 1e-4 * share * slope or share < 1e-6:
+            if blind or after.value <= found.value + 1e-4 * share * slope or share < 1e-9:
                 break
             share *= 0.5
         state = tried
-        full = share == 1.0 and shift == 0
-        if moved < STEP_MM and shift > 0:
-            # Stationary, not a minimum: leave it along the way in which the energy falls most.
-            if solution.kicked and step > MOST_STEPS // 2:
-                break
-            scale = 1.0 / np.sqrt(stiffness)
-            _, ways = np.linalg.eigh(scale[:, None] * found.hessian * scale)
-            kick = (scale * ways[:, 0]).reshape(-1, 3)
-            state.turns = state.turns + KICK_RAD / np.abs(kick).max() * kick
-            solution.kicked = True
-            full = False
-        if full and moved < rough:
+        if share == 1.0 and shift == 0 and moved < rough:
             state = State(state.turns, after.forces, after.tensions)
-            done = moved < STEP_MM and after.missed < task.options.tolerance
-            if done and softness <= SOFTEST:
+            if moved < STEP_MM and after.missed < task.options.tolerance and softness <= SOFTEST:
                 found = task.measure(state, softness)
                 break
-            softness = max(SOFTER * softness, SOFTEST)
-            rough = max(SOFTER * rough, STEP_MM)
+            if after.missed < NEAR_MM:
+                softness = max(SOFTER * softness, SOFTEST)
+                rough = max(SOFTER * rough, STEP_MM)
         found = task.measure(state, softness)
-        solution.state, solution.found = state, found
     solution.state, solution.found = state, found
     lower, shift = factor(found.hessian, stiffness)
     solution.stability = measure_stability(lower, stiffness) if shift == 0 else -SHIFTS[shift - 1]
     scale = max(float(np.abs(task.part.stiffness * state.turns).max()), 1e-6 * stiffness.max())
     solution.imbalance = float(np.abs(found.gradient).max()) / scale
     return solution
+
+
+def measure_move(task: Equilibrium, turns: Floats, points: Floats) -> float:
+    """Return the largest way of a point to where other turns have it [mm]."""
+    return float(np.sqrt(np.max(np.sum((task.locate(turns) - points) ** 2, axis=1))))
+
+
+def find_fall(found: Measure, stiffness: Floats) -> Floats:
+    """Return turns (n, 3) along which the energy is most concave, downwards."""
+    scale = 1.0 / np.sqrt(stiffness)
+    _, ways = np.linalg.eigh(scale[:, None] * found.hessian * scale)
+    way = scale * ways[:, 0]
+    way *= KICK_RAD / np.abs(way).max()
+    return np.asarray((-way if way @ found.gradient > 0.0 else way).reshape(-1, 3))
 
 
 def settle(task: Equilibrium, start: State, before: Floats | None) -> Solution:

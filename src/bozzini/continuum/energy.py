@@ -34,6 +34,7 @@ from .loads import Load, PackedLoads, check_loads, pack_loads
 from .model import (
     BendMeasure,
     ContinuumModel,
+    advise_contradiction,
     check_limits,
     check_numbers,
     choose_stiffness,
@@ -397,6 +398,7 @@ class EnergyModel(ContinuumModel):
     )
 
     name = "energy"
+    lets_follow = True
     heeds = frozenset(
         {"weight", "curvature at rest", "stiffness of tendons", "pretension", "tension limits"}
     )
@@ -894,7 +896,7 @@ class EnergyModel(ContinuumModel):
         against = f" against {', '.join(others[:3])}" if others else ""
         return followed + (
             f"tendon '{names[worst]}' would have to stretch by {stretches[worst]:.3g} mm{against}; "
-            "pull less, or let out those on the other side"
+            f"pull less, or let out those on the other side; {advise_contradiction(self.tolerance)}"
         )
 
     def _explain_loaded(self, command: Command, last: Equilibrium) -> str:
