@@ -102,6 +102,7 @@ LEGAL: dict[str, tuple[int, str]] = {
     "rig characterise": (1, "--board native --steps 2 --repeats 1 --hold 0.3s --out >.csv"),
     "rig flash": (1, "--port /dev/ttyACM0"),
     "continuum models": (1, ""),
+    "continuum new": (2, "--sections 2 --tendons 3 --out >.yaml"),
     "continuum pose": (8, "<robot --displacement T1=1mm"),
     "continuum reach": (4, "<robot --to 30mm,10mm,80mm --starts 4"),
     "continuum compare": (3, "<robot --displacement T1=1mm"),

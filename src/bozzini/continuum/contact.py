@@ -1147,13 +1147,12 @@ def carry_state(initial: ContactShape, part: FreePart) -> State:
 def place_before(initial: ContactShape, part: FreePart) -> Floats:
     """Return where the points of a part were in a shape before, (n, 3) [mm]."""
     return np.stack(
-        [np.interp(part.arc_length[1:], initial.arc_length, row) for row in initial.points.T], axis=1
+        [np.interp(part.arc_length[1:], initial.arc_length, row) for row in initial.points.T],
+        axis=1,
     )
 
 
-def find_self_contact(
-    robot: RobotDesign, places: Floats, points: Floats
-) -> tuple[float, Floats]:
+def find_self_contact(robot: RobotDesign, places: Floats, points: Floats) -> tuple[float, Floats]:
     """Return the least distance of parts of the body less both radii [mm], and their places.
 
     Parts count that are more than half a turn of the tightest bend apart, whose discs would meet.

@@ -53,9 +53,7 @@ class Touched(NamedTuple):
     def none(cls) -> Touched:
         """Return that of no sample."""
         empty = np.empty(0)
-        return cls(
-            np.empty(0, dtype=np.int64), empty, empty.reshape(0, 3), empty.reshape(0, 3, 3)
-        )
+        return cls(np.empty(0, dtype=np.int64), empty, empty.reshape(0, 3), empty.reshape(0, 3, 3))
 
 
 @dataclass(frozen=True, eq=False)
