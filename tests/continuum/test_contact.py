@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import NonlinearConstraint, brentq, minimize
 
 from bozzini.continuum import (
     ContactModel,
@@ -17,10 +16,8 @@ from bozzini.continuum import (
     PointLoad,
     RobotDesign,
     Section,
-    Tendon,
 )
-from bozzini.duct import Circles, Duct, RoundCones
-from bozzini.errors import InputError
+from bozzini.duct import Duct
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +52,9 @@ ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Base that looks along x."""
 
 
-def make_rod(length: float, stiffness: float, *, radius: float = 1.0, **more: object) -> RobotDesign:
+def make_rod(
+    length: float, stiffness: float, *, radius: float = 1.0, **more: object
+) -> RobotDesign:
     section = Section(length=length, radius=radius, bending_stiffness=stiffness, **more)  # type: ignore[arg-type]
     return RobotDesign((section,), base_rotation=ALONG_X)
 
@@ -72,7 +71,7 @@ def test_a_heavy_beam_lies_down_as_the_linear_beam_does() -> None:
     stiffness, weight, free = 1000.0, 0.002, 100.0
     height = weight * free**4 / (72.0 * stiffness)
     robot = replace(
-        make_rod(200.0, stiffness, line_weight=weight), base_position=(0.0, 0.0, height + 1.0)
+        make_rod(200.0, stiffness, weight=weight), base_position=(0.0, 0.0, height + 1.0)
     )
     model = ContactModel(robot, Floor(), options=ContactOptions(segment_length=2.0))
     shape = model.shape()
@@ -118,7 +117,7 @@ def test_a_tube_stops_the_tip_of_a_cantilever() -> None:
 
 def test_a_soft_wall_is_as_deep_as_its_stiffness_says() -> None:
     weight, wall = 0.01, 0.5
-    robot = replace(make_rod(60.0, 5.0, line_weight=weight), base_position=(0.0, 0.0, 1.0))
+    robot = replace(make_rod(60.0, 5.0, weight=weight), base_position=(0.0, 0.0, 1.0))
     options = ContactOptions(wall_stiffness=wall, segment_length=1.5)
     shape = ContactModel(robot, Floor(), options=options).shape()
     check_balance(shape)

@@ -77,8 +77,8 @@ class ContactOptions:
 
     Parameters
     ----------
-    wall_stiffness : float
-        Force of the wall per length of the body and depth [N/mm^2 = MPa]; infinite for a rigid one.
+    wall_stiffness : float, optional
+        Force of the wall per length of the body and depth [N/mm^2 = MPa]; rigid unless given.
     friction : float
         Coefficient of Coulomb friction between body and wall.
     slip : float
@@ -98,12 +98,12 @@ class ContactOptions:
         If a value is outside its legal range.
     """
 
-    wall_stiffness: float = quantity(
+    wall_stiffness: float | None = quantity(
         "pressure",
         "Stiffness of the wall per length of the body (default: rigid).",
         low=0.0,
         low_open=True,
-        default=math.inf,
+        default=None,
     )
     friction: float = quantity(
         "dimensionless", "Coefficient of friction on the wall.", low=0.0, high=2.0, default=0.0
@@ -368,6 +368,8 @@ class Equilibrium:
     @cached_property
     def wall_compliance(self) -> Floats:
         """Of the wall at the points [mm/N], (n,)."""
+        if self.options.wall_stiffness is None:
+            return np.zeros(len(self.part.shares))
         return np.asarray(1.0 / (self.options.wall_stiffness * self.part.shares))
 
     @cached_property
@@ -415,7 +417,9 @@ class Equilibrium:
             force = np.maximum(0.5 * (wanted + root), 0.0)
             # The stiffness of the contact about the force that is expected: primal-dual.
             rest = soft * (force - wanted) / np.maximum(state.expected[row, index], 1e-300)
-            hold = np.where(width > 0.0, 1.0 / (soft + rest), np.where(wanted > 0.0, 1.0, 0.0) / soft)
+            hold = np.where(
+                width > 0.0, 1.0 / (soft + rest), np.where(wanted > 0.0, 1.0, 0.0) / soft
+            )
             forces[row, index] = force
             value += float(np.sum(soft * integrate_force(wanted, root, width / soft)))
             moved = np.abs(penalty[index] * (state.forces[row, index] - force))
@@ -426,7 +430,7 @@ class Equilibrium:
             blocks[index] += hold[:, None, None] * outer
             stiff[row, index] = hold
             slopes_at[row, index] = slope
-            likely = state.expected[row, index] if width > 0.0 else force
+            likely = state.expected[row, index]
             blocks[index] -= likely[:, None, None] * curve
             turned[index] += (likely - force)[:, None] * slope
             np.minimum.at(least, index, gap)
@@ -504,9 +508,7 @@ class Equilibrium:
         gradient, hessian = np.empty((n, 3)), np.empty((3 * n, 3 * n))
         forces = part.dead_forces + found.body_forces @ rotation
         none, fixed = np.zeros((n, 3)), np.zeros(n, dtype=np.bool_)
-        measure_loads(
-            part.packed, turns, part.spots, (forces, none, fixed), gradient, hessian
-        )
+        measure_loads(part.packed, turns, part.spots, (forces, none, fixed), gradient, hessian)
         if more.any():
             likely = (forces + more @ rotation, none, fixed)
             measure_loads(part.packed, turns, part.spots, likely, np.empty((n, 3)), hessian)
@@ -534,9 +536,10 @@ class Equilibrium:
 
 
 def integrate_force(wanted: Floats, root: Floats, half: Floats) -> Floats:
-    """Return the integral of ``(z + sqrt(z^2 + 4 v^2)) / 2`` over ``z``; v may be 0."""
-    plain = 0.25 * (wanted**2 + wanted * root)
-    return np.asarray(plain + half**2 * np.arcsinh(wanted / np.maximum(2.0 * half, 1e-300)))
+    """Return the integral of ``(z + sqrt(z^2 + 4 v^2)) / 2`` over ``z``."""
+    return np.asarray(
+        0.25 * (wanted**2 + wanted * root) + half**2 * np.arcsinh(wanted / (2.0 * half))
+    )
 
 
 @dataclass(eq=False)
