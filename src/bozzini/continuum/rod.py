@@ -23,6 +23,7 @@ from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
 from .model import (
     BendMeasure,
     ContinuumModel,
+    advise_contradiction,
     check_limits,
     check_numbers,
     choose_stiffness,
@@ -280,8 +281,8 @@ class Target:
         """Return the reason why tendons that are as tight as can be stop the command."""
         names = ", ".join(f"'{self.names[k]}'" for k in held)
         return (
-            f"{names} would have to stretch beyond it; let out tendons on the other side, or "
-            "give a tendon_stiffness"
+            f"{names} would have to stretch beyond it; let out tendons on the other side; "
+            f"{advise_contradiction(self.tolerance)}"
         )
 
 

@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..checks import check_integer, check_number, describe_fields
 from ..errors import BozziniError, InputError
+from ..numeric.estimation import determine, judge_fit
 from ..results import Json, Result, take_axes, to_plain
 from .data import Measurements
 from .design import check_muscle
@@ -62,10 +62,6 @@ Floats = NDArray[np.float64]
 # rows under load or blocked, and so is friction unless there are both directions.
 
 
-CONDITION_LIMIT = 30.0
-"""Above this condition of the Jacobian, its columns scaled to length 1, a warning is given."""
-CORRELATION_LIMIT = 0.98
-"""Above this correlation of two parameters a warning is given."""
 GAP_PRESSURES = 3
 GAP_SPAN = 3.0
 """A free gap needs so many pressures, above none and below `GAP_SPAN` times that of contact."""
@@ -97,25 +93,6 @@ def judge_parameters(
                 f"times the contact pressure: it needs {GAP_PRESSURES}"
             )
     return tuple(never), tuple(doubts)
-
-
-def judge_fit(
-    free: Sequence[str], correlations: NDArray[np.float64], condition: float
-) -> list[str]:
-    """Return warnings on what a fit could not determine."""
-    warnings = []
-    if condition > CONDITION_LIMIT:
-        warnings.append(
-            f"the data determine the parameters poorly: condition {condition:.0f} is above "
-            f"{CONDITION_LIMIT:.0f}"
-        )
-    for i, j in combinations(range(len(free)), 2):
-        if abs(correlations[i, j]) > CORRELATION_LIMIT:
-            warnings.append(
-                f"{free[i]} and {free[j]} cannot be distinguished: correlation "
-                f"{correlations[i, j]:+.3f}"
-            )
-    return warnings
 
 
 def measure_repeats(task: Task, errors: Floats | None = None) -> tuple[float, int]:
@@ -1015,15 +992,9 @@ def conclude(
     freedom = rows - count
     sigma = float(np.sqrt(residuals @ residuals / freedom))
     jacobian = np.where(answered[:, None], np.asarray(found.jac), 0.0) / problem.scales
-    # Huge, not infinite, where all is lost.
-    length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
-    _, singular, basis = np.linalg.svd(jacobian / length, full_matrices=False)
-    singular = np.maximum(singular, 1e-12)
-    inverse = (basis.T / singular**2) @ basis
-    spread = np.sqrt(np.diag(inverse))
-    correlations = np.clip(inverse / np.outer(spread, spread), -1.0, 1.0)
-    covariance = squares / freedom * inverse / np.outer(length, length)
-    condition = float(singular[0] / singular[-1])
+    known_by = determine(jacobian)
+    correlations, condition = known_by.correlations, known_by.condition
+    covariance = squares / freedom * known_by.inverse
     short: list[str] = []
     drawn = _resample(problem, found.x, options) if options.resamples else []
     enough = len(drawn) > min(count, options.resamples - 1)
