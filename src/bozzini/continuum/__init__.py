@@ -5,6 +5,18 @@ from __future__ import annotations
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .energy import EnergyModel
+from .fit import (
+    Estimate,
+    RobotCalibration,
+    RobotFit,
+    RobotFitOptions,
+    RobotPrediction,
+    Validation,
+    fit_robot,
+    predict_points,
+    read_calibration,
+    write_calibration,
+)
 from .friction import FrictionState
 from .history import TendonHistory
 from .inverse import (
@@ -19,12 +31,14 @@ from .inverse import (
 from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
 from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
+from .measured import Marker, RobotMeasurements, read_robot_measurements
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .shape import Shape
+from .unknowns import RobotSetup, Unknown, parse_unknowns
 from .wire import Wire
 from .workspace import (
     ContinuumWorkspace,
@@ -86,6 +100,22 @@ __all__ = [
     "solve_pose",
     "solve_section",
     "solve_tip",
+    "Estimate",
+    "RobotCalibration",
+    "RobotFit",
+    "RobotFitOptions",
+    "RobotPrediction",
+    "Validation",
+    "fit_robot",
+    "predict_points",
+    "read_calibration",
+    "write_calibration",
+    "Marker",
+    "RobotMeasurements",
+    "read_robot_measurements",
+    "RobotSetup",
+    "Unknown",
+    "parse_unknowns",
 ]
 
 
