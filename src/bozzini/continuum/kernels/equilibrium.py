@@ -253,11 +253,15 @@ def solve_equilibrium(rod, limits, tolerance, most_steps, turns, tensions, state
         value = found
         if share == 1.0 and shift == 0.0:
             # The tensions that Newton's method on the conditions themselves would take.
+            moved = False
             for m in range(k):
                 if proximities[m] > 0.0:
-                    tensions[m] = kept[m] + active[m]
+                    fresh = kept[m] + active[m]
                     if one_sided[m]:
-                        tensions[m] = max(tensions[m], 0.0)
-            value = measure_equilibrium(rod, limits, turns, tensions, state)
+                        fresh = max(fresh, 0.0)
+                    moved = moved or fresh != tensions[m]
+                    tensions[m] = fresh
+            if moved:
+                value = measure_equilibrium(rod, limits, turns, tensions, state)
     tensions[:] = trial
     return NOT_CONVERGED, most_steps, error, shift
