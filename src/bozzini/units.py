@@ -33,6 +33,8 @@ INTERNAL_UNITS = {
     "line force": "N/mm",
     "moment": "N mm",
     "rigidity": "N mm^2",
+    "curvature": "rad/mm",
+    "density": "kg/m^3",
     "angle in turns": "turn",
     "voltage": "V",
     "frequency": "Hz",
@@ -40,6 +42,9 @@ INTERNAL_UNITS = {
 }
 """The unit that each kind of quantity has inside Bozzini."""
 
+
+FULL_TURN_RAD = 2.0 * math.pi * (1.0 + 1e-9)
+"""Largest angle that may be written without a unit: a full turn, rounded up [rad]."""
 
 LARGEST = {"length": 1e6}
 """What a quantity may be at most, in either direction: a length of 1 km [mm]."""
@@ -61,13 +66,15 @@ _EXAMPLES = {
     "line force": "0.001N/mm, 1N/m",
     "moment": "5Nmm, 0.02 N m",
     "rigidity": "200Nmm^2, 2e-4 N m^2",
+    "curvature": "0.01 1/mm, 0.5 deg/mm",
+    "density": "1318 kg/m^3, 7.9 g/cm^3",
     "angle in turns": "0.5, 180deg",
     "voltage": "0.5V, 500mV",
     "dimensionless": "0.5",
 }
 # One number, then at most one unit. The number is not left to pint, which reads 5,0mm as 50 mm.
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*([^\s0-9.,][^,]*)?")
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*((?:(?<=\s)1\s*/\s*)?[^\s0-9.,][^,]*)?")
 
 # Pint has no Nmm and no mm2, and would not guess.
 _NEWTON_TIMES = re.compile(r"N[·⋅*\s]*(?=(?:[mck]?m)(?![A-Za-z]))")
@@ -93,7 +100,8 @@ def _registry() -> pint.UnitRegistry[Any]:
 def parse_quantity(text: str | float, kind: str) -> float:
     """Turn text with a unit into a number in Bozzini's internal unit.
 
-    A bare number is taken in the internal unit.
+    A bare number is taken in the internal unit. As text, an angle beyond a full turn needs its
+    unit: it is mostly meant in degrees.
 
     Parameters
     ----------
@@ -111,7 +119,7 @@ def parse_quantity(text: str | float, kind: str) -> float:
     ------
     UnitError
         If the unit is unknown or of another dimension, or the number is not finite or absurdly
-        large (a length above 1 km).
+        large (a length above 1 km), or text gives an angle beyond a full turn without a unit.
     """
     unit = INTERNAL_UNITS[kind]
     article = "an" if kind[0] in "aeiou" else "a"
@@ -132,6 +140,8 @@ def parse_quantity(text: str | float, kind: str) -> float:
             if kind in ("moment", "rigidity"):
                 given = _SQUARE.sub("^2", _NEWTON_TIMES.sub("N*", given))
             value = _convert(value, given, unit, text, hint)
+        elif kind == "angle":
+            check_bare_angle(value, text.strip())
     else:
         value = _take_number(text, hint)
     if not math.isfinite(value):
@@ -143,6 +153,12 @@ def parse_quantity(text: str | float, kind: str) -> float:
         legal = f"[-{largest:g}, {largest:g}] {unit}".rstrip()
         raise UnitError(f"{shown}: {what} must lie in {legal}")
     return value
+
+
+def check_bare_angle(value: float, text: str) -> None:
+    """Raise `UnitError` for an angle [rad] beyond a full turn that was written without a unit."""
+    if FULL_TURN_RAD < abs(value) < math.inf:
+        raise UnitError(f"{text}: radians? write {text} deg, or {text} rad for so many radians")
 
 
 def _check_unit(given: str, text: str, hint: str) -> None:

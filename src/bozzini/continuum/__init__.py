@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from .arc import ArcModel, arc_frames, bend_vectors, displacements_for, jacobian
+from .contact import ContactModel, ContactOptions, ContactShape
 from .coupling import BendSolution, ParallelModel, check_displacements, coupling_matrix
 from .energy import EnergyModel
 from .friction import FrictionState
 from .history import TendonHistory
+from .insertion import DriveTable, InsertionResult, insert_robot
 from .inverse import (
     ContinuumInverse,
     InverseOptions,
@@ -18,12 +20,14 @@ from .inverse import (
 )
 from .kinematics import ContinuumRobot
 from .linkage import LinkageModel
+from .loads import LineLoad, PackedLoads, PointLoad, pack_loads
 from .model import ContinuumModel
 from .models import CONTINUUM_MODELS
 from .robot import RobotDesign
 from .rod import RodModel
 from .section import Helix, Section, Tendon
 from .shape import Shape
+from .wire import Wire
 from .workspace import (
     ContinuumWorkspace,
     Dexterity,
@@ -42,19 +46,27 @@ __all__ = [
     "CONTINUUM_MODELS",
     "ArcModel",
     "BendSolution",
+    "ContactModel",
+    "ContactOptions",
+    "ContactShape",
     "ContinuumInverse",
     "ContinuumModel",
     "ContinuumRobot",
     "ContinuumWorkspace",
     "Dexterity",
     "DexterityMap",
+    "DriveTable",
     "EnergyModel",
     "FrictionState",
     "Helix",
+    "InsertionResult",
     "InverseOptions",
+    "LineLoad",
     "LinkageModel",
     "Manipulability",
+    "PackedLoads",
     "ParallelModel",
+    "PointLoad",
     "RobotDesign",
     "RodModel",
     "Section",
@@ -63,6 +75,7 @@ __all__ = [
     "TendonHistory",
     "Tendon",
     "TendonTravel",
+    "Wire",
     "WorkspaceSample",
     "WorkspaceVolume",
     "arc_frames",
@@ -70,10 +83,12 @@ __all__ = [
     "check_displacements",
     "coupling_matrix",
     "displacements_for",
+    "insert_robot",
     "jacobian",
     "manipulability",
     "measure_dexterity",
     "measure_workspace",
+    "pack_loads",
     "sample_workspace",
     "solve_curve",
     "solve_pose",

@@ -17,8 +17,8 @@ from ..errors import InputError
 from .checks import Floats
 from .coupling import ParallelModel, coupling_matrix
 from .kernels.arc import fill_arc_frames, fill_tip_jacobians
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
-from .section import ROUND_OFF_MM
 from .shape import Shape
 
 
@@ -64,7 +64,7 @@ class ArcModel(ParallelModel):
         """
         found = self.solve(displacements)
         frames = _frames(self.robot, found.bends, self.arc_length)
-        return self.answer(displacements, found, arc_length=self.arc_length, frames=frames)
+        return self.answer(found, arc_length=self.arc_length, frames=frames)
 
 
 def bend_vectors(robot: RobotDesign, displacements: ArrayLike) -> Floats:

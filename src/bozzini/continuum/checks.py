@@ -132,6 +132,25 @@ def check_directions(name: str, given: ArrayLike) -> Floats:
     return np.asarray(ways / np.linalg.norm(ways, axis=-1, keepdims=True))
 
 
+def check_turn(name: str, given: ArrayLike) -> Floats:
+    """Return a rotation, as a vector (3,) [rad] or a matrix (3, 3), as a vector.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    array = check_array(name, given)
+    if array.shape != (3, 3):
+        return check_values(name, array, (3,), unit="rad")
+    frame = np.eye(4)
+    frame[:3, :3] = array
+    check_frame(name, frame)
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(array).as_rotvec())
+
+
 def check_frame(name: str, frame: Floats) -> None:
     """Raise `InputError` unless `frame` (4, 4) is a place and right-handed orthonormal axes."""
     turn = frame[:3, :3]

@@ -98,13 +98,13 @@ class Channels:
         Steps' ends, stiffness, places of tendons, and where they run, see `integrate_rod`.
     friction : (t,) ndarray
         Coefficients of friction.
-    flexibility : float
+    flexibility : (t,) ndarray
         1/EA of the tendons [1/N].
     """
 
     grid: tuple[Floats, Floats, Floats, NDArray[np.bool_]]
     friction: Floats
-    flexibility: float
+    flexibility: Floats
 
     @cached_property
     def spans(self) -> Floats:
@@ -327,7 +327,7 @@ class Sliding:
             channels.grid, profile, bent.moments, curvatures, rates, give, wraps
         ):
             return Step(reason="no curvature was found")
-        give += channels.flexibility * channels.rest_rates[..., None] * np.eye(shape[2])
+        give += (channels.flexibility * channels.rest_rates)[..., None] * np.eye(shape[2])
         lengths[:] = channels.measure_lengths(rates, profile)
         whole = lengths[0, 0]
         if bent.lengths is not None:

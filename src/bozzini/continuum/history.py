@@ -32,6 +32,7 @@ BATCHED = (
     "iterations",
     "converged",
     "reason",
+    "stability",
 )
 """Fields of a `Shape` with one value for each of the batch."""
 

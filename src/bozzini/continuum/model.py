@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import check_fields, quantity
+from ..checks import check_array, check_fields, quantity
 from ..errors import InputError, PluginError
 from .checks import AXES_TOLERANCE, Floats
 from .robot import RobotDesign, check_robot
@@ -19,8 +19,16 @@ from .shape import Shape
 Verdict = tuple[NDArray[np.bool_], NDArray[np.str_]]
 """Whether each shape of a batch has converged, and why not."""
 
+Feature = Literal[
+    "weight", "curvature at rest", "stiffness of tendons", "pretension", "tension limits"
+]
+"""What a robot may have and a model leave out."""
+
 LARGEST_STIFFNESS_RATIO = 1e6
 """Ratio of sections' stiffnesses up to which digits suffice."""
+
+TENSION_ROUND_OFF = 1e-9
+"""Share by which a tension may pass its limit."""
 
 EVEN_CURVATURE_SHARE = 1e-3
 """By how much a curvature that counts as even may differ, as a share."""
@@ -68,6 +76,10 @@ class ContinuumModel(ABC):
     """The model's name in `CONTINUUM_MODELS`."""
     takes_friction: ClassVar[bool] = False
     """Whether it heeds the friction of tendons."""
+    heeds: ClassVar[frozenset[Feature]] = frozenset()
+    """What else of a robot it heeds; what it leaves out stands in its `notes`."""
+    lets_follow: ClassVar[bool] = False
+    """Whether a displacement may be NaN, for a tendon that follows the others."""
     checked_by_class: ClassVar[tuple[str, ...]] = ()
     """Options that are no single numbers, which the class checks itself."""
 
@@ -78,9 +90,15 @@ class ContinuumModel(ABC):
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know of the model with this robot, a sentence each."""
-        if self.takes_friction or not self.robot.tendon_friction.any():
-            return ()
-        return (f"the {self.name} model leaves out the friction of tendons: the rod model has it",)
+        notes = []
+        if self.robot.tendon_friction.any() and not self.takes_friction:
+            notes.append(
+                f"the {self.name} model leaves out the friction of tendons: the rod model has it"
+            )
+        left = [feature for feature in list_features(self.robot) if feature not in self.heeds]
+        if left:
+            notes.append(f"the {self.name} model leaves out the robot's {', '.join(left)}")
+        return tuple(notes)
 
     @abstractmethod
     def shape(self, displacements: ArrayLike) -> Shape:
@@ -89,7 +107,8 @@ class ContinuumModel(ABC):
         Parameters
         ----------
         displacements : array_like, shape (..., t)
-            How far each tendon is pulled [mm], negative where it is let out.
+            How far each tendon is pulled [mm], negative where it is let out. Where it is NaN the
+            tendon follows what the others do, if the model `lets_follow`.
 
         Returns
         -------
@@ -103,18 +122,38 @@ class ContinuumModel(ABC):
         """
 
     def find_shape(self, displacements: ArrayLike) -> Shape:
-        """Return the answer of `shape`.
+        """Return the answer of `shape`; tendons that a model does not let follow are held at 0.
 
         Raises
         ------
         PluginError
             If it is no `Shape`.
         """
+        if not self.lets_follow:
+            moved = check_array("displacements", displacements)
+            displacements = np.where(np.isnan(moved), 0.0, moved)
         found: object = self.shape(displacements)
         if not isinstance(found, Shape):
             raise PluginError(
                 f"the model {self.name} gave a {type(found).__name__}: it must give a Shape"
             )
+        return found
+
+    def find_shape_under_tensions(self, tensions: ArrayLike) -> Shape:
+        """Return the shapes under tensions (..., t) of the tendons at the base [N].
+
+        Raises
+        ------
+        InputError
+            If the model takes none.
+        """
+        take = getattr(self, "shape_under_tensions", None)
+        if take is None:
+            raise InputError(
+                f"the {self.name} model takes displacements only: tensions need a model of forces, "
+                "such as the rod"
+            )
+        found: Shape = take(tensions)
         return found
 
     def make_shape(
@@ -153,6 +192,8 @@ class ContinuumModel(ABC):
         batch = displacements.shape[:-1]
         if verdict is None:
             verdict = np.ones(batch, dtype=np.bool_), np.zeros(batch, dtype="<U1")
+        if "tensions" in known and np.isfinite(self.robot.tension_limits).any():
+            verdict = check_tensions(self.robot, known["tensions"], verdict)
         fields = known | {"converged": verdict[0], "reason": verdict[1]}
         if "tendon_lengths" not in fields:
             fields["tendon_lengths"] = self.robot.rest_lengths - displacements
@@ -199,6 +240,43 @@ class ContinuumModel(ABC):
         if wrong:
             raise PluginError(f"frames of the model {self.name} {wrong}")
         return made
+
+
+def list_features(robot: RobotDesign) -> tuple[Feature, ...]:
+    """Return what a robot has that not all models heed."""
+    has: dict[Feature, bool] = {
+        "weight": robot.has_line_weight or bool(robot.disc_weights.any()),
+        "curvature at rest": not robot.is_straight,
+        "stiffness of tendons": bool(np.isfinite(robot.tendon_stiffness).any()),
+        "pretension": bool(robot.pretensions.any()),
+        "tension limits": bool(np.isfinite(robot.tension_limits).any()),
+    }
+    return tuple(feature for feature, present in has.items() if present)
+
+
+def choose_stiffness(robot: RobotDesign, other: float) -> Floats:
+    """Return EA of each tendon [N], shape (t,): its own, or `other` where it has none."""
+    own = robot.tendon_stiffness
+    return np.where(np.isfinite(own), own, other)
+
+
+def check_tensions(robot: RobotDesign, tensions: NDArray[np.generic], verdict: Verdict) -> Verdict:
+    """Mark shapes where a tension (..., t) [N] passes its tendon's limit."""
+    converged, reason = verdict
+    size = np.abs(np.asarray(tensions, dtype=np.float64)).reshape(*converged.shape, -1)
+    over = size > robot.tension_limits * (1.0 + TENSION_ROUND_OFF)
+    bad = converged & over.any(axis=-1)
+    reasons: dict[tuple[int, ...], str] = {}
+    for index in np.argwhere(bad):
+        place = tuple(int(i) for i in index)
+        worst = int(np.argmax(np.where(over[place], size[place] / robot.tension_limits, 0.0)))
+        reasons[place] = (
+            f"tendon '{robot.tendon_names[worst]}' has a tension of {size[place][worst]:.4g} N: "
+            f"its limit is {robot.tension_limits[worst]:g} N"
+        )
+    if not reasons:
+        return verdict
+    return converged & ~bad, np.where(bad, write_reasons(reason.shape, reasons), reason)
 
 
 def find_wrong_frames(frames: Floats, *, whole: bool) -> str:
@@ -313,6 +391,14 @@ def check_numbers(
     if not reasons:
         return verdict
     return converged & ~bad, np.where(bad, write_reasons(reason.shape, reasons), reason)
+
+
+def advise_contradiction(tolerance: float) -> str:
+    """Return what helps where measured displacements contradict each other."""
+    return (
+        f"if they were measured, raise the tolerance of {tolerance:g} mm or give the tendons their "
+        "stiffness"
+    )
 
 
 def explain_contrast(robot: RobotDesign) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from collections import Counter
 from collections.abc import Mapping
@@ -14,17 +15,25 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import broadcast, check_array, check_integer
+from ..checks import broadcast, check_array, check_integer, quantity
 from ..errors import InputError
 from ..io.records import load_record, read_record, save_record, write_record
 from ..results import Json
-from .checks import Floats, check_items, check_text
-from .section import ROUND_OFF_MM, Helix, Section, Tendon
+from .checks import Floats, check_items, check_text, check_turn, check_values
+from .profile import ROUND_OFF_MM
+from .section import Helix, Section, Tendon
+
+Vector = tuple[float, float, float]
+
+ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class RobotDesign:
-    """Sections in series, base first, straight along +z at rest: what all models take.
+    """Sections in series, base first: what all models take.
+
+    Its base's frame stands somewhere in the world, whose weight acts along -z. In that frame the
+    robot is straight along +z at rest, unless sections have curvatures of their own.
 
     `bozzini.continuum.ContinuumRobot` is the same with forward and inverse kinematics.
 
@@ -34,18 +43,34 @@ class RobotDesign:
         At least one, from base to tip.
     name : str
         Name of the robot.
+    base_position : (x, y, z)
+        Where the base stands in the world [mm].
+    base_rotation : (x, y, z) or (3, 3) array_like
+        How the base is turned in the world: a rotation vector [rad], or a matrix whose columns
+        are the base's axes; kept as a vector.
 
     Raises
     ------
     InputError
-        If names are used twice, or a tendon does not end in its section or leaves the body.
+        If names are used twice, a tendon does not end in its section or leaves the body, or the
+        base's pose is none.
     """
 
     sections: tuple[Section, ...]
     name: str = "robot"
+    base_position: Vector = quantity(
+        "length", "Place of the base in the world.", default=ZERO, kw_only=True
+    )
+    base_rotation: Vector = quantity(
+        "angle", "Turn of the base in the world.", default=ZERO, kw_only=True
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_text("robot name", self.name))
+        place = check_values("robot base_position", self.base_position, (3,), unit="mm")
+        turn = check_turn("robot base_rotation", self.base_rotation)
+        object.__setattr__(self, "base_position", tuple(place.tolist()))
+        object.__setattr__(self, "base_rotation", tuple(turn.tolist()))
         sections = check_items("a robot's sections", self.sections, Section)
         if not sections:
             raise InputError("a robot needs at least 1 section, got none")
@@ -110,6 +135,48 @@ class RobotDesign:
         return np.asarray([tendon.friction for tendon in self.tendons], dtype=np.float64)
 
     @cached_property
+    def tendon_stiffness(self) -> Floats:
+        """EA of each tendon [N], shape (t,); infinite where it does not stretch."""
+        return np.asarray([tendon.stiffness for tendon in self.tendons], dtype=np.float64)
+
+    @cached_property
+    def pretensions(self) -> Floats:
+        """Tension of each tendon in the straight robot at rest [N], shape (t,)."""
+        return np.asarray([tendon.pretension for tendon in self.tendons], dtype=np.float64)
+
+    @cached_property
+    def tension_limits(self) -> Floats:
+        """Largest tension of each tendon [N], shape (t,); may be infinite."""
+        return np.asarray([tendon.tension_limit for tendon in self.tendons], dtype=np.float64)
+
+    @cached_property
+    def disc_weights(self) -> Floats:
+        """Weight of each disc [N], shape (d,)."""
+        return np.concatenate(
+            [np.full(section.discs, section.disc_weight) for section in self.sections]
+        )
+
+    @cached_property
+    def has_line_weight(self) -> bool:
+        """Whether the backbone has weight."""
+        return any(np.any(section.weight_at([0.0, section.length])) for section in self.sections)
+
+    @cached_property
+    def is_straight(self) -> bool:
+        """Whether no section has a curvature or twist of its own."""
+        return not any(np.any(section.curvature) for section in self.sections)
+
+    @cached_property
+    def base_frame(self) -> Floats:
+        """Frame of the base in the world, shape (4, 4) [mm]."""
+        from scipy.spatial.transform import Rotation
+
+        frame = np.eye(4)
+        frame[:3, :3] = Rotation.from_rotvec(self.base_rotation).as_matrix()
+        frame[:3, 3] = self.base_position
+        return frame
+
+    @cached_property
     def is_parallel(self) -> bool:
         """Whether the offset and the angle of every tendon are the same all along."""
         return all(tendon.is_parallel for tendon in self.tendons)
@@ -121,12 +188,8 @@ class RobotDesign:
 
     @cached_property
     def section_stiffness(self) -> Floats:
-        """EI, EI and GJ of each section [N mm^2], shape (m, 3)."""
-        rows = [
-            (section.bending_stiffness, section.bending_stiffness, section.torsional_stiffness)
-            for section in self.sections
-        ]
-        return np.asarray(rows, dtype=np.float64)
+        """EI, EI and GJ of each section, its means where they change [N mm^2], shape (m, 3)."""
+        return np.stack([section.mean_stiffness for section in self.sections])
 
     @cached_property
     def section_ends(self) -> Floats:
@@ -166,6 +229,43 @@ class RobotDesign:
         index = np.searchsorted(self.section_ends, places - ROUND_OFF_MM, side="left")
         return np.minimum(index, len(self.sections) - 1).astype(np.int64)
 
+    def stiffness_at(self, arc_length: ArrayLike) -> Floats:
+        """Return the backbone's stiffnesses; at the end of a section they are that section's.
+
+        Parameters
+        ----------
+        arc_length : array_like, shape (...)
+            Arc lengths from the base [mm].
+
+        Returns
+        -------
+        (..., 6) ndarray
+            GA, GA, EA [N], EI, EI, GJ [N mm^2]: shear along x and y, stretch, bend about x and
+            y, twist.
+        """
+        return self._evaluate("stiffness_at", arc_length)
+
+    def curvature_at(self, arc_length: ArrayLike) -> Floats:
+        """Return curvature about x and y and twist at rest [rad/mm], shape (..., 3)."""
+        return self._evaluate("curvature_at", arc_length)
+
+    def weight_at(self, arc_length: ArrayLike) -> Floats:
+        """Return the backbone's weight per length [N/mm], shape (...); discs are not in it."""
+        return self._evaluate("weight_at", arc_length)
+
+    def _evaluate(self, method: str, arc_length: ArrayLike) -> Floats:
+        places = check_array("arc_length", arc_length)
+        owner = self.section_at(places)
+        parts = [
+            getattr(section, method)(places - start)
+            for section, start in zip(self.sections, self.section_starts, strict=True)
+        ]
+        values = np.asarray(parts[0])
+        for index, part in enumerate(parts[1:], start=1):
+            here = (owner == index).reshape(owner.shape + (1,) * (values.ndim - owner.ndim))
+            values = np.where(here, part, values)
+        return values
+
     def section_label(self, index: int) -> str:
         """Return how messages call a section: ``section 1`` is the first, by its name if any."""
         name = self.sections[index].name
@@ -185,24 +285,39 @@ class RobotDesign:
         inner = discs[:-1, None] + np.diff(discs)[:, None] * steps
         return np.append(inner.ravel(), discs[-1])
 
-    def order_displacements(self, displacements: Mapping[str, ArrayLike]) -> Floats:
+    def order_displacements(
+        self, displacements: Mapping[str, ArrayLike], *, missing: float = math.nan
+    ) -> Floats:
         """Return displacements (...) [mm] by the tendons' names as an array (..., t).
 
-        Those left out are 0.
+        Those left out are `missing`, by default NaN: those tendons follow.
 
         Raises
         ------
         InputError
             If there is no such tendon, or a displacement is no number or array of numbers.
         """
-        for name in displacements:
+        return self._order("displacement", displacements, missing)
+
+    def order_tensions(self, tensions: Mapping[str, ArrayLike]) -> Floats:
+        """Return tensions (...) [N] by the tendons' names as an array (..., t); 0 if left out.
+
+        Raises
+        ------
+        InputError
+            If there is no such tendon, or a tension is no number or array of numbers.
+        """
+        return self._order("tension", tensions, 0.0)
+
+    def _order(self, what: str, given: Mapping[str, ArrayLike], missing: float) -> Floats:
+        for name in given:
             if name not in self.tendon_names:
                 raise InputError(
                     f"there is no tendon '{name}': those of robot '{self.name}' are "
                     f"{', '.join(self.tendon_names) or 'none'}"
                 )
         named = [
-            (name, check_array(f"displacement of tendon '{name}'", displacements.get(name, 0.0)))
+            (name, check_array(f"{what} of tendon '{name}'", given.get(name, missing)))
             for name in self.tendon_names
         ]
         return np.stack(broadcast(*named), axis=-1) if named else np.zeros(0)
@@ -222,11 +337,7 @@ class RobotDesign:
         """Return the robot as plain data that `from_dict` reads."""
         data = write_record(self)
         for section in data["sections"]:
-            if "disc_positions" in section:
-                del section["discs"]
-            for tendon in section.setdefault("tendons", []):
-                if not tendon["friction"]:
-                    del tendon["friction"]
+            section.setdefault("tendons", [])
         return {"name": self.name} | data
 
     @classmethod

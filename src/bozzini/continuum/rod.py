@@ -20,9 +20,18 @@ from .energy import place_stations
 from .friction import Bending, Channels, Drive, FrictionState, Sliding
 from .history import TendonHistory
 from .kernels.rod import differentiate_piece, integrate_rod, measure_unloaded
-from .model import BendMeasure, ContinuumModel, check_limits, check_numbers, explain_contrast
+from .model import (
+    BendMeasure,
+    ContinuumModel,
+    advise_contradiction,
+    check_limits,
+    check_numbers,
+    choose_stiffness,
+    explain_contrast,
+)
+from .profile import ROUND_OFF_MM
 from .robot import RobotDesign
-from .section import LEAST_LEVER, ROUND_OFF_MM
+from .section import LEAST_LEVER
 from .shape import Shape
 
 # A robot cut into steps, as the rod's kernels take it.
@@ -95,7 +104,7 @@ class RodGrid:
     @cached_property
     def stiffness(self) -> Floats:
         """EI, EI and GJ of the backbone in each step [N mm^2], shape (n, 3)."""
-        return self.robot.section_stiffness[self.robot.section_at(self.middles)]
+        return self.robot.stiffness_at(self.middles)[:, 3:]
 
     @cached_property
     def reaches(self) -> Floats:
@@ -272,8 +281,8 @@ class Target:
         """Return the reason why tendons that are as tight as can be stop the command."""
         names = ", ".join(f"'{self.names[k]}'" for k in held)
         return (
-            f"{names} would have to stretch beyond it; let out tendons on the other side, or "
-            "give a tendon_stiffness"
+            f"{names} would have to stretch beyond it; let out tendons on the other side; "
+            f"{advise_contradiction(self.tolerance)}"
         )
 
 
@@ -854,9 +863,10 @@ class RodModel(ContinuumModel):
     distributed_force : (3,) array_like
         Force per length of backbone, in the base frame, weight for example [N/mm].
     tendon_stiffness : float
-        EA of every tendon [N]; infinite unless given. Parallel tendons that do not stretch leave
-        a backbone that does not stretch no twist: a load that twists it needs this, and is
-        refused without it where the tolerance would decide where the tip is.
+        EA of the tendons that have none of their own [N]; infinite unless given. Parallel
+        tendons that do not stretch leave a backbone that does not stretch no twist: a load that
+        twists it needs this, and is refused without it where the tolerance would decide where
+        the tip is.
     between : int
         Further stations of the shape, evenly between two discs.
     steps : int
@@ -887,7 +897,7 @@ class RodModel(ContinuumModel):
     )
     tendon_stiffness: float = quantity(
         "force",
-        "EA of every tendon (default: they do not stretch).",
+        "EA of tendons without one of their own (default: they do not stretch).",
         low=0.0,
         low_open=True,
         default=math.inf,
@@ -911,6 +921,7 @@ class RodModel(ContinuumModel):
     )
 
     name = "rod"
+    heeds = frozenset({"stiffness of tendons", "tension limits"})
     takes_friction = True
     checked_by_class = ("tip_force", "tip_moment", "distributed_force")
 
@@ -1025,7 +1036,7 @@ class RodModel(ContinuumModel):
 
     @cached_property
     def _compliances(self) -> Floats:
-        return self.natural_lengths / self.tendon_stiffness
+        return self.natural_lengths / choose_stiffness(self.robot, self.tendon_stiffness)
 
     @cached_property
     def _load(self) -> float:
@@ -1062,7 +1073,9 @@ class RodModel(ContinuumModel):
         if not friction.any():
             return None
         return Channels(
-            grid=self._grid.packed, friction=friction, flexibility=1.0 / self.tendon_stiffness
+            grid=self._grid.packed,
+            friction=friction,
+            flexibility=1.0 / choose_stiffness(self.robot, self.tendon_stiffness),
         )
 
     def _take_states(

@@ -6,24 +6,39 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, TypeGuard, get_args
+from functools import cached_property
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import Quantity, check_array, check_fields, check_word, list_quantities, quantity
+from ..checks import (
+    Quantity,
+    check_array,
+    check_fields,
+    check_word,
+    list_quantities,
+    quantity,
+    show_value,
+)
 from ..errors import InputError
 from .checks import Floats, check_items, check_name, check_text, check_travel, take_items
-
-# A quantity along the robot: one number, or knots of arc length and value.
-
-ARC_LENGTH = Quantity(kind="length", help="Arc length from the base.", low=0.0)
-
-ArcLength = Annotated[float, ARC_LENGTH]
-
-Knots = tuple[tuple[ArcLength, float], ...]
-
-Interpolation = Literal["linear", "cubic"]
+from .profile import (
+    ROUND_OFF_MM,
+    CurvatureKnots,
+    Interpolation,
+    Knots,
+    PathKnots,
+    Profile,
+    check_curvature,
+    check_path,
+    check_profile,
+    check_span,
+    evaluate_path,
+    evaluate_profile,
+    largest_of,
+)
+from .wire import Wire
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,108 +69,7 @@ class Helix:
         return ((0.0, self.start), (end, self.start + 2.0 * math.pi * self.turns))
 
 
-Profile = float | Knots
-
-
-def check_profile(name: str, given: object, known: Quantity) -> Profile:
-    """Return `given` as a float or as checked knots, or raise `InputError`."""
-    if not _is_row(given):
-        return known.check(name, given)
-    knots: list[tuple[float, float]] = []
-    for index, pair in enumerate(given):
-        if not _is_row(pair) or len(pair) != 2:
-            raise InputError(f"{name} knot {index} is {pair!r}: it must be (arc length, value)")
-        place = ARC_LENGTH.check(f"{name} knot {index} arc length", pair[0])
-        value = known.check(f"{name} knot {index}", pair[1])
-        if knots and place <= knots[-1][0]:
-            raise InputError(
-                f"{name} knot {index} stands at {place:g} mm, not after the one before it "
-                f"at {knots[-1][0]:g} mm: arc lengths must increase"
-            )
-        knots.append((place, value))
-    if len(knots) < 2:
-        raise InputError(f"{name} has {len(knots)} knot(s): give a number or at least 2 knots")
-    return tuple(knots)
-
-
-def _is_row(given: object) -> TypeGuard[Sequence[object]]:
-    if isinstance(given, np.ndarray):
-        return given.ndim > 0
-    return isinstance(given, Sequence) and not isinstance(given, str)
-
-
-def evaluate_profile(
-    profile: Profile, places: Floats, interpolation: Interpolation
-) -> tuple[Floats, Floats]:
-    """Return value and slope at arc lengths inside the knots.
-
-    Straight lines between knots, or monotone cubics (Fritsch and Carlson 1980), which never
-    leave the range of the knots at either side. A slope at a corner is that of the right side.
-    """
-    if isinstance(profile, float):
-        return np.full(places.shape, profile), np.zeros(places.shape)
-    knots = np.asarray(profile)
-    if interpolation == "cubic":
-        from scipy.interpolate import PchipInterpolator
-
-        curve = PchipInterpolator(knots[:, 0], knots[:, 1])
-        return np.asarray(curve(places)), np.asarray(curve(places, 1))
-    piece = np.clip(np.searchsorted(knots[:, 0], places, side="right") - 1, 0, len(knots) - 2)
-    slopes = np.diff(knots[:, 1]) / np.diff(knots[:, 0])
-    return knots[piece, 1] + slopes[piece] * (places - knots[piece, 0]), slopes[piece]
-
-
-PathKnots = tuple[tuple[ArcLength, float, float], ...]
-"""Knots of arc length, x and y [mm]."""
-
-
-def check_path(name: str, given: object) -> PathKnots:
-    """Return `given` as checked knots of arc length, x and y, or raise `InputError`."""
-    if not _is_row(given):
-        raise InputError(f"{name} is {given!r}: it must be knots (arc length, x, y)")
-    rows = [row if _is_row(row) and len(row) == 3 else None for row in given]
-    if None in rows:
-        index = rows.index(None)
-        raise InputError(f"{name} knot {index} is {given[index]!r}: it must be (arc length, x, y)")
-    coordinate = Quantity(kind="length")
-    columns = [
-        check_profile(f"{name} {axis}", [(row[0], row[k]) for row in rows if row], coordinate)
-        for k, axis in ((1, "x"), (2, "y"))
-    ]
-    pairs = zip(*(column for column in columns if not isinstance(column, float)), strict=True)
-    path = tuple((place, x, y) for (place, x), (_, y) in pairs)
-    if not any(x or y for _, x, y in path):
-        raise InputError(f"{name} runs along the backbone's axis: it must leave it somewhere")
-    return path
-
-
-def evaluate_path(
-    path: Sequence[Sequence[float]], places: Floats, interpolation: Interpolation
-) -> tuple[Floats, Floats]:
-    """Return place and slope, both (..., 2), at arc lengths inside the knots.
-
-    Straight lines between knots, or cubic splines with two continuous derivatives.
-    """
-    knots = np.asarray(path)
-    if interpolation == "cubic":
-        from scipy.interpolate import CubicSpline
-
-        curve = CubicSpline(knots[:, 0], knots[:, 1:])
-        return np.asarray(curve(places)), np.asarray(curve(places, 1))
-    columns = [
-        evaluate_profile(tuple(zip(knots[:, 0], column, strict=True)), places, "linear")
-        for column in knots[:, 1:].T
-    ]
-    return (
-        np.stack([value for value, _ in columns], axis=-1),
-        np.stack([slope for _, slope in columns], axis=-1),
-    )
-
-
 # A tendon: its path through the robot's cross-sections.
-
-ROUND_OFF_MM = 1e-9
-"""Length that is round-off [mm]."""
 
 LEAST_LEVER = 0.1
 """Share of a tendon's largest distance from the backbone that counts as its lever at least."""
@@ -192,6 +106,13 @@ class Tendon:
         cross the backbone, which a distance and an angle do not describe smoothly.
     friction : float
         Coefficient of friction in its channel, in [0, 10]; see `RodModel`.
+    stiffness : float
+        EA of the tendon [N]; infinite unless given: it does not stretch.
+    pretension : float
+        Tension in the straight robot at rest [N]: the tendon's free length is shorter by
+        ``pretension length / EA``.
+    tension_limit : float
+        Largest tension that it bears [N]; a shape beyond has not converged.
 
     Raises
     ------
@@ -220,6 +141,13 @@ class Tendon:
     friction: float = quantity(
         "dimensionless", "Coefficient of friction in the channel.", low=0.0, high=10.0, default=0.0
     )
+    stiffness: float = quantity(
+        "force", "EA of the tendon.", low=0.0, low_open=True, default=math.inf
+    )
+    pretension: float = quantity("force", "Tension in the straight robot.", low=0.0, default=0.0)
+    tension_limit: float = quantity(
+        "force", "Largest tension.", low=0.0, low_open=True, default=math.inf
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", check_name("tendon", self.name))
@@ -228,10 +156,16 @@ class Tendon:
         if not isinstance(self.pushes, bool):
             raise InputError(f"{label} pushes is {self.pushes!r}: it must be true or false")
         object.__setattr__(self, "travel", check_travel(label, self.travel))
-        for name in ("end", "friction"):
+        for name in ("end", "friction", "stiffness", "pretension", "tension_limit"):
             given = getattr(self, name)
-            if given is not None:
-                object.__setattr__(self, name, known[name].check(f"{label} {name}", given))
+            if given is not None and not _is_unlimited(given, known[name]):
+                words = f"{label} {name.replace('_', ' ')}"
+                object.__setattr__(self, name, known[name].check(words, given))
+        if self.pretension > self.tension_limit:
+            raise InputError(
+                f"{label} pretension is {self.pretension:g} N: it must lie in "
+                f"[0, {self.tension_limit:g}] N, up to its tension limit"
+            )
         if self.path is not None:
             if self.offset is not None or self.angle is not None:
                 raise InputError(f"{label} has a path: it takes no offset and no angle beside it")
@@ -262,6 +196,11 @@ class Tendon:
             f"tendon '{self.name}' {name} has knots from {first:g} to {last:g} mm: they must reach "
             f"from 0 mm, the robot's base, to {self.end:g} mm, the tendon's end"
         )
+
+    @property
+    def unset(self) -> tuple[str, ...]:
+        """Fields that are not written to files: none was given."""
+        return tuple(name for name in ("friction", "pretension") if not getattr(self, name))
 
     @property
     def is_parallel(self) -> bool:
@@ -392,16 +331,36 @@ class Tendon:
         return np.clip(places, 0.0, end)
 
 
+def _is_unlimited(given: object, known: Quantity) -> bool:
+    """Whether a value is infinite, where that stands for no limit."""
+    return known.low_open and isinstance(given, float) and given == math.inf
+
+
 DEFAULT_DISCS = 10
 """Discs of a section whose discs are not given."""
+
+DEFAULT_BENDING_STIFFNESS = 200.0
+"""EI of a backbone that is not given [N mm^2]."""
 
 POISSON_RATIO = 0.3
 """Of a backbone whose torsional stiffness is not given."""
 
+STIFFNESSES = ("bending_stiffness", "torsional_stiffness", "stretch_stiffness", "shear_stiffness")
+"""Fields in whose place a wire may be given."""
+
+MEAN_POINTS = 4
+"""Gauss points of a piece of a profile, exact for EI of a wire that tapers evenly."""
+
+RADIUS_SLACK = 1e-12
+"""Share by which a wire may be wider than the body: round-off."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """One section of a continuum robot, straight at rest.
+    """One section of a continuum robot, straight at rest unless it has a curvature of its own.
+
+    Profiles are knots of arc length from the section's start and value, linear between; they
+    reach from 0 to the section's length.
 
     Parameters
     ----------
@@ -415,21 +374,34 @@ class Section:
         Guide discs, evenly spaced, the last one at the section's end; 10 unless given.
     disc_positions : sequence of float
         Their places from the section's start [mm], for uneven spacing; the last is `length`.
-    bending_stiffness : float
-        EI of the backbone, from 1e-9 to 1e15 [N mm^2]. It does not change what tendon displacements
-        do to one section of parallel tendons; sections share a bend by it.
-    torsional_stiffness : float
+    bending_stiffness : float or sequence of (arc length, EI)
+        EI of the backbone, from 1e-9 to 1e15 [N mm^2]; 200 unless given, None with a `wire`. It
+        does not change what tendon displacements do to one section of parallel tendons; sections
+        share a bend by it.
+    torsional_stiffness : float or sequence of (arc length, GJ)
         GJ, from 1e-10 to 1e15 [N mm^2]; 0 for that of a round rod with Poisson's ratio 0.3,
         ``EI / 1.3``.
     max_bend : float
         Largest bend angle [rad].
     name : str
         Name for messages, may be empty.
+    stretch_stiffness : float or sequence of (arc length, EA)
+        EA of the backbone [N]; infinite unless given.
+    shear_stiffness : float or sequence of (arc length, GA)
+        GA of the backbone with its shear coefficient [N]; infinite unless given.
+    wire : Wire, optional
+        The backbone as a round wire, from which the four stiffnesses follow, in their place.
+    curvature : (ux, uy, uz) or sequence of (arc length, ux, uy, uz)
+        Curvature about x and y and twist about z at rest, in the section's own axes [rad/mm].
+    line_weight : float
+        Weight per length [N/mm], besides that of the `wire`.
+    disc_weight : float
+        Weight of each disc [N].
 
     Raises
     ------
     InputError
-        If a value is outside its legal range.
+        If a value is outside its legal range, or a stiffness is given beside a wire.
     """
 
     length: float = quantity("length", "Length.", low=0.0, high=1e5, low_open=True)
@@ -439,37 +411,159 @@ class Section:
         "dimensionless", "Number of guide discs.", low=1, high=10000, whole=True, default=0
     )
     disc_positions: tuple[float, ...] = quantity("length", "Places of the discs.", default=())
-    bending_stiffness: float = quantity(
-        "rigidity", "EI of the backbone.", low=1e-9, high=1e15, default=200.0
+    bending_stiffness: Profile | Sequence[Sequence[float]] | None = quantity(
+        "rigidity", "EI of the backbone.", low=1e-9, high=1e15, default=None
     )
-    torsional_stiffness: float = quantity(
+    torsional_stiffness: Profile | Sequence[Sequence[float]] = quantity(
         "rigidity", "GJ of the backbone.", low=1e-10, high=1e15, default=0.0
     )
     max_bend: float = quantity(
         "angle", "Largest bend angle.", low=0.0, low_open=True, default=math.inf
     )
     name: str = ""
+    stretch_stiffness: Profile | Sequence[Sequence[float]] = quantity(
+        "force", "EA of the backbone.", low=0.0, low_open=True, default=math.inf
+    )
+    shear_stiffness: Profile | Sequence[Sequence[float]] = quantity(
+        "force", "GA of the backbone.", low=0.0, low_open=True, default=math.inf
+    )
+    wire: Wire | None = None
+    curvature: tuple[float, float, float] | CurvatureKnots | Sequence[Sequence[float]] = quantity(
+        "curvature", "Curvature and twist at rest.", default=(0.0, 0.0, 0.0)
+    )
+    line_weight: float = quantity("line force", "Weight per length.", low=0.0, default=0.0)
+    disc_weight: float = quantity("force", "Weight of each disc.", low=0.0, default=0.0)
 
     def __post_init__(self) -> None:
-        check_fields(self, "section ", skip=("disc_positions",))
-        # A round rod of Poisson's ratio nu has GJ = EI / (1 + nu).
-        torsion = self.torsional_stiffness or self.bending_stiffness / (1.0 + POISSON_RATIO)
-        list_quantities(Section)["torsional_stiffness"].check(
-            "section torsional stiffness", torsion
-        )
+        check_fields(self, "section ", skip=("disc_positions", "curvature", *STIFFNESSES))
         places = _check_places(self.disc_positions, self.length)
         if places and self.discs not in (0, len(places)):
             raise InputError(
                 f"section discs is {self.discs} but disc_positions has {len(places)}: leave one out"
             )
+        known = list_quantities(Section)
+        curvature = check_curvature("section curvature", self.curvature, known["curvature"])
+        check_span("section curvature", curvature, self.length)
         for name, value in (
-            ("torsional_stiffness", torsion),
             ("disc_positions", places),
             ("discs", self.discs or len(places) or DEFAULT_DISCS),
             ("tendons", check_items("section tendons", self.tendons, Tendon)),
             ("name", check_text("section name", self.name)),
+            ("curvature", curvature),
         ):
             object.__setattr__(self, name, value)
+        if self.wire is None:
+            self._check_stiffnesses()
+        else:
+            self._check_wire(self.wire)
+
+    def _check_stiffnesses(self) -> None:
+        known = list_quantities(Section)
+        if self.bending_stiffness is None:
+            object.__setattr__(self, "bending_stiffness", DEFAULT_BENDING_STIFFNESS)
+        for name in STIFFNESSES:
+            given, words = getattr(self, name), f"section {name.replace('_', ' ')}"
+            if name == "torsional_stiffness" and isinstance(given, (int, float)) and given == 0.0:
+                # A round rod of Poisson's ratio nu has GJ = EI / (1 + nu).
+                given = _divide(self._profile("bending_stiffness"), 1.0 + POISSON_RATIO)
+            if not _is_unlimited(given, known[name]):
+                profile = check_profile(words, given, known[name])
+                check_span(words, profile, self.length)
+                object.__setattr__(self, name, profile)
+
+    def _check_wire(self, wire: object) -> None:
+        if not isinstance(wire, Wire):
+            raise InputError(f"section wire is {show_value(wire)}: it must be a Wire")
+        defaults = {field.name: field.default for field in dataclasses.fields(Section)}
+        for name in STIFFNESSES:
+            given = getattr(self, name)
+            if given is not None and not (isinstance(given, float) and given == defaults[name]):
+                raise InputError(
+                    f"section has a wire and a {name.replace('_', ' ')}: leave one out, for the "
+                    "stiffnesses follow from the wire"
+                )
+        check_span("wire diameter", wire.profile, self.length)
+        if 2.0 * self.radius < largest_of(wire.profile) * (1.0 - RADIUS_SLACK):
+            raise InputError(
+                f"wire diameter is {largest_of(wire.profile):g} mm: it must lie in "
+                f"(0, {2.0 * self.radius:g}] mm, inside the section's body"
+            )
+
+    def _profile(self, name: str) -> Profile:
+        """A stiffness, checked when built."""
+        profile: Profile = getattr(self, name)
+        return profile
+
+    @property
+    def unset(self) -> tuple[str, ...]:
+        """Fields that are not written to files: none was given, or others state them."""
+        names = [name for name in ("line_weight", "disc_weight") if not getattr(self, name)]
+        return (*names, "discs") if self.disc_positions else tuple(names)
+
+    def stiffness_at(self, places: ArrayLike) -> Floats:
+        """Return the backbone's stiffnesses at arc lengths from the section's start.
+
+        Parameters
+        ----------
+        places : array_like, shape (...)
+            Arc lengths [mm]; those outside the section get the values of its ends.
+
+        Returns
+        -------
+        (..., 6) ndarray
+            GA, GA, EA [N], EI, EI, GJ [N mm^2]: shear along x and y, stretch, bend about x and
+            y, twist.
+        """
+        inside = np.clip(check_array("places", places), 0.0, self.length)
+        if self.wire is not None:
+            return self.wire.stiffness_at(inside)
+        bending, torsion, along, across = (
+            evaluate_profile(self._profile(name), inside, "linear")[0] for name in STIFFNESSES
+        )
+        return np.stack([across, across, along, bending, bending, torsion], axis=-1)
+
+    @cached_property
+    def mean_stiffness(self) -> Floats:
+        """EI, EI and GJ, the means over the section [N mm^2], shape (3,)."""
+        profiles = (
+            [self._profile(name) for name in STIFFNESSES[:2]]
+            if self.wire is None
+            else [self.wire.profile]
+        )
+        if all(isinstance(profile, float) for profile in profiles):
+            return np.asarray(self.stiffness_at(0.0)[3:])
+        knots = [knot for profile in profiles if not isinstance(profile, float) for knot in profile]
+        edges = sorted({0.0, self.length} | {place for place, _ in knots if place < self.length})
+        nodes, weights = np.polynomial.legendre.leggauss(MEAN_POINTS)
+        half = 0.5 * np.diff(edges)[:, None]
+        values = self.stiffness_at(np.asarray(edges)[:-1, None] + half * (1.0 + nodes))[..., 3:]
+        sums = np.sum(half[..., None] * weights[:, None] * values, axis=(0, 1))
+        return np.asarray(sums / self.length)
+
+    def curvature_at(self, places: ArrayLike) -> Floats:
+        """Return curvature and twist at rest at arc lengths from the section's start.
+
+        Parameters
+        ----------
+        places : array_like, shape (...)
+            Arc lengths [mm]; those outside the section get the values of its ends.
+
+        Returns
+        -------
+        (..., 3) ndarray
+            ``(ux, uy, uz)`` [rad/mm].
+        """
+        inside = np.clip(check_array("places", places), 0.0, self.length)
+        knots = np.asarray(self.curvature)
+        if knots.ndim == 1:
+            return np.broadcast_to(knots, (*inside.shape, 3)).copy()
+        return np.stack([np.interp(inside, knots[:, 0], knots[:, k]) for k in (1, 2, 3)], axis=-1)
+
+    def weight_at(self, places: ArrayLike) -> Floats:
+        """Return the weight per length [N/mm] at arc lengths from the section's start [mm]."""
+        inside = np.clip(check_array("places", places), 0.0, self.length)
+        own = np.full(inside.shape, self.line_weight)
+        return own if self.wire is None else own + self.wire.weight_at(inside)
 
     @property
     def disc_places(self) -> NDArray[np.float64]:
@@ -477,6 +571,12 @@ class Section:
         if self.disc_positions:
             return np.asarray(self.disc_positions)
         return self.length * np.arange(1, self.discs + 1) / self.discs
+
+
+def _divide(profile: Profile, by: float) -> Profile:
+    if isinstance(profile, float):
+        return profile / by
+    return tuple((place, value / by) for place, value in profile)
 
 
 def _check_places(given: object, length: float) -> tuple[float, ...]:

@@ -24,7 +24,7 @@ STATION_TOLERANCE_MM = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shape(Result):
-    """Shapes of a robot, one for each set of displacements. The base frame is the identity.
+    """Shapes of a robot, one for each set of displacements, in the frame of its base.
 
     ``...`` is the shape of the batch, empty for one set; ``k`` counts stations along the
     backbone, ``t`` tendons, ``m`` sections, ``d`` discs.
@@ -63,6 +63,10 @@ class Shape(Result):
         Arc length of the discs [mm], those of the robot unless given; each is a station.
     friction : FrictionState, optional
         What tendons with friction remember; None of a model or robot without friction.
+    stability : (...) ndarray, optional
+        Least eigenvalue of the second variation of the energy under what is commanded, lengths or
+        tensions, by that of the straight unloaded robot: 1 is as stiff as at rest, and below 0
+        the equilibrium is unstable. Infinite where the model does not know it.
 
     Raises
     ------
@@ -87,8 +91,11 @@ class Shape(Result):
     reason: NDArray[np.str_]
     disc_arc_length: Floats = field(default_factory=lambda: np.empty(0))
     friction: FrictionState | None = field(default=None, repr=False)
+    stability: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
+        if not self.stability.size:
+            object.__setattr__(self, "stability", np.full(self.converged.shape, np.inf))
         if not self.disc_arc_length.size:
             object.__setattr__(self, "disc_arc_length", self.robot.disc_arc_length)
         batch = self.displacements.shape[:-1]
@@ -106,6 +113,7 @@ class Shape(Result):
             "iterations": (batch,),
             "converged": (batch,),
             "reason": (batch,),
+            "stability": (batch,),
         }
         for name, legal in wanted.items():
             array: NDArray[np.generic] = getattr(self, name)
@@ -122,6 +130,21 @@ class Shape(Result):
     def points(self) -> Floats:
         """Points of the backbone at the stations, shape (..., k, 3) [mm]."""
         return self.frames[..., :3, 3]
+
+    @property
+    def stable(self) -> NDArray[np.bool_]:
+        """Whether each equilibrium is stable, shape (...); True where the model does not know."""
+        return np.asarray(self.stability >= 0.0)
+
+    @property
+    def world_frames(self) -> Floats:
+        """Frames at the stations in the world, shape (..., k, 4, 4) [mm]."""
+        return np.asarray(self.robot.base_frame @ self.frames)
+
+    @property
+    def world_points(self) -> Floats:
+        """Points of the backbone at the stations in the world, shape (..., k, 3) [mm]."""
+        return self.world_frames[..., :3, 3]
 
     @property
     def tip(self) -> Floats:
@@ -210,7 +233,14 @@ class Shape(Result):
             "arc_length_mm": self.arc_length,
             "backbone_mm": self.points,
         }
+        if np.any(self.robot.base_frame != np.eye(4)):
+            places |= {
+                "tip_world_mm": self.world_frames[..., -1, :3, 3],
+                "backbone_world_mm": self.world_points,
+            }
         verdict = {"converged": self.converged, "reason": self.reason}
+        if np.isfinite(self.stability).any():
+            verdict |= {"stable": self.stable, "stability": self.stability}
         plain = to_plain(verdict | (places if known else {}) | {"tendons": tendons})
         return dict(plain)
 

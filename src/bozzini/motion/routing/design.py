@@ -283,7 +283,7 @@ def design_routing(
     section = _take_section(robot, limits)
     points = take_curve(curve)
     target = fit_bend(points)
-    stiffness = np.array([section.bending_stiffness] * 2 + [section.torsional_stiffness])
+    stiffness = section.mean_stiffness
     _check_bend(target, stiffness, limits, 1 if routing == "straight" else tendons)
     if routing == "straight":
         made, frame, tensions = _route_straight(target, stiffness, limits.offset_max, tendons)
@@ -401,8 +401,8 @@ def _cut_section(section: Section, length: float, tendons: tuple[Tendon, ...]) -
         radius=section.radius,
         tendons=tendons,
         discs=max(1, math.ceil(length / DISC_MM)),
-        bending_stiffness=section.bending_stiffness,
-        torsional_stiffness=section.torsional_stiffness,
+        bending_stiffness=float(section.mean_stiffness[0]),
+        torsional_stiffness=float(section.mean_stiffness[2]),
         name=section.name,
     )
 
