@@ -696,3 +696,53 @@ def test_derivatives_of_the_misfit_by_two_routes(response, errors):
         step[column] = 3e-5
         slope = (problem.miss(point + step) - problem.miss(point - step))[held] / 6e-5
         assert table[:, column] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(slope).max())
+
+
+def test_derivatives_behind_fittings_cost_two_forces_a_parameter(monkeypatch):
+    ends = EndEffects(offset=0.4, compliance=0.02, slack_force=20.0)
+    data = measure(make("kothera-balance"), noise=1.0)
+    names = ("modulus", "braid_angle", "offset", "compliance", "slack_force")
+    problem = Problem(
+        model_class=MODELS["kothera-balance"],
+        task=Task(muscle=MUSCLE, data=data, response="force", ends=ends),
+        free=names,
+        limits=np.array([[0.1, 9.0], [0.3, 0.6], [-9.0, 9.0], [0.0, 0.1], [0.0, 50.0]]),
+    )
+    point = problem.choose_start()
+    residuals, calls, kind = problem.miss(point), [], MODELS["kothera-balance"]
+    ask = kind.try_force
+    monkeypatch.setattr(
+        kind, "try_force", lambda *args, **more: calls.append(1) or ask(*args, **more)
+    )
+    table = problem.slope(point)
+    assert len(calls) <= 2 * len(names) + 2
+    slack = residuals + data.load < 20.0 + 1e-9
+    assert 0 < slack.sum() < len(data)
+    for column, name in enumerate(names):
+        step = np.zeros(len(names))
+        step[column] = 3e-5
+        slope = (problem.miss(point + step) - problem.miss(point - step)) / 6e-5
+        assert table[:, column] == pytest.approx(slope, rel=1e-4, abs=1e-4 * np.abs(slope).max())
+        assert name == "slack_force" or not table[slack, column].any()
+
+
+def test_derivatives_of_an_offset_from_a_length_by_two_routes():
+    model = EndEffects(offset=0.5, compliance=0.01).mount(make("kothera-balance"))
+    data = dataclasses.replace(measure(model, specimen="A"), free_lengths={0.62: np.full(40, 92.0)})
+    problem = Problem(
+        model_class=MODELS["kothera-balance"],
+        task=Task(
+            muscle=MUSCLE, data=data, response="force", ends=EndEffects(compliance=0.01),
+            anchored=True,
+        ),
+        free=("modulus", "braid_angle"),
+        limits=np.array([[0.1, 9.0], [0.3, 0.6]]),
+    )  # fmt: skip
+    point = problem.choose_start()
+    held, table = problem.evaluate(point)[1], problem.slope(point)
+    for column in range(2):
+        step = np.zeros(2)
+        step[column] = 3e-5
+        slope = (problem.miss(point + step) - problem.miss(point - step)) / 6e-5
+        expected = pytest.approx(slope[held], rel=1e-3, abs=1e-3 * np.abs(slope).max())
+        assert table[held, column] == expected
