@@ -45,6 +45,7 @@ from .common import (
     split_setting,
     step_option,
 )
+from .contact import contact_command, insert_command
 from .fit import command as fit_command
 from .routing import design_command, rank_command
 
@@ -1025,4 +1026,6 @@ def fabricate_command(robot_file: Path, options: BodyOptions, step: bool, answer
 
 command.add_command(design_command)
 command.add_command(rank_command)
+command.add_command(contact_command)
+command.add_command(insert_command)
 command.add_command(fit_command)
