@@ -57,8 +57,12 @@ class BendSolution:
     reason: NDArray[np.str_]
 
 
-def check_displacements(robot: RobotDesign, displacements: ArrayLike) -> Floats:
-    """Return displacements as a finite array of shape (..., t) [mm]; see `ContinuumRobot.forward`.
+def check_displacements(
+    robot: RobotDesign, displacements: ArrayLike, *, follows: bool = False
+) -> Floats:
+    """Return displacements as an array of shape (..., t) [mm]; see `ContinuumRobot.forward`.
+
+    They are finite, but for NaN of tendons that follow if `follows`.
 
     Raises
     ------
@@ -77,8 +81,9 @@ def check_displacements(robot: RobotDesign, displacements: ArrayLike) -> Floats:
             f"displacements has shape {array.shape}: it must be (..., {count}), one for each of "
             f"the tendons {list(robot.tendon_names)}"
         )
-    if not np.isfinite(array).all():
-        place = np.argwhere(~np.isfinite(array))[0]
+    good = np.isfinite(array) | (follows & np.isnan(array))
+    if not good.all():
+        place = np.argwhere(~good)[0]
         name = robot.tendon_names[place[-1]]
         raise InputError(f"displacement of tendon '{name}' is {array[tuple(place)]}: not finite")
     return array

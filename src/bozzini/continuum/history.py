@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 
 BATCHED = (
+    "stability",
     "frames",
     "displacements",
     "tendon_lengths",
